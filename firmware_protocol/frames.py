@@ -1,0 +1,25 @@
+"""The frame as everything in the house passes it on: below it only bits, above it only messages."""
+
+from typing import NamedTuple
+
+NODE_BITS = 5
+BROADCAST_NODE = 0
+MAX_NODE = 30
+
+
+class Frame(NamedTuple):
+    """One CAN data frame with an 11-bit id; `is_fd` frames are sent with bit-rate switch."""
+
+    arbitration_id: int
+    data: bytes
+    is_fd: bool = False
+
+
+def arbitration_id(function: int, node: int) -> int:
+    """Compose an id: six bits of function (lower wins arbitration), five bits of node."""
+    return function << NODE_BITS | node
+
+
+def split_id(value: int) -> tuple[int, int]:
+    """Return (function, node) of an arbitration id."""
+    return value >> NODE_BITS, value & ((1 << NODE_BITS) - 1)

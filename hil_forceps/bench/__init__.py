@@ -1,0 +1,1 @@
+"""Runs of the bench, their metrics and summary."""

@@ -1,0 +1,1 @@
+"""Ports, adapters, the service loop, recording."""

@@ -1,0 +1,47 @@
+"""What the service needs from outside, as protocols; adapters and tests supply them."""
+
+from enum import Enum
+from typing import NamedTuple, Protocol
+
+from firmware_protocol.frames import Frame
+
+
+class SendResult(Enum):
+    """What became of a frame handed to the link."""
+
+    SENT = "sent"
+    QUEUE_FULL = "queue_full"  # the bus is there but congested: this frame is dropped, never queued for later
+    BUS_DOWN = "bus_down"  # bus-off, unplugged, gone
+
+
+class Received(NamedTuple):
+    """A frame and the host time at which it arrived (kernel stamp where there is one)."""
+
+    time_ns: int
+    frame: Frame
+
+
+class Link(Protocol):
+    """A raw-frame transport. Nothing here blocks, and nothing raises for what the outside did."""
+
+    def send(self, frame: Frame) -> SendResult:
+        """Hand over one frame now or not at all."""
+
+    def receive(self) -> list[Received]:
+        """Return what has arrived since the last call, oldest first, bounded."""
+
+    def is_up(self) -> bool:
+        """Tell whether the bus is there."""
+
+    def close(self) -> None:
+        """Release it; safe to call twice."""
+
+
+class Clock(Protocol):
+    """Monotonic host time."""
+
+    def now_ns(self) -> int:
+        """Return the time now."""
+
+    def sleep_until_ns(self, time_ns: int) -> None:
+        """Wait until `time_ns`, not at all when it has passed."""

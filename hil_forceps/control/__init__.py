@@ -1,0 +1,1 @@
+"""Trajectories, compensator and limit gate."""

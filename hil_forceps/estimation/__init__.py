@@ -1,0 +1,1 @@
+"""Estimators of reaction torque and wire elongation behind one interface."""

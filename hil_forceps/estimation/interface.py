@@ -1,0 +1,40 @@
+"""What every estimator is: pure functions from (state, sample) to state, and a view of the state."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+State = NDArray[np.float64]
+
+
+class Sample(NamedTuple):
+    """What the drive measured at one instant."""
+
+    time_ns: int  # the drive's own stamp, unwrapped, strictly increasing
+    theta_m_rad: float
+    motor_torque_N_m: float  # K_t·i, held over the interval that ended at `time_ns`
+
+
+class Estimate(NamedTuple):
+    """What an estimator knows after a sample."""
+
+    tau_w_N_m: float
+    elongation_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Estimator:
+    """One algorithm with its parameters bound.
+
+    `start` makes a state from the first sample (at rest, load unknown), `step` takes the next sample, whatever time
+    has passed since the last (gaps are bridged, never ignored), `estimate` reads the state. All are pure; a state is
+    never changed in place. Not finite numbers come out as they are: the gate stops them.
+    """
+
+    id: str
+    start: Callable[[Sample], State]
+    step: Callable[[State, Sample], State]
+    estimate: Callable[[State], Estimate]

@@ -1,0 +1,1 @@
+"""The simulation that gets diagnosed: scalar step functions."""

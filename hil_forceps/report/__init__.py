@@ -1,0 +1,1 @@
+"""Figures out of results; no computing."""

@@ -1,0 +1,1 @@
+"""The rig file: parameters with units, and their validation."""

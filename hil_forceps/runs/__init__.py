@@ -1,0 +1,1 @@
+"""Recorded runs: the table and the readers that fill it."""

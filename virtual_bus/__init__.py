@@ -1,0 +1,1 @@
+"""The simulated world: a deterministic bus, a simulated drive, the truth plant."""
