@@ -9,7 +9,7 @@ from virtual_bus.kernel import kernel
 from virtual_bus.load import LoadProfile, load_at, segment_of
 from virtual_bus.plant import TruthParameters, advance, elongation, rest_state
 from virtual_bus.position_loop import LoopParameters, LoopState, idle_loop, loop_step
-from virtual_bus.sensors import Reading, SensorParameters, noise_source, read_sensors
+from virtual_bus.sensors import Reading, SensorParameters, encoder_raw, noise_source, read_sensors
 
 NOT_STARTED_NS = 1 << 62  # a zero so late that only the first torque of a load profile ever counts
 
@@ -84,6 +84,21 @@ def latch(
     return read_sensors(state[0], current_A, state[2], tau_w, unpacked_sensors(sensor_numbers), noise)
 
 
+@kernel
+def truth_at(
+    state: NDArray[np.float64],
+    current_A: float,
+    load_time_ns: NDArray[np.int64],
+    load_N_m: NDArray[np.float64],
+    time_ns: int,
+    plant_numbers: NDArray[np.float64],
+) -> Truth:
+    """Collect what really is at `time_ns` of the load."""
+    tau_w = load_at(load_time_ns, load_N_m, segment_of(load_time_ns, time_ns), time_ns)
+    x = elongation(state[0], state[2], unpacked_plant(plant_numbers))
+    return Truth(state[0], state[2], tau_w, x, current_A)
+
+
 class SimulatedForceps:
     """A forceps with its motor on a bench, sampled by a drive; knows neither protocol nor bus.
 
@@ -101,7 +116,6 @@ class SimulatedForceps:
         jaw_start_rad: float,
         seed: int,
     ) -> None:
-        self._plant = plant
         self._plant_numbers = np.array(plant)
         self._loop_numbers = np.array(loop)
         self._sensor_numbers = np.array(sensors)
@@ -109,7 +123,7 @@ class SimulatedForceps:
         self._max_step_s = max_step_s
         self._noise = noise_source(seed)
         self._state = rest_state(plant, jaw_start_rad)
-        self._loop_state = idle_loop()
+        self._loop_state = idle_loop(encoder_raw(float(self._state[0]), sensors.counts_per_rev))
         self._zero_ns = NOT_STARTED_NS
         self._current_A = 0.0
 
@@ -148,11 +162,11 @@ class SimulatedForceps:
 
     def truth(self, now_ns: int) -> Truth:
         """Return what really is at this instant; the current is the one held until now."""
-        theta_m, _, theta_j, _ = self._state.tolist()
-        return Truth(
-            theta_m,
-            theta_j,
-            self._load.torque_at(now_ns - self._zero_ns),
-            elongation(theta_m, theta_j, self._plant),
+        return truth_at(
+            self._state,
             self._current_A,
+            self._load.time_ns,
+            self._load.torque_N_m,
+            now_ns - self._zero_ns,
+            self._plant_numbers,
         )

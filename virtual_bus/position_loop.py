@@ -29,9 +29,9 @@ class LoopState(NamedTuple):
     theta_raw: float  # encoder angle of the sample before, wire units
 
 
-def idle_loop() -> NDArray[np.float64]:
-    """Return a loop at rest, as the array that `loop_current` changes."""
-    return np.zeros(len(LoopState._fields))
+def idle_loop(theta_raw: int) -> NDArray[np.float64]:
+    """Return a loop at rest at this encoder angle, as an array in the order of `LoopState`."""
+    return np.array([0.0, 0.0, float(theta_raw)])
 
 
 @kernel
