@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from hil_forceps.rig.problems import Path, Problem
+from hil_forceps.rig.problems import Path, Problem, show_number
 
 Values = Mapping[str, Any]
 
@@ -63,24 +63,30 @@ def _problem(key: str, text: str) -> Problem:
 
 def _position_range(low: float, high: float) -> Iterator[Problem]:
     if low >= high:
-        yield _problem("limits.position_min_rad", f"is {low:g}, not below position_max_rad {high:g}; swap them")
+        yield _problem(
+            "limits.position_min_rad",
+            f"is {show_number(low)}, not below position_max_rad {show_number(high)}; swap them",
+        )
 
 
 def _host_phase(phase: float, period: float) -> Iterator[Problem]:
     if phase >= period:
-        yield _problem("bench.host_phase_s", f"is {phase:g}, not below host_period_s {period:g}; make it less")
+        yield _problem(
+            "bench.host_phase_s",
+            f"is {show_number(phase)}, not below host_period_s {show_number(period)}; make it less",
+        )
 
 
 def _step_divides_period(step: float, period: float) -> Iterator[Problem]:
     if not _divides(step, period):
-        text = f"is {step:g} and doesn't divide drive.sample_time_s {period:g}; take {_divisor_near(step, period):g}"
-        yield _problem("bench.plant_step_s", text)
+        text = f"is {show_number(step)} and doesn't divide drive.sample_time_s {show_number(period)}"
+        yield _problem("bench.plant_step_s", f"{text}; take {_divisor_near(step, period):g}")
 
 
 def _step_divides_direct(step: float, times: tuple[float, ...]) -> Iterator[Problem]:
     for index, period in enumerate(times):
         if not _divides(step, period):
-            text = f"is {period:g}, no multiple of plant_step_s {step:g}; change one of them"
+            text = f"is {show_number(period)}, no multiple of plant_step_s {show_number(step)}; change one of them"
             yield Problem(("bench", "direct_sample_times_s", index), text)
 
 
@@ -90,7 +96,11 @@ def _divides(step: float, period: float) -> bool:
 
 
 def _divisor_near(step: float, period: float) -> float:
-    return period / max(1, math.ceil(period / step - _TOLERANCE))
+    """Return the largest round fraction of the period that is no longer than the step."""
+    at_least = max(1.0, period / step)
+    decade = 10.0 ** math.floor(math.log10(at_least))
+    parts = next(round(decade * lead) for lead in (1, 2, 2.5, 4, 5, 8, 10) if decade * lead >= at_least * (1.0 - 1e-9))
+    return period / parts
 
 
 def _step_against_plant(
@@ -98,8 +108,8 @@ def _step_against_plant(
 ) -> Iterator[Problem]:
     rate = max(math.sqrt(k * (r_m**2 / i_m + r_j**2 / i_j)), d_m / i_m)
     if step * rate > 1.0:
-        text = f"is {step:g}, too coarse: the plant's fastest rate is {rate:.4g} 1/s; take at most {0.5 / rate:.1g}"
-        yield _problem("bench.plant_step_s", text)
+        text = f"is {show_number(step)}, too coarse: the plant's fastest rate is {rate:.4g} 1/s"
+        yield _problem("bench.plant_step_s", f"{text}; take at most {0.5 / rate:.1g}")
 
 
 def _bitrates(transport: str, nominal: int, data: int) -> Iterator[Problem]:
@@ -135,11 +145,11 @@ def _sample_age(
     oldest = frames + latency + jitter + sample * divider
     if oldest > max_age:
         text = (
-            f"is {max_age:g}, but the newest sample may be {oldest:.3g} s old (frames {1e3 * frames:.3g} ms, latency "
-            f"and jitter {1e3 * (latency + jitter):.3g} ms, between samples {1e3 * sample * divider:.3g} ms); "
-            "raise it or make the way shorter"
+            f"is {show_number(latency)}: with jitter, frames ({frames:.3g} s) and the time between samples "
+            f"({sample * divider:.3g} s) the newest may be {oldest:.3g} s old, above limits.max_sample_age_s "
+            f"{show_number(max_age)}; lower one of these or raise that"
         )
-        yield _problem("limits.max_sample_age_s", text)
+        yield _problem("bench.latency_s", text)
 
 
 def _frame_times_s(transport: str, nominal: int, data: int) -> tuple[float, float, float]:
