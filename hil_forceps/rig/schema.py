@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Self
 
-from pydantic import ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from hil_forceps.rig import consistency
 from hil_forceps.rig.errors import UserError
@@ -53,7 +53,7 @@ class Rig(Section):
     encoder: Encoder
     drive: DriveLaw | None = None
     noise: Noise = Noise()
-    effects: dict[EffectId, dict[ParameterName, Number]] = {}
+    effects: dict[EffectId, dict[ParameterName, Number]] = Field(default_factory=dict)
     bench: BenchSettings = BenchSettings()
     limits: Limits = Limits()
     estimators: EstimatorSettings = EstimatorSettings()

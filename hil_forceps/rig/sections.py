@@ -166,8 +166,8 @@ class BenchSettings(Section):
 class Limits(Section):
     """What the gate lets pass to the drive: the last stage before any reference leaves."""
 
-    position_min_rad: _Position = Field(default=-1.0, description="lowest motor angle")
-    position_max_rad: _Position = Field(default=7.0, description="highest motor angle")
+    position_min_rad: _Position = Field(default=-3.0, description="lowest motor angle")
+    position_max_rad: _Position = Field(default=3.0, description="highest motor angle")
     speed_max_rad_per_s: Annotated[Number, Quantity("rad_per_s", 0.0, 1e6, open_low=True)] = Field(
         default=200.0, description="highest speed of the reference"
     )
