@@ -81,7 +81,8 @@ class SimulatedDrive:
     At each of its samples, on its own clock: time-outs, all sensors latched, feedback and bench sensors sent (every
     `bench.feedback_divider`-th sample), the loop run on the newest reference, its current held to the next sample.
     So the current measured in a sample is the one that was held up to it, and a frame takes effect at the sample that
-    follows it. The load begins with the first feedback that says OPERATIONAL.
+    follows it. The load begins with the first feedback that says OPERATIONAL; with `load_restarts`, for a drive that
+    outlives its hosts, anew with each first one after another state. `truth_duration_s` of truth is kept in `truth`.
     """
 
     def __init__(
@@ -93,6 +94,7 @@ class SimulatedDrive:
         fd: bool | None = None,
         truth_duration_s: float = 0.0,
         jaw_start_rad: float = PAPER_JAW_START_RAD,
+        load_restarts: bool = False,
     ) -> None:
         self._forceps = forceps_of(rig, load, seed, jaw_start_rad)
         self.machine = DriveMachine(
@@ -110,6 +112,8 @@ class SimulatedDrive:
         self.truth = TruthLog(math.ceil(truth_duration_s / (sample_time_s * rig.bench.feedback_divider)))
         self.counters = {"outbox_full": 0}
         self.zero_ns: int | None = None  # bus time at which the load began
+        self._load_restarts = load_restarts
+        self._was_operational = False
         self._outbox: list[Frame] = []
         self._polls = 0  # made so far
         self._next_poll_ns = 0
@@ -117,7 +121,9 @@ class SimulatedDrive:
         self._theta_raw = self._forceps.read(0).theta_m
 
     def receive(self, frame: Frame, now_ns: int) -> None:
-        """Take a frame from the bus at bus time `now_ns`."""
+        """Take a frame from the bus at bus time `now_ns`, after all that was due before."""
+        if self._next_poll_ns < now_ns:
+            self.wake(now_ns)
         self._send(self.machine.receive(frame, self._drive_us(now_ns), self._theta_raw))
 
     def next_wake_ns(self) -> int:
@@ -141,14 +147,20 @@ class SimulatedDrive:
 
     def _sample(self, at_ns: int, next_ns: int, poll: int) -> None:
         is_feedback = poll % self._polls_per_feedback == 0
-        if is_feedback and self.zero_ns is None and self.machine.state is DriveState.OPERATIONAL:
-            self.zero_ns = at_ns
-            self._forceps.start_load(at_ns)
+        if is_feedback:
+            self._look_for_zero(at_ns)
         reading = self._forceps.read(at_ns)
         self._theta_raw = reading.theta_m
         if is_feedback:
             self._feed_back(reading, at_ns)
         self._forceps.run(at_ns, next_ns, reading.theta_m, self.machine.reference_raw)
+
+    def _look_for_zero(self, at_ns: int) -> None:
+        operational = self.machine.state is DriveState.OPERATIONAL
+        if operational and not self._was_operational and (self.zero_ns is None or self._load_restarts):
+            self.zero_ns = at_ns
+            self._forceps.start_load(at_ns)
+        self._was_operational = operational
 
     def _feed_back(self, reading: Reading, at_ns: int) -> None:
         machine, stamp_us = self.machine, self._drive_us(at_ns)
