@@ -77,11 +77,7 @@ class Medium:
 
         ValueError when there is no such CAN frame.
         """
-        if self.gone or port.state == PortState.BUS_OFF:
-            port.rejected_down += 1
-            return False
-        if port.queued >= port.queue_frames:
-            port.rejected_full += 1
+        if self.refuses(port):
             return False
         entry = (frame[0], self._order, port, frame, self.timing.frame_ns(frame))
         self._order += 1
@@ -90,6 +86,16 @@ class Medium:
             self._ready_ns = now_ns
         heappush(self._pending, entry)
         return True
+
+    def refuses(self, port: Port, on_the_way: int = 0) -> bool:
+        """Tell whether this node could queue nothing now, beside `on_the_way` frames, and count the attempt if so."""
+        if self.gone or port.state == PortState.BUS_OFF:
+            port.rejected_down += 1
+            return True
+        if port.queued + on_the_way >= port.queue_frames:
+            port.rejected_full += 1
+            return True
+        return False
 
     def flush(self, port: Port) -> None:
         """Forget what this node has queued and not begun to send."""

@@ -14,9 +14,9 @@ _BUS_OFF_ABOVE = 255
 _COUNTERS = (
     "sent",
     "received",
-    "rejected_full",
-    "rejected_down",
-    "discarded",
+    "rejected_full",  # the transmit queue was
+    "rejected_down",  # bus-off, or no bus
+    "discarded",  # queued, never sent: the bus went away
     "error_frames",
     "bus_offs",
     "tec",
@@ -33,7 +33,10 @@ class PortState(IntEnum):
 
 
 class Port:
-    """One controller on the bus; `deliver(frame, now_ns)` takes what the others send."""
+    """One controller on the bus; `deliver(frame, now_ns)` takes what the others send.
+
+    `on_bus_off()` tells its node, where it wants to know, that it has been thrown off the bus.
+    """
 
     __slots__ = (
         *_COUNTERS,
@@ -41,6 +44,7 @@ class Port:
         "left_sequences",
         "name",
         "off_since_ns",
+        "on_bus_off",
         "queue_frames",
         "queued",
         "side",

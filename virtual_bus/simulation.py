@@ -36,6 +36,10 @@ class Simulation:
         self.medium.detach(port)
         del self._nodes[index], self._ports[index], self._wakes[index]
 
+    def settle(self, port: Port) -> None:
+        """Look again at a node that somebody outside has given something to do."""
+        self._settle(self._ports.index(port))
+
     def advance_until(self, limit_ns: int) -> None:
         """Do everything up to and including `limit_ns`, but the arbitration at `limit_ns` itself."""
         while self.step(limit_ns):
