@@ -159,7 +159,7 @@ class VirtualForcepsBus(can.BusABC):
         return self._world.drive.truth
 
     def counters(self) -> dict[str, int]:
-        """Return what this handle's controller has counted, by name (`port.Port`), and `overrun` of its receive queue."""
+        """Return what this handle's controller has counted, by name, and `overrun`: frames nobody took in time."""
         return {**self._port.counters(), "overrun": self._node.overrun}
 
     # -- python-can ---------------------------------------------------------------------------------------------------

@@ -71,7 +71,7 @@ def _options(pairs: Sequence[str]) -> dict[str, str]:
     broken = [pair for pair in pairs if "=" not in pair]
     if broken:
         raise UserError([f"--option {pair}: must be KEY=VALUE" for pair in broken])
-    return dict(pair.split("=", 1) for pair in pairs)  # type: ignore[misc]
+    return {key: value for key, _, value in (pair.partition("=") for pair in pairs)}
 
 
 def _faults(path: str | None) -> tuple[Fault, ...]:

@@ -175,7 +175,7 @@ class RealTimeLoop:
             "received": _by_name(self._received),
             "own_frames_heard": self._echoed,
             "transport": dict(self._transport.counters),
-            "faults": {} if self._wire is None else {k.value: n for k, n in self._wire.counters.items() if n},
+            "faults": {} if self._wire is None else {str(kind): n for kind, n in self._wire.counters.items() if n},
         }
 
     def _listen(self, now_ns: int, wake_ns: int) -> None:

@@ -70,14 +70,14 @@ class SerialServer:
 
     def close(self) -> None:
         """See `Transport`; the link goes too, if it is still ours."""
-        if self._link.is_symlink() and os.readlink(self._link) == self.device:
+        if self._link.is_symlink() and self._link.readlink() == Path(self.device):
             self._link.unlink()
         self._close_ends()
 
     def _make_link(self) -> None:
         """Put the link in place; one left over from before goes, anything else stays."""
         if self._link.is_symlink():
-            if not os.readlink(self._link).startswith("/dev/pts/"):
+            if Path("/dev/pts") not in self._link.readlink().parents:
                 raise UserError(f"{self._link}: is a link to something else; give another path")
             self._link.unlink()
         elif self._link.exists():
