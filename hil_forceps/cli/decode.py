@@ -25,7 +25,10 @@ _IN_SI = {
     "stamp_us": ("stamp_s", scales.STAMP_LSB_NS * 1e-9),
 }
 _NAMED = {"state": DriveState, "fault": FaultReason, "op": ParamOp}
-_CANDUMP = re.compile(r"(?:\((?P<time>\d+\.\d+)\)\s+\S+\s+)?(?P<id>[0-9A-Fa-f]{3})#(?P<fd>#[0-9A-Fa-f])?(?P<data>[0-9A-Fa-f]*)")
+_CANDUMP = re.compile(
+    r"(?:\((?P<time>\d+\.\d+)\)\s+\S+\s+)?"
+    r"(?P<id>[0-9A-Fa-f]{3})#(?P<fd>#[0-9A-Fa-f])?(?P<data>[0-9A-Fa-f]*)"
+)
 _LOG_SUFFIXES = {".log", ".asc", ".blf", ".trc"}
 _SERIAL_SUFFIXES = {".bin"}
 _CHUNK_BYTES = 1 << 16
@@ -46,14 +49,14 @@ class Printer(Protocol):
 
 
 def decode(*source: str, form: Literal["text", "jsonl", "csv"] = "text") -> int:
-    """Decode frames (`081#1122334455667788`), bus logs (.log .asc .blf .trc), serial captures (.bin), or - for candump lines.
+    """Decode frames (`081#1122334455667788`), bus logs (.log .asc .blf .trc) or serial captures (.bin).
 
     What can't be decoded is shown with the reason and counted; exit code 1 when there was any.
 
     Parameters
     ----------
     source
-        Frames as candump writes them, or files.
+        Frames as candump writes them, or files, or - for candump lines on stdin.
     form
         One line a frame for people, JSON lines, or CSV (time, id, message, signal, value).
     """
@@ -65,7 +68,8 @@ def decode(*source: str, form: Literal["text", "jsonl", "csv"] = "text") -> int:
     for stamped in _frames(source):
         before = dict(decoder.counters)
         message = decoder.decode(stamped.frame)
-        reason = next((name for name, count in decoder.counters.items() if count != before[name]), "not of this protocol")
+        grown = (name for name, count in decoder.counters.items() if count != before[name])
+        reason = next(grown, "not of this protocol")
         printer(stamped, message, reason)
         total += 1
         refused += message is None
@@ -108,7 +112,7 @@ def _candump_lines(lines: Iterable[str], where: str) -> Iterator[Stamped]:
             continue
         match = _CANDUMP.match(text)
         if match is None or len(match["data"]) % 2:
-            raise UserError(f"{where}:{number}: '{text[:60]}' is not a frame; write id#data in hex, like 081#1122334455667788")
+            raise UserError(f"{where}:{number}: '{text[:60]}' is not a frame; write hex id#data: 081#1122334455667788")
         time_s = float(match["time"]) if match["time"] else None
         yield Stamped(time_s, Frame(int(match["id"], 16), bytes.fromhex(match["data"]), match["fd"] is not None))
 
@@ -146,7 +150,7 @@ def _bus_log(path: Path) -> Iterator[Stamped]:
         raise UserError(f"{path}: not readable as a {path.suffix} log: {error}") from error
 
 
-def _label(stamped: Stamped, message: Message | None, reason: str) -> str:
+def _label(message: Message | None, reason: str) -> str:
     return f"refused: {reason}" if message is None else type(message).__name__
 
 
@@ -156,7 +160,7 @@ def _text() -> Printer:
         values = {} if message is None else signals(message)
         shown = " ".join(f"{k}={v:.9g}" if isinstance(v, float) else f"{k}={v}" for k, v in values.items())
         raw = f"{stamped.frame.arbitration_id:03X}#{stamped.frame.data.hex().upper()}"
-        sys.stdout.write(f"{time}{raw:<21} {_label(stamped, message, reason)} {shown}".rstrip() + "\n")
+        sys.stdout.write(f"{time}{raw:<21} {_label(message, reason)} {shown}".rstrip() + "\n")
 
     return show
 
@@ -176,7 +180,7 @@ def _csv() -> Printer:
     writer.writerow(("time_s", "arbitration_id", "message", "signal", "value"))
 
     def show(stamped: Stamped, message: Message | None, reason: str) -> None:
-        head = (stamped.time_s, f"0x{stamped.frame.arbitration_id:03X}", _label(stamped, message, reason))
+        head = (stamped.time_s, f"0x{stamped.frame.arbitration_id:03X}", _label(message, reason))
         if message is None:
             writer.writerow((*head, "", stamped.frame.data.hex()))
             return
