@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from hil_forceps.rig.problems import Path, Problem, show_number
+from hil_forceps.rig.quantities import UNKNOWN
 
 Values = Mapping[str, Any]
 
@@ -35,7 +36,10 @@ def flatten(data: Mapping[str, Any], root: type[BaseModel], bad: Collection[Path
 
 
 def _value(item: object) -> object:
-    return item.get("value") if isinstance(item, Mapping) else item
+    """Return a number in whatever form a file gives it; None where it isn't known."""
+    if isinstance(item, Mapping):
+        return item.get("value")
+    return None if item == UNKNOWN else item
 
 
 def check(values: Values) -> list[Problem]:
