@@ -94,6 +94,8 @@ def test_rules_of_every_rig(paper: Rig, changes: dict[str, object], blamed: str 
         # The wire's rate grows with the root of the stiffness: 100 times stiffer, ten times the rate.
         ({"forceps.wire_stiffness_N_per_m": 2.5e6}, []),
         ({"forceps.wire_stiffness_N_per_m": 2.65e6}, ["bench.plant_step_s"]),
+        ({"drive.current_limit_A": 6.5534}, []),
+        ({"drive.current_limit_A": 6.5535}, ["drive.current_limit_A"]),
         # Four frames of 135 bits a millisecond: 0.54 ms at 1 Mbit/s, 95 % at 568.4 kbit/s.
         ({"bench.bitrate_bit_per_s": 568_500}, []),
         ({"bench.bitrate_bit_per_s": 568_300}, ["bench.bitrate_bit_per_s"]),

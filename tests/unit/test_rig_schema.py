@@ -1,5 +1,6 @@
 """The rig as an object: what a file becomes, variants made in code, writing it out again."""
 
+import math
 import pickle
 import subprocess
 import sys
@@ -8,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from firmware_protocol.frames import MAX_NODE
-from firmware_protocol.scales import ANGLE_LSB_PER_REV
+from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
 from hil_forceps.rig import Parameter, Rig, UserError, dump_rig, load_rig, parse_rig
+from hil_forceps.rig.consistency import WIRE_CURRENT_A
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.sections import MAX_ENCODER_COUNTS, MAX_NODE_ID
 
@@ -216,6 +218,7 @@ def test_whole_numbers_may_be_written_as_floats_and_floats_as_whole_numbers() ->
 def test_bounds_shared_with_the_wire_are_the_wires() -> None:
     assert MAX_NODE_ID == MAX_NODE
     assert MAX_ENCODER_COUNTS == ANGLE_LSB_PER_REV
+    assert math.isclose(WIRE_CURRENT_A, CURRENT_LSB_A * (2**15 - 1))
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hil_forceps.rig import parse_rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.yaml_loader import MAX_BYTES, MAX_DEPTH, Mark, load_document, resolve_plain
 
@@ -157,6 +158,13 @@ def test_number_of_problems_is_bounded() -> None:
         load_document("a: 1\n" * 5000, "f")
     assert len(caught.value.problems) == 101
     assert caught.value.problems[-1].endswith("too many problems; the rest isn't read")
+
+
+def test_number_of_lines_is_bounded() -> None:
+    with pytest.raises(UserError) as caught:
+        parse_rig("".join(f"key_{index}: 1\n" for index in range(1000)), "f")
+    assert len(caught.value.problems) == 101
+    assert caught.value.problems[-1] == "f: 903 more problems; correct these first"
 
 
 def test_byte_order_mark_and_carriage_returns_are_fine() -> None:
