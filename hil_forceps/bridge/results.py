@@ -67,7 +67,10 @@ class Telemetry(NamedTuple):
 
 
 class ServiceResult(NamedTuple):
-    """How a run ended. `drive_disabled` says that the drive itself was seen without torque, after the end."""
+    """How a run ended.
+
+    `drive_disabled`: after the end the drive itself reported no torque, or this run never asked it for any.
+    """
 
     reason: StopReason
     message: str

@@ -291,7 +291,7 @@ class Service:
             self._reason, self._message = reason, message
         else:
             self._message += f"; {message}"
-        self._disabled = self._host.drive_state in _NO_TORQUE
+        self._disabled = self._stage is Stage.CONNECTING or self._host.drive_state is DriveState.FAULT
         self._stage = Stage.ENDED
 
     def _look(self) -> Telemetry:
