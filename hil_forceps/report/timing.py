@@ -46,6 +46,10 @@ def _histogram(axes: Axes, values: Array, marks: dict[str, float], unit: str) ->
     axes.set_ylim(bottom=0.7)
     dashes = ("-", (0, (4, 1.2)), (0, (1.2, 1.2)), (0, (6, 1.2, 1, 1.2)))
     for index, (name, value) in enumerate(marks.items()):
-        label = f"{name} {value:.3g} {unit}"
+        label = f"{name} {_short(value)} {unit}"
         axes.axvline(value, color=INK, lw=0.8, ls=dashes[index % len(dashes)], label=label)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=len(marks), handlelength=1.8)
+
+
+def _short(value: float) -> str:
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"

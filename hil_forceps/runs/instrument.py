@@ -141,8 +141,10 @@ def _fill_gaps(rig: Rig, runs: Sequence[Run]) -> _Plan:
         ratio_from = "jaw angle over spindle angle, all runs"
     if rig.motor.torque_constant_N_m_per_A.value is None:
         both = [run.columns for run in runs if "current_A" in run.columns and "tau_m_N_m" in run.columns]
-        constant = _shared_slope([(columns["current_A"], columns["tau_m_N_m"]) for columns in both]) if both else 0.0
-        if constant > 0:
+        if both:
+            constant = _shared_slope([(columns["current_A"], columns["tau_m_N_m"]) for columns in both])
+            if not constant > 0:
+                raise UserError(f"spindle torque changes by {constant:.3g} N m per A of current; it must rise with it")
             changes["motor.torque_constant_N_m_per_A"] = constant
             constant_from = "spindle torque over current, all runs"
     filled = rig.with_changes(changes)

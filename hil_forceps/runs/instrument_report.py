@@ -100,7 +100,7 @@ class InstrumentReport(NamedTuple):
 
 
 def write_report(report: InstrumentReport, out: Path) -> tuple[Path, Path]:
-    """Write `instrument.json` (all but the traces) and `instrument_runs.csv` (one line per run, source, method, part)."""
+    """Write `instrument.json` (all but the traces) and `instrument_runs.csv` (a line per run, source, method, part)."""
     out.mkdir(parents=True, exist_ok=True)
     summary, runs = out / "instrument.json", out / "instrument_runs.csv"
     content = {
