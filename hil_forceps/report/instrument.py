@@ -22,14 +22,13 @@ from hil_forceps.report.style import (
     thinned,
 )
 from hil_forceps.report.traces import Array
-from hil_forceps.runs.instrument_report import WHOLE, InstrumentReport, RunInfo, Score, Trace
+from hil_forceps.runs.instrument_report import WHOLE, InstrumentReport, RunInfo, SAME_FREQUENCY_Hz, Score, Trace
 
 METHODS = ("rigid", "improved", "kalman")
 DEGREES = 180 / np.pi
 
 _RIGID = Look("rigid wire, no friction", INK, (0, (1.2, 1.2)), "x")
 _DRIVEN_BY = {"tau_m_N_m": "spindle torque", "current_A": "motor current"}
-_SAME_FREQUENCY_Hz = 0.03  # runs closer than this were meant to have the same frequency
 
 
 class _Map(NamedTuple):
@@ -129,7 +128,7 @@ def map_figure(report: InstrumentReport, source: str, quantity: str, methods: Se
 def _map(report: InstrumentReport, scores: Sequence[Score], quantity: str, scale: float) -> _Map:
     columns: list[list[RunInfo]] = []
     for run in sorted(report.runs, key=lambda run: run.frequency_Hz):
-        if columns and run.frequency_Hz - columns[-1][0].frequency_Hz < _SAME_FREQUENCY_Hz:
+        if columns and run.frequency_Hz - columns[-1][0].frequency_Hz < SAME_FREQUENCY_Hz:
             columns[-1].append(run)
         else:
             columns.append([run])

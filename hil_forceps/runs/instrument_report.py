@@ -17,6 +17,7 @@ PUBLISHED_THETA_J_RMSE_RAD = math.radians(0.37)
 PUBLISHED_TAU_W_RMSE_N_m = 4.42e-3
 
 WHOLE, CLOSING = "whole", "closing"
+SAME_FREQUENCY_Hz = 0.03  # runs closer than this were meant to have the same frequency
 
 
 class RunInfo(NamedTuple):
