@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hil_forceps.report.style import DOUBLE_COLUMN, INK, house_style, new_figure, panel_letter
+from hil_forceps.report.style import DOUBLE_COLUMN, INK, PAPER, house_style, new_figure, panel_letter
 from hil_forceps.report.traces import Array, TimingTraces
 
 _BINS = 90
@@ -33,6 +33,9 @@ def timing_figure(traces: TimingTraces) -> Figure:
 
 
 def _histogram(axes: Axes, values: Array, marks: dict[str, float], unit: str) -> None:
+    if not values.size:
+        axes.text(0.5, 0.5, "none measured", transform=axes.transAxes, ha="center", va="center", bbox=PAPER)
+        return
     low, high = float(values.min()), float(values.max())
     tailed = high > _LONG_TAIL * float(np.median(values)) or low <= 0
     if tailed:

@@ -136,6 +136,11 @@ def test_the_histogram_holds_every_sample() -> None:
         assert sum(bar.get_height() for bar in bars) == 5000
 
 
+def test_a_run_without_a_single_sample_is_drawn_as_such() -> None:
+    empty = timing()._replace(age_s=np.zeros(0), lateness_s=np.zeros(0), age_marks_s={}, lateness_marks_s={}, frames={})
+    assert words(timing_figure(empty)).count("none measured") == 2
+
+
 def test_the_steady_error_stands_in_the_hero() -> None:
     assert "−2.25°" in words(drawn("hero"))
 

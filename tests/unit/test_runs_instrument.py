@@ -77,8 +77,9 @@ def test_an_instrument_that_obeys_the_equations_is_estimated_well(
 ) -> None:
     torque, angle = numbers(score(report, method, source))
     trivial_torque, trivial_angle = numbers(score(report, "constant", ""))
-    _, rigid_angle = numbers(score(report, "rigid", source))
+    rigid_torque, rigid_angle = numbers(score(report, "rigid", source))
     assert torque < 0.1 * trivial_torque
+    assert rigid_torque < 0.1 * trivial_torque
     assert angle < 0.01 * trivial_angle
     assert angle < 0.2 * rigid_angle  # the wire's stretch was seen, with the right sign
 
