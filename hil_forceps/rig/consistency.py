@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from hil_forceps.rig.problems import Path, Problem
+from hil_forceps.rig.problems import Path, Problem, show_number
 
 Values = Mapping[str, Any]
 
@@ -40,15 +40,15 @@ def _value(item: object) -> object:
 
 def check(values: Values) -> list[Problem]:
     """Run the checks that hold for every rig, as far as their keys are known and valid."""
-    return _run(_RULES, values)
+    return _run(RULES, values)
 
 
 def check_bench(values: Values) -> list[Problem]:
     """Run the checks on what a bench needs: that steps fit, and that the bus carries what it must in time."""
-    return _run(_BENCH_RULES, values)
+    return _run(BENCH_RULES, values)
 
 
-def _run(rules: "_Rules", values: Values) -> list[Problem]:
+def _run(rules: "Rules", values: Values) -> list[Problem]:
     problems: list[Problem] = []
     for keys, rule in rules:
         needed = [values.get(key) for key in keys]
@@ -62,25 +62,35 @@ def _problem(key: str, text: str) -> Problem:
 
 
 def _position_range(low: float, high: float) -> Iterator[Problem]:
+    """`limits.position_min_rad` is below `position_max_rad`."""
     if low >= high:
-        yield _problem("limits.position_min_rad", f"is {low:g}, not below position_max_rad {high:g}; swap them")
+        yield _problem(
+            "limits.position_min_rad",
+            f"is {show_number(low)}, not below position_max_rad {show_number(high)}; swap them",
+        )
 
 
 def _host_phase(phase: float, period: float) -> Iterator[Problem]:
+    """`bench.host_phase_s` is less than `host_period_s`."""
     if phase >= period:
-        yield _problem("bench.host_phase_s", f"is {phase:g}, not below host_period_s {period:g}; make it less")
+        yield _problem(
+            "bench.host_phase_s",
+            f"is {show_number(phase)}, not below host_period_s {show_number(period)}; make it less",
+        )
 
 
 def _step_divides_period(step: float, period: float) -> Iterator[Problem]:
+    """`bench.plant_step_s` divides `drive.sample_time_s`."""
     if not _divides(step, period):
-        text = f"is {step:g} and doesn't divide drive.sample_time_s {period:g}; take {_divisor_near(step, period):g}"
-        yield _problem("bench.plant_step_s", text)
+        text = f"is {show_number(step)} and doesn't divide drive.sample_time_s {show_number(period)}"
+        yield _problem("bench.plant_step_s", f"{text}; take {_divisor_near(step, period):g}")
 
 
 def _step_divides_direct(step: float, times: tuple[float, ...]) -> Iterator[Problem]:
+    """`bench.plant_step_s` divides every one of `direct_sample_times_s`."""
     for index, period in enumerate(times):
         if not _divides(step, period):
-            text = f"is {period:g}, no multiple of plant_step_s {step:g}; change one of them"
+            text = f"is {show_number(period)}, no multiple of plant_step_s {show_number(step)}; change one of them"
             yield Problem(("bench", "direct_sample_times_s", index), text)
 
 
@@ -90,19 +100,25 @@ def _divides(step: float, period: float) -> bool:
 
 
 def _divisor_near(step: float, period: float) -> float:
-    return period / max(1, math.ceil(period / step - _TOLERANCE))
+    """Return the largest round fraction of the period that is no longer than the step."""
+    at_least = max(1.0, period / step)
+    decade = 10.0 ** math.floor(math.log10(at_least))
+    parts = next(round(decade * lead) for lead in (1, 2, 2.5, 4, 5, 8, 10) if decade * lead >= at_least * (1.0 - 1e-9))
+    return period / parts
 
 
 def _step_against_plant(
     step: float, r_m: float, r_j: float, i_m: float, i_j: float, d_m: float, k: float
 ) -> Iterator[Problem]:
+    """`bench.plant_step_s` times the plant's fastest rate, that of the undamped wire or D_m/I_m, is at most 1."""
     rate = max(math.sqrt(k * (r_m**2 / i_m + r_j**2 / i_j)), d_m / i_m)
     if step * rate > 1.0:
-        text = f"is {step:g}, too coarse: the plant's fastest rate is {rate:.4g} 1/s; take at most {0.5 / rate:.1g}"
-        yield _problem("bench.plant_step_s", text)
+        text = f"is {show_number(step)}, too coarse: the plant's fastest rate is {rate:.4g} 1/s"
+        yield _problem("bench.plant_step_s", f"{text}; take at most {0.5 / rate:.1g}")
 
 
 def _bitrates(transport: str, nominal: int, data: int) -> Iterator[Problem]:
+    """With `transport: fd`, `bench.data_bitrate_bit_per_s` is at least `bitrate_bit_per_s`."""
     if transport == "fd" and data < nominal:
         text = f"is {data}, below bitrate_bit_per_s {nominal}; the data phase of CAN FD is never slower, so raise it"
         yield _problem("bench.data_bitrate_bit_per_s", text)
@@ -111,6 +127,7 @@ def _bitrates(transport: str, nominal: int, data: int) -> Iterator[Problem]:
 def _bus_load(
     transport: str, nominal: int, data: int, host_period: float, sample: float, divider: int
 ) -> Iterator[Problem]:
+    """The cyclic frames, stuffed at worst, load the bus by no more than 95 %."""
     feedback, sensor, setpoint = _frame_times_s(transport, nominal, data)
     load = (feedback + sensor) / (sample * divider) + setpoint / host_period
     if load > MAX_BUS_LOAD:
@@ -131,15 +148,16 @@ def _sample_age(
     sample: float,
     divider: int,
 ) -> Iterator[Problem]:
+    """Frames, latency, jitter and the time between samples leave a sample younger than `limits.max_sample_age_s`."""
     frames = _frame_times_s(transport, nominal, data)[0]
     oldest = frames + latency + jitter + sample * divider
     if oldest > max_age:
         text = (
-            f"is {max_age:g}, but the newest sample may be {oldest:.3g} s old (frames {1e3 * frames:.3g} ms, latency "
-            f"and jitter {1e3 * (latency + jitter):.3g} ms, between samples {1e3 * sample * divider:.3g} ms); "
-            "raise it or make the way shorter"
+            f"is {show_number(latency)}: with jitter, frames ({frames:.3g} s) and the time between samples "
+            f"({sample * divider:.3g} s) the newest may be {oldest:.3g} s old, above limits.max_sample_age_s "
+            f"{show_number(max_age)}; lower one of these or raise that"
         )
-        yield _problem("limits.max_sample_age_s", text)
+        yield _problem("bench.latency_s", text)
 
 
 def _frame_times_s(transport: str, nominal: int, data: int) -> tuple[float, float, float]:
@@ -162,14 +180,14 @@ _PLANT = (
 )
 _FEEDBACK = ("drive.sample_time_s", "bench.feedback_divider")
 
-_Rules = tuple[tuple[tuple[str, ...], Callable[..., Iterator[Problem]]], ...]
+Rules = tuple[tuple[tuple[str, ...], Callable[..., Iterator[Problem]]], ...]
 
-_RULES: _Rules = (
+RULES: Rules = (
     (("limits.position_min_rad", "limits.position_max_rad"), _position_range),
     (("bench.host_phase_s", "bench.host_period_s"), _host_phase),
     (_BUS, _bitrates),
 )
-_BENCH_RULES: _Rules = (
+BENCH_RULES: Rules = (
     (("bench.plant_step_s", "drive.sample_time_s"), _step_divides_period),
     (("bench.plant_step_s", "bench.direct_sample_times_s"), _step_divides_direct),
     (("bench.plant_step_s", *_PLANT), _step_against_plant),

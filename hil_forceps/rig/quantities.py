@@ -13,10 +13,10 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic_core import CoreSchema, core_schema
 
 from hil_forceps.rig import units
-from hil_forceps.rig.problems import Problem, problems_error, show_value
+from hil_forceps.rig.problems import Problem, problems_error, remedy_for_text, show_number, show_value, text_error
 
 RELATIVE_SD = 0.1
 UNKNOWN = "unknown"
@@ -52,16 +52,18 @@ class Parameter(BaseModel):
     @classmethod
     def _read(cls, given: object) -> object:
         if isinstance(given, int | float) and not isinstance(given, bool):
+            if not math.isfinite(given):
+                raise text_error(f"is {show_value(given)}, must be a finite number; correct it")
             return {"value": given, "sd": _default_sd(given)}
         if given == UNKNOWN:
             return dict.fromkeys(("value", "sd", "min", "max"))
         if not isinstance(given, dict):
-            text = (
-                f"is {show_value(given)}; give a number, {{value, sd}}, {{min, max}}, {{value, min, max}} or {UNKNOWN}"
-            )
-            raise PydanticCustomError("parameter", "{text}", {"text": text})
+            remedy = remedy_for_text(given)
+            if remedy == "correct it":
+                remedy = f"write a number, {{value, sd}}, {{min, max}}, {{value, min, max}} or {UNKNOWN}"
+            raise text_error(f"is {show_value(given)}, must say what is known of a number; {remedy}")
         if not given:
-            raise PydanticCustomError("parameter", "{text}", {"text": f"is empty; write {UNKNOWN} if nothing is known"})
+            raise text_error(f"is empty; write {UNKNOWN} if nothing is known")
         if set(given) == {"value"} and isinstance(given["value"], int | float):
             return {**given, "sd": _default_sd(given["value"])}
         return given
@@ -75,11 +77,11 @@ class Parameter(BaseModel):
             problems.append(Problem(("sd",), "stands without a value; add value"))
         if self.minimum is not None and self.maximum is not None:
             if not self.minimum < self.maximum:
-                problems.append(
-                    Problem(("min",), f"is {self.minimum:g}, not below max {self.maximum:g}; swap or widen them")
-                )
+                text = f"is {show_number(self.minimum)}, not below max {show_number(self.maximum)}; swap or widen them"
+                problems.append(Problem(("min",), text))
             elif self.value is not None and not self.minimum <= self.value <= self.maximum:
-                text = f"is {self.value:g}, outside min {self.minimum:g} to max {self.maximum:g}; widen the bounds"
+                bounds = f"min {show_number(self.minimum)} to max {show_number(self.maximum)}"
+                text = f"is {show_number(self.value)}, outside {bounds}; widen the bounds"
                 problems.append(Problem(("value",), text))
         if problems:
             raise problems_error(problems)
@@ -112,18 +114,22 @@ class Quantity:
 
     def range_text(self) -> str:
         """Say the range in words."""
-        text = f"{'above' if self.open_low else 'from'} {self.low:g} to {self.high:g}"
+        text = (
+            f"above {show_number(self.low)} and at most {show_number(self.high)}"
+            if self.open_low
+            else f"{show_number(self.low)} to {show_number(self.high)}"
+        )
         return f"{text} {units.show_unit(self.unit)}" if self.unit else text
 
     def problem(self, number: float) -> str | None:
         """Say what is wrong with a number, with a guess at the unit that was meant; None when nothing is."""
         if self.holds(number):
             return None
-        text = f"is {number:g}{' ' + units.show_unit(self.unit) if self.unit else ''}, must be {self.range_text()}"
+        text = f"is {show_number(number)} {units.show_unit(self.unit)}".rstrip() + f", must be {self.range_text()}"
         for unit in units.mix_ups(self.unit) if math.isfinite(number) else ():
             converted = number * (units.factor(unit, self.unit) or math.nan)
             if self.holds(converted):
-                return f"{text}; if {number:g} {units.show_unit(unit)} is meant, write {converted:g}"
+                return f"{text}; if {show_number(number)} {units.show_unit(unit)} is meant, write {converted:.6g}"
         return f"{text}; correct it"
 
     def check(self, value: object) -> object:

@@ -8,17 +8,17 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from hil_forceps.rig import units
-from hil_forceps.rig.problems import PROBLEMS_ERROR, Path, Problem, nearest, show_value
+from hil_forceps.rig.problems import PROBLEMS_ERROR, Path, Problem, nearest, remedy_for_text, show_value
 from hil_forceps.rig.quantities import Parameter, Quantity
 
+_SECTION = ("a mapping of keys", "write `key: value` lines under it")
 _WANTED = {
-    "float_type": "a number",
-    "int_type": "a whole number",
-    "string_type": "text",
-    "dict_type": "a mapping",
-    "model_type": "a mapping of keys",
-    "model_attributes_type": "a mapping of keys",
-    "tuple_type": "a list in [ ]",
+    "float_type": ("a number", ""),
+    "int_type": ("a whole number", ""),
+    "dict_type": ("a mapping of names to numbers", "write `name: number` lines under it"),
+    "model_type": _SECTION,
+    "model_attributes_type": _SECTION,
+    "tuple_type": ("a list", "put it in [ ]"),
 }
 
 
@@ -55,9 +55,10 @@ def _problems_of_one(details: ErrorDetails, path: Path) -> Iterator[Problem]:
     elif "text" in context:
         yield Problem(path, context["text"])
     elif kind in _WANTED:
-        yield Problem(path, f"is {shown}, must be {_WANTED[kind]}{_hint(details['input'])}")
+        wanted, remedy = _WANTED[kind]
+        yield Problem(path, f"is {shown}, must be {wanted}; {remedy or remedy_for_text(details['input'])}")
     elif kind == "literal_error":
-        yield Problem(path, f"is {shown}; must be {context['expected']}{_literal_guess(details)}")
+        yield Problem(path, f"is {shown}, must be {_literal_remedy(details['input'], context['expected'])}")
     elif kind == "finite_number":
         yield Problem(path, f"is {shown}, must be a finite number; correct it")
     elif kind == "greater_than_equal":
@@ -68,20 +69,11 @@ def _problems_of_one(details: ErrorDetails, path: Path) -> Iterator[Problem]:
         yield Problem(path, f"is {shown}: {details['msg'].lower()}; correct it")
 
 
-def _hint(value: object) -> str:
-    if isinstance(value, str):
-        try:
-            number = float(value)
-        except ValueError:
-            return "; correct it"
-        return f"; write {number:g} without quotes or underscores"
-    return "; correct it"
-
-
-def _literal_guess(details: ErrorDetails) -> str:
-    expected = [word.strip("'") for word in details.get("ctx", {})["expected"].replace(" or ", ", ").split(", ")]
-    guess = nearest(details["input"], expected) if isinstance(details["input"], str) else None
-    return f"; did you mean {guess}?" if guess else "; choose one"
+def _literal_remedy(given: object, expected: str) -> str:
+    choices = [word.strip("'") for word in expected.replace(" or ", ", ").split(", ")]
+    guess = nearest(given, choices) if isinstance(given, str) else None
+    remedy = f"did you mean {guess}?" if guess else "choose one"
+    return f"{', '.join(choices[:-1])} or {choices[-1]}; {remedy}"
 
 
 def _model_at(root: type[BaseModel], path: Path) -> type[BaseModel] | None:
@@ -129,4 +121,4 @@ def _unit_mix_up(given: str, key: str, unit: str) -> str | None:
     ratio = units.factor(given.removeprefix(f"{base}_"), unit)
     if ratio is None:
         return None
-    return f"is in another unit; write {key} and multiply the value by {ratio:g}"
+    return f"is in another unit; write {key} and multiply the value by {ratio:.10g}"

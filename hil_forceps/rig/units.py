@@ -3,10 +3,12 @@
 import math
 from typing import NamedTuple
 
+_Dimension = tuple[int, int, int, int]  # exponents of m, kg, s, A; an angle counts as a number
+
 
 class _Scale(NamedTuple):
-    factor: float
-    dimension: tuple[int, int, int, int]  # exponents of m, kg, s, A; an angle counts as a number
+    size: float  # of the unit, in SI
+    dimension: _Dimension
 
 
 _SYMBOLS = {
@@ -51,11 +53,11 @@ _MIX_UPS = {
 
 def show_unit(unit: str) -> str:
     """Write `N_m_s_per_rad` as `N m s/rad`."""
-    above, _, below = unit.partition("_per_")
-    shown = above.replace("_", " ") + (f"/{below.replace('_', ' ')}" if below else "")
-    if " " in below.replace("_", " "):
-        shown = f"{above.replace('_', ' ')}/({below.replace('_', ' ')})"
-    return shown.replace("2", "²")
+    above, _, below = unit.replace("2", "²").partition("_per_")
+    shown = above.replace("_", " ")
+    if below:
+        shown += f"/({below.replace('_', ' ')})" if "_" in below else f"/{below}"
+    return shown
 
 
 def factor(given: str, wanted: str) -> float | None:
@@ -63,7 +65,7 @@ def factor(given: str, wanted: str) -> float | None:
     source, target = _parse(given), _parse(wanted)
     if source is None or target is None or source.dimension != target.dimension:
         return None
-    ratio = source.factor / target.factor
+    ratio = source.size / target.size
     exponent = round(math.log10(ratio))
     return 10.0**exponent if math.isclose(ratio, 10.0**exponent, rel_tol=1e-12) else ratio
 
@@ -75,36 +77,31 @@ def mix_ups(unit: str) -> tuple[str, ...]:
 
 def _parse(unit: str) -> _Scale | None:
     above, _, below = unit.partition("_per_")
-    if unit.startswith("per_"):
-        above, below = "", unit.removeprefix("per_")
-    product = 1.0
-    dimension = [0, 0, 0, 0]
+    size = 1.0
+    dimension = (0, 0, 0, 0)
     for part, sign in ((above, 1), (below, -1)):
         for token in part.split("_") if part else ():
             scale = _parse_token(token)
             if scale is None:
                 return None
-            product *= scale.factor**sign
-            dimension = [total + sign * own for total, own in zip(dimension, scale.dimension, strict=True)]
-    return _Scale(product, (dimension[0], dimension[1], dimension[2], dimension[3]))
+            size *= scale.size**sign
+            dimension = _added(dimension, scale.dimension, sign)
+    return _Scale(size, dimension)
 
 
 def _parse_token(token: str) -> _Scale | None:
-    symbol = token.rstrip("0123456789")
-    digits = token[len(symbol) :]
-    if len(digits) > 1:
-        return None
-    power = int(digits) if digits else 1
+    symbol, power = (token[:-1], int(token[-1])) if token[-1:] in {"2", "3"} else (token, 1)
     scale = _UNPREFIXED.get(symbol) or _prefixed(symbol)
-    if scale is None:
-        return None
-    m, kg, s, amp = (power * exponent for exponent in scale.dimension)
-    return _Scale(scale.factor**power, (m, kg, s, amp))
+    return scale and _Scale(scale.size**power, _added((0, 0, 0, 0), scale.dimension, power))
+
+
+def _added(total: _Dimension, one: _Dimension, times: int) -> _Dimension:
+    return (total[0] + times * one[0], total[1] + times * one[1], total[2] + times * one[2], total[3] + times * one[3])
 
 
 def _prefixed(symbol: str) -> _Scale | None:
     for prefix, size in _PREFIXES.items():
         base = _SYMBOLS.get(symbol.removeprefix(prefix)) if symbol.startswith(prefix) else None
         if base is not None:
-            return _Scale(size * base.factor, base.dimension)
+            return _Scale(size * base.size, base.dimension)
     return None

@@ -52,7 +52,7 @@ class Document:
     key_marks: dict[Path, Mark] = field(default_factory=dict)
     value_marks: dict[Path, Mark] = field(default_factory=dict)
     problems: list[tuple[Mark, Problem]] = field(default_factory=list)
-    refused: set[Path] = field(default_factory=set)  # values already complained about: nothing more to say on them
+    refused: set[Path] = field(default_factory=set)  # values that can't be had: None stands in their place
 
 
 class _StopError(Exception):
@@ -150,7 +150,9 @@ def _syntax_text(error: yaml.MarkedYAMLError) -> str:
     problem = error.problem or "can't be read"
     if "'\\t'" in problem:
         return "a tab where YAML wants spaces; replace it by spaces"
-    return f"not valid YAML ({', '.join(part for part in (error.context, problem) if part)}); see the line above too"
+    begun = f" (begun on line {error.context_mark.line + 1})" if error.context_mark else ""
+    context = f" {error.context}{begun}:" if error.context else ""
+    return f"not valid YAML:{context} {problem}; correct it here or just above"
 
 
 @dataclass(slots=True)
@@ -269,19 +271,22 @@ class _Builder:
             return resolve_plain(text)
         except ValueError as error:
             self._refuse(mark, path, str(error))
+            self.document.refused.add(path)
             return None
 
     def _refuse_references(self, event: yaml.NodeEvent, mark: Mark, path: Path) -> None:
         if isinstance(event, yaml.AliasEvent):
             self._refuse(mark, path, f"alias *{event.anchor} is refused; write the value out")
+            self.document.refused.add(path)
             return
         if event.anchor is not None:
             self._refuse(mark, path, f"anchor &{event.anchor} is refused; remove it and write values out where used")
         if isinstance(event, yaml.ScalarEvent | yaml.CollectionStartEvent) and event.tag is not None:
-            self._refuse(mark, path, f"tag {show_value(event.tag)} is refused; remove it")
+            self._refuse(
+                mark, path, f"tag {show_value(event.tag.replace('tag:yaml.org,2002:', '!!'))} is refused; remove it"
+            )
 
     def _refuse(self, mark: Mark, path: Path, text: str) -> None:
         self.document.problems.append((mark, Problem(path, text)))
-        self.document.refused.add(path)
         if len(self.document.problems) >= MAX_PROBLEMS:
             raise _StopError(mark, "too many problems; the rest isn't read")
