@@ -349,6 +349,22 @@ def test_jaw_starts_where_it_is_told() -> None:
 
 
 @pytest.mark.parametrize(
+    "changes",
+    [
+        {"limits__speed_max_rad_per_s": 1.0e6, "bench__host_period_s": 0.1},
+        {"limits__speed_max_rad_per_s": 1.0e-9, "limits__acceleration_max_rad_per_s2": 1.0e-6},
+        {"limits__position_min_rad": -800.0, "limits__position_max_rad": 800.0},
+        {"drive__sample_time_s": 1.0e-6, "encoder__counts_per_rev": 4},
+        {"motor__torque_constant_N_m_per_A": 10.0},
+    ],
+)
+def test_extremes_of_a_valid_rig_still_fit_the_parameters_of_the_wire(changes: dict[str, object]) -> None:
+    drive = SimulatedDrive(rig_with(**changes), paper_load(0))
+    drive.wake(0)
+    assert len(drive.take_outbox()) >= 3
+
+
+@pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"drive": None}, "drive"),
