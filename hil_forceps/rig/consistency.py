@@ -101,7 +101,7 @@ def _step_divides_direct(step: float, times: tuple[float, ...]) -> Iterator[Prob
 
 def _divides(step: float, period: float) -> bool:
     ratio = period / step
-    return round(ratio) >= 1 and abs(ratio - round(ratio)) <= _TOLERANCE * ratio
+    return abs(ratio - round(ratio)) <= _TOLERANCE * ratio
 
 
 def _divisor_near(step: float, period: float) -> float:

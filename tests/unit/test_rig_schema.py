@@ -108,6 +108,12 @@ def test_what_may_be_known_of_a_parameter(given: str, expected: tuple[float | No
     assert parse_rig(dump_rig(rig)) == rig
 
 
+@pytest.mark.parametrize("given", ["{min: 1e3, max: 1e3}", "{value: 999, min: 1e3, max: 1e6}", "{min: 1e3}", "{sd: 1}"])
+def test_what_may_not(given: str) -> None:
+    with pytest.raises(UserError, match=r"<rig>:9: forceps.wire_stiffness_N_per_m"):
+        parse_rig(CONTRACT.replace("2.6e4", given))
+
+
 def test_plant_names_every_value_that_is_not_known() -> None:
     text = CONTRACT.replace("2.6e4", "{min: 1.0e3, max: 1.0e6}").replace("1.35e-2", "unknown")
     with pytest.raises(UserError) as caught:
