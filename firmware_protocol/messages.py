@@ -124,6 +124,7 @@ class DriveHeartbeat(NamedTuple):
     protocol_major: int
     protocol_minor: int
     rejected: int  # frames dropped by the drive, saturating
+    setpoints_lost: int  # setpoints skipped by sequence since power-up, modulo 256
     sequence: int
 
 
@@ -152,14 +153,15 @@ class ParamOp(IntEnum):
     READ_ONLY = 0x12
     OUT_OF_RANGE = 0x13
     WRONG_STATE = 0x14
+    UNKNOWN_OP = 0x15
 
 
 class ParamRequest(NamedTuple):
     """PARAM_REQUEST, host to drive."""
 
     node: int
-    op: int
-    index: int
+    op: int  # ParamOp
+    parameter: int  # index in the dictionary of `parameters`
     value: int
 
 
@@ -167,13 +169,13 @@ class ParamResponse(NamedTuple):
     """PARAM_RESPONSE, drive to host."""
 
     node: int
-    op: int
-    index: int
+    op: int  # ParamOp
+    parameter: int  # index in the dictionary of `parameters`
     value: int
 
 
 class Discover(NamedTuple):
-    """DISCOVER, host to all: every drive answers IDENTITY after a delay derived from its serial number."""
+    """DISCOVER, host to one node or to all: each answers IDENTITY after a delay derived from its serial number."""
 
     node: int
 

@@ -15,13 +15,14 @@ class TruthLog:
         self._bus_time_ns = np.zeros(capacity, dtype=np.int64)
         self._stamp_ns = np.zeros(capacity, dtype=np.int64)
         self._truth = np.zeros((capacity, len(Truth._fields)))
+        self.capacity = capacity
         self.rows = 0
         self.dropped = 0
 
     def append(self, bus_time_ns: int, stamp_ns: int, truth: Truth) -> None:
         """Keep one row, or count it when the log is full."""
         row = self.rows
-        if row == len(self._truth):
+        if row == self.capacity:
             self.dropped += 1
             return
         self._bus_time_ns[row] = bus_time_ns

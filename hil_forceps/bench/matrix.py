@@ -1,11 +1,10 @@
 """Which runs a bench file asks for, as data."""
 
-from typing import NamedTuple, TypeVar
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
-
-T = TypeVar("T", int, str)
 
 
 class RunSpec(NamedTuple):
@@ -32,21 +31,26 @@ def run_matrix(rig: Rig, simulation: int | None = None, algorithm: str | None = 
     not have.
     """
     bench = rig.bench
-    simulations = _chosen("simulation", list(bench.simulations), simulation)
-    algorithms = _chosen("algorithm", list(bench.algorithms), algorithm)
+    simulations = _chosen("simulation", bench.simulations, simulation)
+    algorithms = _chosen("algorithm", bench.algorithms, algorithm)
     on_bus = [
         RunSpec(s, a, compensated, bench.host_period_s, True)
         for s in simulations
         for a in algorithms
         for compensated in (True, False)
     ]
-    direct = [RunSpec(s, a, True, t, False) for t in bench.direct_sample_times_s for s in simulations for a in algorithms]
+    direct = [
+        RunSpec(s, a, True, period_s, False)
+        for period_s in bench.direct_sample_times_s
+        for s in simulations
+        for a in algorithms
+    ]
     return on_bus + direct
 
 
-def _chosen(what: str, available: list[T], wanted: T | None) -> list[T]:
+def _chosen(what: str, available: Sequence[int | str], wanted: int | str | None) -> list[Any]:
     if wanted is None:
-        return available
+        return list(available)
     if wanted not in available:
         raise UserError(f"--{what} {wanted}: this bench has {', '.join(map(str, available))}")
     return [wanted]

@@ -1,0 +1,170 @@
+"""Messages to frames and back; the check value covers the id, so a frame delivered under another id is refused.
+
+CRC-8 AUTOSAR (polynomial 0x2F, init and xor-out 0xFF) ends the classic frames: Hamming distance 4 over the 80 bits it
+covers. CRC-16 CCITT (0x1021, init 0xFFFF, no reflection) ends the FD frames and, in `serial_framing`, each packet.
+Both run over the arbitration id as two little-endian bytes, then over the payload before them.
+"""
+
+import struct
+from binascii import crc_hqx
+from typing import Final
+
+from fastcrc.crc8 import autosar
+
+from firmware_protocol.frames import MAX_NODE, NODE_BITS, Frame, arbitration_id
+from firmware_protocol.layouts import FD_FEEDBACK, FD_SETPOINT, FEEDBACK, FUNCTION_OF, LAYOUTS, SETPOINT, TIMING, Check
+from firmware_protocol.layouts import status_byte as _status_byte
+from firmware_protocol.messages import Function, Message, Setpoint
+
+CRC16_INIT: Final = 0xFFFF
+DECODE_COUNTERS: Final = ("unknown_id", "bad_length", "bad_format", "bad_crc")
+
+_CRC8_RESIDUE: Final = 0xBD  # what any message followed by its own CRC-8 gives: one call verifies, without slicing
+_IDS: Final = 1 << 11
+_SEED8: Final = tuple(autosar(i.to_bytes(2, "little")) for i in range(_IDS))
+_SEED16: Final = tuple(crc_hqx(i.to_bytes(2, "little"), CRC16_INIT) for i in range(_IDS))
+_BYTE: Final = tuple(bytes((i,)) for i in range(256))
+
+_SETPOINT_ID: Final = Function.SETPOINT << NODE_BITS
+_FD_SETPOINT_ID: Final = Function.FD_SETPOINT << NODE_BITS
+_FEEDBACK_ID: Final = Function.FEEDBACK << NODE_BITS
+_TIMING_ID: Final = Function.TIMING << NODE_BITS
+_FD_FEEDBACK_ID: Final = Function.FD_FEEDBACK << NODE_BITS
+
+
+def _seal8(identifier: int, body: bytes) -> Frame:
+    return Frame(identifier, body + _BYTE[autosar(body, _SEED8[identifier])])
+
+
+def _seal16(identifier: int, body: bytes) -> Frame:
+    return Frame(identifier, body + crc_hqx(body, _SEED16[identifier]).to_bytes(2, "little"), True)
+
+
+def _unfit(error: Exception) -> ValueError:
+    return ValueError(f"a field does not fit its place on the wire: {error}")
+
+
+def _require_node(node: int) -> None:
+    if not 1 <= node <= MAX_NODE:
+        raise ValueError(f"node {node}: must be 1 to {MAX_NODE}")
+
+
+def encode(message: Message, fd: bool = False) -> Frame:
+    """Encode any message; `fd` turns a Setpoint into FD_SETPOINT.
+
+    ValueError when a field does not fit, the node is not allowed for this message, or `fd` has no meaning for it.
+    """
+    function = FUNCTION_OF.get(type(message))
+    if function is None:
+        raise TypeError(f"{type(message).__name__} is not a message")
+    if fd:
+        if not isinstance(message, Setpoint):
+            raise ValueError(f"{type(message).__name__} has no FD variant of the same fields")
+        function = Function.FD_SETPOINT
+    layout = LAYOUTS[function]
+    if not layout.lowest_node <= message.node <= layout.highest_node:
+        raise ValueError(f"{function.name}: node {message.node} not in {layout.lowest_node}..{layout.highest_node}")
+    identifier = arbitration_id(function, message.node)
+    try:
+        body = layout.pack(message)
+    except (struct.error, OverflowError) as error:
+        raise _unfit(error) from error
+    if layout.check is Check.CRC8:
+        return _seal8(identifier, body)
+    return _seal16(identifier, body) if layout.check is Check.CRC16 else Frame(identifier, body)
+
+
+def encode_setpoint(node: int, theta_m_ref: int, sequence: int, sample_sequence: int, fd: bool = False) -> Frame:
+    """Encode SETPOINT or FD_SETPOINT, the fast way; ValueError as `encode`."""
+    _require_node(node)
+    try:
+        if fd:
+            return _seal16(_FD_SETPOINT_ID | node, FD_SETPOINT.pack(theta_m_ref, sequence, sample_sequence))
+        return _seal8(_SETPOINT_ID | node, SETPOINT.pack(theta_m_ref, sequence, sample_sequence))
+    except struct.error as error:
+        raise _unfit(error) from error
+
+
+def encode_feedback(node: int, theta_m: int, current: int, sequence: int) -> Frame:
+    """Encode FEEDBACK, the fast way; ValueError as `encode`."""
+    _require_node(node)
+    try:
+        return _seal8(_FEEDBACK_ID | node, FEEDBACK.pack(theta_m, current, sequence))
+    except struct.error as error:
+        raise _unfit(error) from error
+
+
+def encode_timing(node: int, stamp_us: int, sequence: int, setpoint_sequence: int, state: int, fault: int) -> Frame:
+    """Encode TIMING, the fast way; ValueError as `encode`."""
+    _require_node(node)
+    try:
+        body = TIMING.pack(stamp_us, sequence, setpoint_sequence, _status_byte(state, fault))
+    except struct.error as error:
+        raise _unfit(error) from error
+    return _seal8(_TIMING_ID | node, body)
+
+
+def encode_fd_feedback(
+    node: int, theta_m: int, current: int, stamp_us: int, sequence: int, setpoint_sequence: int, state: int, fault: int
+) -> Frame:
+    """Encode FD_FEEDBACK, the fast way; ValueError as `encode`."""
+    _require_node(node)
+    try:
+        status = _status_byte(state, fault)
+        body = FD_FEEDBACK.pack(theta_m, current, stamp_us, sequence, setpoint_sequence, status)
+    except struct.error as error:
+        raise _unfit(error) from error
+    return _seal16(_FD_FEEDBACK_ID | node, body)
+
+
+# id -> (node, length, format, check, CRC seed of the id, builder)
+_ROUTES: Final = {
+    arbitration_id(function, node): (
+        node,
+        layout.length,
+        layout.is_fd,
+        int(layout.check),
+        (_SEED16 if layout.check is Check.CRC16 else _SEED8)[arbitration_id(function, node)],
+        layout.build,
+    )
+    for function, layout in LAYOUTS.items()
+    for node in range(layout.lowest_node, layout.highest_node + 1)
+}
+
+
+class Decoder:
+    """Frames to messages; what can't be decoded is counted by reason and dropped, never raised.
+
+    `counters` may be shared with the owner, who then sees these counts among its own.
+    """
+
+    def __init__(self, counters: dict[str, int] | None = None) -> None:
+        self.counters = {} if counters is None else counters
+        for name in DECODE_COUNTERS:
+            self.counters.setdefault(name, 0)
+
+    def decode(self, frame: Frame) -> Message | None:
+        """Return the message, or None with one counter advanced."""
+        identifier, data, is_fd = frame
+        route = _ROUTES.get(identifier)
+        if route is None:
+            self.counters["unknown_id"] += 1
+            return None
+        node, length, wanted_fd, check, seed, build = route
+        if is_fd != wanted_fd and wanted_fd is not None:
+            self.counters["bad_format"] += 1
+            return None
+        if len(data) != length and length >= 0:
+            self.counters["bad_length"] += 1
+            return None
+        if check == 1:
+            intact = autosar(data, seed) == _CRC8_RESIDUE
+        elif check == 2:
+            intact = crc_hqx(data[:-2], seed) == data[-2] | data[-1] << 8
+        else:
+            intact = True
+        if not intact:
+            self.counters["bad_crc"] += 1
+            return None
+        message: Message = build(node, data)
+        return message
