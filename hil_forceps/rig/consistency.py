@@ -7,9 +7,11 @@ from typing import Any
 from pydantic import BaseModel
 
 from hil_forceps.rig.problems import Path, Problem, show_number
+from hil_forceps.rig.quantities import UNKNOWN
 
 Values = Mapping[str, Any]
 
+WIRE_CURRENT_A = 6.5534
 MAX_BUS_LOAD = 0.95  # leaves room for heartbeats and parameters
 _CLASSIC_FRAME_BITS = 135  # 8 bytes, 11-bit id, worst-case stuffing, intermission
 _FD_NOMINAL_BITS = 36  # arbitration, acknowledge, end, intermission, stuffed
@@ -35,7 +37,10 @@ def flatten(data: Mapping[str, Any], root: type[BaseModel], bad: Collection[Path
 
 
 def _value(item: object) -> object:
-    return item.get("value") if isinstance(item, Mapping) else item
+    """Return a number in whatever form a file gives it; None where it isn't known."""
+    if isinstance(item, Mapping):
+        return item.get("value")
+    return None if item == UNKNOWN else item
 
 
 def check(values: Values) -> list[Problem]:
@@ -160,6 +165,13 @@ def _sample_age(
         yield _problem("bench.latency_s", text)
 
 
+def _wire_current(limit: float) -> Iterator[Problem]:
+    """`drive.current_limit_A` is within what the wire carries, 6.5534 A."""
+    if limit > WIRE_CURRENT_A:
+        text = f"is {show_number(limit)}, more than the {WIRE_CURRENT_A} A that the wire carries; lower it"
+        yield _problem("drive.current_limit_A", text)
+
+
 def _frame_times_s(transport: str, nominal: int, data: int) -> tuple[float, float, float]:
     """Return worst-case times of one sample's feedback frames, of the bench sensor's frame and of one setpoint."""
     classic = _CLASSIC_FRAME_BITS / nominal
@@ -188,6 +200,7 @@ RULES: Rules = (
     (_BUS, _bitrates),
 )
 BENCH_RULES: Rules = (
+    (("drive.current_limit_A",), _wire_current),
     (("bench.plant_step_s", "drive.sample_time_s"), _step_divides_period),
     (("bench.plant_step_s", "bench.direct_sample_times_s"), _step_divides_direct),
     (("bench.plant_step_s", *_PLANT), _step_against_plant),
