@@ -1,23 +1,21 @@
 """One run of the bench: the service against the simulated drive, in virtual time, over the bus."""
 
-import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from firmware_protocol.host_machine import HostConfig, HostMachine
-from hil_forceps.bench.assembly import PAPER_TRAJECTORY, Settings, make_pipeline, metadata
+from firmware_protocol.host_machine import HostConfig
+from hil_forceps.bench.assembly import PAPER_TRAJECTORY, Settings
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import judge
+from hil_forceps.bench.session import Plan, run_session
 from hil_forceps.bench.summary import RunRecord
 from hil_forceps.bench.traces import traces_of
 from hil_forceps.bridge.adapters import Connection, LinkSpec, open_link
-from hil_forceps.bridge.bus_log import LoggedLink, open_bus_log
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult
-from hil_forceps.bridge.service import Service
 from hil_forceps.report.traces import RunTraces
 from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording import read_recording
-from hil_forceps.runs.recording_writer import open_recorder
 
 DURATION_NS = 20_000_000_000  # the paper's simulations
 # Over a wire this fast a frame takes a tenth of a nanosecond a bit: samples reach the estimator as they are taken.
@@ -73,31 +71,24 @@ def run_on(connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path
     same_clock = connection.virtual_time and bench.drive_clock_ppm == 0.0
     feedback_s = rig.require_drive().sample_time_s * bench.feedback_divider
     settings = Settings(spec.algorithm, spec.compensated, feedback_s, PAPER_TRAJECTORY, same_clock)
-    about = metadata(rig, settings, {"simulation": str(spec.simulation), "seed": str(seed)})
-    threaded = not connection.virtual_time
-    recording_path = out / f"{spec.name}.mcap"
-    recorder = open_recorder(recording_path, about, threaded)
-    log = open_bus_log(out / f"{spec.name}.log", connection.clock.now_ns(), threaded)
-    config = ServiceConfig(
-        period_ns=round(bench.host_period_s * 1e9),
-        phase_ns=round(bench.host_phase_s * 1e9),
-        duration_ns=DURATION_NS,
+    plan = Plan(
+        rig,
+        settings,
+        HostConfig(node=bench.node_id, fd=bench.transport == "fd"),
+        ServiceConfig(
+            period_ns=round(bench.host_period_s * 1e9),
+            phase_ns=round(bench.host_phase_s * 1e9),
+            duration_ns=DURATION_NS,
+        ),
+        recording=out / f"{spec.name}.mcap",
+        bus_log=out / f"{spec.name}.log",
+        about={"simulation": str(spec.simulation), "seed": str(seed)},
     )
-    host = HostMachine(HostConfig(node=bench.node_id, fd=bench.transport == "fd"))
-    began = time.perf_counter()
-    try:
-        pipeline = make_pipeline(rig, settings)
-        service = Service(
-            LoggedLink(connection.link, connection.clock, log), connection.clock, host, pipeline, config, recorder
-        )
-        result = service.run()
-    finally:
-        connection.link.close()
-        recorder.close({})
-        log.close()
-    wall_s = time.perf_counter() - began
-    traces = traces_of(read_recording(recording_path), spec, rig.plant(), settings.trajectory)
-    return Executed(_record(spec, traces, result, wall_s), traces)
+    session = run_session(connection, plan)
+    if session.failures:
+        raise UserError([f"{out}: {failure}" for failure in session.failures])
+    traces = traces_of(read_recording(plan.recording), spec, rig.plant(), settings.trajectory)
+    return Executed(_record(spec, traces, session.service, session.wall_s), traces)
 
 
 def _record(spec: RunSpec, traces: RunTraces, result: ServiceResult, wall_s: float) -> RunRecord:
