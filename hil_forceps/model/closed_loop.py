@@ -147,9 +147,7 @@ def interval(state: Vector, current_A: float, load_N_m: Vector, loop: Loop) -> V
 
 
 @kernel
-def _rollout(
-    state: Vector, references_rad: Vector, load_N_m: Vector, loop: Loop
-) -> tuple[Matrix, Vector, Vector]:
+def _rollout(state: Vector, references_rad: Vector, load_N_m: Vector, loop: Loop) -> tuple[Matrix, Vector, Vector]:
     samples = references_rad.shape[0]
     states = np.empty((samples, 4))
     angles = np.empty(samples)
