@@ -22,13 +22,13 @@ from hil_forceps.bridge.results import ServiceConfig, Telemetry
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
-from hil_forceps.rig import Rig, load_rig
+from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 
 EXIT_RUN_FAILED = 2
 
 
-def run(  # noqa: PLR0913 - a command line is a list of options
+def run(
     *,
     rig: Path,
     out: Path,
