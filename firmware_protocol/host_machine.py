@@ -50,6 +50,8 @@ HOST_COUNTERS: Final = (
 
 _MASK32: Final = (1 << 32) - 1
 _HALF32: Final = 1 << 31
+_RUNNING: Final = HostPhase.RUNNING
+_OPERATIONAL: Final = int(DriveState.OPERATIONAL)
 _STATES: Final = tuple(DriveState)
 _SAW: Final = (HostEvent.SAW_DISABLED, HostEvent.SAW_ARMED, HostEvent.SAW_OPERATIONAL, HostEvent.SAW_FAULT)
 _FAULTS: Final = {int(reason): reason for reason in FaultReason}
@@ -157,7 +159,7 @@ class HostMachine:
         newest = self._samples.newest
         if newest is None:
             return None
-        if self.phase is not HostPhase.RUNNING:
+        if self.phase is not _RUNNING:
             if not self._heartbeats.enabling or self.drive_state is not DriveState.ARMED:
                 return None
             theta_m_ref_raw = newest.theta_m
@@ -267,7 +269,8 @@ class HostMachine:
     def _saw_sample(self, sample: RawSample | None) -> None:
         if sample is not None:
             self._heard_ns = sample.received_ns
-            self._see(sample.state, sample.fault)
+            if self.phase is not _RUNNING or sample.state != _OPERATIONAL or sample.fault:  # else there is no news
+                self._see(sample.state, sample.fault)
         elif self._samples.restarted:
             self._lose_drive()
 

@@ -145,7 +145,9 @@ class SampleAssembler:
                 self._counters["drive_restarted"] += 1
                 self.restarted = True
                 return None
-            self._counters["lost_feedback"] += (sequence - newest.sequence - 1) & 0xFF
+            lost = (sequence - newest.sequence - 1) & 0xFF
+            if lost:
+                self._counters["lost_feedback"] += lost
             stamp_ns = newest.stamp_ns + gap_us * STAMP_LSB_NS
             theta_m = newest.theta_m + ((theta_m - newest.theta_m + _HALF32) & _MASK32) - _HALF32
         sample = RawSample(sequence, stamp_ns, theta_m, current, state, timing.fault, timing.setpoint_sequence, now_ns)

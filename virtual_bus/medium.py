@@ -16,16 +16,17 @@ from virtual_bus.bit_timing import (
     EOF_BITS,
     ERROR_FRAME_BITS,
     INTERMISSION_BITS,
-    RECOVERY_SEQUENCE_BITS,
     RECOVERY_SEQUENCES,
     BitTiming,
     clash,
 )
 from virtual_bus.faults import FOREVER_NS, FaultInjector, FaultKind, Side, StateChange
-from virtual_bus.port import DEFAULT_QUEUE_FRAMES, NEVER_SEQUENCES, Port, PortState
+from virtual_bus.port import DEFAULT_QUEUE_FRAMES, NEVER_SEQUENCES, OffBus, Port, PortState
 
 # What waits: id first, then order of arrival; port, frame and its time on the wire. A heap of these is the arbitration.
 _Entry = tuple[int, int, Port, Frame, int]
+
+_BUS_OFF = PortState.BUS_OFF  # looked up for every frame
 
 
 class Medium:
@@ -38,6 +39,7 @@ class Medium:
         self.timing = BitTiming() if timing is None else timing
         self.ports: list[Port] = []
         self.gone = False
+        self.last_sender: Port | None = None
         self._flight_end_ns = FOREVER_NS
         self._special_ns = FOREVER_NS  # next of what happens rarely: state changes, held frames, recovery
         self._intermission_ns = self.timing.bits_ns(INTERMISSION_BITS)
@@ -51,7 +53,7 @@ class Medium:
         self._twins: list[_Entry] = []  # the same bits sent by others at the same time
         self._failing: list[Port] | None = None  # an error frame ends this flight, to the charge of these
         self._held: list[tuple[int, int, Port, Frame]] = []  # delayed by a fault: due, order, sender, frame
-        self._off: list[Port] = []
+        self._off = OffBus(self.timing)
         self._plan_special()
 
     def attach(
@@ -68,20 +70,16 @@ class Medium:
         """Take a node off the bus with all that it still wanted to send; what is on the wire arrives."""
         self._discard(port)
         self.ports.remove(port)
-        if port in self._off:
-            self._off.remove(port)
-            self._plan_special()
+        self._off.remove(port)
+        self._plan_special()
 
     def submit(self, port: Port, frame: Frame, now_ns: int) -> bool:
         """Queue a frame; False, counted at the port, when the queue is full or the node has no bus.
 
         ValueError when there is no such CAN frame.
         """
-        if self.gone or port.state == PortState.BUS_OFF:
-            port.rejected_down += 1
-            return False
-        if port.queued >= port.queue_frames:
-            port.rejected_full += 1
+        if self.gone or port.queued >= port.queue_frames or port.state == _BUS_OFF:
+            self.refuses(port)
             return False
         entry = (frame[0], self._order, port, frame, self.timing.frame_ns(frame))
         self._order += 1
@@ -90,6 +88,16 @@ class Medium:
             self._ready_ns = now_ns
         heappush(self._pending, entry)
         return True
+
+    def refuses(self, port: Port, on_the_way: int = 0) -> bool:
+        """Tell whether this node could queue nothing now, beside `on_the_way` frames, and count the attempt if so."""
+        if self.gone or port.state == _BUS_OFF:
+            port.rejected_down += 1
+            return True
+        if port.queued + on_the_way >= port.queue_frames:
+            port.rejected_full += 1
+            return True
+        return False
 
     def flush(self, port: Port) -> None:
         """Forget what this node has queued and not begun to send."""
@@ -103,20 +111,19 @@ class Medium:
                 self._start(start_ns)
         return self._flight_end_ns if self._flight_end_ns < self._special_ns else self._special_ns
 
-    def run(self, now_ns: int) -> bool:
-        """Do what is due by now; False when nothing was, and so no node has been given anything."""
-        ended = now_ns >= self._flight_end_ns
-        if ended:
+    def run(self, now_ns: int) -> None:
+        """Do what is due by now; afterwards `last_sender` is the one node that has certainly been told nothing."""
+        self.last_sender = None
+        if now_ns >= self._flight_end_ns:
             self._finish(now_ns)
         if now_ns >= self._special_ns:
             self._special(now_ns)
-            return True
-        return ended
+            self.last_sender = None
 
     def _start(self, now_ns: int) -> None:
         """Arbitrate among all that wait and begin the winner's transmission."""
-        if self._off:
-            self._see_idle(now_ns)
+        if self._off.ports:
+            self._off.count_rest(self._idle_ns, now_ns)
         entry = heappop(self._pending)
         if self._pending and self._pending[0][0] == entry[0]:
             entry = self._meet(entry, now_ns)
@@ -125,7 +132,7 @@ class Medium:
             return
         _, _, port, frame, duration_ns = entry
         end_ns = now_ns + duration_ns
-        if len(self.ports) - len(self._off) - len(self._twins) < 2:
+        if len(self.ports) - len(self._off.ports) - len(self._twins) < 2:
             # An error-passive sender that only misses its acknowledge doesn't count on: it would end bus-off alone.
             charged = [port] if port.state == PortState.ERROR_ACTIVE else []
             self._fail(charged, end_ns - self.timing.bits_ns(EOF_BITS + ACK_DELIMITER_BITS))
@@ -152,12 +159,12 @@ class Medium:
                 if port.tec:
                     port.transmitted()
             if self._faults is None:
+                self.last_sender = entry[2] if not twins else None
                 self._deliver(entry[2], entry[3], now_ns)
             else:
                 self._route(entry[2], entry[3], now_ns)
-        if self._off:
-            for port in list(self._off):
-                self._count_sequences(port, 1)
+        if self._off.ports:
+            self._off.count_frame()
             self._plan_special()
 
     def _special(self, now_ns: int) -> None:
@@ -167,14 +174,13 @@ class Medium:
         while self._held and self._held[0][0] <= now_ns:
             _, _, sender, frame = heappop(self._held)
             self._deliver(sender, frame, now_ns)
-        for port in list(self._off):
-            if self._recovery_ns(port) <= now_ns:
-                self._count_sequences(port, port.left_sequences)
+        if self._off.ports and self._flight is None:
+            self._off.count_rest(self._idle_ns, now_ns)
         self._plan_special()
 
     def _deliver(self, sender: Port, frame: Frame, now_ns: int) -> None:
         for port in self.ports:
-            if port is not sender and port.state != PortState.BUS_OFF:
+            if port is not sender and port.state != _BUS_OFF:
                 port.received += 1
                 if port.rec:
                     port.heard()
@@ -228,12 +234,13 @@ class Medium:
     def _send_again(self, entries: list[_Entry], charged: list[Port], now_ns: int) -> None:
         senders = [entry[2] for entry in entries]
         for entry in entries:
-            heappush(self._pending, entry)
+            if entry[2] in self.ports:
+                heappush(self._pending, entry)
         for port in self.ports:
             if port in charged:
                 if port.transmit_failed():
                     self._go_off(port, RECOVERY_SEQUENCES, now_ns)
-            elif port not in senders and port.state != PortState.BUS_OFF:
+            elif port not in senders and port.state != _BUS_OFF:
                 port.receive_failed()
 
     def _change(self, change: StateChange, now_ns: int) -> None:
@@ -242,6 +249,7 @@ class Medium:
             if change.begins:
                 for port in self.ports:
                     self._discard(port)
+                self._held.clear()
                 self._abort(now_ns)
             return
         for port in self.ports:
@@ -251,7 +259,7 @@ class Medium:
                 if self._flight is not None and self._flight[2] is port:
                     self._abort(now_ns)
                 self._go_off(port, NEVER_SEQUENCES, now_ns)
-            elif port in self._off:
+            elif port in self._off.ports:
                 port.left_sequences, port.off_since_ns = RECOVERY_SEQUENCES, now_ns
 
     def _abort(self, now_ns: int) -> None:
@@ -265,9 +273,7 @@ class Medium:
 
     def _go_off(self, port: Port, sequences: int, now_ns: int) -> None:
         self._discard(port)
-        if port not in self._off:
-            self._off.append(port)
-        port.leave_bus(sequences, now_ns)
+        self._off.add(port, sequences, now_ns)
         self._plan_special()
 
     def _discard(self, port: Port) -> None:
@@ -278,27 +284,8 @@ class Medium:
         self._pending = kept
         heapify(self._pending)
 
-    def _see_idle(self, now_ns: int) -> None:
-        """Count the recessive sequences of the idle time that ends now."""
-        for port in list(self._off):
-            idle_ns = now_ns - max(self._idle_ns, port.off_since_ns)
-            self._count_sequences(port, idle_ns // self.timing.bits_ns(RECOVERY_SEQUENCE_BITS))
-
-    def _count_sequences(self, port: Port, sequences: int) -> None:
-        port.left_sequences -= sequences
-        if port.left_sequences <= 0:
-            self._off.remove(port)
-            port.rejoin_bus()
-
-    def _recovery_ns(self, port: Port) -> int:
-        """Return when this node is back if nobody sends from now on."""
-        if self._flight is not None or port.left_sequences >= NEVER_SEQUENCES // 2:
-            return FOREVER_NS
-        since_ns = max(self._idle_ns, port.off_since_ns)
-        return since_ns + port.left_sequences * self.timing.bits_ns(RECOVERY_SEQUENCE_BITS)
-
     def _plan_special(self) -> None:
-        due = [self._recovery_ns(port) for port in self._off]
+        due = [self._off.next_return_ns(self._idle_ns)] if self._flight is None else []
         if self._changes:
             due.append(self._changes[-1].time_ns)
         if self._held:

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from enum import IntEnum
 
 from firmware_protocol.frames import Frame
-from virtual_bus.faults import Side
+from virtual_bus.bit_timing import RECOVERY_SEQUENCE_BITS, BitTiming
+from virtual_bus.faults import FOREVER_NS, Side
 
 DEFAULT_QUEUE_FRAMES = 16
 NEVER_SEQUENCES = 1 << 40  # kept off the bus until somebody lets it recover
@@ -14,9 +15,9 @@ _BUS_OFF_ABOVE = 255
 _COUNTERS = (
     "sent",
     "received",
-    "rejected_full",
-    "rejected_down",
-    "discarded",
+    "rejected_full",  # the transmit queue was
+    "rejected_down",  # bus-off, or no bus
+    "discarded",  # queued, never sent: the bus went away
     "error_frames",
     "bus_offs",
     "tec",
@@ -33,7 +34,10 @@ class PortState(IntEnum):
 
 
 class Port:
-    """One controller on the bus; `deliver(frame, now_ns)` takes what the others send."""
+    """One controller on the bus; `deliver(frame, now_ns)` takes what the others send.
+
+    `on_bus_off()` tells its node, where it wants to know, that it has been thrown off the bus.
+    """
 
     __slots__ = (
         *_COUNTERS,
@@ -41,6 +45,7 @@ class Port:
         "left_sequences",
         "name",
         "off_since_ns",
+        "on_bus_off",
         "queue_frames",
         "queued",
         "side",
@@ -105,3 +110,54 @@ class Port:
     def _set_state(self) -> None:
         passive = self.tec > _PASSIVE_ABOVE or self.rec > _PASSIVE_ABOVE
         self.state = PortState.ERROR_PASSIVE if passive else PortState.ERROR_ACTIVE
+
+
+class OffBus:
+    """Those that are bus-off, each until it has seen its sequences of 11 recessive bits.
+
+    A bus at rest is one after the other; every frame ends with one: ACK delimiter, EOF and intermission. `ports` is
+    for reading.
+    """
+
+    def __init__(self, timing: BitTiming) -> None:
+        self.ports: list[Port] = []
+        self._sequence_ns = timing.bits_ns(RECOVERY_SEQUENCE_BITS)
+
+    def add(self, port: Port, sequences: int, now_ns: int) -> None:
+        """Take a node off the bus."""
+        if port not in self.ports:
+            self.ports.append(port)
+        port.leave_bus(sequences, now_ns)
+
+    def remove(self, port: Port) -> None:
+        """Forget a node that is no longer there."""
+        if port in self.ports:
+            self.ports.remove(port)
+
+    def count_rest(self, idle_ns: int, now_ns: int) -> None:
+        """Count the sequences of a bus at rest since `idle_ns`."""
+        for port in list(self.ports):
+            since_ns = max(idle_ns, port.off_since_ns)
+            sequences = max(now_ns - since_ns, 0) // self._sequence_ns
+            port.off_since_ns = since_ns + sequences * self._sequence_ns  # these don't count again
+            self._count(port, sequences)
+
+    def count_frame(self) -> None:
+        """Count the one sequence at the end of a frame."""
+        for port in list(self.ports):
+            self._count(port, 1)
+
+    def next_return_ns(self, idle_ns: int) -> int:
+        """Return when the first of them is back, if the bus rests from `idle_ns` on."""
+        returns = [
+            max(idle_ns, port.off_since_ns) + port.left_sequences * self._sequence_ns
+            for port in self.ports
+            if port.left_sequences < NEVER_SEQUENCES // 2
+        ]
+        return min(returns, default=FOREVER_NS)
+
+    def _count(self, port: Port, sequences: int) -> None:
+        port.left_sequences -= sequences
+        if port.left_sequences <= 0:
+            self.ports.remove(port)
+            port.rejoin_bus()

@@ -11,39 +11,58 @@ from virtual_bus.node import Node
 from virtual_bus.port import DEFAULT_QUEUE_FRAMES, Port
 
 
+class _Seat:
+    """A node with its port; its methods are looked up once, they are called for every frame."""
+
+    __slots__ = ("next_wake_ns", "port", "take_outbox", "wake")
+
+    def __init__(self, node: Node, port: Port) -> None:
+        self.port = port
+        self.wake = node.wake
+        self.next_wake_ns = node.next_wake_ns
+        self.take_outbox = node.take_outbox
+
+
 class Simulation:
     """Nodes on a medium. `now_ns` only grows; the same calls give the same events."""
 
     def __init__(self, medium: Medium) -> None:
         self.medium = medium
         self.now_ns = 0
-        self._nodes: list[Node] = []
-        self._ports: list[Port] = []
+        self._seats: list[_Seat] = []
         self._wakes: list[int] = [FOREVER_NS]  # of each node, and a last one so that there is always a least
 
     def add(self, node: Node, name: str, side: Side, queue_frames: int = DEFAULT_QUEUE_FRAMES) -> Port:
         """Attach a node; what it has in its outbox already is queued now."""
         port = self.medium.attach(name, side, node.receive, queue_frames)
-        self._nodes.append(node)
-        self._ports.append(port)
+        self._seats.append(_Seat(node, port))
         self._wakes.insert(-1, FOREVER_NS)
-        self._settle(len(self._nodes) - 1)
+        self._settle(len(self._seats) - 1)
         return port
 
     def remove(self, port: Port) -> None:
         """Detach a node; ValueError when it isn't there."""
-        index = self._ports.index(port)
+        index = self._index(port)
         self.medium.detach(port)
-        del self._nodes[index], self._ports[index], self._wakes[index]
+        del self._seats[index], self._wakes[index]
+
+    def settle(self, port: Port) -> None:
+        """Look again at a node that somebody outside has given something to do; ValueError when it isn't there."""
+        self._settle(self._index(port))
 
     def advance_until(self, limit_ns: int) -> None:
-        """Do everything up to and including `limit_ns`, but the arbitration at `limit_ns` itself."""
+        """Do everything up to and including `limit_ns`, but the arbitration at `limit_ns` itself.
+
+        ValueError when the limit is no time.
+        """
+        if limit_ns >= FOREVER_NS:
+            raise ValueError("time needs a limit to run to")
         while self.step(limit_ns):
             pass
         self.now_ns = max(self.now_ns, limit_ns)
 
     def step(self, limit_ns: int) -> bool:
-        """Do what is due at the next instant; False when nothing is left up to `limit_ns`."""
+        """Do what is due at the next instant; False when nothing is left up to `limit_ns`, below FOREVER_NS."""
         medium = self.medium
         wakes = self._wakes
         now_ns = min(wakes)
@@ -53,23 +72,32 @@ class Simulation:
             return False
         # A node that has just been told something may want to wake at once: never back in time.
         self.now_ns = now_ns = now_ns if now_ns > self.now_ns else self.now_ns
-        told = medium.run(now_ns)
-        for index in range(len(self._nodes)):
+        told = now_ns >= event_ns
+        if told:
+            medium.run(now_ns)
+        for index, seat in enumerate(self._seats):
             if wakes[index] <= now_ns:
                 self._wake(index)
-            elif told:
+            elif told and seat.port is not medium.last_sender:
                 self._settle(index)
         return True
 
     def _wake(self, index: int) -> None:
-        self._nodes[index].wake(self.now_ns)
+        self._seats[index].wake(self.now_ns)
         self._settle(index)
         if self._wakes[index] <= self.now_ns:
-            raise ValueError(f"node {self._ports[index].name} has been woken and wants it at the same time again")
+            name = self._seats[index].port.name
+            raise ValueError(f"node {name} has been woken and wants it at the same time again")
 
     def _settle(self, index: int) -> None:
         """Queue what a node wants to send and ask when it wants to wake."""
-        node = self._nodes[index]
-        for frame in node.take_outbox():
-            self.medium.submit(self._ports[index], frame, self.now_ns)
-        self._wakes[index] = node.next_wake_ns()
+        seat = self._seats[index]
+        for frame in seat.take_outbox():
+            self.medium.submit(seat.port, frame, self.now_ns)
+        self._wakes[index] = seat.next_wake_ns()
+
+    def _index(self, port: Port) -> int:
+        for index, seat in enumerate(self._seats):
+            if seat.port is port:
+                return index
+        raise ValueError(f"{port.name} is not on this bus")

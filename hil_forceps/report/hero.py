@@ -41,6 +41,7 @@ def hero_figure(runs: HeroRuns, edge_s: float = 12.5) -> Figure:
         _torque(edge, runs, edge_s, MILLI, (edge_s - 0.012, edge_s + 0.036))
         _jaw(jaw, runs.uncompensated, UNCOMPENSATED, start_s)
         _jaw(jaw, runs.kalman, look("kalman"), start_s)
+        _say_plateau(jaw, runs.uncompensated, edge_s)
         torque.set_title("torque on the jaw, added and estimated")
         edge.set_title(f"the edge at {edge_s:g} s")
         jaw.set_title("error of the jaw angle")
@@ -79,3 +80,18 @@ def _jaw(axes: Axes, run: RunTraces, style: Look, start_s: float) -> None:
     error = np.degrees(run.theta_j_true[rows] - run.theta_j_ref[rows])
     label = style.label if style is UNCOMPENSATED else f"compensated ({style.label})"
     axes.plot(*thinned(run.time_s[rows], error), color=style.color, ls=style.dash, label=label)
+
+
+def _say_plateau(axes: Axes, run: RunTraces, edge_s: float) -> None:
+    before = int(np.searchsorted(run.time_s, edge_s)) - 2
+    error = float(np.degrees(run.theta_j_true[before] - run.theta_j_ref[before]))
+    axes.annotate(
+        f"{error:.2f}°".replace("-", "−"),
+        (edge_s - 1.0, error),
+        (0, 3),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        color=UNCOMPENSATED.color,
+        fontsize=7,
+    )

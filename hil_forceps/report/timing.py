@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hil_forceps.report.style import DOUBLE_COLUMN, INK, house_style, new_figure, panel_letter
+from hil_forceps.report.style import DOUBLE_COLUMN, INK, PAPER, house_style, new_figure, panel_letter
 from hil_forceps.report.traces import Array, TimingTraces
 
 _BINS = 90
@@ -33,6 +33,9 @@ def timing_figure(traces: TimingTraces) -> Figure:
 
 
 def _histogram(axes: Axes, values: Array, marks: dict[str, float], unit: str) -> None:
+    if not values.size:
+        axes.text(0.5, 0.5, "none measured", transform=axes.transAxes, ha="center", va="center", bbox=PAPER)
+        return
     low, high = float(values.min()), float(values.max())
     tailed = high > _LONG_TAIL * float(np.median(values)) or low <= 0
     if tailed:
@@ -46,6 +49,10 @@ def _histogram(axes: Axes, values: Array, marks: dict[str, float], unit: str) ->
     axes.set_ylim(bottom=0.7)
     dashes = ("-", (0, (4, 1.2)), (0, (1.2, 1.2)), (0, (6, 1.2, 1, 1.2)))
     for index, (name, value) in enumerate(marks.items()):
-        label = f"{name} {value:.3g} {unit}"
+        label = f"{name} {_short(value)} {unit}"
         axes.axvline(value, color=INK, lw=0.8, ls=dashes[index % len(dashes)], label=label)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=len(marks), handlelength=1.8)
+
+
+def _short(value: float) -> str:
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"

@@ -37,6 +37,8 @@ def show_value(value: object) -> str:
     """Show a value from a file: one line, printable, bounded, in the file's own words where they differ from ours."""
     if isinstance(value, bool):
         return "true" if value else "false"
+    if value is None:
+        return "empty"
     if isinstance(value, dict):
         return "a mapping"
     if isinstance(value, list | tuple):

@@ -79,15 +79,16 @@ class Rig(Section):
         a whole section may be given as a mapping, and None removes a key, so that its default holds. UserError when
         the result is no valid rig.
         """
-        data = {key: dict(value) if isinstance(value, dict) else value for key, value in self.to_data().items()}
+        data = self.to_data()
         for dotted, value in changes.items():
             section, _, key = dotted.partition(".")
             target = data.setdefault(section, {}) if key else data
-            plain = list(value) if isinstance(value, tuple) else value
-            if plain is None:
+            if not isinstance(target, dict):
+                continue  # an earlier change put something else in place of the section: refused below
+            if value is None:
                 target.pop(key or section, None)
             else:
-                target[key or section] = plain
+                target[key or section] = dict(value) if isinstance(value, Mapping) else value
         return rig_from_data(data)
 
     def plant(self) -> PlantParameters:

@@ -6,6 +6,7 @@ keys in silence. Anchors, aliases, merge keys and tags are refused: a rig file i
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -91,7 +92,8 @@ def load_document(text: str, name: str) -> Document:
     builder = _Builder()
     try:
         _check_text(text)
-        _feed(builder, text)
+        for event in _events(text.removeprefix("\ufeff")):
+            builder.take(event)
     except _StopError as stop:
         before = render(name, builder.document.problems)
         at = f"{name}:{stop.mark.line}:{stop.mark.column}"
@@ -105,7 +107,9 @@ def render(name: str, problems: list[tuple[Mark, Problem]]) -> list[str]:
         f"{name}:{mark.line}: " + (f"{show_path(problem.path)}: " if problem.path else "") + problem.text
         for mark, problem in sorted(problems, key=lambda item: item[0])
     ]
-    return list(dict.fromkeys(lines))
+    different = list(dict.fromkeys(lines))
+    more = len(different) - MAX_PROBLEMS
+    return [*different[:MAX_PROBLEMS], f"{name}: {more} more problems; correct these first"] if more > 0 else different
 
 
 def _check_text(text: str) -> None:
@@ -123,23 +127,25 @@ def _mark_at(text: str, index: int) -> Mark:
     return Mark(text.count("\n", 0, index) + 1, index - start + 1)
 
 
-def _feed(builder: "_Builder", text: str) -> None:
-    """Run PyYAML's parser; whatever it objects to becomes a `_StopError` with its place."""
-    loader: yaml.SafeLoader | None = None
+def _events(text: str) -> Iterator[yaml.Event]:
+    """Yield the events of PyYAML's parser; whatever it objects to becomes a `_StopError` with its place."""
     try:
-        loader = yaml.SafeLoader(text.removeprefix("\ufeff"))
-        while (event := loader.get_event()) is not None:  # type: ignore[no-untyped-call]
-            builder.take(event)
+        loader = yaml.SafeLoader(text)
     except yaml.reader.ReaderError as error:
-        shown = f"character U+{error.character:04X}" if isinstance(error.character, int) else "a character"
+        shown = f"character U+{int(error.character):04X}"
         raise _StopError(_mark_at(text, error.position), f"{shown} is refused; write the file in plain UTF-8") from None
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        raise _StopError(_mark(mark), _syntax_text(error)) from None
-    except (ValueError, OverflowError):
-        # PyYAML converts escapes such as "\UFFFFFFFF" and the digits of %YAML without a check of its own.
-        where = loader.get_mark() if loader else None
-        raise _StopError(_mark(where), "this escape or number is out of range; write the character itself") from None
+    while True:
+        try:
+            event = loader.get_event()  # type: ignore[no-untyped-call]
+        except yaml.MarkedYAMLError as error:
+            raise _StopError(_mark(error.problem_mark or error.context_mark), _syntax_text(error)) from None
+        except (ValueError, OverflowError):
+            # PyYAML converts escapes such as "\UFFFFFFFF" and the digits of %YAML without a check of its own.
+            where = _mark(loader.get_mark())
+            raise _StopError(where, "this escape or number is out of range; write the character itself") from None
+        if event is None:
+            return
+        yield event
 
 
 def _mark(mark: _PyYamlMark | None) -> Mark:

@@ -17,7 +17,16 @@ from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig, UserError
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.runs.csv_table import read_csv
-from hil_forceps.runs.instrument_report import WHOLE, Array, Fitted, InstrumentReport, RunInfo, Trace, write_report
+from hil_forceps.runs.instrument_report import (
+    WHOLE,
+    Array,
+    Fitted,
+    InstrumentReport,
+    RunInfo,
+    SAME_FREQUENCY_Hz,
+    Trace,
+    write_report,
+)
 from hil_forceps.runs.instrument_score import DROPPED_S, Estimated, Key, Tally, Zeros, parts_of
 from hil_forceps.runs.surgical_tool import iter_surgical_tool
 from hil_forceps.runs.table import Run
@@ -141,8 +150,10 @@ def _fill_gaps(rig: Rig, runs: Sequence[Run]) -> _Plan:
         ratio_from = "jaw angle over spindle angle, all runs"
     if rig.motor.torque_constant_N_m_per_A.value is None:
         both = [run.columns for run in runs if "current_A" in run.columns and "tau_m_N_m" in run.columns]
-        constant = _shared_slope([(columns["current_A"], columns["tau_m_N_m"]) for columns in both]) if both else 0.0
-        if constant > 0:
+        if both:
+            constant = _shared_slope([(columns["current_A"], columns["tau_m_N_m"]) for columns in both])
+            if not constant > 0:
+                raise UserError(f"spindle torque changes by {constant:.3g} N m per A of current; it must rise with it")
             changes["motor.torque_constant_N_m_per_A"] = constant
             constant_from = "spindle torque over current, all runs"
     filled = rig.with_changes(changes)
@@ -168,9 +179,8 @@ def _describe(run: Run) -> RunInfo:
 
 def _spread(infos: Sequence[RunInfo]) -> set[str]:
     """Choose runs to draw: lowest, middle and highest load among those of the middle frequency."""
-    middle = float(np.median([info.frequency_Hz for info in infos]))
-    near = min(abs(info.frequency_Hz - middle) for info in infos)
-    there = [info for info in infos if abs(info.frequency_Hz - middle) <= near + 0.02]
+    middle = sorted(info.frequency_Hz for info in infos)[len(infos) // 2]
+    there = [info for info in infos if abs(info.frequency_Hz - middle) < SAME_FREQUENCY_Hz]
     there.sort(key=lambda info: info.load_N_m)
     picks = np.linspace(0, len(there) - 1, min(DRAWN_RUNS, len(there))).round().astype(int)
     return {there[pick].name for pick in picks}

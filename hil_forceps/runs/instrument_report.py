@@ -17,6 +17,7 @@ PUBLISHED_THETA_J_RMSE_RAD = math.radians(0.37)
 PUBLISHED_TAU_W_RMSE_N_m = 4.42e-3
 
 WHOLE, CLOSING = "whole", "closing"
+SAME_FREQUENCY_Hz = 0.03  # runs closer than this were meant to have the same frequency
 
 
 class RunInfo(NamedTuple):
@@ -100,7 +101,7 @@ class InstrumentReport(NamedTuple):
 
 
 def write_report(report: InstrumentReport, out: Path) -> tuple[Path, Path]:
-    """Write `instrument.json` (all but the traces) and `instrument_runs.csv` (one line per run, source, method, part)."""
+    """Write `instrument.json` (all but the traces) and `instrument_runs.csv` (a line per run, source, method, part)."""
     out.mkdir(parents=True, exist_ok=True)
     summary, runs = out / "instrument.json", out / "instrument_runs.csv"
     content = {

@@ -29,7 +29,7 @@ class Estimated(NamedTuple):
 class _Moments(NamedTuple):
     """Of measured minus estimated, enough for the RMSE about any zero; `mean` None where it was not finite."""
 
-    count: int
+    samples: int
     mean: float | None
     mean_square: float
 
@@ -68,7 +68,7 @@ class Tally:
         """Return the errors of every run."""
         zeros = self.zeros()
         return tuple(
-            Score(run, *key, _rmse([tau_w], zeros[key][0]), _rmse([theta_j], zeros[key][1]), tau_w.count)
+            Score(run, *key, _rmse([tau_w], zeros[key][0]), _rmse([theta_j], zeros[key][1]), tau_w.samples)
             for (run, key), (tau_w, theta_j) in self._entries.items()
         )
 
@@ -81,7 +81,7 @@ class Tally:
                 *key,
                 _rmse([tau_w for tau_w, _ in runs], zeros[key][0]),
                 _rmse([theta_j for _, theta_j in runs], zeros[key][1]),
-                sum(tau_w.count for tau_w, _ in runs),
+                sum(tau_w.samples for tau_w, _ in runs),
             )
             for key, runs in self._by_key()
         )
@@ -100,7 +100,7 @@ def _moments(errors: Array) -> _Moments:
 
 
 def _pooled_mean(runs: list[_Moments]) -> float | None:
-    finite = [(run.count, run.mean) for run in runs if run.mean is not None]
+    finite = [(run.samples, run.mean) for run in runs if run.mean is not None]
     count = sum(n for n, _ in finite)
     return sum(n * mean for n, mean in finite) / count if count else None
 
@@ -110,5 +110,5 @@ def _rmse(runs: list[_Moments], zero: float | None) -> float | None:
     for run in runs:
         if run.mean is None or zero is None:
             return None
-        total += run.count * (run.mean_square - 2 * zero * run.mean + zero**2)
-    return float(np.sqrt(max(total, 0.0) / sum(run.count for run in runs)))
+        total += run.samples * (run.mean_square - 2 * zero * run.mean + zero**2)
+    return float(np.sqrt(max(total, 0.0) / sum(run.samples for run in runs)))

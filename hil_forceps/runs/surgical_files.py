@@ -13,6 +13,7 @@ MAX_FILE_BYTES = 16 << 20  # a run of 20 s has 1.2 MB
 MAX_FILES = 100  # two digits
 MAX_ZIP_ENTRIES = 10_000
 
+_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _Home = TypeVar("_Home", Path, str)
 _RUN_FILE = re.compile(r"[0-9]{2}\.txt", re.IGNORECASE)
 
@@ -52,27 +53,33 @@ def _runs_in(folder: Path) -> list[Path]:
 
 
 def _zip(path: Path) -> Iterator[Member]:
+    with _archive(path) as archive:
+        entries = archive.infolist()
+        if len(entries) > MAX_ZIP_ENTRIES:
+            raise UserError(f"{path}: {len(entries)} entries; a data set has at most {MAX_FILES} runs")
+        runs = [entry for entry in entries if _RUN_FILE.fullmatch(PurePosixPath(entry.filename).name)]
+        home = _only(path, sorted({str(PurePosixPath(entry.filename).parent) for entry in runs}))
+        if len(runs) > MAX_FILES:
+            raise UserError(f"{path}: {len(runs)} runs in {home}; a data set has at most {MAX_FILES}")
+        for entry in sorted(runs, key=lambda entry: entry.filename):
+            label = f"{path}!{entry.filename}"
+            yield Member(PurePosixPath(entry.filename).stem, label, _bounded(archive, entry, label))
+
+
+def _archive(path: Path) -> zipfile.ZipFile:
     try:
-        with zipfile.ZipFile(path) as archive:
-            entries = archive.infolist()
-            if len(entries) > MAX_ZIP_ENTRIES:
-                raise UserError(f"{path}: {len(entries)} entries; a data set has at most {MAX_FILES} runs")
-            runs = [entry for entry in entries if _RUN_FILE.fullmatch(PurePosixPath(entry.filename).name)]
-            home = _only(path, sorted({str(PurePosixPath(entry.filename).parent) for entry in runs}))
-            if len(runs) > MAX_FILES:
-                raise UserError(f"{path}: {len(runs)} runs in {home}; a data set has at most {MAX_FILES}")
-            for entry in sorted(runs, key=lambda entry: entry.filename):
-                label = f"{path}!{entry.filename}"
-                yield Member(PurePosixPath(entry.filename).stem, label, _bounded(archive, entry, label))
-    except zipfile.BadZipFile as error:
+        return zipfile.ZipFile(path)
+    except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
         raise UserError(f"{path}: neither a folder nor a sound zip: {error}") from error
 
 
 def _bounded(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, label: str) -> bytes:
+    if entry.compress_type not in _COMPRESSIONS:
+        raise UserError(f"{label}: compressed by method {entry.compress_type}; only stored and deflated are read")
     try:
         with archive.open(entry) as file:
             data = file.read(MAX_FILE_BYTES + 1)  # the size in the zip's directory may lie
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
         raise UserError(f"{label}: can't be unpacked: {error}") from error
     if len(data) > MAX_FILE_BYTES:
         raise _too_large(label)

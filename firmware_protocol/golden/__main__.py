@@ -1,0 +1,7 @@
+"""Write the golden vectors to standard output."""
+
+import sys
+
+from firmware_protocol.golden import document
+
+sys.stdout.write(document())
