@@ -122,7 +122,7 @@ def run_direct(
         law.current_limit_A,
     )
     loop = make_loop(rig.plant(), drive, rig.encoder.counts_per_rev, law.sample_time_s / steps)
-    noise = np.random.default_rng(seed).normal(0.0, rig.noise.current_A, samples)
+    noise = np.random.default_rng(seed).standard_normal(samples) * rig.noise.current_A
     quanta = (WIRE_ANGLE_RAD, WIRE_CURRENT_A) if over_wire else (0.0, 0.0)
     kind, constants = estimator.compiled
     return DirectRun(
