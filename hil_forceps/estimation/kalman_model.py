@@ -147,12 +147,14 @@ def stretch(c: Constants, dt_s: float) -> Matrix:
     units = c[_UNITS:_LEAD]
     rates = c[_RATES:_UNITS].copy().reshape((6, 6)) * dt_s
     count = max(halvings(rates), _STEP_HALVINGS)
-    transition = taylor_exponential(rates * 0.5**count)
-    # Mean covariance of a step within, by doubling: that of the second half, and of the first carried through it.
+    transition = taylor_exponential(rates * 0.5 ** (count + 1))
+    # Mean covariance of a step within: of one in the middle of the smallest part, then by doubling, that of the second
+    # half and that of the first carried through it.
     within = np.empty((5, 5))
     for i in range(5):
         for j in range(5):
             within[i, j] = transition[i, LOAD] * transition[j, LOAD]
+    transition = multiply(transition, transition)
     for _ in range(count):
         carried = multiply(multiply(transition[:5, :5], within), np.ascontiguousarray(transition[:5, :5].T))
         for i in range(5):
