@@ -1,5 +1,6 @@
 """What the service needs from outside, as protocols; adapters and tests supply them."""
 
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from typing import NamedTuple, Protocol
 
@@ -24,11 +25,15 @@ class Received(NamedTuple):
 class Link(Protocol):
     """A raw-frame transport. Nothing here blocks, and nothing raises for what the outside did."""
 
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """What went wrong so far, by name."""
+
     def send(self, frame: Frame) -> SendResult:
         """Hand over one frame now or not at all."""
 
-    def receive(self) -> list[Received]:
-        """Return what has arrived since the last call, oldest first, bounded."""
+    def receive(self) -> Sequence[tuple[int, Frame]]:
+        """Return what has arrived since the last call, each with its time (see `Received`), oldest first, bounded."""
 
     def is_up(self) -> bool:
         """Tell whether the bus is there."""

@@ -1,0 +1,56 @@
+"""Which runs a bench file asks for, as data."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+
+
+class RunSpec(NamedTuple):
+    """One run of the bench: what moves, what estimates, and over which wire."""
+
+    simulation: int
+    algorithm: str
+    compensated: bool
+    sample_time_s: float
+    on_bus: bool  # False: the same frames over a wire that takes no time, for rates that no CAN carries
+
+    @property
+    def name(self) -> str:
+        """Return a file name for what this run leaves behind."""
+        compensation = "compensated" if self.compensated else "uncompensated"
+        return f"sim{self.simulation}_{self.algorithm}_{compensation}_{self.sample_time_s:g}s"
+
+
+def run_matrix(rig: Rig, simulation: int | None = None, algorithm: str | None = None) -> list[RunSpec]:
+    """List the runs of a bench file, those on the bus first.
+
+    Every algorithm runs compensated and uncompensated on the bus; at the direct sample times only compensated, since
+    the uncompensated jaw error does not depend on the rate. UserError for a simulation or algorithm the file does
+    not have.
+    """
+    bench = rig.bench
+    simulations = _chosen("simulation", bench.simulations, simulation)
+    algorithms = _chosen("algorithm", bench.algorithms, algorithm)
+    on_bus = [
+        RunSpec(s, a, compensated, bench.host_period_s, True)
+        for s in simulations
+        for a in algorithms
+        for compensated in (True, False)
+    ]
+    direct = [
+        RunSpec(s, a, True, period_s, False)
+        for period_s in bench.direct_sample_times_s
+        for s in simulations
+        for a in algorithms
+    ]
+    return on_bus + direct
+
+
+def _chosen(what: str, available: Sequence[int | str], wanted: int | str | None) -> list[Any]:
+    if wanted is None:
+        return list(available)
+    if wanted not in available:
+        raise UserError(f"--{what} {wanted}: this bench has {', '.join(map(str, available))}")
+    return [wanted]

@@ -1,0 +1,151 @@
+"""Opening a link: any python-can interface or pyserial URL, with the clock that goes with it; errors in words."""
+
+import errno
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple, cast
+
+import can
+import serial
+
+from hil_forceps.bridge.can_link import PythonCanLink, VirtualTimeLink, error_number
+from hil_forceps.bridge.clocks import MonotonicClock, VirtualClock, VirtualTimeBus
+from hil_forceps.bridge.ports import Clock, Link
+from hil_forceps.bridge.serial_link import SerialLink
+from hil_forceps.rig.errors import UserError
+
+IFF_UP = 1
+NET_DEVICES = Path("/sys/class/net")
+SERIAL_DEVICES = Path("/sys/class/tty")
+VIRTUAL_TIME = ("now_ns", "advance_until_ns", "send_frame", "receive_frames")
+
+_CAN_REMEDIES = {
+    errno.ENODEV: "there is no such CAN device; see `ip link`, and `ip link set can0 up type can bitrate 1000000`",
+    errno.ENETDOWN: "the device is down; `ip link set can0 up type can bitrate 1000000`",
+    errno.EAFNOSUPPORT: "this kernel has no CAN; `modprobe can_raw`, or use udp_multicast or a serial port",
+    errno.EPROTONOSUPPORT: "this kernel has no raw CAN sockets; `modprobe can_raw`",
+    errno.EPERM: "not permitted; run as a user that may use it",
+    errno.EACCES: "not permitted; run as a user that may use it",
+    errno.ENOENT: "there is no such device; check the channel",
+}
+_SERIAL_REMEDIES = {
+    errno.ENOENT: "there is no such port; see `python3 -m serial.tools.list_ports`",
+    errno.EACCES: "not permitted; add your user to the group that owns it (often `dialout`)",
+    errno.EPERM: "not permitted; add your user to the group that owns it (often `dialout`)",
+    errno.EBUSY: "another program has it open; close that first",
+    errno.EAGAIN: "another program has it open; close that first",
+    errno.ENOTTY: "this is not a serial port",
+    errno.EIO: "the other end is gone",
+    errno.ECONNREFUSED: "nobody listens there",
+}
+
+
+class LinkSpec(NamedTuple):
+    """Where the drive is: `interface` and `channel` of python-can, or `serial_url` (a path or a pyserial URL).
+
+    `options` go to the python-can interface as they are. `spin_ns`: see `MonotonicClock`.
+    """
+
+    interface: str = ""
+    channel: str = ""
+    serial_url: str = ""
+    fd: bool = False
+    bitrate_bit_per_s: int = 1_000_000
+    data_bitrate_bit_per_s: int = 5_000_000
+    baudrate: int = 1_000_000
+    options: Mapping[str, object] = MappingProxyType({})
+    spin_ns: int = 100_000
+
+
+class Connection(NamedTuple):
+    """An open link with its clock.
+
+    `virtual_time` says that the clock is the bus itself, `notes` what a user should know.
+    """
+
+    link: Link
+    clock: Clock
+    virtual_time: bool
+    notes: tuple[str, ...]
+
+
+def open_link(spec: LinkSpec) -> Connection:
+    """Open what `spec` names; UserError with the remedy when that can't be."""
+    if bool(spec.interface) == bool(spec.serial_url):
+        raise UserError("give either a CAN interface or a serial port")
+    return _open_serial(spec) if spec.serial_url else _open_can(spec)
+
+
+def _open_can(spec: LinkSpec) -> Connection:
+    name = f"{spec.interface}:{spec.channel}" if spec.channel else spec.interface
+    _check_net_device(spec)
+    options: dict[str, object] = {"fd": spec.fd, "bitrate": spec.bitrate_bit_per_s, **spec.options}
+    if spec.fd:
+        options.setdefault("data_bitrate", spec.data_bitrate_bit_per_s)
+    try:
+        # ty: python-can takes whatever the interface knows
+        bus = can.Bus(channel=spec.channel or None, interface=spec.interface, ignore_config=True, **options)  # type: ignore[arg-type]
+    except NotImplementedError as error:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise UserError(f"{name}: {_words(error)}; interfaces: {known}") from error
+    except (can.CanError, OSError, ValueError, TypeError, ImportError, AttributeError) as error:
+        raise UserError(f"{name}: can't be opened: {_words(error)}{_can_remedy(spec, error)}") from error
+    if all(hasattr(bus, method) for method in VIRTUAL_TIME):
+        virtual = cast(VirtualTimeBus, bus)
+        return Connection(VirtualTimeLink(virtual), VirtualClock(virtual), True, ())
+    clock = MonotonicClock(spec.spin_ns)
+    return Connection(PythonCanLink(bus, clock), clock, False, ())
+
+
+def _check_net_device(spec: LinkSpec) -> None:
+    if spec.interface != "socketcan" or not spec.channel:
+        return
+    try:
+        flags = int((NET_DEVICES / spec.channel / "flags").read_text(), 16)
+    except (OSError, ValueError):
+        return  # opening it says what is wrong
+    if not flags & IFF_UP:
+        raise UserError(
+            f"socketcan:{spec.channel}: the device is down; "
+            f"`ip link set {spec.channel} up type can bitrate {spec.bitrate_bit_per_s}`"
+        )
+
+
+def _can_remedy(spec: LinkSpec, error: Exception) -> str:
+    if spec.interface == "udp_multicast":
+        if "msgpack" in str(error):
+            return "; install it: pip install msgpack"
+        return "; is there a route? `ip link set lo multicast on; ip route add 239.0.0.0/8 dev lo`"
+    number = error_number(error)
+    return f"; {_CAN_REMEDIES[number]}" if number in _CAN_REMEDIES else ""
+
+
+def _open_serial(spec: LinkSpec) -> Connection:
+    url = spec.serial_url
+    try:
+        port = serial.serial_for_url(url, baudrate=spec.baudrate, timeout=0)
+        if "://" not in url:
+            port.exclusive = True
+    except (serial.SerialException, OSError, ValueError) as error:
+        number = error_number(error)
+        remedy = f"; {_SERIAL_REMEDIES[number]}" if number in _SERIAL_REMEDIES else ""
+        raise UserError(f"{url}: can't be opened: {_words(error)}{remedy}") from error
+    clock = MonotonicClock(spec.spin_ns)
+    return Connection(SerialLink(port, clock), clock, False, serial_notes(url, SERIAL_DEVICES))
+
+
+def serial_notes(path: str, devices: Path) -> tuple[str, ...]:
+    """Tell what makes a serial adapter slow: FTDI chips hold data back for 16 ms unless told otherwise."""
+    timer = devices / Path(path).name / "device" / "latency_timer"
+    try:
+        latency_ms = int(timer.read_text())
+    except (OSError, ValueError):
+        return ()
+    if latency_ms <= 1:
+        return ()
+    return (f"{path}: the adapter holds data back for {latency_ms} ms; `echo 1 > {timer}` as root",)
+
+
+def _words(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

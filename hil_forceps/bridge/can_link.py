@@ -1,0 +1,181 @@
+"""Links over python-can: any interface it has, and the shorter way to a bus in virtual time.
+
+A full queue is told from a dead bus by the error number under python-can's exception, or by the controller's state;
+an error without a number counts as a full queue until it has come `GIVE_UP_AFTER` times in a row.
+"""
+
+import errno
+import time
+
+import can
+
+from firmware_protocol.frames import Frame
+from hil_forceps.bridge.clocks import VirtualTimeBus
+from hil_forceps.bridge.ports import Clock, Received, SendResult
+
+MAX_DRAIN = 512  # frames taken by one call; the rest waits in the kernel, so a flood can't hold up a tick
+GIVE_UP_AFTER = 100
+MAX_STANDARD_ID = 0x7FF
+CAN_ERR_BUSOFF = 0x40  # linux/can/error.h: class of a SocketCAN error frame, in its id
+OLDEST_STAMP_NS = 1_000_000_000  # a stamp further back isn't of this clock (devices that count from power-on)
+DEAD = frozenset({
+    errno.ENETDOWN, errno.ENETUNREACH, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.EIO, errno.EPIPE,
+    errno.ESHUTDOWN, errno.ENOTCONN, errno.ECONNRESET, errno.ECONNREFUSED, errno.EADDRNOTAVAIL,
+})  # fmt: skip
+ERRORS = (can.CanError, OSError, ValueError)  # ValueError: select on a socket that was closed under us
+
+
+class PythonCanLink:
+    """A python-can bus.
+
+    A frame arrived at the kernel's or adapter's stamp where that is of the system's clock, else when it was read.
+    """
+
+    def __init__(self, bus: can.BusABC, clock: Clock, fd: bool = False) -> None:
+        self.counters = dict.fromkeys(
+            ("error_frames", "not_ours", "own", "read_errors", "queue_full", "send_errors", "unstamped"), 0
+        )
+        self._bus = bus
+        self._clock = clock
+        self._fd = fd
+        self._up = True
+        self._closed = False
+        self._strange_in_a_row = 0
+
+    def send(self, frame: Frame) -> SendResult:
+        """Hand over one frame now or not at all."""
+        if not self._up:
+            return SendResult.BUS_DOWN
+        message = can.Message(
+            arbitration_id=frame.arbitration_id,
+            data=frame.data,
+            is_extended_id=False,
+            is_fd=frame.is_fd,
+            bitrate_switch=frame.is_fd,
+            check=False,
+        )
+        try:
+            self._bus.send(message, timeout=0)
+        except ERRORS as error:
+            return self._not_sent(error)
+        self._strange_in_a_row = 0
+        return SendResult.SENT
+
+    def receive(self) -> list[Received]:
+        """Return what has arrived since the last call, at most `MAX_DRAIN`, oldest first."""
+        frames: list[Received] = []
+        if not self._up:
+            return frames
+        now_ns = self._clock.now_ns()
+        to_host_ns = now_ns - time.time_ns()
+        for _ in range(MAX_DRAIN):
+            try:
+                message = self._bus.recv(0)
+            except ERRORS as error:
+                self._not_read(error)
+                break
+            if message is None:
+                break
+            if self._is_data(message):
+                time_ns = self._arrival_ns(message.timestamp, to_host_ns, now_ns)
+                frames.append(Received(time_ns, Frame(message.arbitration_id, bytes(message.data), message.is_fd)))
+        return frames
+
+    def is_up(self) -> bool:
+        """Tell whether the bus is there: false once it was found dead or the controller bus-off, for good."""
+        if self._up and self._bus.state is can.BusState.ERROR:
+            self._up = False
+        return self._up
+
+    def close(self) -> None:
+        """Release the bus; safe to call twice."""
+        self._up = False
+        if not self._closed:
+            self._closed = True
+            self._bus.shutdown()
+
+    def _is_data(self, message: can.Message) -> bool:
+        if message.is_error_frame:
+            self.counters["error_frames"] += 1
+            if message.arbitration_id & CAN_ERR_BUSOFF:
+                self._up = False
+            return False
+        if not message.is_rx:  # our own, played back by the interface
+            self.counters["own"] += 1
+            return False
+        if message.is_extended_id or message.is_remote_frame or message.arbitration_id > MAX_STANDARD_ID:
+            self.counters["not_ours"] += 1
+            return False
+        return True
+
+    def _arrival_ns(self, stamp_s: float, to_host_ns: int, now_ns: int) -> int:
+        time_ns = int(stamp_s * 1e9) + to_host_ns
+        if now_ns - OLDEST_STAMP_NS < time_ns <= now_ns:
+            return time_ns
+        self.counters["unstamped"] += time_ns <= now_ns - OLDEST_STAMP_NS
+        return now_ns  # a stamp later than the reading is one from while we read
+
+    def _not_sent(self, error: Exception) -> SendResult:
+        self.counters["send_errors"] += 1
+        if self._is_deadly(error):
+            self._up = False
+            return SendResult.BUS_DOWN
+        self.counters["queue_full"] += 1
+        return SendResult.QUEUE_FULL
+
+    def _not_read(self, error: Exception) -> None:
+        self.counters["read_errors"] += 1
+        if self._is_deadly(error):
+            self._up = False
+
+    def _is_deadly(self, error: Exception) -> bool:
+        number = error_number(error)
+        if number is not None:
+            return number in DEAD
+        self._strange_in_a_row += 1
+        return self._strange_in_a_row >= GIVE_UP_AFTER or self._bus.state is can.BusState.ERROR
+
+
+class VirtualTimeLink:
+    """A bus in virtual time, without python-can's messages in between."""
+
+    def __init__(self, bus: VirtualTimeBus) -> None:
+        self.counters = {"queue_full": 0}
+        self._bus = bus
+        self._send = bus.send_frame
+        self._receive = bus.receive_frames
+        self._closed = False
+
+    def send(self, frame: Frame) -> SendResult:
+        """Hand over one frame now or not at all."""
+        if self._closed:
+            return SendResult.BUS_DOWN
+        if self._send(frame):
+            return SendResult.SENT
+        if not self.is_up():
+            return SendResult.BUS_DOWN
+        self.counters["queue_full"] += 1
+        return SendResult.QUEUE_FULL
+
+    def receive(self) -> list[tuple[int, Frame]]:
+        """Return what has arrived since the last call, oldest first; the bus bounds it."""
+        return [] if self._closed else self._receive()
+
+    def is_up(self) -> bool:
+        """Tell whether the bus is there and the controller takes part in it."""
+        return not self._closed and self._bus.state is not can.BusState.ERROR
+
+    def close(self) -> None:
+        """Release the bus; safe to call twice."""
+        if not self._closed:
+            self._closed = True
+            self._bus.shutdown()
+
+
+def error_number(error: BaseException) -> int | None:
+    """Return the errno at the bottom of an exception; python-can keeps it in one of three places."""
+    if isinstance(error, can.CanError) and error.error_code:
+        return int(error.error_code)
+    if isinstance(error, OSError) and error.errno:
+        return error.errno
+    return error_number(error.__cause__) if error.__cause__ is not None else None

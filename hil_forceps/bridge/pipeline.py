@@ -1,0 +1,207 @@
+"""From raw samples to the reference that may leave: estimate, compensate (10), gate. Pure: time comes in.
+
+Every sample goes through the estimator, in order; at most one reference comes out of a tick, from the newest sample,
+and none twice from the same one: a drive's watchdog is to be fed by fresh control output only.
+
+Before the drive is OPERATIONAL the reference is the measured angle itself, so enabling moves nothing. The zero of the
+experiment is the stamp of the first OPERATIONAL sample, and trajectory time is the newest sample's stamp less that.
+
+Approach: where the motor angle at the zero is more than `tolerance_rad` away from the first reference, the difference
+is added to the reference and fades out along 10s³ − 15s⁴ + 6s⁵, as long as it takes to stay below `speed_rad_per_s`.
+The trajectory runs on underneath, so the zero stays what it is; a jaw that is already where the trajectory begins
+(the paper's bench) has no approach at all.
+"""
+
+import math
+from collections.abc import Callable
+from enum import IntEnum
+from typing import NamedTuple
+
+from firmware_protocol.host_machine import RawSample
+from firmware_protocol.messages import DriveState
+from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_from_rad
+from hil_forceps.bridge.statistics import StampMap
+from hil_forceps.control.compensator import motor_reference_rad
+from hil_forceps.control.gate import Gate, GateState, GateVerdict
+from hil_forceps.estimation.interface import Estimate, Estimator, Sample, State
+from hil_forceps.rig.plant import PlantParameters
+from hil_forceps.runs.recording_writer import Reference
+
+GATE_VERDICT_BASE = 16
+PEAK_SPEED = 1.875  # of 10s³ − 15s⁴ + 6s⁵, at s = 1/2
+NOWHERE_NS = -1
+
+
+class Verdict(IntEnum):
+    """Why a tick had nothing for the gate; the gate's own verdicts follow from `GATE_VERDICT_BASE` on."""
+
+    NOTHING_NEW = 0  # no sample since the tick before
+    STALE = 1  # the newest sample is older than allowed
+
+
+GATE_CODES = {verdict: GATE_VERDICT_BASE + place for place, verdict in enumerate(GateVerdict)}
+VERDICT_NAMES = {int(verdict): verdict.name for verdict in Verdict} | {
+    code: verdict.name for verdict, code in GATE_CODES.items()
+}
+
+
+class Approach(NamedTuple):
+    """How to get from where the jaw is to where the trajectory begins; angle and speed of the motor pulley."""
+
+    speed_rad_per_s: float = 0.5
+    tolerance_rad: float = 0.01
+
+
+DEFAULT_APPROACH = Approach()
+
+
+class Taken(NamedTuple):
+    """One sample in SI and what the estimator made of it."""
+
+    theta_m_rad: float
+    current_A: float
+    torque_N_m: float
+    estimate: Estimate
+
+
+class Pipeline:
+    """One estimator with its compensation and gate, running over one stream of samples."""
+
+    def __init__(
+        self,
+        estimator: Estimator,
+        trajectory: Callable[[float], float],
+        plant: PlantParameters,
+        gate: Gate,
+        compensate: bool,
+        max_sample_age_s: float,
+        approach: Approach = DEFAULT_APPROACH,
+        same_clock: bool = False,
+    ) -> None:
+        """`trajectory`: jaw angle [rad] over time [s]; uncompensated means the elongation is taken as zero in (10).
+
+        `same_clock`: the drive's stamps are the host's own clock (see `StampMap`).
+        """
+        if not max_sample_age_s > 0.0 or not approach.speed_rad_per_s > 0.0:
+            raise ValueError("the greatest sample age and the approach speed must be positive")
+        self.zero_ns: int | None = None
+        self.denied_in_a_row = 0
+        self.newest: RawSample | None = None
+        self.taken = Taken(math.nan, math.nan, math.nan, Estimate(math.nan, math.nan))
+        self.counters = {"samples": 0, "not_increasing": 0, "nothing_new": 0, "stale": 0, "denied": 0, "passed": 0}
+        self._estimator = estimator
+        self._trajectory = trajectory
+        self._plant = plant
+        self._gate = gate
+        self._compensate = compensate
+        self._max_age_ns = round(max_sample_age_s * 1e9)
+        self._approach = approach
+        self._stamps = StampMap(same_clock=same_clock)
+        self._state: State | None = None
+        self._is_new = False
+        self._gate_state: GateState | None = None
+        self._fade: _Fade | None = None
+
+    def feed(self, raw: RawSample) -> Taken | None:
+        """Take the next sample; None when its stamp does not increase, which is counted, and the sample is dropped."""
+        newest = self.newest
+        if newest is not None and raw.stamp_ns <= newest.stamp_ns:
+            self.counters["not_increasing"] += 1
+            return None
+        self.counters["samples"] += 1
+        theta_m_rad = raw.theta_m * ANGLE_LSB_RAD
+        current_A = raw.current * CURRENT_LSB_A
+        torque_N_m = self._plant.torque_constant_N_m_per_A * current_A
+        sample = Sample(raw.stamp_ns, theta_m_rad, torque_N_m)
+        state = self._state
+        state = self._estimator.start(sample) if state is None else self._estimator.step(state, sample)
+        self._state = state
+        self._stamps.see(raw.stamp_ns, raw.received_ns)
+        if self.zero_ns is None and raw.state == DriveState.OPERATIONAL:
+            self.zero_ns = raw.stamp_ns
+        self.newest = raw
+        self._is_new = True
+        self.taken = Taken(theta_m_rad, current_A, torque_N_m, self._estimator.estimate(state))
+        return self.taken
+
+    def reference(self, now_ns: int) -> Reference:
+        """Compute what may leave at this tick; `reference_raw` is None when nothing may, `verdict` says why."""
+        newest = self.newest
+        if newest is None:
+            self.counters["nothing_new"] += 1
+            return Reference(
+                now_ns, 0, NOWHERE_NS, None, math.nan, math.nan, math.nan, math.nan, Verdict.NOTHING_NEW, 0
+            )
+        verdict: Verdict | None = None
+        if now_ns - self._stamps.host_time_ns(newest.stamp_ns) > self._max_age_ns:
+            verdict = Verdict.STALE
+            self.counters["stale"] += 1
+        elif not self._is_new:
+            verdict = Verdict.NOTHING_NEW
+            self.counters["nothing_new"] += 1
+        if verdict is not None:
+            t_ns = NOWHERE_NS if self.zero_ns is None else newest.stamp_ns - self.zero_ns
+            nan = math.nan
+            return Reference(now_ns, newest.stamp_ns, t_ns, None, nan, nan, nan, nan, verdict, newest.sequence)
+        self._is_new = False
+        if newest.state != DriveState.OPERATIONAL or self.zero_ns is None:
+            return self._hold(newest, now_ns)
+        return self._follow(newest, newest.stamp_ns - self.zero_ns, now_ns)
+
+    def host_time_ns(self, stamp_ns: int) -> int:
+        """Return the host's time of a drive stamp, as `StampMap` sees it; ValueError before the first sample."""
+        return self._stamps.host_time_ns(stamp_ns)
+
+    def _hold(self, newest: RawSample, now_ns: int) -> Reference:
+        """Ask for the measured angle: the first reference of the enable handshake."""
+        theta_m_rad = self.taken.theta_m_rad
+        self._gate_state = self._gate.open(theta_m_rad, now_ns)
+        return self._through_gate(newest, NOWHERE_NS, now_ns, math.nan, 0.0, theta_m_rad)
+
+    def _follow(self, newest: RawSample, t_ns: int, now_ns: int) -> Reference:
+        theta_j_rad = self._trajectory(t_ns * 1e-9)
+        elongation_m = self.taken.estimate.elongation_m if self._compensate else 0.0
+        requested_rad = motor_reference_rad(theta_j_rad, elongation_m, self._plant)
+        fade = self._fade
+        if fade is None and math.isfinite(requested_rad):
+            fade = self._fade = _fade(self.taken.theta_m_rad - requested_rad, t_ns, self._approach)
+        if fade is not None and t_ns < fade.end_ns:
+            requested_rad += fade.offset_rad * (1.0 - _smooth((t_ns - fade.begin_ns) / (fade.end_ns - fade.begin_ns)))
+        return self._through_gate(newest, t_ns, now_ns, theta_j_rad, elongation_m, requested_rad)
+
+    def _through_gate(
+        self, newest: RawSample, t_ns: int, now_ns: int, theta_j_rad: float, elongation_m: float, requested_rad: float
+    ) -> Reference:
+        state = self._gate_state
+        if state is None:  # the drive was OPERATIONAL before we came: begin where it is
+            state = self._gate.open(self.taken.theta_m_rad, now_ns)
+        self._gate_state, passed_rad, verdict = self._gate.step(state, requested_rad, now_ns)
+        if passed_rad is None:
+            self.denied_in_a_row += 1
+            self.counters["denied"] += 1
+            raw, passed_rad = None, math.nan
+        else:
+            self.denied_in_a_row = 0
+            self.counters["passed"] += 1
+            raw = angle_raw_from_rad(passed_rad)
+        return Reference(
+            now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad,
+            GATE_CODES[verdict], newest.sequence,
+        )  # fmt: skip
+
+
+class _Fade(NamedTuple):
+    offset_rad: float
+    begin_ns: int
+    end_ns: int
+
+
+def _fade(offset_rad: float, begin_ns: int, approach: Approach) -> _Fade:
+    if abs(offset_rad) <= approach.tolerance_rad:
+        return _Fade(0.0, begin_ns, begin_ns)
+    duration_ns = round(PEAK_SPEED * abs(offset_rad) / approach.speed_rad_per_s * 1e9)
+    return _Fade(offset_rad, begin_ns, begin_ns + duration_ns)
+
+
+def _smooth(s: float) -> float:
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))

@@ -1,0 +1,112 @@
+"""What the service is told and what it tells: settings, telemetry, and how a run ended."""
+
+from collections.abc import Mapping
+from enum import Enum
+from typing import NamedTuple
+
+from firmware_protocol.messages import FaultReason
+from hil_forceps.bridge.statistics import HistogramSummary
+
+
+class StopReason(Enum):
+    """Why a run ended; the value is the word for files."""
+
+    COMPLETED = "completed"  # the wanted time of the experiment is over
+    STOP_REQUESTED = "stop_requested"
+    NO_DRIVE = "no_drive"
+    VERSION_REFUSED = "version_refused"
+    ENABLE_FAILED = "enable_failed"
+    DRIVE_FAULT = "drive_fault"
+    DRIVE_LOST = "drive_lost"  # the drive fell silent
+    DRIVE_STOPPED = "drive_stopped"  # the drive left operation by itself
+    REFERENCE_DENIED = "reference_denied"  # the gate let nothing pass
+    BUS_DOWN = "bus_down"
+    RECORDING_FAILED = "recording_failed"
+
+
+class Stage(Enum):
+    """Where a run is."""
+
+    CONNECTING = "connecting"
+    ENABLING = "enabling"
+    RUNNING = "running"
+    STOPPING = "stopping"
+    ENDED = "ended"
+
+
+class ServiceConfig(NamedTuple):
+    """Times of the loop, in ns of the host's clock.
+
+    `duration_ns` counts the drive's time from the zero; None is no end.
+    """
+
+    period_ns: int = 1_000_000
+    phase_ns: int = 600_000
+    duration_ns: int | None = None
+    connect_timeout_ns: int = 2_000_000_000
+    enable_timeout_ns: int = 2_000_000_000
+    disable_timeout_ns: int = 500_000_000
+    silence_timeout_ns: int = 100_000_000  # without a sample while running
+    max_denied_in_a_row: int = 5
+    reset_fault: bool = False  # clear a fault that the drive holds from before; otherwise that ends the run
+    telemetry_period_ns: int = 200_000_000
+
+
+class Telemetry(NamedTuple):
+    """A look at the run, a few times a second. Not finite before there is something to show."""
+
+    stage: Stage
+    time_s: float  # since the zero; NaN before
+    theta_m_rad: float
+    reference_rad: float
+    tau_w_N_m: float
+    elongation_m: float
+    frames_sent: int
+    frames_received: int
+    overruns: int
+
+
+class ServiceResult(NamedTuple):
+    """How a run ended.
+
+    `drive_disabled`: after the end the drive itself reported no torque, or this run never asked it for any.
+    """
+
+    reason: StopReason
+    message: str
+    drive_disabled: bool
+    zero_ns: int | None
+    counters: Mapping[str, Mapping[str, int]]  # of the service, the pipeline, the host's machine, the link
+    timing: Mapping[str, HistogramSummary]
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run ended as it was meant to."""
+        return self.reason in {StopReason.COMPLETED, StopReason.STOP_REQUESTED} and self.drive_disabled
+
+
+_FAULT_WORDS = {
+    FaultReason.NONE: "no reason given",
+    FaultReason.ESTOP: "emergency stop",
+    FaultReason.WATCHDOG: "watchdog: no fresh reference in time",
+    FaultReason.HOST_HEARTBEAT_LOST: "the host's heartbeat was lost",
+    FaultReason.REFERENCE_MISMATCH: "the first reference was not the measured angle",
+    FaultReason.REFERENCE_POSITION: "reference outside the drive's position limits",
+    FaultReason.REFERENCE_RATE: "reference changed faster than the drive allows",
+    FaultReason.ENABLE_TIMEOUT: "enabled, but no first reference came in time",
+    FaultReason.VERSION: "protocol versions don't fit",
+    FaultReason.OVERCURRENT: "overcurrent",
+    FaultReason.ENCODER: "encoder",
+    FaultReason.SUPPLY: "supply voltage",
+    FaultReason.OVERTEMPERATURE: "overtemperature",
+    FaultReason.BUS_OFF: "the drive's bus controller went off the bus",
+    FaultReason.INTERNAL: "internal fault of the drive",
+}
+
+
+def fault_words(fault: int) -> str:
+    """Return a fault reason in words; one this version doesn't know by its number."""
+    try:
+        return f"{FaultReason(fault).name} ({_FAULT_WORDS[FaultReason(fault)]})"
+    except ValueError:
+        return f"reason {fault}, unknown to this version"

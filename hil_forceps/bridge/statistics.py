@@ -1,0 +1,157 @@
+"""Where the time goes: bounded histograms of the loop, and the drive's stamps seen on the host's clock.
+
+Three durations are kept, all in ns of the host's clock:
+
+period    from the start of one tick to the start of the next.
+lateness  from the instant a tick was due to the instant it started.
+age       from the instant a sample was taken to the instant its reference was handed to the link:
+          `t_sent - (stamp + offset)`, `offset` as `StampMap` sees it. Where the drive's stamps are known to come from
+          the host's own clock (virtual time, or the simulated drive on the same machine) the offset is exact and so
+          is the age. Elsewhere the offset is the least one-way delay seen lately, so the age leaves out just that:
+          the time on the wire and in the adapter that no frame of the window beat. The way of the reference to the
+          drive comes on top.
+"""
+
+from array import array
+from itertools import accumulate
+from typing import NamedTuple, TypedDict
+
+from firmware_protocol.scales import STAMP_LSB_NS, STAMP_MODULUS
+
+STAMP_PERIOD_NS = STAMP_MODULUS * STAMP_LSB_NS
+
+
+class HistogramSummary(TypedDict):
+    """A histogram as JSON; times in µs, `bins` are `[lower edge, count]` of the bins that aren't empty."""
+
+    count: int
+    mean_us: float | None
+    p50_us: float | None
+    p99_us: float | None
+    max_us: float | None
+    above_range: int
+    below_zero: int
+    bin_us: float
+    bins: list[tuple[float, int]]
+
+
+class Histogram:
+    """Counts of durations in bins of equal width, all memory taken at the start.
+
+    What lies above the range is counted apart and still enters `max_ns`; a negative duration (two clocks that
+    disagree) is counted apart and taken as zero. Percentiles are the upper edge of their bin, so at most one bin too
+    long.
+    """
+
+    def __init__(self, bin_ns: int = 1_000, bins: int = 20_000) -> None:
+        if bin_ns <= 0 or bins <= 0:
+            raise ValueError(f"a histogram needs bins: got {bins} of {bin_ns} ns")
+        self.bin_ns = bin_ns
+        self.count = 0
+        self.total_ns = 0
+        self.max_ns = 0
+        self.below_zero = 0
+        self._bins = array("Q", bytes(8 * (bins + 1)))  # the last one holds what is above the range
+        self._last = bins
+
+    def add(self, duration_ns: int) -> None:
+        """Count one duration."""
+        if duration_ns < 0:
+            self.below_zero += 1
+            duration_ns = 0
+        self.max_ns = max(self.max_ns, duration_ns)
+        self.count += 1
+        self.total_ns += duration_ns
+        index = duration_ns // self.bin_ns
+        self._bins[index if index < self._last else self._last] += 1
+
+    def percentile_ns(self, share: float) -> int | None:
+        """Return the duration that `share` (0 to 1) of all don't exceed; None when there is none."""
+        if not 0.0 <= share <= 1.0:
+            raise ValueError(f"a share lies between 0 and 1, got {share}")
+        if self.count == 0:
+            return None
+        needed = max(1, -int(-share * self.count // 1))
+        seen = accumulate(self._bins)
+        index = next(index for index, count in enumerate(seen) if count >= needed)
+        return self.max_ns if index == self._last else min(self.max_ns, (index + 1) * self.bin_ns)
+
+    def summary(self) -> HistogramSummary:
+        """Return the figures and the histogram itself, ready for JSON."""
+        full = [(index * self.bin_ns / 1e3, count) for index, count in enumerate(self._bins[: self._last]) if count]
+        return {
+            "count": self.count,
+            "mean_us": self.total_ns / self.count / 1e3 if self.count else None,
+            "p50_us": _microseconds(self.percentile_ns(0.5)),
+            "p99_us": _microseconds(self.percentile_ns(0.99)),
+            "max_us": self.max_ns / 1e3 if self.count else None,
+            "above_range": self._bins[self._last],
+            "below_zero": self.below_zero,
+            "bin_us": self.bin_ns / 1e3,
+            "bins": full,
+        }
+
+
+class LoopStatistics(NamedTuple):
+    """The three histograms of a run of the service."""
+
+    period: Histogram
+    lateness: Histogram
+    age: Histogram
+
+    def summary(self) -> dict[str, HistogramSummary]:
+        """Return all three, ready for JSON."""
+        return {name: histogram.summary() for name, histogram in zip(self._fields, self, strict=True)}
+
+
+def make_loop_statistics() -> LoopStatistics:
+    """Return empty histograms: 1 µs wide up to 20 ms."""
+    return LoopStatistics(Histogram(), Histogram(), Histogram())
+
+
+class StampMap:
+    """Maps the drive's stamps to the host's clock.
+
+    `offset` is the least `received - stamp` of the last one to two windows: the two clocks may drift, and the path
+    with the least delay tells them apart best. With a drive clock slower by d ppm an age comes out too long by at
+    most d · 2 windows (50 ppm: 0.1 ms); a faster one is followed at once. With `same_clock` stamps are the host's own
+    time modulo the stamp's range, and the offset is a whole number of ranges, found at the first sample.
+    """
+
+    def __init__(self, window_ns: int = 1_000_000_000, same_clock: bool = False) -> None:
+        if window_ns <= 0:
+            raise ValueError(f"a window must have a length, got {window_ns} ns")
+        self._window_ns = window_ns
+        self._same_clock = same_clock
+        self._window_end_ns = 0
+        self._least: int | None = None
+        self._least_before = 0
+
+    def see(self, stamp_ns: int, received_ns: int) -> None:
+        """Take note of one sample."""
+        delay = received_ns - stamp_ns
+        least = self._least
+        if least is None:
+            if self._same_clock:
+                delay = (delay + STAMP_PERIOD_NS // 2) // STAMP_PERIOD_NS * STAMP_PERIOD_NS
+            self._least = self._least_before = delay
+            self._window_end_ns = received_ns + self._window_ns
+        elif self._same_clock:
+            return
+        elif received_ns >= self._window_end_ns:
+            self._least_before = least
+            self._least = delay
+            self._window_end_ns = received_ns + self._window_ns
+        elif delay < least:
+            self._least = delay
+
+    def host_time_ns(self, stamp_ns: int) -> int:
+        """Return when, on the host's clock, a stamp was taken; ValueError before the first sample."""
+        least = self._least
+        if least is None:
+            raise ValueError("no sample has been seen yet")
+        return stamp_ns + (least if least < self._least_before else self._least_before)
+
+
+def _microseconds(duration_ns: int | None) -> float | None:
+    return None if duration_ns is None else duration_ns / 1e3

@@ -1,0 +1,193 @@
+"""`hil-forceps decode`: frames, bus logs and serial captures as readable signals."""
+
+import csv
+import json
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol
+
+from firmware_protocol import scales
+from firmware_protocol.codec import Decoder
+from firmware_protocol.frames import Frame
+from firmware_protocol.messages import Control, DriveState, FaultReason, Message, ParamOp
+from firmware_protocol.serial_framing import SerialReader
+from hil_forceps.rig.errors import UserError
+
+# One field of a message in SI: its name there and the size of a wire unit.
+_IN_SI = {
+    "theta_m_ref": ("theta_m_ref_rad", scales.ANGLE_LSB_RAD),
+    "theta_m": ("theta_m_rad", scales.ANGLE_LSB_RAD),
+    "theta_j": ("theta_j_rad", scales.ANGLE_LSB_RAD),
+    "current": ("current_A", scales.CURRENT_LSB_A),
+    "tau_w": ("tau_w_N_m", scales.BENCH_TORQUE_LSB_N_M),
+    "stamp_us": ("stamp_s", scales.STAMP_LSB_NS * 1e-9),
+}
+_NAMED = {"state": DriveState, "fault": FaultReason, "op": ParamOp}
+_CANDUMP = re.compile(
+    r"(?:\((?P<time>\d+\.\d+)\)\s+\S+\s+)?"
+    r"(?P<id>[0-9A-Fa-f]{3})#(?P<fd>#[0-9A-Fa-f])?(?P<data>[0-9A-Fa-f]*)"
+)
+_LOG_SUFFIXES = {".log", ".asc", ".blf", ".trc"}
+_SERIAL_SUFFIXES = {".bin"}
+_CHUNK_BYTES = 1 << 16
+
+
+class Stamped(NamedTuple):
+    """A frame and when it was on the bus; None where nobody said."""
+
+    time_s: float | None
+    frame: Frame
+
+
+class Printer(Protocol):
+    """One way of showing a message."""
+
+    def __call__(self, stamped: Stamped, message: Message | None, reason: str) -> None:
+        """Show one frame; `message` is None when it was refused for `reason`."""
+
+
+def decode(*source: str, form: Literal["text", "jsonl", "csv"] = "text") -> int:
+    """Decode frames (`081#1122334455667788`), bus logs (.log .asc .blf .trc) or serial captures (.bin).
+
+    What can't be decoded is shown with the reason and counted; exit code 1 when there was any.
+
+    Parameters
+    ----------
+    source
+        Frames as candump writes them, or files, or - for candump lines on stdin.
+    form
+        One line a frame for people, JSON lines, or CSV (time, id, message, signal, value).
+    """
+    if not source:
+        raise UserError("decode: nothing to decode; give frames like 081#1122334455667788, a log file, or - for stdin")
+    printer = _PRINTERS[form]()
+    decoder = Decoder()
+    refused = total = 0
+    for stamped in _frames(source):
+        before = dict(decoder.counters)
+        message = decoder.decode(stamped.frame)
+        grown = (name for name, count in decoder.counters.items() if count != before[name])
+        reason = next(grown, "not of this protocol")
+        printer(stamped, message, reason)
+        total += 1
+        refused += message is None
+    if refused:
+        sys.stderr.write(f"hil-forceps: {refused} of {total} frames could not be decoded\n")
+    return 1 if refused else 0
+
+
+def signals(message: Message) -> dict[str, Any]:
+    """Return the fields of a message in SI, with words for states, reasons and operations; unknown codes as numbers."""
+    return dict(_signal(name, value) for name, value in message._asdict().items())
+
+
+def _signal(name: str, value: int) -> tuple[str, Any]:
+    if name in _IN_SI:
+        si_name, lsb = _IN_SI[name]
+        return si_name, value * lsb
+    if name in _NAMED:
+        known = {int(member): member.name for member in _NAMED[name]}
+        return name, known.get(value, value)
+    if name == "control":
+        return name, "|".join(bit.name or "" for bit in Control if value & bit) or "NONE"
+    return name, value
+
+
+def _frames(sources: Iterable[str]) -> Iterator[Stamped]:
+    for source in sources:
+        if source == "-":
+            yield from _candump_lines(sys.stdin, "stdin")
+        elif "#" in source:
+            yield from _candump_lines([source], "argument")
+        else:
+            yield from _file(Path(source))
+
+
+def _candump_lines(lines: Iterable[str], where: str) -> Iterator[Stamped]:
+    for number, line in enumerate(lines, 1):
+        text = line.strip()
+        if not text:
+            continue
+        match = _CANDUMP.match(text)
+        if match is None or len(match["data"]) % 2:
+            raise UserError(f"{where}:{number}: '{text[:60]}' is not a frame; write hex id#data: 081#1122334455667788")
+        time_s = float(match["time"]) if match["time"] else None
+        yield Stamped(time_s, Frame(int(match["id"], 16), bytes.fromhex(match["data"]), match["fd"] is not None))
+
+
+def _file(path: Path) -> Iterator[Stamped]:
+    if not path.is_file():
+        raise UserError(f"{path}: no such file")
+    if path.suffix in _SERIAL_SUFFIXES:
+        yield from _serial_capture(path)
+    elif path.suffix in _LOG_SUFFIXES:
+        yield from _bus_log(path)
+    else:
+        known = " ".join(sorted(_LOG_SUFFIXES | _SERIAL_SUFFIXES))
+        raise UserError(f"{path}: unknown kind of log '{path.suffix}'; known are {known}")
+
+
+def _serial_capture(path: Path) -> Iterator[Stamped]:
+    reader = SerialReader()
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK_BYTES):
+            for frame in reader.feed(chunk):
+                yield Stamped(None, frame)
+
+
+def _bus_log(path: Path) -> Iterator[Stamped]:
+    import can  # noqa: PLC0415 - a third of a second that only this branch needs
+
+    try:
+        with can.LogReader(path) as reader:
+            for message in reader:
+                if message.is_error_frame or message.is_remote_frame or message.is_extended_id:
+                    continue
+                yield Stamped(message.timestamp, Frame(message.arbitration_id, bytes(message.data), message.is_fd))
+    except Exception as error:  # python-can's readers raise whatever their parsers raise on a broken file
+        raise UserError(f"{path}: not readable as a {path.suffix} log: {error}") from error
+
+
+def _label(message: Message | None, reason: str) -> str:
+    return f"refused: {reason}" if message is None else type(message).__name__
+
+
+def _text() -> Printer:
+    def show(stamped: Stamped, message: Message | None, reason: str) -> None:
+        time = "" if stamped.time_s is None else f"{stamped.time_s:.6f} "
+        values = {} if message is None else signals(message)
+        shown = " ".join(f"{k}={v:.9g}" if isinstance(v, float) else f"{k}={v}" for k, v in values.items())
+        raw = f"{stamped.frame.arbitration_id:03X}#{stamped.frame.data.hex().upper()}"
+        sys.stdout.write(f"{time}{raw:<21} {_label(message, reason)} {shown}".rstrip() + "\n")
+
+    return show
+
+
+def _jsonl() -> Printer:
+    def show(stamped: Stamped, message: Message | None, reason: str) -> None:
+        row: dict[str, Any] = {"time_s": stamped.time_s, "arbitration_id": stamped.frame.arbitration_id}
+        row["data"] = stamped.frame.data.hex()
+        row |= {"refused": reason} if message is None else {"message": type(message).__name__, **signals(message)}
+        sys.stdout.write(json.dumps(row) + "\n")
+
+    return show
+
+
+def _csv() -> Printer:
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(("time_s", "arbitration_id", "message", "signal", "value"))
+
+    def show(stamped: Stamped, message: Message | None, reason: str) -> None:
+        head = (stamped.time_s, f"0x{stamped.frame.arbitration_id:03X}", _label(message, reason))
+        if message is None:
+            writer.writerow((*head, "", stamped.frame.data.hex()))
+            return
+        for name, value in signals(message).items():
+            writer.writerow((*head, name, value))
+
+    return show
+
+
+_PRINTERS = {"text": _text, "jsonl": _jsonl, "csv": _csv}

@@ -1,0 +1,53 @@
+"""Entry point of `hil-forceps`: the commands, and how errors reach the user. Nothing heavy is imported here."""
+
+import sys
+
+from cyclopts import App, CycloptsError
+
+from hil_forceps import __version__
+from hil_forceps.rig.errors import UserError
+
+EXIT_USER_ERROR = 2
+EXIT_INTERRUPTED = 130
+
+app = App(
+    name="hil-forceps",
+    help="Bridge and bench for wire-actuated surgical forceps. Not a medical device.",
+    version=__version__,
+)
+
+# Commands are named by import path, so that `--help` loads none of them.
+for _name, _path, _help in (
+    ("bench", "bench:bench", "Run the paper's simulations through the bus; write table, figures and recordings."),
+    ("run", "run:run", "Drive a motor driver, real or simulated, on any CAN interface or serial port."),
+    ("drive", "drive:drive", "Start the simulated drive with its forceps as a process of its own."),
+    ("decode", "decode:decode", "Turn frames or bus logs into readable signals."),
+    ("replay", "replay:replay", "Send a recording, or a measured run of a real forceps, through the estimators."),
+    ("info", "info:info", "Say what is installed and reachable, and what a rig file means."),
+):
+    app.command(f"hil_forceps.cli.{_path}", name=_name, help=_help)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run one command; exit code 2 with one clear line for each thing that the user can mend."""
+    try:
+        result = app(arguments, exit_on_error=False, print_error=False)
+    except UserError as error:
+        for problem in error.problems:
+            sys.stderr.write(f"hil-forceps: {problem}\n")
+        sys.exit(EXIT_USER_ERROR)
+    except CycloptsError as error:
+        sys.stderr.write(f"hil-forceps: {' '.join(str(error).split())}; see hil-forceps --help\n")
+        sys.exit(EXIT_USER_ERROR)
+    except BrokenPipeError:
+        # The reader of our output went away (`| head`): that is its right.
+        sys.stderr.close()
+        sys.exit(0)
+    except KeyboardInterrupt:
+        sys.stderr.write("hil-forceps: interrupted\n")
+        sys.exit(EXIT_INTERRUPTED)
+    sys.exit(result if isinstance(result, int) else 0)
+
+
+if __name__ == "__main__":
+    main()

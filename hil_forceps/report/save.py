@@ -1,0 +1,18 @@
+"""Figures to files: PDF for print, PNG for screens; the same figure gives the same bytes."""
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from hil_forceps.report.style import house_style
+
+
+def save_figure(figure: Figure, folder: Path, name: str) -> tuple[Path, Path]:
+    """Write `name.pdf` and `name.png` (200 dpi) into `folder`, made where it is missing; raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pdf, png = folder / f"{name}.pdf", folder / f"{name}.png"
+    with house_style():
+        # no dates and no version: a figure that did not change must not show up as changed
+        figure.savefig(pdf, metadata={"CreationDate": None, "Producer": None, "Creator": None})
+        figure.savefig(png, metadata={"Software": None})
+    return pdf, png

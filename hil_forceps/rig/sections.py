@@ -1,0 +1,201 @@
+"""The sections of a rig file, as frozen models whose attributes are the file's keys. All SI.
+
+Every key has its unit and range of sense in its `Quantity` and its meaning in its description; `docs/rig-file.md` is
+generated from them.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Field,
+    field_serializer,
+)
+
+from hil_forceps.rig.catalogue import EFFECT_IDS
+from hil_forceps.rig.problems import nearest, show_value, text_error
+from hil_forceps.rig.quantities import STRICT, Number, Parameter, Quantity, Whole
+
+AlgorithmId = Literal["previous", "improved_as_published", "improved", "kalman"]
+ALGORITHM_IDS: tuple[AlgorithmId, ...] = ("previous", "improved_as_published", "improved", "kalman")
+IDEAL = "ideal"
+MAX_NODE_ID = 30
+MAX_ENCODER_COUNTS = 1 << 24  # what the wire resolves
+
+_Radius = Annotated[Parameter, Quantity("m", 0.0, 0.2, open_low=True)]
+_Inertia = Annotated[Parameter, Quantity("kg_m2", 0.0, 1e-2, open_low=True)]
+_Friction = Annotated[Parameter, Quantity("N_m", 0.0, 10.0)]
+# The wire's angle wraps at 128 turns, 804 rad.
+_Position = Annotated[Number, Quantity("rad", -800.0, 800.0)]
+_LIST = Field(strict=False)
+_Delay = Annotated[Number, Quantity("s", 0.0, 1.0)]
+
+
+class Section(BaseModel):
+    """A section of the file: strict, frozen, no keys but the known ones."""
+
+    model_config = STRICT
+
+
+class Forceps(Section):
+    """Motor pulley, wire and jaw: the symbols of the paper's equations (1) to (3)."""
+
+    motor_pulley_radius_m: _Radius = Field(description="radius of the motor pulley, r_m")
+    jaw_pulley_radius_m: _Radius = Field(description="radius of the jaw pulley, r_j")
+    motor_inertia_kg_m2: _Inertia = Field(description="inertia of motor and its pulley, I_m")
+    jaw_inertia_kg_m2: _Inertia = Field(description="inertia of the jaw and its pulley, I_j")
+    motor_viscous_N_m_s_per_rad: Annotated[Parameter, Quantity("N_m_s_per_rad", 0.0, 1.0)] = Field(
+        description="viscous friction of the motor, D_m"
+    )
+    motor_coulomb_N_m: _Friction = Field(description="Coulomb friction of the motor, τ_Fm")
+    jaw_coulomb_N_m: _Friction = Field(description="Coulomb friction of the jaw, τ_Fj")
+    wire_stiffness_N_per_m: Annotated[Parameter, Quantity("N_per_m", 1.0, 1e9)] = Field(
+        description="stiffness of the wire, k"
+    )
+
+
+class Motor(Section):
+    """The motor as seen from its current."""
+
+    torque_constant_N_m_per_A: Annotated[Parameter, Quantity("N_m_per_A", 0.0, 10.0, open_low=True)] = Field(
+        description="torque per ampere, K_t"
+    )
+
+
+def _read_counts(given: object) -> object:
+    if given == IDEAL:
+        return None
+    if isinstance(given, str):
+        raise text_error(f"is {show_value(given)}, must be the counts of a revolution or {IDEAL}; correct it")
+    return given
+
+
+class Encoder(Section):
+    """The encoder on the motor pulley."""
+
+    counts_per_rev: Annotated[
+        Annotated[Whole, Quantity("", 4, MAX_ENCODER_COUNTS)] | None, BeforeValidator(_read_counts)
+    ] = Field(
+        description=f"counts of a revolution after quadrature; `{IDEAL}`: no quantisation but the wire's 2⁻²⁴ turn"
+    )
+
+    @field_serializer("counts_per_rev")
+    def _write_counts(self, counts: int | None) -> int | str:
+        return IDEAL if counts is None else counts
+
+
+class DriveLaw(Section):
+    """The position loop that the drive closes (law: see below). Absent: the loop is not known."""
+
+    sample_time_s: Annotated[Number, Quantity("s", 1e-6, 0.1)] = Field(description="period of the drive's loop")
+    kp_A_per_rad: Annotated[Number, Quantity("A_per_rad", 0.0, 1e6)] = Field(description="proportional gain")
+    ki_A_per_rad_s: Annotated[Number, Quantity("A_per_rad_s", 0.0, 1e8)] = Field(description="integral gain")
+    kd_A_s_per_rad: Annotated[Number, Quantity("A_s_per_rad", 0.0, 1e4)] = Field(
+        description="gain on the measured velocity, first-order filtered"
+    )
+    derivative_cutoff_Hz: Annotated[Number, Quantity("Hz", 0.0, 1e6, open_low=True)] = Field(
+        description="corner of that filter"
+    )
+    current_limit_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] = Field(
+        description="limit of the commanded current and of the integral's part of it"
+    )
+
+
+class Noise(Section):
+    """Standard deviations of the sensors where known; the simulated world takes 0 where a key is absent."""
+
+    current_A: Annotated[Number, Quantity("A", 0.0, 10.0)] = Field(default=0.0, description="of the measured current")
+    theta_j_rad: Annotated[Number, Quantity("rad", 0.0, 0.5)] = Field(
+        default=0.0, description="of the bench's jaw sensor"
+    )
+    tau_w_N_m: Annotated[Number, Quantity("N_m", 0.0, 1.0)] = Field(default=0.0, description="of the bench's load cell")
+
+
+def _without_repeats(given: tuple[object, ...]) -> tuple[object, ...]:
+    if len(set(given)) != len(given):
+        raise text_error("names an entry twice; keep one of them")
+    return given
+
+
+def _some(given: tuple[object, ...]) -> tuple[object, ...]:
+    if not given:
+        raise text_error("is empty; name one at least")
+    return given
+
+
+class BenchSettings(Section):
+    """How the bench runs: the host's loop, the bus between host and drive, and what is run on it."""
+
+    host_period_s: Annotated[Number, Quantity("s", 1e-4, 0.1)] = Field(
+        default=1e-3, description="period of the host's loop"
+    )
+    host_phase_s: Annotated[Number, Quantity("s", 0.0, 0.1)] = Field(
+        default=6e-4, description="host's tick after the drive's nominal sample"
+    )
+    transport: Literal["classic", "fd"] = Field(default="classic", description="classic CAN or CAN FD")
+    bitrate_bit_per_s: Annotated[Whole, Quantity("bit_per_s", 10_000, 1_000_000)] = Field(
+        default=1_000_000, description="bit rate; with `fd` that of the arbitration phase"
+    )
+    data_bitrate_bit_per_s: Annotated[Whole, Quantity("bit_per_s", 10_000, 8_000_000)] = Field(
+        default=5_000_000, description="bit rate of the data phase, `fd` only"
+    )
+    latency_s: _Delay = Field(default=0.0, description="extra one-way delay between host and wire")
+    latency_jitter_s: _Delay = Field(default=0.0, description="random part on top of it, per frame, up to this much")
+    drive_clock_ppm: Annotated[Number, Quantity("ppm", -20_000.0, 20_000.0)] = Field(
+        default=0.0, description="how much faster the drive's clock runs than the host's"
+    )
+    feedback_divider: Annotated[Whole, Quantity("", 1, 1000)] = Field(
+        default=1, description="the drive sends feedback at every n-th sample"
+    )
+    node_id: Annotated[Whole, Quantity("", 1, MAX_NODE_ID)] = Field(default=1, description="node id of the drive")
+    algorithms: Annotated[tuple[AlgorithmId, ...], _LIST, AfterValidator(_some), AfterValidator(_without_repeats)] = (
+        Field(default=ALGORITHM_IDS, description="estimators to run")
+    )
+    simulations: Annotated[
+        tuple[Literal[1, 2], ...], _LIST, AfterValidator(_some), AfterValidator(_without_repeats)
+    ] = Field(default=(1, 2), description="the paper's simulations to run")
+    direct_sample_times_s: Annotated[
+        tuple[Annotated[Number, Quantity("s", 1e-6, 0.1)], ...], _LIST, AfterValidator(_without_repeats)
+    ] = Field(default=(1e-4,), description="sample times at which estimators are also fed without the bus")
+    plant_step_s: Annotated[Number, Quantity("s", 1e-7, 1e-2)] = Field(
+        default=5e-5, description="step of the simulated plant"
+    )
+
+
+class Limits(Section):
+    """What the gate lets pass to the drive: the last stage before any reference leaves."""
+
+    position_min_rad: _Position = Field(default=-3.0, description="lowest motor angle")
+    position_max_rad: _Position = Field(default=3.0, description="highest motor angle")
+    speed_max_rad_per_s: Annotated[Number, Quantity("rad_per_s", 0.0, 1e6, open_low=True)] = Field(
+        default=200.0, description="highest speed of the reference"
+    )
+    acceleration_max_rad_per_s2: Annotated[Number, Quantity("rad_per_s2", 0.0, 1e12, open_low=True)] = Field(
+        default=1e5, description="highest acceleration of the reference"
+    )
+    max_sample_age_s: Annotated[Number, Quantity("s", 1e-4, 1.0)] = Field(
+        default=3e-3, description="no reference is computed from an older sample"
+    )
+
+
+class EstimatorSettings(Section):
+    """Tuning of the estimators."""
+
+    rfob_cutoff_Hz: Annotated[Number, Quantity("Hz", 0.0, 1e5, open_low=True)] = Field(
+        default=70.0, description="corner of the reaction force observer's low-pass, g_r = 2π times it"
+    )
+
+
+def _check_effect_id(given: str) -> str:
+    if given not in EFFECT_IDS:
+        guess = nearest(given, EFFECT_IDS)
+        remedy = f"did you mean {guess}?" if guess else "see docs/rig-file.md for the ids"
+        text = f"is no effect of the catalogue; {remedy}"
+        raise text_error(text)
+    return given
+
+
+EffectId = Annotated[str, AfterValidator(_check_effect_id)]
+ParameterName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,79}$")]

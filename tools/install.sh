@@ -1,0 +1,32 @@
+#!/bin/sh
+# Creates .venv from the lock file. Usage: tools/install.sh [VENV]; PYTHON chooses the interpreter.
+set -eu
+cd "$(dirname "$0")/.."
+venv=${1:-.venv}
+python=${PYTHON:-python3}
+
+"$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || {
+    echo "install: $python is not Python 3.11 or later; name one with PYTHON=/path/to/python3.11 make install" >&2
+    exit 2
+}
+stamp=$venv/.installed-from
+wanted=$(cat requirements.lock pyproject.toml | cksum)
+if [ -x "$venv/bin/python" ] && [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ]; then
+    exit 0
+fi
+if ! "$python" -c 'import ensurepip' 2>/dev/null; then
+    # Debian and Ubuntu keep ensurepip in a package of its own.
+    package=$("$python" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')
+    echo "install: $python has no ensurepip; installing the Debian package $package" >&2
+    if [ "$(id -u)" = 0 ]; then as_root=""; else as_root="sudo -n"; fi
+    { $as_root apt-get -qq update && $as_root apt-get -qq install -y "$package"; } >/dev/null || {
+        echo "install: could not install it; run: sudo apt-get install $package" >&2
+        exit 2
+    }
+fi
+echo "install: creating $venv from requirements.lock" >&2
+"$python" -m venv --clear "$venv"
+"$venv/bin/python" -m pip install -qq --disable-pip-version-check --require-hashes -r requirements.lock
+"$venv/bin/python" -m pip install -qq --disable-pip-version-check --no-deps --no-build-isolation -e .
+echo "$wanted" >"$stamp"
+echo "install: done, $("$venv/bin/python" --version) in $venv" >&2

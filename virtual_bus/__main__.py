@@ -1,0 +1,7 @@
+"""`python -m virtual_bus`: the simulated drive as a process."""
+
+import sys
+
+from virtual_bus.process import main
+
+sys.exit(main())

@@ -1,0 +1,178 @@
+"""How long a frame occupies the wire: exact bits with stuffing, and their bounds (ISO 11898-1:2015, 10.4 to 10.5).
+
+Classical base frame: SOF 1, id 11, RTR 1, IDE 1, r0 1, DLC 4, data 8n, CRC 15 are stuffed; CRC delimiter 1, ACK 2,
+EOF 7 are not. FD base frame, always with bit-rate switch: SOF 1, id 11, RRS 1, IDE 1, FDF 1, res 1, BRS 1 at the
+nominal rate; ESI 1, DLC 4, data 8n, stuff count 4, CRC 17 or 21 with fixed stuff bits, CRC delimiter 1 at the data
+rate; ACK 2, EOF 7 nominal again. The rate changes inside BRS and inside the CRC delimiter at the same share of a bit,
+so counting BRS whole as nominal and the delimiter whole as data gives the same time.
+"""
+
+from typing import NamedTuple
+
+from firmware_protocol.frames import Frame
+from virtual_bus.kernel import kernel
+
+INTERMISSION_BITS = 3
+EOF_BITS = 7
+ACK_DELIMITER_BITS = 1
+# Error flag 6, the flags of those who answer it up to 6 more, delimiter 8 (10.4.4.2): the worst case.
+ERROR_FRAME_BITS = 6 + 6 + 8
+RECOVERY_SEQUENCES = 128  # of 11 recessive bits each, until a node that went bus-off may come back
+RECOVERY_SEQUENCE_BITS = 11
+
+NS_PER_S = 1_000_000_000
+MAX_ID = 0x7FF
+
+_CLASSIC_FIXED_BITS = 44  # everything but data and stuff bits, without intermission
+_FD_HEAD_BITS = 17
+_FD_TAIL_BITS = 9
+_FD_FIXED_DATA_BITS = 10  # ESI, DLC, stuff count, CRC delimiter
+_FD_DLC_OF_LENGTH = {
+    **{length: length for length in range(9)},
+    **{length: 9 + index for index, length in enumerate((12, 16, 20, 24, 32, 48, 64))},
+}
+
+
+class FrameBits(NamedTuple):
+    """Bits on the wire from SOF to the end of EOF at each rate; a classical frame has none at the data rate."""
+
+    nominal: int
+    data: int
+
+
+@kernel
+def _push(word: int, count: int, last: int, run: int, stuffed: int, crc: int) -> tuple[int, int, int, int]:
+    """Send `count` bits of `word`, first bit highest; a stuff bit that is due goes ahead of the next bit."""
+    for shift in range(count - 1, -1, -1):
+        bit = (word >> shift) & 1
+        if run == 5:
+            stuffed += 1
+            last ^= 1
+            run = 1
+        if bit == last:
+            run += 1
+        else:
+            last = bit
+            run = 1
+        crc = ((crc << 1) & 0x7FFF) ^ (0x4599 if bit ^ (crc >> 14) else 0)
+    return last, run, stuffed, crc
+
+
+@kernel
+def classic_stuff_bits(arbitration_id: int, data: bytes) -> int:
+    """Return the stuff bits of a classical base data frame, CRC-15 (polynomial 0x4599) included."""
+    # SOF and the bits RTR, IDE, r0 are dominant: zeros around the id.
+    last, run, stuffed, crc = _push(arbitration_id << 7 | len(data), 19, -1, 0, 0, 0)
+    for byte in data:
+        last, run, stuffed, crc = _push(byte, 8, last, run, stuffed, crc)
+    last, run, stuffed, crc = _push(crc, 15, last, run, stuffed, crc)
+    return stuffed + (1 if run == 5 else 0)
+
+
+@kernel
+def fd_stuff_bits(arbitration_id: int, dlc: int, data: bytes) -> tuple[int, int]:
+    """Return the dynamic stuff bits of an FD base frame in (nominal, data) phase; the CRC field has fixed ones only.
+
+    A run of five that ends with the last data bit gets none: the fixed stuff bit ahead of the stuff count breaks it.
+    """
+    last, run, head, crc = _push(arbitration_id << 5 | 0b00101, 17, -1, 0, 0, 0)  # RRS 0, IDE 0, FDF 1, res 0, BRS 1
+    last, run, body, crc = _push(dlc, 5, last, run, 0, crc)  # ESI 0: an error-active sender
+    for byte in data:
+        last, run, body, crc = _push(byte, 8, last, run, body, crc)
+    return head, body
+
+
+def _fd_crc_bits(length: int) -> int:
+    """Return the CRC with the fixed stuff bits of stuff count and CRC: one first, then one after every four bits."""
+    return 17 + 6 if length <= 16 else 21 + 7
+
+
+def frame_bits(frame: Frame) -> FrameBits:
+    """Count the bits of this frame as it is stuffed; ValueError when no such frame can be sent."""
+    arbitration_id, data, is_fd = frame
+    length = len(data)
+    if not 0 <= arbitration_id <= MAX_ID:
+        raise ValueError(f"an arbitration id has 11 bits, {arbitration_id:#x} has not")
+    if not is_fd:
+        if length > 8:
+            raise ValueError(f"a classical frame carries at most 8 bytes, not {length}")
+        return FrameBits(_CLASSIC_FIXED_BITS + 8 * length + classic_stuff_bits(arbitration_id, data), 0)
+    dlc = _FD_DLC_OF_LENGTH.get(length)
+    if dlc is None:
+        raise ValueError(f"no CAN FD frame carries {length} bytes")
+    head, body = fd_stuff_bits(arbitration_id, dlc, data)
+    return FrameBits(
+        _FD_HEAD_BITS + _FD_TAIL_BITS + head, _FD_FIXED_DATA_BITS + 8 * length + _fd_crc_bits(length) + body
+    )
+
+
+def frame_bits_bounds(length: int, is_fd: bool = False) -> tuple[FrameBits, FrameBits]:
+    """Return fewest and most bits of any frame with `length` bytes, without intermission.
+
+    One stuff bit follows the first five equal bits and then every four: (stuffed region - 1) // 4 at most. An FD frame
+    can't have more than three of them before its data phase.
+    """
+    if not is_fd:
+        fewest = _CLASSIC_FIXED_BITS + 8 * length
+        return FrameBits(fewest, 0), FrameBits(fewest + (34 + 8 * length - 1) // 4, 0)
+    nominal = _FD_HEAD_BITS + _FD_TAIL_BITS
+    data = _FD_FIXED_DATA_BITS + 8 * length + _fd_crc_bits(length)
+    stuffed = (_FD_HEAD_BITS + 5 + 8 * length - 1) // 4
+    return FrameBits(nominal, data), FrameBits(nominal + 3, data + stuffed - 3)
+
+
+class BitTiming(NamedTuple):
+    """The two bit rates of a bus; times are rounded down to whole ns once per frame."""
+
+    bitrate_bit_per_s: int = 1_000_000
+    data_bitrate_bit_per_s: int = 5_000_000
+
+    def bits_ns(self, nominal: int) -> int:
+        """Return the time of this many bits at the nominal rate."""
+        return nominal * NS_PER_S // self.bitrate_bit_per_s
+
+    def frame_ns(self, frame: Frame) -> int:
+        """Return the time from SOF to the end of EOF, when receivers have the frame; ValueError as `frame_bits`."""
+        arbitration_id, data, is_fd = frame
+        if not is_fd and len(data) <= 8 and 0 <= arbitration_id <= MAX_ID:  # `frame_bits` without the detour
+            bits = _CLASSIC_FIXED_BITS + 8 * len(data) + classic_stuff_bits(arbitration_id, data)
+            return bits * NS_PER_S // self.bitrate_bit_per_s
+        nominal, fast = frame_bits(frame)
+        return nominal * NS_PER_S // self.bitrate_bit_per_s + fast * NS_PER_S // self.data_bitrate_bit_per_s
+
+
+class Clash(NamedTuple):
+    """Two senders of one id that part after arbitration: the first bit at which they differ."""
+
+    after_ns: int  # from SOF to the end of that bit
+    first_is_dominant: bool  # the first of the two sends the dominant bit and doesn't notice
+
+
+def clash(first: Frame, second: Frame, timing: BitTiming) -> Clash | None:
+    """Find where two frames with the same id differ; None when they are the same bits and so one frame."""
+    bits_a, bits_b = _unstuffed(first), _unstuffed(second)
+    index = next((i for i, (a, b) in enumerate(zip(bits_a, bits_b, strict=False)) if a != b), None)
+    if index is None:
+        return None
+    nominal_bits = data_bits = 0
+    run, last = 0, ""
+    for position in range(index + 1):
+        width = 1
+        if run == 5:
+            width, run, last = 2, 1, "1" if last == "0" else "0"
+        run = run + 1 if bits_a[position] == last else 1
+        last = bits_a[position]
+        if first.is_fd and second.is_fd and position >= _FD_HEAD_BITS:
+            data_bits += width
+        else:
+            nominal_bits += width
+    after = timing.bits_ns(nominal_bits) + data_bits * NS_PER_S // timing.data_bitrate_bit_per_s
+    return Clash(after, bits_a[index] == "0")
+
+
+def _unstuffed(frame: Frame) -> str:
+    """Write the bits from SOF to the last data bit; where these agree, so do the CRCs."""
+    data = "".join(f"{byte:08b}" for byte in frame.data)
+    if frame.is_fd:
+        return f"{frame.arbitration_id << 5 | 0b00101:017b}{_FD_DLC_OF_LENGTH[len(frame.data)]:05b}{data}"
+    return f"{frame.arbitration_id << 7 | len(frame.data):019b}{data}"

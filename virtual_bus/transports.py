@@ -1,0 +1,102 @@
+"""How a drive process reaches the outside: any python-can interface. Nothing from outside raises; it is counted."""
+
+import errno
+import os
+import time
+from collections.abc import Iterable, Mapping
+from typing import Protocol
+
+import can
+
+from firmware_protocol.frames import Frame
+from hil_forceps.rig.errors import UserError
+
+MAX_FRAMES_AT_ONCE = 256  # a flood can't keep the loop from its samples
+_NO_ROUTE = {errno.ENODEV, errno.ENETUNREACH, errno.EADDRNOTAVAIL, errno.EHOSTUNREACH}
+_NO_CAN = {errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT}
+
+
+class Transport(Protocol):
+    """Frames in and out. `counters` names what went wrong."""
+
+    counters: dict[str, int]
+
+    def receive(self, timeout_s: float) -> list[Frame]:
+        """Wait up to `timeout_s` for frames, return those that are there: at most MAX_FRAMES_AT_ONCE."""
+
+    def send(self, frames: Iterable[Frame]) -> None:
+        """Send now or not at all."""
+
+    def close(self) -> None:
+        """Release everything."""
+
+
+class CanTransport:
+    """A drive on any python-can bus."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self.counters = {"send_failed": 0, "receive_failed": 0, "not_ours": 0}
+        self._bus = bus
+
+    def receive(self, timeout_s: float) -> list[Frame]:
+        """See `Transport`; a bus that fails costs the time of a wait, so it can't spin."""
+        frames: list[Frame] = []
+        for _ in range(MAX_FRAMES_AT_ONCE):
+            try:
+                message = self._bus.recv(timeout_s)
+            except (can.CanError, OSError, ValueError):
+                self.counters["receive_failed"] += 1
+                if timeout_s > 0.0 and not frames:
+                    time.sleep(min(timeout_s, 1.0e-3))
+                break
+            if message is None:
+                break
+            timeout_s = 0.0
+            if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
+                self.counters["not_ours"] += 1
+            else:
+                frames.append(Frame(message.arbitration_id, bytes(message.data), message.is_fd))
+        return frames
+
+    def send(self, frames: Iterable[Frame]) -> None:
+        """See `Transport`."""
+        for identifier, data, is_fd in frames:
+            message = can.Message(
+                arbitration_id=identifier, data=data, is_extended_id=False, is_fd=is_fd, bitrate_switch=is_fd
+            )
+            try:
+                self._bus.send(message, timeout=0.0)
+            except (can.CanError, OSError):
+                self.counters["send_failed"] += 1
+
+    def close(self) -> None:
+        """See `Transport`."""
+        self._bus.shutdown()
+
+
+def open_can(interface: str, channel: str, is_fd: bool, options: Mapping[str, str]) -> CanTransport:
+    """Open a python-can interface; UserError in one line, with the remedy where it is known."""
+    name = f"{interface} {channel}"
+    try:
+        bus = can.Bus(interface=interface, channel=channel, fd=is_fd, ignore_config=False, **options)
+    except can.CanInterfaceNotImplementedError as error:
+        text = str(error)
+        if "msgpack" in text:
+            text = "msgpack is missing; pip install 'python-can[multicast]'"
+        raise UserError(f"{name}: {text}") from None
+    except (can.CanError, OSError, ValueError, TypeError) as error:
+        raise UserError(f"{name}: {_reason(interface, error)}") from None
+    return CanTransport(bus)
+
+
+def _reason(interface: str, error: Exception) -> str:
+    code = error.errno if isinstance(error, OSError) else getattr(error, "error_code", None)
+    if code is None and isinstance(error.__cause__, OSError):
+        code = error.__cause__.errno
+    if interface == "udp_multicast" and code in _NO_ROUTE:
+        return "no route for multicast; ip link set lo multicast on; ip route add 239.0.0.0/8 dev lo"
+    if interface == "socketcan" and code in _NO_CAN:
+        return "this kernel has no CAN; modprobe can_raw vcan, or use udp_multicast or a serial port"
+    if interface == "socketcan" and code == errno.ENODEV:
+        return "no such device; ip link add dev vcan0 type vcan; ip link set vcan0 up"
+    return str(error) or os.strerror(code or errno.EIO)

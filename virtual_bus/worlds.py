@@ -1,0 +1,118 @@
+"""Whole worlds in virtual time, and which channel name leads to which."""
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from firmware_protocol.messages import FaultReason
+from hil_forceps.rig import Rig, load_rig
+from virtual_bus.bit_timing import NS_PER_S, BitTiming
+from virtual_bus.drive import SimulatedDrive
+from virtual_bus.faults import Fault, FaultInjector, Side
+from virtual_bus.host_node import HostNode
+from virtual_bus.load import paper_load
+from virtual_bus.medium import Medium
+from virtual_bus.node import Node
+from virtual_bus.port import DEFAULT_QUEUE_FRAMES, Port
+from virtual_bus.simulation import Simulation
+
+
+@dataclass(slots=True)
+class World:
+    """A bus with what hangs on it besides hosts; `lock` is for hosts in several threads."""
+
+    simulation: Simulation
+    drive: SimulatedDrive | None
+    is_fd: bool
+    latency_ns: int = 0
+    jitter_ns: int = 0
+    seed: int = 0
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    hosts: int = 0  # ever attached
+
+    def add_host(self, queue_frames: int, receive_frames: int) -> tuple[HostNode, Port]:
+        """Attach one more host."""
+        self.hosts += 1
+        node = HostNode(self.latency_ns, self.jitter_ns, f"{self.seed} {self.hosts}", receive_frames)
+        return node, self.simulation.add(node, f"host{self.hosts}", Side.HOST, queue_frames)
+
+
+def as_rig(rig: Rig | str | Path) -> Rig:
+    """Return a rig, read from its file where a path is given; UserError when that fails."""
+    return rig if isinstance(rig, Rig) else load_rig(rig)
+
+
+def drive_world(
+    rig: Rig, simulation: int, seed: int, is_fd: bool, faults: Sequence[Fault], timing: BitTiming, truth_s: float
+) -> World:
+    """Build the world of a rig: its drive, alone on a bus. UserError when the rig doesn't say enough.
+
+    `simulation` is the paper's 1 or 2, or 0 for no load; `truth_s` seconds of truth are logged.
+    """
+    drive = SimulatedDrive(rig, paper_load(simulation), seed, fd=is_fd, truth_duration_s=truth_s)
+    stepper = Simulation(Medium(timing, FaultInjector(faults, seed) if faults else None))
+    port = stepper.add(drive, "drive", Side.DRIVE)
+    port.on_bus_off = lambda: drive.machine.trip(FaultReason.BUS_OFF)
+    return World(
+        stepper,
+        drive,
+        is_fd,
+        latency_ns=round(rig.bench.latency_s * NS_PER_S),
+        jitter_ns=round(rig.bench.latency_jitter_s * NS_PER_S),
+        seed=seed,
+    )
+
+
+def node_world(nodes: Sequence[Node], seed: int, is_fd: bool, faults: Sequence[Fault], timing: BitTiming) -> World:
+    """Build a world of any nodes."""
+    stepper = Simulation(Medium(timing, FaultInjector(faults, seed) if faults else None))
+    for index, node in enumerate(nodes):
+        stepper.add(node, f"node{index}", Side.DRIVE, DEFAULT_QUEUE_FRAMES)
+    return World(stepper, None, is_fd, seed=seed)
+
+
+class _Entry:
+    """A world with the number of handles on it and what it was made of."""
+
+    def __init__(self, world: World, recipe: object) -> None:
+        self.world = world
+        self.recipe = recipe
+        self.handles = 1
+
+
+_channels: dict[str, _Entry] = {}
+_channels_lock = threading.Lock()
+
+
+def join(channel: str, recipe: object, make: Callable[[], World] | None) -> World:
+    """Return the world of a channel, made when it has none yet; leave it by `leave`.
+
+    ValueError when a world would have to be made and there is no `make`, or when there is one made otherwise.
+    """
+    with _channels_lock:
+        entry = _channels.get(channel)
+        if entry is None:
+            if make is None:
+                raise ValueError(f"nothing is on channel {channel!r} yet: say which rig is to be (rig=...)")
+            entry = _channels[channel] = _Entry(make(), recipe)
+            return entry.world
+        if make is not None and entry.recipe != recipe:
+            raise ValueError(f"channel {channel!r} already has a world made of something else; leave out rig and nodes")
+        entry.handles += 1
+        return entry.world
+
+
+def leave(channel: str) -> None:
+    """Give back one handle; the world ends with the last."""
+    with _channels_lock:
+        entry = _channels[channel]
+        entry.handles -= 1
+        if entry.handles == 0:
+            del _channels[channel]
+
+
+def channels() -> list[str]:
+    """Return the names of the channels that lead somewhere."""
+    with _channels_lock:
+        return sorted(_channels)
