@@ -209,6 +209,21 @@ def test_an_adapter_that_repeats_the_last_frames_of_a_dead_host_moves_nothing() 
     assert loop.drive.fault is FaultReason.WATCHDOG
 
 
+def test_a_pipeline_that_hangs_stops_the_motor() -> None:
+    """HFP-102, HFP-112: frames come in and references go out, but nobody looks at the measurements any more."""
+    loop = Loop(Faults(), 4)
+    for _ in range(500):
+        loop.millisecond()
+    reference = loop.samples[-1].theta_m
+    for _ in range(45):
+        loop.send(loop.drive.poll(loop.now_us) + loop.drive.sample(loop.now_us, loop.theta, 0), True)
+        frame = loop.host.setpoint(reference)
+        loop.send(loop.host.poll(loop.now_us * US) + ([frame] if frame else []), False)
+        loop.arrive(loop.now_us + 1_000)
+    assert loop.drive.fault is FaultReason.WATCHDOG
+    assert loop.drive.counters["sample_old"] > 0
+
+
 def test_measurements_alone_keep_nothing_alive() -> None:
     """A host that still sends heartbeats and reads, but computes no references any more."""
     loop = Loop(Faults(), 4)

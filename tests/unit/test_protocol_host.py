@@ -55,6 +55,10 @@ class Desk:
         sequence = self.heartbeat_sequence & 0xFF
         self.hear(DriveHeartbeat(NODE, state, fault, major, 0, 3, lost, sequence))
 
+    def setpoint(self, theta: int) -> Frame | None:
+        self.host.take_samples()
+        return self.host.setpoint(theta)
+
     def phase(self) -> HostPhase:
         return self.host.phase
 
@@ -190,7 +194,7 @@ def test_hfp_070_only_discover_before_an_identity() -> None:
         desk.sample()
     desk.wait(300)
     assert desk.sent == [Discover(NODE)] * 3
-    assert desk.host.setpoint(0) is None
+    assert desk.setpoint(0) is None
     assert desk.host.take_samples() == []
     assert desk.host.counters["not_for_us"] == 9
     desk.hear(Identity(NODE, SERIAL, 1, 0))
@@ -229,7 +233,7 @@ def test_hfp_071_a_heartbeat_of_another_version_ends_the_session() -> None:
     desk.drive_heartbeat(DriveState.OPERATIONAL, major=2)
     assert desk.phase() is P.REFUSED
     assert "protocol 2.0" in desk.host.refusal
-    assert desk.host.setpoint(5) is None
+    assert desk.setpoint(5) is None
 
 
 @pytest.mark.parametrize("minor", [0, 1, 255])
@@ -337,7 +341,7 @@ def test_enable_waits_until_the_drive_let_go() -> None:
     desk.host.enable()
     assert desk.wait(200, DriveState.OPERATIONAL) == [0] * 10
     assert desk.phase() is P.ENABLING
-    assert desk.host.setpoint(5) is None
+    assert desk.setpoint(5) is None
     assert desk.wait(1, DriveState.DISABLED) == [1]
     desk.sample(DriveState.OPERATIONAL)
     assert desk.phase() is P.RUNNING
@@ -361,28 +365,51 @@ def test_enable_timeout(ms: int, phase: HostPhase) -> None:
 def test_hfp_100_and_101_references() -> None:
     desk = Desk()
     desk.ready()
-    assert desk.host.setpoint(5) is None
+    assert desk.setpoint(5) is None
     desk.host.enable()
-    assert desk.host.setpoint(5) is None
+    assert desk.setpoint(5) is None
     desk.wait(30, DriveState.DISABLED)
-    assert desk.host.setpoint(5) is None
+    assert desk.setpoint(5) is None
     for n in range(3):
         desk.sample(DriveState.ARMED, theta=1_000 + n)
-        frame = desk.host.setpoint(5)
+        frame = desk.setpoint(5)
         assert frame == codec.encode(Setpoint(NODE, 1_000 + n, n + 1, desk.n & 0xFF))
     desk.sample(DriveState.OPERATIONAL, theta=2_000)
-    assert desk.host.setpoint(2_005) == codec.encode(Setpoint(NODE, 2_005, 4, desk.n & 0xFF))
+    assert desk.setpoint(2_005) == codec.encode(Setpoint(NODE, 2_005, 4, desk.n & 0xFF))
     desk.sample(DriveState.FAULT, FaultReason.WATCHDOG)
     assert desk.host.fault is FaultReason.WATCHDOG
-    assert desk.host.setpoint(2_005) is None
+    assert desk.setpoint(2_005) is None
     assert desk.host.counters["setpoints_sent"] == 4
+
+
+def test_hfp_102_a_host_that_takes_no_samples_repeats_the_old_number() -> None:
+    """So a drive drops its references as too old, though frames still come in."""
+    desk = Desk()
+    desk.running()
+    assert desk.host.setpoint(5) is None
+    taken = desk.host.take_samples()[-1]
+    for n in range(50):
+        desk.sample(DriveState.OPERATIONAL)
+        assert desk.host.setpoint(5) == codec.encode(Setpoint(NODE, 5, n + 1, taken.sequence))
+    assert desk.setpoint(5) == codec.encode(Setpoint(NODE, 5, 51, desk.n))
+
+
+def test_what_is_left_of_the_last_session_is_no_base_for_a_reference() -> None:
+    desk = Desk()
+    desk.running()
+    desk.wait(300)
+    assert desk.phase() is P.DISCONNECTED
+    assert len(desk.host.take_samples()) > 0
+    desk.identify()
+    desk.host.enable()
+    assert desk.host.setpoint(5) is None
 
 
 def test_references_wrap_and_number_on() -> None:
     desk = Desk()
     desk.running()
     for n in range(300):
-        frame = desk.host.setpoint((5 << 32) + n)
+        frame = desk.setpoint((5 << 32) + n)
         assert frame == codec.encode(Setpoint(NODE, n, (n + 1) & 0xFF, desk.n & 0xFF))
 
 
@@ -397,7 +424,7 @@ def test_fd_references() -> None:
         desk.host.receive(codec.encode_fd_feedback(NODE, 5, 0, n * 1_000, n, 0, state, 0), desk.now_ns)
         desk.host.poll(desk.now_ns)
     assert desk.phase() is P.RUNNING
-    assert desk.host.setpoint(6) == codec.encode(Setpoint(NODE, 6, 1, 59), fd=True)
+    assert desk.setpoint(6) == codec.encode(Setpoint(NODE, 6, 1, 59), fd=True)
 
 
 def test_reset_is_one_pulse_and_ends_with_the_fault() -> None:
@@ -452,7 +479,7 @@ def test_a_heartbeat_alone_tells_a_fault() -> None:
     desk.drive_heartbeat(9, 0)
     assert desk.host.counters["unknown_state"] == 1
     assert desk.phase() is P.FAULT
-    assert desk.host.setpoint(1) is None
+    assert desk.setpoint(1) is None
 
 
 @pytest.mark.parametrize(("advance", "stale"), [(0, True), (1, False), (127, False), (128, True), (255, True)])
