@@ -113,6 +113,13 @@ def test_same_id_same_bits_is_one_frame_of_two_senders() -> None:
     assert [port.error_frames for port in ports] == [0, 0, 0]
 
 
+def test_two_senders_of_the_same_bits_do_not_acknowledge_each_other() -> None:
+    frame = Frame(0x80, b"\x01\x02")
+    simulation, ports = bus(Talker([(0, frame)]), Talker([(0, frame)]))
+    simulation.advance_until(MS // 2)
+    assert [port.sent for port in ports] == [0, 0]
+
+
 def test_same_id_other_data_fails_until_both_are_error_passive_then_both_get_through() -> None:
     a, b, listener = Talker([(0, Frame(0x80, b"\x01"))]), Talker([(0, Frame(0x80, b"\x02"))]), Talker()
     simulation, ports = bus(a, b, listener)
@@ -284,12 +291,12 @@ def test_leaving_takes_queued_frames_along() -> None:
 
 def test_leaving_while_a_frame_fails_leaves_nothing_to_repeat() -> None:
     sender, listener = Talker([(0, Frame(0x80, b""))]), Talker()
-    simulation, ports = bus(sender, listener, faults=[{"fault": "corrupt_wire"}])
+    simulation, ports = bus(sender, listener, Talker(), faults=[{"fault": "corrupt_wire", "count": 1}])
     simulation.advance_until(10_000)
     simulation.remove(ports[0])
     simulation.advance_until(10 * MS)
     assert listener.heard == []
-    assert ports[0].error_frames <= 1
+    assert (ports[0].sent, ports[0].tec) == (0, 0)
 
 
 def test_what_is_no_frame_is_refused_where_it_is_submitted() -> None:
