@@ -86,7 +86,7 @@ def _open_can(spec: LinkSpec) -> Connection:
     try:
         # ty: python-can takes whatever the interface knows
         bus = can.Bus(channel=spec.channel or None, interface=spec.interface, ignore_config=True, **options)  # type: ignore[arg-type]
-    except can.CanInterfaceNotImplementedError as error:
+    except NotImplementedError as error:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise UserError(f"{name}: {_words(error)}; interfaces: {known}") from error
     except (can.CanError, OSError, ValueError, TypeError, ImportError, AttributeError) as error:

@@ -153,7 +153,7 @@ def open_bus_log(path: Path, begin_ns: int, threaded: bool) -> BusLog:
     if kind is None:
         raise UserError(f"{path}: no bus log of this kind; use one of {', '.join(_WRITERS)}")
     try:
-        writer = kind(str(path), channel=1 if path.suffix.lower() == ".blf" else CHANNEL)
+        writer = kind(str(path), channel=CHANNEL if kind is can.CanutilsLogWriter else 1)
     except OSError as error:
         raise UserError(f"{path}: can't log here: {error.strerror}; choose a directory that can be written") from error
     return BusLog(writer, begin_ns, threaded)

@@ -1,0 +1,103 @@
+"""The raw log: every frame, in formats that other tools read, the same bytes every time."""
+
+import time
+from pathlib import Path
+
+import can
+import pytest
+
+from firmware_protocol.frames import Frame
+from hil_forceps.bridge.bus_log import BATCH_FRAMES, BusLog, LoggedLink, LogReport, open_bus_log
+from hil_forceps.bridge.ports import SendResult
+from hil_forceps.rig.errors import UserError
+
+BEGIN_NS = 5_000_000_000
+
+
+def write(path: Path, frames: int, threaded: bool = False) -> LogReport:
+    log = open_bus_log(path, BEGIN_NS, threaded)
+    for k in range(frames):
+        frame = Frame(0x64, bytes(16), True) if k % 10 == 9 else Frame(0x44 + k % 3, bytes([k % 256, 1]))
+        log.add(BEGIN_NS + k * 250_000, frame, is_received=k % 2 == 0)
+    return log.close()
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf"])
+def test_logs_read_back_with_python_can(tmp_path: Path, suffix: str) -> None:
+    frames = BATCH_FRAMES * 2 + 30
+    report = write(tmp_path / f"bus{suffix}", frames)
+    assert report == LogReport(frames, 0, "")
+    messages = list(can.LogReader(str(tmp_path / f"bus{suffix}")))
+    assert len(messages) == frames
+    assert messages[3].timestamp - messages[0].timestamp == pytest.approx(7.5e-4, abs=1e-6)
+    assert (messages[9].is_fd, len(messages[9].data)) == (True, 16)
+    assert [message.is_rx for message in messages[:4]] == [True, False, True, False]
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf"])
+def test_the_same_frames_give_the_same_bytes_at_any_hour(tmp_path: Path, suffix: str) -> None:
+    first, second = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
+    write(first, 700)
+    time.sleep(0.005)
+    write(second, 700, threaded=True)
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_unknown_kinds_and_places_are_user_errors(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"use one of \.log, \.asc, \.blf"):
+        open_bus_log(tmp_path / "bus.txt", 0, threaded=False)
+    with pytest.raises(UserError, match="can't log here: No such file"):
+        open_bus_log(tmp_path / "none" / "bus.log", 0, threaded=False)
+
+
+@pytest.mark.parametrize("threaded", [False, True])
+def test_a_full_disk_ends_the_log_and_never_raises(threaded: bool) -> None:
+    log = BusLog(can.CanutilsLogWriter("/dev/full"), 0, threaded)
+    for k in range(4000):
+        log.add(k, Frame(1, b"12345678"), is_received=True)
+    report = log.close()
+    assert "No space left" in report.failure
+    assert report.frames == 4000
+    assert report.dropped > 0
+
+
+class Passing:
+    """A link that takes every other frame."""
+
+    def __init__(self) -> None:
+        self.counters = {"a": 1}
+        self.sends = 0
+        self.closed = False
+
+    def send(self, frame: Frame) -> SendResult:
+        self.sends += bool(frame)
+        return SendResult.SENT if self.sends % 2 else SendResult.QUEUE_FULL
+
+    def receive(self) -> list[tuple[int, Frame]]:
+        return [(BEGIN_NS + 1_000_000, Frame(0x84, b"in"))]
+
+    def is_up(self) -> bool:
+        return not self.closed
+
+    def close(self) -> None:
+        self.closed = True
+
+    def now_ns(self) -> int:
+        return BEGIN_NS + 2_000_000
+
+    def sleep_until_ns(self, time_ns: int) -> None:
+        raise AssertionError(time_ns)
+
+
+def test_what_passes_a_logged_link_is_logged_and_what_was_dropped_is_not(tmp_path: Path) -> None:
+    inner = Passing()
+    log = open_bus_log(tmp_path / "bus.log", BEGIN_NS, threaded=False)
+    link = LoggedLink(inner, inner, log)
+    assert link.receive() == inner.receive()
+    assert [link.send(Frame(0x44, b"out")) for _ in range(2)] == [SendResult.SENT, SendResult.QUEUE_FULL]
+    assert link.counters == inner.counters
+    assert link.is_up()
+    link.close()
+    assert not link.is_up()
+    log.close()
+    assert (tmp_path / "bus.log").read_text() == "(0.001000) can0 084#696E R\n(0.002000) can0 044#6F7574 T\n"
