@@ -55,15 +55,6 @@ class Approach(NamedTuple):
 DEFAULT_APPROACH = Approach()
 
 
-class Taken(NamedTuple):
-    """One sample in SI and what the estimator made of it."""
-
-    theta_m_rad: float
-    current_A: float
-    torque_N_m: float
-    estimate: Estimate
-
-
 class Pipeline:
     """One estimator with its compensation and gate, running over one stream of samples."""
 
@@ -87,11 +78,13 @@ class Pipeline:
         self.zero_ns: int | None = None
         self.denied_in_a_row = 0
         self.newest: RawSample | None = None
-        self.taken = Taken(math.nan, math.nan, math.nan, Estimate(math.nan, math.nan))
+        self.sample = Sample(0, math.nan, math.nan)  # the newest, in SI
+        self.estimate = Estimate(math.nan, math.nan)  # after it
         self.counters = {"samples": 0, "not_increasing": 0, "nothing_new": 0, "stale": 0, "denied": 0, "passed": 0}
-        self._estimator = estimator
+        self._start, self._step, self._estimate = estimator.start, estimator.step, estimator.estimate
         self._trajectory = trajectory
         self._plant = plant
+        self._torque_lsb_N_m = plant.torque_constant_N_m_per_A * CURRENT_LSB_A
         self._gate = gate
         self._compensate = compensate
         self._max_age_ns = round(max_sample_age_s * 1e9)
@@ -102,27 +95,23 @@ class Pipeline:
         self._gate_state: GateState | None = None
         self._fade: _Fade | None = None
 
-    def feed(self, raw: RawSample) -> Taken | None:
-        """Take the next sample; None when its stamp does not increase, which is counted, and the sample is dropped."""
-        newest = self.newest
-        if newest is not None and raw.stamp_ns <= newest.stamp_ns:
+    def feed(self, raw: RawSample) -> bool:
+        """Take the next sample; False when its stamp does not increase: then it is counted and dropped."""
+        stamp_ns = raw.stamp_ns
+        if self.newest is not None and stamp_ns <= self.newest.stamp_ns:
             self.counters["not_increasing"] += 1
-            return None
+            return False
         self.counters["samples"] += 1
-        theta_m_rad = raw.theta_m * ANGLE_LSB_RAD
-        current_A = raw.current * CURRENT_LSB_A
-        torque_N_m = self._plant.torque_constant_N_m_per_A * current_A
-        sample = Sample(raw.stamp_ns, theta_m_rad, torque_N_m)
+        self.sample = sample = Sample(stamp_ns, raw.theta_m * ANGLE_LSB_RAD, raw.current * self._torque_lsb_N_m)
         state = self._state
-        state = self._estimator.start(sample) if state is None else self._estimator.step(state, sample)
-        self._state = state
-        self._stamps.see(raw.stamp_ns, raw.received_ns)
+        self._state = state = self._start(sample) if state is None else self._step(state, sample)
+        self.estimate = self._estimate(state)
+        self._stamps.see(stamp_ns, raw.received_ns)
         if self.zero_ns is None and raw.state == DriveState.OPERATIONAL:
-            self.zero_ns = raw.stamp_ns
+            self.zero_ns = stamp_ns
         self.newest = raw
         self._is_new = True
-        self.taken = Taken(theta_m_rad, current_A, torque_N_m, self._estimator.estimate(state))
-        return self.taken
+        return True
 
     def reference(self, now_ns: int) -> Reference:
         """Compute what may leave at this tick; `reference_raw` is None when nothing may, `verdict` says why."""
@@ -154,17 +143,17 @@ class Pipeline:
 
     def _hold(self, newest: RawSample, now_ns: int) -> Reference:
         """Ask for the measured angle: the first reference of the enable handshake."""
-        theta_m_rad = self.taken.theta_m_rad
+        theta_m_rad = self.sample.theta_m_rad
         self._gate_state = self._gate.open(theta_m_rad, now_ns)
         return self._through_gate(newest, NOWHERE_NS, now_ns, math.nan, 0.0, theta_m_rad)
 
     def _follow(self, newest: RawSample, t_ns: int, now_ns: int) -> Reference:
         theta_j_rad = self._trajectory(t_ns * 1e-9)
-        elongation_m = self.taken.estimate.elongation_m if self._compensate else 0.0
+        elongation_m = self.estimate.elongation_m if self._compensate else 0.0
         requested_rad = motor_reference_rad(theta_j_rad, elongation_m, self._plant)
         fade = self._fade
         if fade is None and math.isfinite(requested_rad):
-            fade = self._fade = _fade(self.taken.theta_m_rad - requested_rad, t_ns, self._approach)
+            fade = self._fade = _fade(self.sample.theta_m_rad - requested_rad, t_ns, self._approach)
         if fade is not None and t_ns < fade.end_ns:
             requested_rad += fade.offset_rad * (1.0 - _smooth((t_ns - fade.begin_ns) / (fade.end_ns - fade.begin_ns)))
         return self._through_gate(newest, t_ns, now_ns, theta_j_rad, elongation_m, requested_rad)
@@ -174,7 +163,7 @@ class Pipeline:
     ) -> Reference:
         state = self._gate_state
         if state is None:  # the drive was OPERATIONAL before we came: begin where it is
-            state = self._gate.open(self.taken.theta_m_rad, now_ns)
+            state = self._gate.open(self.sample.theta_m_rad, now_ns)
         self._gate_state, passed_rad, verdict = self._gate.step(state, requested_rad, now_ns)
         if passed_rad is None:
             self.denied_in_a_row += 1

@@ -54,10 +54,10 @@ def raw(k: int, state: DriveState = DriveState.OPERATIONAL, theta_m: int = START
 
 def test_raw_becomes_si_at_the_wires_scale() -> None:
     taken: list[Sample] = []
-    result = pipeline(taken).feed(raw(3))
-    assert taken == [Sample(3 * MS, START_RAW * ANGLE_LSB_RAD, PLANT.torque_constant_N_m_per_A * 1000 * CURRENT_LSB_A)]
-    assert result is not None
-    assert result.current_A == 1000 * CURRENT_LSB_A
+    line = pipeline(taken)
+    assert line.feed(raw(3))
+    assert taken == [line.sample]
+    assert line.sample == pytest.approx((3 * MS, START_RAD, PLANT.torque_constant_N_m_per_A * 1000 * CURRENT_LSB_A))
 
 
 def test_before_operation_the_reference_is_the_measured_angle_to_the_last_bit() -> None:
@@ -131,8 +131,8 @@ def test_stamps_that_do_not_increase_are_dropped_and_counted() -> None:
     taken: list[Sample] = []
     line = pipeline(taken)
     line.feed(raw(5))
-    assert line.feed(raw(5)) is None
-    assert line.feed(raw(4)) is None
+    assert not line.feed(raw(5))
+    assert not line.feed(raw(4))
     assert len(taken) == 1
     assert line.counters["not_increasing"] == 2
 
