@@ -27,6 +27,7 @@ from virtual_bus.node import Node
 from virtual_bus.port import DEFAULT_QUEUE_FRAMES, PortState
 from virtual_bus.truth_log import TruthLog
 
+_LAST_NS = FOREVER_NS - 1
 _STATES = {
     PortState.ERROR_ACTIVE: can.BusState.ACTIVE,
     PortState.ERROR_PASSIVE: can.BusState.PASSIVE,
@@ -81,26 +82,27 @@ class VirtualForcepsBus(can.BusABC):
     ) -> None:
         if unknown:
             raise ValueError(f"virtual_forceps knows no option {', '.join(sorted(unknown))}")
-        self._channel = str(channel)
-        is_fd = _flag(fd)
+        if rig is not None and nodes is not None:
+            raise ValueError("give a rig or nodes, not both")
         is_first = rig is not None or nodes is not None
         if faults is not None and not is_first:
             raise ValueError("faults belong to the handle that says which rig is to be (rig=...)")
-        recipe = (rig, nodes, int(simulation), int(seed), is_fd, faults)
+        queues = _positive("transmit_queue", transmit_queue), _positive("receive_queue", receive_queue)
+        load, number, is_fd, truth_s = int(simulation), int(seed), _flag(fd), float(truth_duration_s)
 
         def make() -> worlds.World:
             schedule = _faults_of(faults)
-            if nodes is not None:
-                timing = _timing(None, bitrate, data_bitrate)
-                return worlds.node_world(nodes, int(seed), bool(is_fd), schedule, timing)
-            assert rig is not None
+            if rig is None:
+                timing = _timing(BitTiming(), bitrate, data_bitrate)
+                return worlds.node_world(nodes or (), number, bool(is_fd), schedule, timing)
             loaded = worlds.as_rig(rig)
+            rates = BitTiming(loaded.bench.bitrate_bit_per_s, loaded.bench.data_bitrate_bit_per_s)
             fd_mode = loaded.bench.transport == "fd" if is_fd is None else is_fd
-            timing = _timing(loaded, bitrate, data_bitrate)
-            return worlds.drive_world(
-                loaded, int(simulation), int(seed), fd_mode, schedule, timing, float(truth_duration_s)
-            )
+            timing = _timing(rates, bitrate, data_bitrate)
+            return worlds.drive_world(loaded, load, number, fd_mode, schedule, timing, truth_s)
 
+        self._channel = str(channel)
+        recipe = (rig, nodes, load, number, is_fd, faults)
         try:
             self._world = worlds.join(self._channel, recipe, make if is_first else None)
         except UserError as error:
@@ -109,7 +111,7 @@ class VirtualForcepsBus(can.BusABC):
             raise CanInitializationError(f"virtual_forceps: {error}") from error
         self._simulation = self._world.simulation
         self._medium = self._simulation.medium
-        self._node, self._port = self._world.add_host(int(transmit_queue), int(receive_queue))
+        self._node, self._port = self._world.add_host(*queues)
         self._is_delayed = self._node.is_delayed()
         self._can_protocol = can.CanProtocol.CAN_FD if self._world.is_fd else can.CanProtocol.CAN_20
         self.channel_info = f"virtual_forceps: {self._channel}"
@@ -131,6 +133,7 @@ class VirtualForcepsBus(can.BusABC):
 
         ValueError when there is no such CAN frame, or FD is off.
         """
+        self._check_open()
         if frame[2] and not self._world.is_fd:
             raise ValueError("CAN FD is off on this bus")
         with self._world.lock:
@@ -193,7 +196,7 @@ class VirtualForcepsBus(can.BusABC):
         Overridden as a whole, filters included: the base class measures what is left of a timeout by the wall clock.
         CanOperationError when the bus is gone, or nothing is left that could ever arrive.
         """
-        deadline_ns = FOREVER_NS if timeout is None else self.now_ns() + round(timeout * NS_PER_S)
+        deadline_ns = _LAST_NS if timeout is None else self.now_ns() + round(timeout * NS_PER_S)
         while True:
             with self._world.lock:
                 self._check_open()
@@ -239,12 +242,12 @@ class VirtualForcepsBus(can.BusABC):
             return False
         if self._medium.gone:
             # The wait costs its time all the same, or a loop around recv would never see the bus come back.
-            if deadline_ns < FOREVER_NS:
+            if deadline_ns < _LAST_NS:
                 simulation.advance_until(deadline_ns)
             raise CanOperationError("the bus is gone", errno.ENODEV)
         limit_ns = min(deadline_ns, self._node.next_received_ns())
         if not simulation.step(limit_ns):
-            if limit_ns >= FOREVER_NS:
+            if limit_ns >= _LAST_NS:
                 raise CanOperationError("nobody on this bus will ever send: recv would wait forever", errno.EDEADLK)
             simulation.advance_until(limit_ns)
         return True
@@ -280,9 +283,15 @@ def _flag(value: bool | str | None) -> bool | None:
     return known
 
 
-def _timing(rig: Rig | None, bitrate: int | str | None, data_bitrate: int | str | None) -> BitTiming:
-    base = BitTiming() if rig is None else BitTiming(rig.bench.bitrate_bit_per_s, rig.bench.data_bitrate_bit_per_s)
+def _timing(base: BitTiming, bitrate: int | str | None, data_bitrate: int | str | None) -> BitTiming:
     return BitTiming(
-        base.bitrate_bit_per_s if bitrate is None else int(bitrate),
-        base.data_bitrate_bit_per_s if data_bitrate is None else int(data_bitrate),
+        base.bitrate_bit_per_s if bitrate is None else _positive("bitrate", bitrate),
+        base.data_bitrate_bit_per_s if data_bitrate is None else _positive("data_bitrate", data_bitrate),
     )
+
+
+def _positive(name: str, value: int | str) -> int:
+    number = int(value)
+    if number < 1:
+        raise ValueError(f"{name}: must be 1 or more, not {number}")
+    return number

@@ -51,13 +51,18 @@ class Simulation:
         self._settle(self._index(port))
 
     def advance_until(self, limit_ns: int) -> None:
-        """Do everything up to and including `limit_ns`, but the arbitration at `limit_ns` itself."""
+        """Do everything up to and including `limit_ns`, but the arbitration at `limit_ns` itself.
+
+        ValueError when the limit is no time.
+        """
+        if limit_ns >= FOREVER_NS:
+            raise ValueError("time needs a limit to run to")
         while self.step(limit_ns):
             pass
         self.now_ns = max(self.now_ns, limit_ns)
 
     def step(self, limit_ns: int) -> bool:
-        """Do what is due at the next instant; False when nothing is left up to `limit_ns`."""
+        """Do what is due at the next instant; False when nothing is left up to `limit_ns`, below FOREVER_NS."""
         medium = self.medium
         wakes = self._wakes
         now_ns = min(wakes)

@@ -25,16 +25,25 @@ class Estimate(NamedTuple):
     elongation_m: float
 
 
+class Compiled(NamedTuple):
+    """The kernels behind an estimator, for loops that run compiled."""
+
+    kind: int  # which kernels: `batch`
+    constants: NDArray[np.float64]
+
+
 @dataclass(frozen=True, slots=True)
 class Estimator:
     """One algorithm with its parameters bound.
 
     `start` makes a state from the first sample (at rest, load unknown), `step` takes the next sample, whatever time
-    has passed since the last (gaps are bridged, never ignored), `estimate` reads the state. All are pure; a state is
-    never changed in place. Not finite numbers come out as they are: the gate stops them.
+    has passed since the last (gaps are bridged, never ignored; a stamp that isn't later leaves the state as it is),
+    `estimate` reads the state. All are pure; a state is never changed in place. Not finite numbers come out as they
+    are: the gate stops them. `compiled` is there where `batch` can run the same kernels in a compiled loop.
     """
 
     id: str
     start: Callable[[Sample], State]
     step: Callable[[State, Sample], State]
     estimate: Callable[[State], Estimate]
+    compiled: Compiled | None = None

@@ -13,10 +13,11 @@ Values = Mapping[str, Any]
 
 WIRE_CURRENT_A = 6.5534
 MAX_BUS_LOAD = 0.95  # leaves room for heartbeats and parameters
-_CLASSIC_FRAME_BITS = 135  # 8 bytes, 11-bit id, worst-case stuffing, intermission
-_FD_NOMINAL_BITS = 36  # arbitration, acknowledge, end, intermission, stuffed
-_FD_FEEDBACK_DATA_BITS = 240  # 16 bytes with CRC-17 and stuffing
-_FD_SETPOINT_DATA_BITS = 160
+# Most bits that a frame can take, intermission included: 11-bit id, stuffed at worst.
+CLASSIC_BITS = 135  # 8 bytes
+FD_NOMINAL_BITS = 32  # of an FD frame at the nominal rate
+FD_FEEDBACK_BITS = 195  # 16 bytes, at the data rate
+FD_SETPOINT_BITS = 115  # 8 bytes, at the data rate
 _TOLERANCE = 1e-6
 
 
@@ -101,7 +102,7 @@ def _step_divides_direct(step: float, times: tuple[float, ...]) -> Iterator[Prob
 
 def _divides(step: float, period: float) -> bool:
     ratio = period / step
-    return round(ratio) >= 1 and abs(ratio - round(ratio)) <= _TOLERANCE * ratio
+    return abs(ratio - round(ratio)) <= _TOLERANCE * ratio
 
 
 def _divisor_near(step: float, period: float) -> float:
@@ -174,11 +175,11 @@ def _wire_current(limit: float) -> Iterator[Problem]:
 
 def _frame_times_s(transport: str, nominal: int, data: int) -> tuple[float, float, float]:
     """Return worst-case times of one sample's feedback frames, of the bench sensor's frame and of one setpoint."""
-    classic = _CLASSIC_FRAME_BITS / nominal
+    classic = CLASSIC_BITS / nominal
     if transport == "classic":
         return 2.0 * classic, classic, classic
-    arbitration = _FD_NOMINAL_BITS / nominal
-    return arbitration + _FD_FEEDBACK_DATA_BITS / data, classic, arbitration + _FD_SETPOINT_DATA_BITS / data
+    arbitration = FD_NOMINAL_BITS / nominal
+    return arbitration + FD_FEEDBACK_BITS / data, classic, arbitration + FD_SETPOINT_BITS / data
 
 
 _BUS = ("bench.transport", "bench.bitrate_bit_per_s", "bench.data_bitrate_bit_per_s")

@@ -27,6 +27,7 @@ MAX_ENCODER_COUNTS = 1 << 24  # what the wire resolves
 _Radius = Annotated[Parameter, Quantity("m", 0.0, 0.2, open_low=True)]
 _Inertia = Annotated[Parameter, Quantity("kg_m2", 0.0, 1e-2, open_low=True)]
 _Friction = Annotated[Parameter, Quantity("N_m", 0.0, 10.0)]
+# The wire's angle wraps at 128 turns, 804 rad.
 _Position = Annotated[Number, Quantity("rad", -800.0, 800.0)]
 _LIST = Field(strict=False)
 _Delay = Annotated[Number, Quantity("s", 0.0, 1.0)]

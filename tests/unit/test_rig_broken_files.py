@@ -1,6 +1,5 @@
 """Every broken file beside its exact error lines: NAME.yaml and NAME.txt in `broken_rigs`."""
 
-import os
 from pathlib import Path
 
 import pytest
@@ -48,15 +47,9 @@ def test_a_path_with_a_nul() -> None:
         load_rig("a\0b")
 
 
-def test_a_file_that_is_far_too_long(tmp_path: Path) -> None:
+def test_a_file_that_is_far_too_long_is_not_read_to_its_end(tmp_path: Path) -> None:
     path = tmp_path / "long.yaml"
-    path.write_bytes(b"#" * 10_000_000)
+    with path.open("wb") as file:
+        file.truncate(1 << 40)  # sparse: a terabyte of noughts that takes no room
     with pytest.raises(UserError, match="that is no rig file"):
         load_rig(path)
-
-
-def test_an_endless_device_is_not_read_to_its_end() -> None:
-    if not os.path.exists("/dev/zero"):  # noqa: PTH110
-        pytest.skip("no /dev/zero here")
-    with pytest.raises(UserError, match="that is no rig file"):
-        load_rig("/dev/zero")

@@ -5,9 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from hil_forceps.rig import Rig, UserError, load_rig
+from firmware_protocol.layouts import LAYOUTS
+from firmware_protocol.messages import Function
+from hil_forceps.rig import Rig, UserError, consistency, load_rig
 from hil_forceps.rig.quantities import Quantity
 from hil_forceps.rig.sections import Forceps
+from virtual_bus import bit_timing
 
 ROOT = Path(__file__).parents[2]
 
@@ -112,6 +115,20 @@ def test_rules_of_every_rig(paper: Rig, changes: dict[str, object], blamed: str 
 )
 def test_rules_of_a_bench(paper: Rig, changes: dict[str, object], blamed: list[str]) -> None:
     assert bench_problems(paper, changes) == blamed
+
+
+def test_bits_of_frames_are_those_of_the_wire() -> None:
+    longest = {function: layout.length for function, layout in LAYOUTS.items()}
+    intermission = bit_timing.INTERMISSION_BITS
+    for function in (Function.FEEDBACK, Function.TIMING, Function.BENCH_SENSOR, Function.SETPOINT):
+        _, most = bit_timing.frame_bits_bounds(longest[function])
+        assert most.nominal + intermission <= consistency.CLASSIC_BITS
+    for function, bits in (
+        (Function.FD_FEEDBACK, consistency.FD_FEEDBACK_BITS),
+        (Function.FD_SETPOINT, consistency.FD_SETPOINT_BITS),
+    ):
+        _, most = bit_timing.frame_bits_bounds(longest[function], is_fd=True)
+        assert (most.nominal + intermission, most.data) == (consistency.FD_NOMINAL_BITS, bits)
 
 
 def test_bench_rules_do_not_need_what_is_not_known(paper: Rig) -> None:

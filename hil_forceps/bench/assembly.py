@@ -1,0 +1,69 @@
+"""From a rig and a few settings to a pipeline, and back from what a recording says about itself."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from firmware_protocol.messages import PROTOCOL_MAJOR, PROTOCOL_MINOR
+from hil_forceps import __version__
+from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
+from hil_forceps.control.gate import Gate
+from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
+from hil_forceps.rig import Rig, dump_rig, parse_rig
+from hil_forceps.rig.errors import UserError
+from hil_forceps.runs.recording import Recording
+from hil_forceps.runs.recording_writer import Outcome
+
+# Jaw angle [rad] over time [s], held before and after: both simulations of the paper.
+PAPER_TRAJECTORY = ((0.0, math.pi / 2.0), (5.0, math.radians(10.0)))
+
+
+class Settings(NamedTuple):
+    """What a pipeline is made of, besides the rig."""
+
+    algorithm: str
+    compensated: bool
+    sample_time_s: float  # nominal interval of the samples
+    trajectory: tuple[tuple[float, float], ...]  # (time [s], jaw angle [rad])
+    same_clock: bool = False  # the drive's stamps are the host's own clock
+
+
+def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
+    """Bind estimator, trajectory and gate; UserError for an unknown algorithm or a rig that leaves values open."""
+    if settings.algorithm not in ESTIMATOR_IDS:
+        raise UserError(f"unknown algorithm '{settings.algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
+    return Pipeline(
+        make_estimator(settings.algorithm, rig, settings.sample_time_s),
+        Trajectory.through(settings.trajectory).angle_rad,
+        rig.plant(),
+        Gate(rig.limits),
+        settings.compensated,
+        rig.limits.max_sample_age_s,
+        same_clock=settings.same_clock,
+    )
+
+
+def metadata(rig: Rig, settings: Settings, more: Mapping[str, str]) -> dict[str, str]:
+    """Return what a recording says of itself: enough to build the same pipeline again."""
+    return {
+        "version": __version__,
+        "protocol": f"{PROTOCOL_MAJOR}.{PROTOCOL_MINOR}",
+        "rig": dump_rig(rig),
+        "settings": json.dumps(settings._asdict()),
+        "verdicts": json.dumps(VERDICT_NAMES),
+        "outcomes": json.dumps({int(outcome): outcome.name for outcome in Outcome}),
+        **more,
+    }
+
+
+def settings_of(recording: Recording) -> tuple[Rig, Settings]:
+    """Return the rig and the settings that a recording was made with; UserError when it doesn't say."""
+    try:
+        rig = parse_rig(recording.metadata["rig"], f"{recording.name}: rig")
+        values = json.loads(recording.metadata["settings"])
+        values["trajectory"] = tuple((float(t), float(angle)) for t, angle in values["trajectory"])
+        return rig, Settings(**values)
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"{recording.name}: does not say which rig and settings it was made with ({error})") from error

@@ -1,0 +1,138 @@
+"""`hil-forceps bench`: the paper's simulations through the bus, judged, drawn and recorded."""
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from hil_forceps.bench.campaign import Done, default_jobs, run_all
+from hil_forceps.bench.execute import DURATION_NS, Executed
+from hil_forceps.bench.matrix import RunSpec, run_matrix
+from hil_forceps.bench.realtime import Wire, run_realtime
+from hil_forceps.bench.summary import RunRecord, summary, timing, write_json
+from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.report.bench import write_bench_figures
+from hil_forceps.report.traces import SummaryPoint
+from hil_forceps.rig import Rig, load_rig
+from hil_forceps.rig.errors import UserError
+
+
+def bench(
+    *,
+    config: Path,
+    out: Path,
+    seed: int = 0,
+    simulation: int | None = None,
+    algorithm: str | None = None,
+    jobs: Annotated[int | None, Parameter(show_default=False)] = None,
+    realtime: bool = False,
+    wire: Wire = "pty",
+) -> int:
+    """Run a bench file: every simulation and algorithm, compensated and not, over the bus in virtual time.
+
+    Writes summary.json (the same bytes for the same seed), timing.json, figures (PDF and PNG), and a recording and a
+    bus log of every run.
+
+    Parameters
+    ----------
+    config
+        Bench file: a rig file with the section `bench:`, such as configs/paper.yaml.
+    out
+        Folder for the results; made if it isn't there.
+    seed
+        Seed of all noise and jitter.
+    simulation
+        Only this simulation of the paper, 1 or 2.
+    algorithm
+        Only this estimator.
+    jobs
+        Processes at a time; as many as there are processors if not given.
+    realtime
+        Against the simulated drive in a process of its own, by the wall clock: each run takes its 20 s.
+    wire
+        With --realtime: what the two processes talk over, pty or udp_multicast.
+    """
+    rig = load_rig(config)
+    rig.require_bench()
+    specs = run_matrix(rig, simulation, algorithm)
+    make_folder(out)
+    ready_kernels(rig, rig.bench.host_period_s)
+    began = time.perf_counter()
+    if realtime:
+        specs = [spec for spec in specs if spec.on_bus]
+        executed = _with_progress(specs, lambda done: run_realtime(specs, config, rig, seed, out, wire, done))
+    else:
+        count = default_jobs() if jobs is None else jobs
+        if count < 1:
+            raise UserError(f"--jobs {count}: must be at least 1")
+        executed = _with_progress(specs, lambda done: run_all(specs, rig, seed, out, count, done))
+    wall_s = time.perf_counter() - began
+    _write(executed, seed, wall_s, out)
+    _print_table([e.record for e in executed])
+    sys.stdout.write(f"figures, recordings and bus logs are in {out}/; start with {out}/bench.png\n")
+    return 0
+
+
+def _with_progress(specs: Sequence[RunSpec], work: Callable[[Done], list[Executed]]) -> list[Executed]:
+    """Show a bar on a terminal; elsewhere one line a run, so that a log shows life too."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        task = progress.add_task("bench", total=len(specs))
+
+        def done(executed: Executed) -> None:
+            progress.update(task, advance=1, description=executed.record.spec.name)
+            if not console.is_terminal:
+                sys.stderr.write(f"{executed.record.spec.name}: {executed.record.ending}\n")
+
+        return work(done)
+
+
+def _write(executed: Sequence[Executed], seed: int, wall_s: float, out: Path) -> None:
+    records = [e.record for e in executed]
+    write_json(out / "summary.json", summary(records, seed))
+    write_json(out / "timing.json", timing(records, DURATION_NS * 1e-9 * len(records), wall_s))
+    points = [
+        SummaryPoint(r.spec.algorithm, r.spec.simulation, r.spec.sample_time_s, r.metrics.tau_w_rmse_N_m)
+        for r in records
+        if r.spec.compensated
+    ]
+    write_bench_figures([e.traces for e in executed], points, out)
+
+
+def _print_table(records: Sequence[RunRecord]) -> None:
+    table = Table(title="Errors over 9–20 s; jaw error under steady load", title_justify="left")
+    for name in ("sim", "algorithm", "comp.", "T [ms]"):
+        table.add_column(name, justify="left" if name == "algorithm" else "right")
+    for name in ("τ_w RMSE [mN m]", "τ_w peak [mN m]", "jaw [deg]", "x RMSE [µm]", "frames", "lost", "× real time"):
+        table.add_column(name, justify="right")
+    for record in records:
+        spec, metrics = record.spec, record.metrics
+        table.add_row(
+            str(spec.simulation),
+            spec.algorithm,
+            "yes" if spec.compensated else "no",
+            f"{spec.sample_time_s * 1e3:g}",
+            _scaled(metrics.tau_w_rmse_N_m, 1e3, ".4f"),
+            _scaled(metrics.tau_w_peak_error_N_m, 1e3, ".3f"),
+            _scaled(metrics.jaw_error_steady_deg, 1.0, "+.4f"),
+            _scaled(metrics.elongation_rmse_m, 1e6, ".3f"),
+            str(record.frames_sent),
+            str(record.frames_lost),
+            f"{record.timing['real_time_factor']:.1f}",
+        )
+    Console().print(table)
+    for record in records:
+        if not record.metrics.finite:
+            sys.stdout.write(f"{record.spec.name}: not finite to the end: {record.ending}\n")
+
+
+def _scaled(value: float | None, scale: float, form: str) -> str:
+    return "–" if value is None else format(value * scale, form)

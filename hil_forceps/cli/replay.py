@@ -1,0 +1,103 @@
+"""`hil-forceps replay`: recordings, and measured runs of real instruments, through the estimators."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from hil_forceps.bench.assembly import make_pipeline, settings_of
+from hil_forceps.bridge.replay import replay as replay_recording
+from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.report.instrument import write_instrument_figures
+from hil_forceps.rig import load_rig
+from hil_forceps.rig.errors import UserError
+from hil_forceps.runs.instrument import replay_instrument
+from hil_forceps.runs.recording import read_recording
+
+EXIT_DIFFERENT = 1
+RECORDING_SUFFIX = ".mcap"
+
+
+def replay(source: Path, *, rig: Path | None = None, out: Path | None = None, algorithm: str | None = None) -> int:
+    """Send what was recorded through the estimators again.
+
+    A recording of ours (.mcap): the same samples must give the same references, byte for byte; exit code 1 and the
+    first difference when they don't. Runs of a real instrument (folder or zip of the surgical-tool format, or CSV):
+    jaw torque and jaw angle estimated from the motor side, against what was measured at the jaw; needs --rig and
+    --out.
+
+    Parameters
+    ----------
+    source
+        Recording, folder, zip or CSV.
+    rig
+        For runs of an instrument: the rig file to estimate with; what it leaves `unknown` of ratio and offsets is
+        fitted, nothing else.
+    out
+        Folder for tables and figures.
+    algorithm
+        For a recording: another estimator than the recorded one; then only its estimates are compared.
+    """
+    if not source.exists():
+        raise UserError(f"{source}: no such file or folder")
+    if source.suffix.lower() == RECORDING_SUFFIX:
+        return _recording(source, algorithm)
+    if rig is None or out is None:
+        raise UserError(f"{source}: runs of an instrument need --rig RIG.yaml and --out DIR")
+    return _instrument(source, rig, out)
+
+
+def _recording(path: Path, algorithm: str | None) -> int:
+    recording = read_recording(path)
+    for note in recording.notes:
+        sys.stderr.write(f"note: {path}: {note}\n")
+    rig, settings = settings_of(recording)
+    is_same = algorithm is None or algorithm == settings.algorithm
+    if algorithm is not None:
+        settings = settings._replace(algorithm=algorithm)
+    ready_kernels(rig, settings.sample_time_s)
+    result = replay_recording(recording, make_pipeline(rig, settings))
+    count = len(recording.references)
+    if not is_same:
+        difference = result.samples["tau_w_estimate_N_m"] - recording.samples["tau_w_estimate_N_m"]
+        rms = float(np.sqrt(np.nanmean(np.square(difference)))) if difference.size else 0.0
+        sys.stdout.write(
+            f"{path}: {len(recording.samples)} samples through {settings.algorithm}; "
+            f"its τ_w differs from the recorded one by {rms * 1e3:.4f} mN m RMS\n"
+        )
+        return 0
+    if result.first_difference is None:
+        sys.stdout.write(f"{path}: {count} references from {len(recording.samples)} samples, all identical\n")
+        return 0
+    sys.stdout.write(f"{path}: differs: {result.first_difference}\n")
+    return EXIT_DIFFERENT
+
+
+def _instrument(source: Path, rig_path: Path, out: Path) -> int:
+    rig = load_rig(rig_path)
+    make_folder(out)
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("replay", total=None)
+
+        def progress(done: int, total: int, what: str) -> None:
+            bar.update(task, completed=done, total=total or None, description=what)
+
+        report = replay_instrument(source, rig, out, progress)
+        bar.update(task, description="figures")
+        figures = write_instrument_figures(report, out)
+    cells = report.table()
+    table = Table(title=f"{report.name}: estimated from the motor side against measured at the jaw", title_justify="left")
+    for place, header in enumerate(cells.headers):
+        table.add_column(header, justify="right" if place > 2 else "left")  # noqa: PLR2004
+    for row in cells.rows:
+        table.add_row(*row)
+    Console().print(table)
+    for assumed in report.assumed:
+        sys.stdout.write(f"assumed: {assumed}\n")
+    sys.stdout.write(f"{len(figures)} figures, instrument.json and instrument_runs.csv are in {out}/\n")
+    return 0

@@ -1,0 +1,229 @@
+"""`hil-forceps run`: the service against a drive, real or simulated."""
+
+import csv
+import json
+import math
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any, Literal
+
+from rich.console import Console
+from rich.status import Status
+
+from firmware_protocol.host_machine import HostConfig
+from hil_forceps.bench.assembly import PAPER_TRAJECTORY, Settings
+from hil_forceps.bench.session import Plan, SessionResult, run_session
+from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.bridge.results import ServiceConfig, Telemetry
+from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.rig import Rig, load_rig
+from hil_forceps.rig.errors import UserError
+
+EXIT_RUN_FAILED = 2
+
+
+def run(  # noqa: PLR0913 - a command line is a list of options
+    *,
+    rig: Path,
+    out: Path,
+    interface: str = "",
+    channel: str = "",
+    serial: str = "",
+    baudrate: int = 1_000_000,
+    option: tuple[str, ...] = (),
+    algorithm: str = "kalman",
+    compensate: bool = True,
+    trajectory: Path | None = None,
+    duration: float | None = None,
+    bus_log: Literal["log", "asc", "blf"] = "log",
+    reset_fault: bool = False,
+) -> int:
+    """Estimate and compensate against a motor driver on any python-can interface or pyserial URL.
+
+    Writes OUT/run.mcap (every sample and reference), OUT/bus.log (raw frames) and OUT/run.json (result, counters,
+    timing). Ctrl-C and SIGTERM disable the drive first. Exit code 2 when the run did not end as it was meant to.
+
+    Parameters
+    ----------
+    rig
+        Rig file with the forceps, the drive's loop, `bench:` and, always here, `limits:` of the reference.
+    out
+        Folder for the results; made if it isn't there.
+    interface
+        python-can interface: socketcan, udp_multicast, slcan, pcan, ..., or virtual_forceps.
+    channel
+        Channel of that interface: can0, vcan0, ...
+    serial
+        Serial port or pyserial URL instead of a CAN interface.
+    baudrate
+        Of the serial port.
+    option
+        KEY=VALUE for the python-can interface; may be repeated.
+    algorithm
+        Estimator: previous, improved_as_published, improved or kalman.
+    compensate
+        Send the compensated motor angle (10); without it the elongation is only estimated.
+    trajectory
+        CSV with the columns time_s and theta_j_rad; without it the paper's: 90 to 10 degrees in 5 s.
+    duration
+        Seconds from the first operational sample; without it the run lasts to the end of the trajectory, or 20 s.
+    bus_log
+        Format of the raw bus log.
+    reset_fault
+        Clear a fault that the drive holds from before.
+    """
+    loaded = load_rig(rig)
+    if "limits" not in loaded.model_fields_set:
+        raise UserError(f"{rig}: limits: is missing; a motor is only driven within limits that somebody has chosen")
+    points = PAPER_TRAJECTORY if trajectory is None else read_trajectory(trajectory)
+    duration_s = max(20.0 if trajectory is None else points[-1][0], 1e-3) if duration is None else duration
+    if not (math.isfinite(duration_s) and duration_s > 0.0):
+        raise UserError(f"--duration {duration_s}: must be a positive number of seconds")
+    make_folder(out)
+    feedback_s = loaded.require_drive().sample_time_s * loaded.bench.feedback_divider
+    ready_kernels(loaded, feedback_s)
+    is_fd = loaded.bench.transport == "fd"
+    plan = Plan(
+        loaded,
+        Settings(algorithm, compensate, feedback_s, points),
+        HostConfig(node=loaded.bench.node_id, fd=is_fd),
+        ServiceConfig(
+            period_ns=round(loaded.bench.host_period_s * 1e9),
+            phase_ns=round(loaded.bench.host_phase_s * 1e9),
+            duration_ns=round(duration_s * 1e9),
+            reset_fault=reset_fault,
+        ),
+        recording=out / "run.mcap",
+        bus_log=out / f"bus.{bus_log}",
+        about={"interface": interface or serial, "channel": channel},
+    )
+    link = LinkSpec(
+        interface=interface,
+        channel=channel,
+        serial_url=serial,
+        fd=is_fd,
+        bitrate_bit_per_s=loaded.bench.bitrate_bit_per_s,
+        data_bitrate_bit_per_s=loaded.bench.data_bitrate_bit_per_s,
+        baudrate=baudrate,
+        options=_options(option),
+    )
+    connection = open_link(link)
+    for note in connection.notes:
+        sys.stderr.write(f"note: {note}\n")
+    flag = StopFlag()
+    with stopped_by_signals(flag), _status() as show:
+        result = run_session(connection, plan, flag.is_set, show)
+    return _tell(result, out)
+
+
+class StopFlag:
+    """Set by a signal handler, asked once a tick."""
+
+    def __init__(self) -> None:
+        self._set = False
+
+    def set(self) -> None:
+        """Ask for a clean stop."""
+        self._set = True
+
+    def is_set(self) -> bool:
+        """Tell whether somebody has asked."""
+        return self._set
+
+
+@contextmanager
+def stopped_by_signals(flag: StopFlag) -> Iterator[None]:
+    """Turn SIGINT and SIGTERM into a clean stop while the body runs."""
+
+    def handle(_number: int, _frame: FrameType | None) -> None:
+        flag.set()
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def read_trajectory(path: Path) -> tuple[tuple[float, float], ...]:
+    """Read `time_s,theta_j_rad`; UserError with the line for anything but finite numbers and increasing times."""
+    try:
+        rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: can't be read: {error}") from error
+    if not rows or [cell.strip() for cell in rows[0]] != ["time_s", "theta_j_rad"]:
+        raise UserError(f"{path}:1: the header must be time_s,theta_j_rad")
+    points: list[tuple[float, float]] = []
+    for line, row in enumerate(rows[1:], 2):
+        try:
+            time_s, angle_rad = (float(cell) for cell in row)
+        except ValueError:
+            raise UserError(f"{path}:{line}: '{','.join(row)}' is not two numbers") from None
+        if not (math.isfinite(time_s) and math.isfinite(angle_rad)):
+            raise UserError(f"{path}:{line}: not finite")
+        if points and time_s <= points[-1][0]:
+            raise UserError(f"{path}:{line}: time_s does not increase")
+        points.append((time_s, angle_rad))
+    if not points:
+        raise UserError(f"{path}: holds no points")
+    return tuple(points)
+
+
+def _options(pairs: tuple[str, ...]) -> dict[str, object]:
+    broken = [pair for pair in pairs if "=" not in pair]
+    if broken:
+        raise UserError([f"--option {pair}: must be KEY=VALUE" for pair in broken])
+    return {key: value for key, _, value in (pair.partition("=") for pair in pairs)}
+
+
+@contextmanager
+def _status() -> Iterator[Any]:
+    """Show the run on a terminal; nothing elsewhere."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    with Status("connecting", console=console) as status:
+
+        def show(seen: Telemetry) -> None:
+            status.update(
+                f"{seen.stage.value} {seen.time_s:6.2f} s  θ_m {seen.theta_m_rad:+.4f} rad  "
+                f"τ_w {seen.tau_w_N_m * 1e3:+.3f} mN m  x {seen.elongation_m * 1e6:+.1f} µm  "
+                f"sent {seen.frames_sent}  received {seen.frames_received}  overruns {seen.overruns}"
+            )
+
+        yield show
+
+
+def _tell(session: SessionResult, out: Path) -> int:
+    result = session.service
+    content = {
+        "reason": result.reason.value,
+        "message": result.message,
+        "drive_disabled": result.drive_disabled,
+        "recording": session.recording._asdict(),
+        "bus_log": session.bus_log._asdict(),
+        "counters": {name: dict(values) for name, values in result.counters.items()},
+        "timing": dict(result.timing),
+    }
+    try:
+        (out / "run.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        sys.stderr.write(f"hil-forceps: {out}/run.json: can't be written: {error.strerror}\n")
+    for failure in session.failures:
+        sys.stderr.write(f"hil-forceps: {failure}\n")
+    if not result.ok:
+        sys.stderr.write(f"hil-forceps: {result.message}\n")
+        return EXIT_RUN_FAILED
+    age = result.timing["age"]
+    sys.stdout.write(
+        f"{result.message}; {result.counters['service']['references_sent']} references sent, sample to reference "
+        f"p50 {age['p50_us']} µs, p99 {age['p99_us']} µs, max {age['max_us']} µs; results are in {out}/\n"
+    )
+    return EXIT_RUN_FAILED if session.failures else 0

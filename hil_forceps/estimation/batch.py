@@ -1,0 +1,74 @@
+"""A whole record through an estimator at once: the kernels of single steps in a compiled loop, so the same numbers."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.estimation import improved, kalman, previous
+from hil_forceps.estimation.interface import Estimator, Sample, State
+from hil_forceps.model.kernel import kernel
+
+Vector = NDArray[np.float64]
+
+PREVIOUS, IMPROVED, KALMAN = range(3)
+
+
+@kernel
+def _start(kind: int, c: Vector, time_ns: int, theta_m_rad: float, motor_torque_N_m: float) -> State:
+    if kind == PREVIOUS:
+        return previous.start(c, time_ns, theta_m_rad, motor_torque_N_m)
+    if kind == IMPROVED:
+        return improved.start(c, time_ns, theta_m_rad, motor_torque_N_m)
+    return kalman.start(c, time_ns, theta_m_rad, motor_torque_N_m)
+
+
+@kernel
+def _step(state: State, kind: int, c: Vector, time_ns: int, theta_m_rad: float, motor_torque_N_m: float) -> State:
+    if kind == PREVIOUS:
+        return previous.step(state, c, time_ns, theta_m_rad, motor_torque_N_m)
+    if kind == IMPROVED:
+        return improved.step(state, c, time_ns, theta_m_rad, motor_torque_N_m)
+    return kalman.step(state, c, time_ns, theta_m_rad, motor_torque_N_m)
+
+
+@kernel
+def _run(
+    kind: int, c: Vector, time_ns: NDArray[np.int64], theta_m_rad: Vector, motor_torque_N_m: Vector
+) -> tuple[Vector, Vector]:
+    samples = time_ns.shape[0]
+    tau_w = np.empty(samples)
+    elongation = np.empty(samples)
+    state = _start(kind, c, time_ns[0], theta_m_rad[0], motor_torque_N_m[0])
+    for n in range(samples):
+        if n > 0:
+            state = _step(state, kind, c, time_ns[n], theta_m_rad[n], motor_torque_N_m[n])
+        # All states keep the two where `interface` readers of `registry` find them: next to each other, τ_w first.
+        tau_w[n] = state[3]
+        elongation[n] = state[4]
+    return tau_w, elongation
+
+
+def run(
+    estimator: Estimator, time_ns: NDArray[np.int64], theta_m_rad: Vector, motor_torque_N_m: Vector
+) -> tuple[Vector, Vector]:
+    """Return τ̂_w [N m] and x̂ [m] at each sample, bit for bit what stepping through the samples gives.
+
+    All arrays are n long, n ≥ 1; ValueError otherwise.
+    """
+    if not time_ns.shape == theta_m_rad.shape == motor_torque_N_m.shape or time_ns.ndim != 1 or not time_ns.size:
+        raise ValueError(
+            f"time, angle and torque must be of one length above 0, got {time_ns.shape}, {theta_m_rad.shape}, "
+            f"{motor_torque_N_m.shape}"
+        )
+    times = np.ascontiguousarray(time_ns, dtype=np.int64)
+    angles = np.ascontiguousarray(theta_m_rad, dtype=np.float64)
+    torques = np.ascontiguousarray(motor_torque_N_m, dtype=np.float64)
+    if estimator.compiled is not None:
+        return _run(estimator.compiled.kind, estimator.compiled.constants, times, angles, torques)
+    samples = map(Sample, times.tolist(), angles.tolist(), torques.tolist())
+    state = estimator.start(next(samples))
+    estimates = [estimator.estimate(state)]
+    for sample in samples:
+        state = estimator.step(state, sample)
+        estimates.append(estimator.estimate(state))
+    tau_w, elongation = np.array(estimates).T
+    return tau_w, elongation

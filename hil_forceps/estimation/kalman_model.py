@@ -1,0 +1,173 @@
+"""What the Kalman filter knows of forceps, load and sensors: its constants, and exact stretches of time.
+
+State (5): θ_m, ω_m, θ_j, ω_j, τ_w. Between samples the plant is linear with the motor torque held, and τ_w is held too
+except where it steps. A stretch of time is a 5×11 matrix: Φ (5×5), the response to a unit of motor torque (5×1), and
+the covariance that a unit-variance step of τ_w within the stretch leaves at its end (5×5).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.model.kernel import kernel
+from hil_forceps.model.two_inertia import (
+    Matrix,
+    continuous,
+    halvings,
+    multiply,
+    taylor_exponential,
+    wire_mode_rad_per_s,
+)
+from hil_forceps.rig.plant import PlantParameters
+
+Constants = NDArray[np.float64]
+
+ANGLE_M, SPEED_M, ANGLE_J, SPEED_J, LOAD = range(5)
+TORQUE_COLUMN = 5
+STEP_COLUMNS = 6
+_STRETCH_SIZE = 55
+
+PERIOD, HOLD, TORQUE_VAR, ANGLE_VAR, FRICTION_M, FRICTION_J, STOP_M, STOP_J = range(8)
+DRIFT, STEP_VAR, STEP_RATE, LEAVE_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD = range(8, 15)
+_RATES = 15
+_UNITS = _RATES + 36
+_LEAD = _UNITS + 6
+_HELD = _LEAD + _STRETCH_SIZE
+
+# Steps of τ_w within a stretch are looked for at 2**_STEP_HALVINGS places at least.
+_STEP_HALVINGS = 3
+
+
+class Tuning(NamedTuple):
+    """What is expected of the load, and how far model and encoder are trusted. Defaults serve any rig."""
+
+    # The load steps by about as much as turns the jaw by this through the wire's elasticity: 2 mN m in the paper.
+    step_jaw_turn_rad: float = 0.04
+    step_rate_per_s: float = 0.3
+    # For so long after a step its effect is told apart: some periods of the wire's mode.
+    step_memory_s: float = 0.01
+    # Slow change of the load: (share of the step)² per second.
+    drift_per_s: float = 2.5e-4
+    # What friction may be off by, in parts of its level, and a count's edge, in parts of a count.
+    friction_share: float = 0.1
+    count_share: float = 0.05
+
+
+class Sensors(NamedTuple):
+    """What the samples are measured with."""
+
+    encoder_quantum_rad: float
+    transport_quantum_rad: float  # rounding on the way from drive to estimator, 0: none
+    current_noise_A: float
+    transport_quantum_A: float
+
+
+# Where neither encoder nor transport rounds, some error remains to be assumed, or the gain has no bound.
+_SMALLEST_ANGLE_ERROR_RAD = 1e-10
+
+
+def constants(
+    plant: PlantParameters, sensors: Sensors, sample_time_s: float, hold_time_s: float, tuning: Tuning
+) -> Constants:
+    """Return what the kernels take as constants.
+
+    `sample_time_s` is the nominal time between samples, `hold_time_s` for how long the drive holds a current. Shorter
+    than the former when the drive sends every n-th sample; then the torque before the last hold is only guessed.
+    """
+    r_m, r_j = plant.motor_pulley_radius_m, plant.jaw_pulley_radius_m
+    hold_time_s = min(sample_time_s, hold_time_s)
+    angle_variances = [
+        (sensors.encoder_quantum_rad**2 + sensors.transport_quantum_rad**2) / 12.0,
+        (tuning.count_share * sensors.encoder_quantum_rad) ** 2,
+        _SMALLEST_ANGLE_ERROR_RAD**2,
+    ]
+    current_variance = sensors.current_noise_A**2 + sensors.transport_quantum_A**2 / 12.0
+    turn_per_load = 1.0 / (plant.wire_stiffness_N_per_m * r_j * r_j)
+    step = tuning.step_jaw_turn_rad / turn_per_load
+    values = np.zeros(_HELD + _STRETCH_SIZE)
+    values[PERIOD] = sample_time_s
+    values[HOLD] = hold_time_s
+    values[TORQUE_VAR] = (
+        plant.torque_constant_N_m_per_A**2 * current_variance + (tuning.friction_share * plant.motor_coulomb_N_m) ** 2
+    )
+    values[ANGLE_VAR] = sum(angle_variances)
+    values[FRICTION_M] = plant.motor_coulomb_N_m
+    values[FRICTION_J] = plant.jaw_coulomb_N_m
+    values[STOP_M] = (plant.motor_coulomb_N_m * sample_time_s / plant.motor_inertia_kg_m2) ** 2
+    values[STOP_J] = (plant.jaw_coulomb_N_m * sample_time_s / plant.jaw_inertia_kg_m2) ** 2
+    values[DRIFT] = tuning.drift_per_s * step * step
+    values[STEP_VAR] = step * step
+    values[STEP_RATE] = tuning.step_rate_per_s
+    values[LEAVE_RATE] = 1.0 / tuning.step_memory_s
+    values[RADIUS_M], values[RADIUS_J], values[TURN_PER_LOAD] = r_m, r_j, turn_per_load
+    rates, units = balanced_rates(plant)
+    values[_RATES:_UNITS] = rates.ravel()
+    values[_UNITS:_LEAD] = units
+    values[_LEAD:_HELD] = stretch(values, max(0.0, sample_time_s - hold_time_s)).ravel()
+    values[_HELD:] = stretch(values, hold_time_s).ravel()
+    return values
+
+
+def balanced_rates(plant: PlantParameters) -> tuple[Matrix, NDArray[np.float64]]:
+    """Return the 6×6 rates [1/s] of state, τ_w and motor torque in units that make them alike, and these units."""
+    a, b = continuous(plant)
+    mode = wire_mode_rad_per_s(plant)
+    units = np.array([1.0, mode, 1.0, mode, mode**2 * plant.jaw_inertia_kg_m2, mode**2 * plant.motor_inertia_kg_m2])
+    rates = np.zeros((6, 6))
+    rates[:4, :4] = a
+    rates[:4, 4] = b[:, 1]
+    rates[:4, 5] = b[:, 0]
+    return rates * units[None, :] / units[:, None], units
+
+
+@kernel
+def lead_stretch(c: Constants) -> Matrix:
+    """Return the stretch from the last sample to where the drive began to hold the torque of this one."""
+    return c[_LEAD:_HELD].copy().reshape((5, 11))
+
+
+@kernel
+def held_stretch(c: Constants) -> Matrix:
+    """Return the stretch over which the drive held the torque of a sample."""
+    return c[_HELD : _HELD + _STRETCH_SIZE].copy().reshape((5, 11))
+
+
+@kernel
+def stretch(c: Constants, dt_s: float) -> Matrix:
+    """Return the stretch of `dt_s`, exact but for the places where a step of τ_w may fall.
+
+    A step falls at the beginning (on the last sample: a load that comes with the experiment's own time) or, as likely,
+    anywhere within.
+    """
+    units = c[_UNITS:_LEAD]
+    rates = c[_RATES:_UNITS].copy().reshape((6, 6)) * dt_s
+    count = max(halvings(rates), _STEP_HALVINGS)
+    transition = taylor_exponential(rates * 0.5**count)
+    # Mean covariance of a step within, by doubling: that of the second half, and of the first carried through it.
+    within = np.empty((5, 5))
+    for i in range(5):
+        for j in range(5):
+            within[i, j] = transition[i, LOAD] * transition[j, LOAD]
+    for _ in range(count):
+        carried = multiply(multiply(transition[:5, :5], within), np.ascontiguousarray(transition[:5, :5].T))
+        for i in range(5):
+            for j in range(5):
+                within[i, j] = 0.5 * (within[i, j] + carried[i, j])
+        transition = multiply(transition, transition)
+    result = np.empty((5, 11))
+    for i in range(5):
+        for j in range(6):
+            result[i, j] = transition[i, j] * units[i] / units[j]
+        for j in range(5):
+            at_start = transition[i, LOAD] * transition[j, LOAD]
+            scale = units[i] * units[j] / (units[LOAD] * units[LOAD])
+            result[i, STEP_COLUMNS + j] = 0.5 * (at_start + within[i, j]) * scale
+    return result
+
+
+@kernel
+def expected_sign(speed: float, variance: float) -> float:
+    """Return the mean of sgn(ω) over a normal distribution: ±1 when the direction is sure, near 0 at a standstill."""
+    return math.erf(speed / math.sqrt(2.0 * max(variance, 1e-30)))

@@ -1,0 +1,83 @@
+"""Estimators by name, with the numbers of a rig bound to them."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.estimation import batch, improved, kalman, kalman_model, previous
+from hil_forceps.estimation.interface import Compiled, Estimate, Estimator, Sample, State
+from hil_forceps.rig.schema import ALGORITHM_IDS, Rig
+
+ESTIMATOR_IDS: tuple[str, ...] = ALGORITHM_IDS
+
+# What the wire of `firmware_protocol` rounds to: angles to 2⁻²⁴ turn, currents to 0.2 mA.
+WIRE_ANGLE_RAD = 2.0 * math.pi / 2**24
+WIRE_CURRENT_A = 2.0e-4
+
+_Vector = NDArray[np.float64]
+
+
+class _Kernels(NamedTuple):
+    kind: int
+    start: Callable[[_Vector, int, float, float], State]
+    step: Callable[[State, _Vector, int, float, float], State]
+
+
+_PREVIOUS = _Kernels(batch.PREVIOUS, previous.start, previous.step)
+_IMPROVED = _Kernels(batch.IMPROVED, improved.start, improved.step)
+_KALMAN = _Kernels(batch.KALMAN, kalman.start, kalman.step)
+
+
+def make_estimator(estimator_id: str, rig: Rig, sample_time_s: float, *, over_wire: bool = True) -> Estimator:
+    """Bind an algorithm to a rig; `sample_time_s` is the nominal time between the samples it will get.
+
+    `over_wire=False` tells that samples come without the wire's rounding. ValueError for an id that isn't in
+    `ESTIMATOR_IDS` or a sample time that isn't positive; UserError when the rig doesn't know a value that is needed.
+    """
+    if not (math.isfinite(sample_time_s) and sample_time_s > 0.0):
+        raise ValueError(f"sample_time_s must be positive, got {sample_time_s!r}")
+    plant = rig.plant()
+    corner_rad_per_s = 2.0 * math.pi * rig.estimators.rfob_cutoff_Hz
+    if estimator_id == "previous":
+        return _bind(estimator_id, _PREVIOUS, previous.constants(plant, corner_rad_per_s))
+    if estimator_id == "improved":
+        return _bind(estimator_id, _IMPROVED, improved.constants(plant, corner_rad_per_s, as_published=False))
+    if estimator_id == "improved_as_published":
+        return _bind(estimator_id, _IMPROVED, improved.constants(plant, corner_rad_per_s, as_published=True))
+    if estimator_id == "kalman":
+        hold_time_s = sample_time_s if rig.drive is None else rig.drive.sample_time_s
+        constants = kalman_model.constants(
+            plant, _sensors(rig, over_wire), sample_time_s, hold_time_s, kalman_model.Tuning()
+        )
+        return _bind(estimator_id, _KALMAN, constants)
+    raise ValueError(f"unknown estimator {estimator_id!r}; known: {', '.join(ESTIMATOR_IDS)}")
+
+
+def _sensors(rig: Rig, over_wire: bool) -> kalman_model.Sensors:
+    counts = rig.encoder.counts_per_rev
+    return kalman_model.Sensors(
+        encoder_quantum_rad=0.0 if counts is None else 2.0 * math.pi / counts,
+        transport_quantum_rad=WIRE_ANGLE_RAD if over_wire else 0.0,
+        current_noise_A=rig.noise.current_A,
+        transport_quantum_A=WIRE_CURRENT_A if over_wire else 0.0,
+    )
+
+
+def _bind(estimator_id: str, kernels: _Kernels, constants: _Vector) -> Estimator:
+    start_kernel, step_kernel = kernels.start, kernels.step
+
+    def start(sample: Sample) -> State:
+        return start_kernel(constants, *sample)
+
+    def step(state: State, sample: Sample) -> State:
+        return step_kernel(state, constants, *sample)
+
+    return Estimator(estimator_id, start, step, _estimate, Compiled(kernels.kind, constants))
+
+
+def _estimate(state: State) -> Estimate:
+    # Where `batch` reads them too; every state has them there.
+    return Estimate(float(state[3]), float(state[4]))

@@ -1,0 +1,36 @@
+"""The reaction force observer: what acts on an inertia, seen as torque put in less torque seen as motion.
+
+In the pseudo-integral form the disturbance is g/(s+g) [u + g I ω] − g I ω, where u is all known torque on the inertia
+I: no velocity is differentiated. The velocity is the encoder's backward difference, and the low-pass is exact for
+inputs held over the interval, whatever its length.
+"""
+
+import math
+
+from hil_forceps.model.kernel import kernel
+
+
+@kernel
+def sign(velocity: float) -> float:
+    """Return −1, 0 or 1, and NaN for NaN."""
+    if velocity > 0.0:
+        return 1.0
+    if velocity < 0.0:
+        return -1.0
+    return velocity * 0.0
+
+
+@kernel
+def observe(
+    low_pass_N_m: float,
+    known_torque_N_m: float,
+    velocity_rad_per_s: float,
+    inertia_kg_m2: float,
+    corner_rad_per_s: float,
+    dt_s: float,
+) -> tuple[float, float]:
+    """Return the low-pass after `dt_s` and the disturbance torque [N m], positive against the motion."""
+    momentum = corner_rad_per_s * inertia_kg_m2 * velocity_rad_per_s
+    share = -math.expm1(-corner_rad_per_s * dt_s)
+    after = low_pass_N_m + share * (known_torque_N_m + momentum - low_pass_N_m)
+    return after, after - momentum
