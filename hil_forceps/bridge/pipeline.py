@@ -3,6 +3,10 @@
 Every sample goes through the estimator, in order; at most one reference comes out of a tick, from the newest sample,
 and none twice from the same one: a drive's watchdog is to be fed by fresh control output only.
 
+Fresh means taken no longer ago than `max_sample_age_s`. Where the drive's stamps are the host's own clock that is
+exact. Elsewhere it counts from the arrival: a clock that steps can't be told from a path that holds frames back, and
+the drive itself refuses a reference whose sample has become too old.
+
 Before the drive is OPERATIONAL the reference is the measured angle itself, so enabling moves nothing. The zero of the
 experiment is the stamp of the first OPERATIONAL sample, and trajectory time is the newest sample's stamp less that.
 
@@ -40,6 +44,7 @@ class Verdict(IntEnum):
 
 
 GATE_CODES = {verdict: GATE_VERDICT_BASE + place for place, verdict in enumerate(GateVerdict)}
+PASSED_CODE = GATE_CODES[GateVerdict.PASSED]  # apart, since hashing an Enum takes its time
 VERDICT_NAMES = {int(verdict): verdict.name for verdict in Verdict} | {
     code: verdict.name for verdict, code in GATE_CODES.items()
 }
@@ -90,6 +95,7 @@ class Pipeline:
         self._max_age_ns = round(max_sample_age_s * 1e9)
         self._approach = approach
         self._stamps = StampMap(same_clock=same_clock)
+        self._same_clock = same_clock
         self._state: State | None = None
         self._is_new = False
         self._gate_state: GateState | None = None
@@ -122,7 +128,8 @@ class Pipeline:
                 now_ns, 0, NOWHERE_NS, None, math.nan, math.nan, math.nan, math.nan, Verdict.NOTHING_NEW, 0
             )
         verdict: Verdict | None = None
-        if now_ns - self._stamps.host_time_ns(newest.stamp_ns) > self._max_age_ns:
+        taken_ns = self._stamps.host_time_ns(newest.stamp_ns) if self._same_clock else newest.received_ns
+        if now_ns - taken_ns > self._max_age_ns:
             verdict = Verdict.STALE
             self.counters["stale"] += 1
         elif not self._is_new:
@@ -175,7 +182,7 @@ class Pipeline:
             raw = angle_raw_from_rad(passed_rad)
         return Reference(
             now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad,
-            GATE_CODES[verdict], newest.sequence,
+            PASSED_CODE if verdict is GateVerdict.PASSED else GATE_CODES[verdict], newest.sequence,
         )  # fmt: skip
 
 

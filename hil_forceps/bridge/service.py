@@ -23,7 +23,6 @@ from contextlib import contextmanager
 
 from firmware_protocol.frames import Frame
 from firmware_protocol.host_machine import HostMachine, HostPhase
-from firmware_protocol.layouts import SETPOINT
 from firmware_protocol.messages import DriveState
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
 from hil_forceps.bridge.ports import Clock, Link, SendResult
@@ -31,7 +30,8 @@ from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Stage, Stop
 from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics
 from hil_forceps.runs.recording_writer import Outcome, Recorder
 
-SETTLE_PERIODS = 5
+SETTLE_PERIODS = 5  # before the drive's word counts: what arrives first was said before the request
+SEQUENCE_AT = 4  # in SETPOINT and FD_SETPOINT, behind the reference
 _NO_TORQUE = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
 
@@ -75,7 +75,9 @@ class Service:
             Stage.RUNNING: self._running,
             Stage.STOPPING: self._stopping,
         }
-        self._stage_work = self._connecting  # looked up when a stage begins: hashing an Enum takes its time
+        self._stage_work: Callable[[int], None] = (
+            self._connecting
+        )  # looked up when a stage begins: hashing an Enum takes its time
         self._has_run = False
         self._stage = Stage.CONNECTING
         self._reset_asked = False
@@ -180,7 +182,7 @@ class Service:
                 outcome = Outcome.NOT_ALLOWED
             else:
                 result = self._send(frame)
-                self._setpoint_sequence = SETPOINT.unpack_from(frame.data)[1]
+                self._setpoint_sequence = frame.data[SEQUENCE_AT]
                 if result is not SendResult.SENT:
                     outcome = Outcome.QUEUE_FULL if result is SendResult.QUEUE_FULL else Outcome.BUS_DOWN
                 else:

@@ -122,11 +122,11 @@ class StampMap:
 
     `offset` is the least `received - stamp` of the last one to two windows: the two clocks may drift, and the path
     with the least delay tells them apart best. With a drive clock slower by d ppm an age comes out too long by at
-    most d · 2 windows (50 ppm: 0.1 ms); a faster one is followed at once. With `same_clock` stamps are the host's own
+    most d · 2 windows (50 ppm: 25 µs); a faster one is followed at once. With `same_clock` stamps are the host's own
     time modulo the stamp's range, and the offset is a whole number of ranges, found at the first sample.
     """
 
-    def __init__(self, window_ns: int = 1_000_000_000, same_clock: bool = False) -> None:
+    def __init__(self, window_ns: int = 250_000_000, same_clock: bool = False) -> None:
         if window_ns <= 0:
             raise ValueError(f"a window must have a length, got {window_ns} ns")
         self._window_ns = window_ns
