@@ -120,18 +120,19 @@ def make_loop_statistics() -> LoopStatistics:
 class StampMap:
     """Maps the drive's stamps to the host's clock.
 
-    `offset` is the least `received - stamp` of the last one to two windows: the two clocks may drift, and the path
-    with the least delay tells them apart best. With a drive clock slower by d ppm an age comes out too long by at
-    most d · 2 windows (50 ppm: 25 µs); a faster one is followed at once. With `same_clock` stamps are the host's own
-    time modulo the stamp's range, and the offset is a whole number of ranges, found at the first sample.
+    `offset` is the least `received - stamp` of the last one to two windows of samples: the two clocks may drift, and
+    the path with the least delay tells them apart best. A drive clock slower by d ppm makes an age too long by at
+    most d · 2 windows (50 ppm, 1 kHz: 6 µs), and one that steps back makes it too long for so many samples; a
+    faster one is followed at once. With `same_clock` stamps are the host's own time modulo the stamp's range, and the
+    offset is a whole number of ranges, found at the first sample.
     """
 
-    def __init__(self, window_ns: int = 250_000_000, same_clock: bool = False) -> None:
-        if window_ns <= 0:
-            raise ValueError(f"a window must have a length, got {window_ns} ns")
-        self._window_ns = window_ns
+    def __init__(self, window: int = 64, same_clock: bool = False) -> None:
+        if window <= 0:
+            raise ValueError(f"a window holds at least one sample, got {window}")
+        self._window = window
         self._same_clock = same_clock
-        self._window_end_ns = 0
+        self._left = 0  # samples until the window is full
         self._least: int | None = None
         self._least_before = 0
 
@@ -143,15 +144,16 @@ class StampMap:
             if self._same_clock:
                 delay = (delay + STAMP_PERIOD_NS // 2) // STAMP_PERIOD_NS * STAMP_PERIOD_NS
             self._least = self._least_before = delay
-            self._window_end_ns = received_ns + self._window_ns
+            self._left = self._window
         elif self._same_clock:
             return
-        elif received_ns >= self._window_end_ns:
+        elif self._left == 0:
             self._least_before = least
             self._least = delay
-            self._window_end_ns = received_ns + self._window_ns
+            self._left = self._window
         elif delay < least:
             self._least = delay
+        self._left -= 1
 
     def host_time_ns(self, stamp_ns: int) -> int:
         """Return when, on the host's clock, a stamp was taken; ValueError before the first sample."""
