@@ -144,29 +144,32 @@ class VirtualTimeLink:
         self._bus = bus
         self._send = bus.send_frame
         self._receive = bus.receive_frames
+        self._up = True
         self._closed = False
 
     def send(self, frame: Frame) -> SendResult:
         """Hand over one frame now or not at all."""
-        if self._closed:
+        if not self._up:
             return SendResult.BUS_DOWN
         if self._send(frame):
             return SendResult.SENT
-        if not self.is_up():
+        if self._bus.state is can.BusState.ERROR:  # asked only here: every tick sends something
+            self._up = False
             return SendResult.BUS_DOWN
         self.counters["queue_full"] += 1
         return SendResult.QUEUE_FULL
 
     def receive(self) -> list[tuple[int, Frame]]:
         """Return what has arrived since the last call, oldest first; the bus bounds it."""
-        return [] if self._closed else self._receive()
+        return self._receive() if self._up else []
 
     def is_up(self) -> bool:
-        """Tell whether the bus is there and the controller takes part in it."""
-        return not self._closed and self._bus.state is not can.BusState.ERROR
+        """Tell whether the bus is there: false once a frame was refused because it was gone or bus-off, for good."""
+        return self._up
 
     def close(self) -> None:
         """Release the bus; safe to call twice."""
+        self._up = False
         if not self._closed:
             self._closed = True
             self._bus.shutdown()

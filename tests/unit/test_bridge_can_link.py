@@ -229,8 +229,11 @@ def test_the_link_in_virtual_time_tells_full_from_dead_too() -> None:
     assert link.send(FRAME) is SendResult.QUEUE_FULL
     assert link.counters["queue_full"] == 1
     bus.state = can.BusState.ERROR
+    assert link.is_up()
     assert link.send(FRAME) is SendResult.BUS_DOWN
     assert not link.is_up()
+    bus.state = can.BusState.ACTIVE
+    assert link.send(FRAME) is SendResult.BUS_DOWN, "for good: what was queued must not burst out later"
     link.close()
     link.close()
     assert bus.shut == 1

@@ -41,10 +41,17 @@ def pipeline(
     jaw_rad: float = START_JAW_RAD,
     compensate: bool = True,
     max_sample_age_s: float = 3e-3,
+    same_clock: bool = False,
 ) -> Pipeline:
     estimator = recording_estimator([] if taken is None else taken, elongation_m)
     return Pipeline(
-        estimator, lambda t_s: jaw_rad - 0.1 * max(t_s, 0.0), PLANT, Gate(LIMITS), compensate, max_sample_age_s
+        estimator,
+        lambda t_s: jaw_rad - 0.1 * max(t_s, 0.0),
+        PLANT,
+        Gate(LIMITS),
+        compensate,
+        max_sample_age_s,
+        same_clock=same_clock,
     )
 
 
@@ -54,10 +61,10 @@ def raw(k: int, state: DriveState = DriveState.OPERATIONAL, theta_m: int = START
 
 def test_raw_becomes_si_at_the_wires_scale() -> None:
     taken: list[Sample] = []
-    result = pipeline(taken).feed(raw(3))
-    assert taken == [Sample(3 * MS, START_RAW * ANGLE_LSB_RAD, PLANT.torque_constant_N_m_per_A * 1000 * CURRENT_LSB_A)]
-    assert result is not None
-    assert result.current_A == 1000 * CURRENT_LSB_A
+    line = pipeline(taken)
+    assert line.feed(raw(3))
+    assert taken == [line.sample]
+    assert line.sample == pytest.approx((3 * MS, START_RAD, PLANT.torque_constant_N_m_per_A * 1000 * CURRENT_LSB_A))
 
 
 def test_before_operation_the_reference_is_the_measured_angle_to_the_last_bit() -> None:
@@ -118,8 +125,8 @@ def test_nothing_leaves_when_the_newest_sample_is_stale() -> None:
     assert line.counters["stale"] == 1
 
 
-def test_a_sample_held_up_on_its_way_is_stale_although_it_has_just_come() -> None:
-    line = pipeline()
+def test_a_sample_held_up_on_its_way_is_stale_although_it_has_just_come_where_the_clock_is_known() -> None:
+    line = pipeline(same_clock=True)
     for k in range(10):
         line.feed(raw(k))
         assert line.reference(k * MS).reference_raw is not None
@@ -127,12 +134,19 @@ def test_a_sample_held_up_on_its_way_is_stale_although_it_has_just_come() -> Non
     assert line.reference(15 * MS).verdict == Verdict.STALE
 
 
+def test_a_step_of_a_drives_own_clock_does_not_stop_the_references() -> None:
+    line = pipeline()
+    for k in range(20):
+        line.feed(raw(k, delay_ns=0 if k < 10 else 15 * MS))
+        assert line.reference(k * MS + (0 if k < 10 else 15 * MS)).reference_raw is not None
+
+
 def test_stamps_that_do_not_increase_are_dropped_and_counted() -> None:
     taken: list[Sample] = []
     line = pipeline(taken)
     line.feed(raw(5))
-    assert line.feed(raw(5)) is None
-    assert line.feed(raw(4)) is None
+    assert not line.feed(raw(5))
+    assert not line.feed(raw(4))
     assert len(taken) == 1
     assert line.counters["not_increasing"] == 2
 
