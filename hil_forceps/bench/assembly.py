@@ -1,8 +1,8 @@
 """From a rig and a few settings to a pipeline, and back from what a recording says about itself."""
 
 import json
-import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import NamedTuple
 
 from firmware_protocol.messages import PROTOCOL_MAJOR, PROTOCOL_MINOR
@@ -16,9 +16,6 @@ from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording import Recording
 from hil_forceps.runs.recording_writer import Outcome
 
-# Jaw angle [rad] over time [s], held before and after: both simulations of the paper.
-PAPER_TRAJECTORY = ((0.0, math.pi / 2.0), (5.0, math.radians(10.0)))
-
 
 class Settings(NamedTuple):
     """What a pipeline is made of, besides the rig."""
@@ -26,7 +23,7 @@ class Settings(NamedTuple):
     algorithm: str
     compensated: bool
     sample_time_s: float  # nominal interval of the samples
-    trajectory: tuple[tuple[float, float], ...]  # (time [s], jaw angle [rad])
+    trajectory: Trajectory  # of the jaw angle
     same_clock: bool = False  # the drive's stamps are the host's own clock
 
 
@@ -36,7 +33,7 @@ def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
         raise UserError(f"unknown algorithm '{settings.algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
     return Pipeline(
         make_estimator(settings.algorithm, rig, settings.sample_time_s),
-        Trajectory.through(settings.trajectory).angle_rad,
+        settings.trajectory,
         rig.plant(),
         Gate(rig.limits),
         settings.compensated,
@@ -51,7 +48,7 @@ def metadata(rig: Rig, settings: Settings, more: Mapping[str, str]) -> dict[str,
         "version": __version__,
         "protocol": f"{PROTOCOL_MAJOR}.{PROTOCOL_MINOR}",
         "rig": dump_rig(rig),
-        "settings": json.dumps(settings._asdict()),
+        "settings": json.dumps({**settings._asdict(), "trajectory": asdict(settings.trajectory)}),
         "verdicts": json.dumps(VERDICT_NAMES),
         "outcomes": json.dumps({int(outcome): outcome.name for outcome in Outcome}),
         **more,
@@ -63,7 +60,7 @@ def settings_of(recording: Recording) -> tuple[Rig, Settings]:
     try:
         rig = parse_rig(recording.metadata["rig"], f"{recording.name}: rig")
         values = json.loads(recording.metadata["settings"])
-        values["trajectory"] = tuple((float(t), float(angle)) for t, angle in values["trajectory"])
+        values["trajectory"] = Trajectory(**{name: tuple(points) for name, points in values["trajectory"].items()})
         return rig, Settings(**values)
     except (KeyError, TypeError, ValueError) as error:
         raise UserError(f"{recording.name}: does not say which rig and settings it was made with ({error})") from error

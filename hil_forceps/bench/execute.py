@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from firmware_protocol.host_machine import HostConfig
-from hil_forceps.bench.assembly import PAPER_TRAJECTORY, Settings
+from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import judge
 from hil_forceps.bench.session import Plan, run_session
@@ -12,6 +12,7 @@ from hil_forceps.bench.summary import RunRecord
 from hil_forceps.bench.traces import traces_of
 from hil_forceps.bridge.adapters import Connection, LinkSpec, open_link
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult
+from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.report.traces import RunTraces
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError

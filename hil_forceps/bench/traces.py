@@ -9,9 +9,7 @@ from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.runs.recording import Recording, match_bench
 
 
-def traces_of(
-    recording: Recording, spec: RunSpec, plant: PlantParameters, trajectory: tuple[tuple[float, float], ...]
-) -> RunTraces:
+def traces_of(recording: Recording, spec: RunSpec, plant: PlantParameters, trajectory: Trajectory) -> RunTraces:
     """Put estimates and the bench's own sensors on the time axis of the drive's samples, from the zero on.
 
     The true elongation is r_m·θ_m − r_j·θ_j (3) of what encoder and jaw sensor read at the same instant, so it is
@@ -25,13 +23,12 @@ def traces_of(
     rows = rows[recording.samples["stamp_ns"][rows] >= zero_ns]
     samples, bench = recording.samples[rows], recording.bench[index[rows]]
     time_s = (samples["stamp_ns"] - zero_ns) * 1e-9
-    path = Trajectory.through(trajectory)
     return RunTraces(
         time_s=time_s,
         tau_w_true=np.asarray(bench["tau_w_N_m"]),
         tau_w_est=np.asarray(samples["tau_w_estimate_N_m"]),
         theta_j_true=np.asarray(bench["theta_j_rad"]),
-        theta_j_ref=np.array([path.angle_rad(t) for t in time_s.tolist()]),
+        theta_j_ref=np.array([trajectory(t) for t in time_s.tolist()]),
         x_true=plant.motor_pulley_radius_m * samples["theta_m_rad"] - plant.jaw_pulley_radius_m * bench["theta_j_rad"],
         x_est=np.asarray(samples["elongation_estimate_m"]),
         algorithm=spec.algorithm,

@@ -20,7 +20,7 @@ from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.report.bench import write_bench_figures
 from hil_forceps.report.traces import SummaryPoint
-from hil_forceps.rig import Rig, load_rig
+from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 
 

@@ -3,8 +3,6 @@
 import sys
 import threading
 
-from hil_forceps.bench.assembly import PAPER_TRAJECTORY
-from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.estimation.interface import Sample
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig
@@ -18,7 +16,6 @@ def ready_kernels(rig: Rig, sample_time_s: float) -> None:
     timer = threading.Timer(PATIENCE_S, sys.stderr.write, (MESSAGE,))
     timer.start()
     try:
-        Trajectory.through(PAPER_TRAJECTORY).angle_rad(0.0)
         for name in ESTIMATOR_IDS:
             estimator = make_estimator(name, rig, sample_time_s)
             state = estimator.start(Sample(0, 0.0, 0.0))

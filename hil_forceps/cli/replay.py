@@ -91,9 +91,11 @@ def _instrument(source: Path, rig_path: Path, out: Path) -> int:
         bar.update(task, description="figures")
         figures = write_instrument_figures(report, out)
     cells = report.table()
-    table = Table(title=f"{report.name}: estimated from the motor side against measured at the jaw", title_justify="left")
+    table = Table(
+        title=f"{report.name}: estimated from the motor side against measured at the jaw", title_justify="left"
+    )
     for place, header in enumerate(cells.headers):
-        table.add_column(header, justify="right" if place > 2 else "left")  # noqa: PLR2004
+        table.add_column(header, justify="right" if place > 2 else "left")
     for row in cells.rows:
         table.add_row(*row)
     Console().print(table)

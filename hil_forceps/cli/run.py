@@ -15,19 +15,20 @@ from rich.console import Console
 from rich.status import Status
 
 from firmware_protocol.host_machine import HostConfig
-from hil_forceps.bench.assembly import PAPER_TRAJECTORY, Settings
+from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.session import Plan, SessionResult, run_session
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.results import ServiceConfig, Telemetry
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
-from hil_forceps.rig import Rig, load_rig
+from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
+from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 
 EXIT_RUN_FAILED = 2
 
 
-def run(  # noqa: PLR0913 - a command line is a list of options
+def run(
     *,
     rig: Path,
     out: Path,
@@ -81,7 +82,7 @@ def run(  # noqa: PLR0913 - a command line is a list of options
     if "limits" not in loaded.model_fields_set:
         raise UserError(f"{rig}: limits: is missing; a motor is only driven within limits that somebody has chosen")
     points = PAPER_TRAJECTORY if trajectory is None else read_trajectory(trajectory)
-    duration_s = max(20.0 if trajectory is None else points[-1][0], 1e-3) if duration is None else duration
+    duration_s = max(20.0 if trajectory is None else points.times_s[-1], 1e-3) if duration is None else duration
     if not (math.isfinite(duration_s) and duration_s > 0.0):
         raise UserError(f"--duration {duration_s}: must be a positive number of seconds")
     make_folder(out)
@@ -151,7 +152,7 @@ def stopped_by_signals(flag: StopFlag) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def read_trajectory(path: Path) -> tuple[tuple[float, float], ...]:
+def read_trajectory(path: Path) -> Trajectory:
     """Read `time_s,theta_j_rad`; UserError with the line for anything but finite numbers and increasing times."""
     try:
         rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
@@ -172,7 +173,8 @@ def read_trajectory(path: Path) -> tuple[tuple[float, float], ...]:
         points.append((time_s, angle_rad))
     if not points:
         raise UserError(f"{path}: holds no points")
-    return tuple(points)
+    times_s, angles_rad = zip(*points, strict=True)
+    return Trajectory(times_s, angles_rad)
 
 
 def _options(pairs: tuple[str, ...]) -> dict[str, object]:
