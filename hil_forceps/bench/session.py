@@ -74,7 +74,7 @@ def run_session(
             ending = {"reason": result.reason.value, "message": result.message}
             ending["counters"] = json.dumps({name: dict(values) for name, values in result.counters.items()})
         finally:
-            recording_report, log_report = recorder.close(ending), log and log.close()
+            recording_report, log_report = recorder.close(ending), None if log is None else log.close()
     finally:
         link.close()
     return SessionResult(result, recording_report, log_report, time.perf_counter() - began)
