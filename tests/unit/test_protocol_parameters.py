@@ -14,10 +14,12 @@ from firmware_protocol.messages import (
     Discover,
     DriveState,
     FaultReason,
+    HostHeartbeat,
     Identity,
     ParamOp,
     ParamRequest,
     ParamResponse,
+    Timing,
 )
 from firmware_protocol.parameters import BY_NAME, DICTIONARY, Access, Index, Parameter
 
@@ -274,5 +276,9 @@ def test_a_new_node_is_heard_and_the_old_one_is_not() -> None:
     (frame,) = s.drive.receive(codec.encode(ParamRequest(9, ParamOp.READ, Index.NODE, 0)), s.now_us, 0)
     assert codec.Decoder().decode(frame) == ParamResponse(9, ParamOp.OK, Index.NODE, 9)
     assert {frame.arbitration_id & 31 for frame in s.drive.sample(0, 0, 0) + s.drive.poll(s.now_us)} == {9}
-    s.heartbeat(ENABLE)
-    assert s.drive.state is DriveState.DISABLED
+    for sequence, control in enumerate((ENABLE, LOW, ENABLE), start=200):
+        assert s.drive.state is DriveState.DISABLED
+        s.drive.receive(codec.encode(HostHeartbeat(9, control, 1, 0, sequence)), s.now_us, 0)
+    assert s.drive.counters["heartbeat_stale"] == 0
+    assert s.drive.node == 9
+    assert codec.Decoder().decode(s.drive.sample(0, 0, 0)[1]) == Timing(9, 0, 1, 0, DriveState.ARMED, 0)
