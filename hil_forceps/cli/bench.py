@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -22,6 +23,8 @@ from hil_forceps.report.bench import write_bench_figures
 from hil_forceps.report.traces import SummaryPoint
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
+
+MINIMUM_WIDTH = 100
 
 
 def bench(
@@ -108,30 +111,34 @@ def _write(executed: Sequence[Executed], seed: int, wall_s: float, out: Path) ->
 
 
 def _print_table(records: Sequence[RunRecord]) -> None:
-    table = Table(title="Errors over 9–20 s; jaw error under steady load", title_justify="left")
-    for name in ("sim", "algorithm", "comp.", "T [ms]"):
-        table.add_column(name, justify="left" if name == "algorithm" else "right")
-    for name in ("τ_w RMSE [mN m]", "τ_w peak [mN m]", "jaw [deg]", "x RMSE [µm]", "frames", "lost", "× real time"):
-        table.add_column(name, justify="right")
+    table = Table(
+        title="Errors over 9–20 s (jaw: mean under steady load); T: sample time; ×: times real time",
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1),
+    )
+    table.add_column("algorithm", no_wrap=True)
+    for name in ("sim", "comp.", "T\nms", "τ_w RMSE\nmN m", "peak\nmN m", "jaw\ndeg", "x RMSE\nµm", "lost", "×"):
+        table.add_column(name, justify="right", no_wrap=True)
     for record in records:
         spec, metrics = record.spec, record.metrics
         table.add_row(
-            str(spec.simulation),
             spec.algorithm,
+            str(spec.simulation),
             "yes" if spec.compensated else "no",
             f"{spec.sample_time_s * 1e3:g}",
             _scaled(metrics.tau_w_rmse_N_m, 1e3, ".4f"),
             _scaled(metrics.tau_w_peak_error_N_m, 1e3, ".3f"),
-            _scaled(metrics.jaw_error_steady_deg, 1.0, "+.4f"),
+            _scaled(metrics.jaw_error_steady_deg, 1.0, "+.3f"),
             _scaled(metrics.elongation_rmse_m, 1e6, ".3f"),
-            str(record.frames_sent),
             str(record.frames_lost),
             f"{record.timing['real_time_factor']:.1f}",
         )
-    Console().print(table)
-    for record in records:
-        if not record.metrics.finite:
-            sys.stdout.write(f"{record.spec.name}: not finite to the end: {record.ending}\n")
+    console = Console()
+    Console(width=None if console.is_terminal else MINIMUM_WIDTH).print(table)
+    not_finite = sorted({record.spec.algorithm for record in records if not record.metrics.finite})
+    for algorithm in not_finite:
+        sys.stdout.write(f"{algorithm}: – where the estimate did not stay finite; see docs/estimators.md\n")
 
 
 def _scaled(value: float | None, scale: float, form: str) -> str:

@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.estimation.interface import State
+from hil_forceps.estimation.interface import ELONGATION, TAU_W, State
 from hil_forceps.estimation.kalman_model import (
     ANGLE_J,
     ANGLE_M,
@@ -51,7 +51,8 @@ from hil_forceps.model.two_inertia import Matrix
 
 Vector = NDArray[np.float64]
 
-TIME, TORQUE, STEPPED_WEIGHT, TAU_W, ELONGATION, _QUIET = range(6)
+TIME, TORQUE, STEPPED_WEIGHT = range(3)  # then TAU_W and ELONGATION of `interface`
+_QUIET = 5
 # A hypothesis: mean (5) and covariance (25).
 _SIZE = 30
 _STEPPED = _QUIET + _SIZE
