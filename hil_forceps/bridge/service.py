@@ -100,6 +100,7 @@ class Service:
         if self._has_run:
             raise ValueError("a service runs once")
         self._has_run = True
+        self._pipeline.warm_up()
         now_ns = self._clock.now_ns()
         self._enter(Stage.CONNECTING, now_ns, self._config.connect_timeout_ns)
         self._host.connect(now_ns)

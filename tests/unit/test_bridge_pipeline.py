@@ -214,6 +214,15 @@ def test_a_jaw_that_is_there_has_no_approach() -> None:
     assert reference.requested_rad == plain
 
 
+def test_warming_up_leaves_no_trace() -> None:
+    cold, warm = pipeline(), pipeline()
+    warm.warm_up()
+    for line in (cold, warm):
+        line.feed(raw(0))
+    assert cold.reference(0) == warm.reference(0)
+    assert cold.counters == warm.counters
+
+
 def test_wrong_settings_raise() -> None:
     with pytest.raises(ValueError, match="positive"):
         pipeline(max_sample_age_s=0.0)
