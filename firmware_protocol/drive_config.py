@@ -32,7 +32,7 @@ class DriveConfig:
     max_sample_age: int = 20
     sample_period_us: int = 1_000
     counts_per_rev: int = 1 << 24
-    torque_constant_nN_m_per_A: int = 13_500_000  # noqa: N815 SI symbols
+    torque_constant_nN_m_per_A: int = 13_500_000
 
     def __post_init__(self) -> None:
         problems = []

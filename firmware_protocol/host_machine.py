@@ -154,19 +154,20 @@ class HostMachine:
     def setpoint(self, theta_m_ref_raw: int) -> Frame | None:
         """Return the reference to send (wrapped or not), None where the phase forbids one.
 
-        Until the drive says that it follows, the measured angle itself goes out instead: enabling moves nothing.
+        It goes out as computed from the newest sample taken: who takes none any more keeps no motor alive. Until the
+        drive says that it follows, the measured angle itself goes out instead: enabling moves nothing.
         """
-        newest = self._samples.newest
-        if newest is None:
+        taken = self._samples.taken
+        if taken is None:
             return None
         if self.phase is not _RUNNING:
             if not self._heartbeats.enabling or self.drive_state is not DriveState.ARMED:
                 return None
-            theta_m_ref_raw = newest.theta_m
+            theta_m_ref_raw = taken.theta_m
         sequence = self._setpoint_sequence = (self._setpoint_sequence + 1) & 0xFF
         wire = (theta_m_ref_raw + _HALF32 & _MASK32) - _HALF32
         self.counters["setpoints_sent"] += 1
-        return codec.encode_setpoint(self.node, wire, sequence, newest.sequence, self.config.fd)
+        return codec.encode_setpoint(self.node, wire, sequence, taken.sequence, self.config.fd)
 
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take one frame from the bus."""

@@ -64,7 +64,8 @@ class SampleAssembler:
 
     def reset(self) -> None:
         """Forget the drive: what comes next starts anew. What was delivered stays to be taken."""
-        self.newest: RawSample | None = None
+        self.newest: RawSample | None = None  # delivered
+        self.taken: RawSample | None = None  # the newest that the caller has got
         self.restarted = False  # the stamps jumped: this is not the run of the drive it was
         self._feedback: dict[int, Feedback] = {}
         self._timing: dict[int, Timing] = {}
@@ -73,6 +74,8 @@ class SampleAssembler:
     def take_samples(self) -> list[RawSample]:
         """Hand over the samples since the last call, oldest first."""
         queue, self._queue = self._queue, []
+        if queue and self.newest is not None:
+            self.taken = self.newest
         return queue
 
     def take_bench(self) -> list[RawBench]:
