@@ -131,27 +131,41 @@ def _correct(predicted: Vector, theta_m_rad: float, angle_var: float) -> tuple[V
 
 
 @kernel
-def _advance(
-    hypothesis: Vector, step_var: float, dt_s: float, before_N_m: float, torque_N_m: float, c: Constants
-) -> Vector:
-    """Return the hypothesis at the next sample, before its angle is seen.
+def _stretches(dt_s: float, c: Constants) -> tuple[float, Matrix, Matrix]:
+    """Return what part of an interval lies before the hold of its torque, that stretch, and the one after it.
 
-    Over a gap the torque of the lost samples isn't known: it is taken halfway between the torques at both ends, with
-    half their difference as its error.
+    The part is 0 and the first stretch of no use where the torque was held all the time.
     """
     nominal = abs(dt_s - c[PERIOD]) < _SAME_INTERVAL_S
-    hold_s = c[HOLD]
-    lead_s = dt_s - hold_s
-    drift_var = c[DRIFT] * dt_s
-    if lead_s <= _HOLD_TOLERANCE * hold_s:
-        over = held_stretch(c) if nominal and lead_s <= _SAME_INTERVAL_S else stretch(c, dt_s)
-        return _predict(hypothesis, over, torque_N_m, c[TORQUE_VAR], drift_var + step_var, c)
-    share = lead_s / dt_s
-    half_difference = 0.5 * (torque_N_m - before_N_m)
-    lead_var = c[TORQUE_VAR] + half_difference * half_difference
-    over = lead_stretch(c) if nominal else stretch(c, lead_s)
-    middle = _predict(hypothesis, over, before_N_m + half_difference, lead_var, share * (drift_var + step_var), c)
-    return _predict(middle, held_stretch(c), torque_N_m, c[TORQUE_VAR], (1.0 - share) * (drift_var + step_var), c)
+    lead_s = dt_s - c[HOLD]
+    if lead_s <= _HOLD_TOLERANCE * c[HOLD]:
+        held = held_stretch(c) if nominal and lead_s <= _SAME_INTERVAL_S else stretch(c, dt_s)
+        return 0.0, held, held
+    lead = lead_stretch(c) if nominal else stretch(c, lead_s)
+    return lead_s / dt_s, lead, held_stretch(c)
+
+
+@kernel
+def _advance(
+    hypothesis: Vector,
+    moves_var: float,
+    lead_part: float,
+    lead: Matrix,
+    held: Matrix,
+    before_N_m: float,
+    torque_N_m: float,
+    c: Constants,
+) -> Vector:
+    """Return the hypothesis at the next sample, before its angle is seen; τ_w moves by `moves_var` until then.
+
+    Before the hold the torque isn't known (the drive sends every n-th sample only, or samples were lost): it is taken
+    halfway between the torques at both ends, with half their difference as its error.
+    """
+    if lead_part > 0.0:
+        half_difference = 0.5 * (torque_N_m - before_N_m)
+        lead_var = c[TORQUE_VAR] + half_difference * half_difference
+        hypothesis = _predict(hypothesis, lead, before_N_m + half_difference, lead_var, lead_part * moves_var, c)
+    return _predict(hypothesis, held, torque_N_m, c[TORQUE_VAR], (1.0 - lead_part) * moves_var, c)
 
 
 @kernel
@@ -218,10 +232,13 @@ def step(state: State, c: Constants, time_ns: int, theta_m_rad: float, motor_tor
     # A step may follow another while the first is still told apart.
     fresh = (was_quiet + left) * steps / stepped
     resteps = -math.expm1(-c[RESTEP_RATE] * dt_s)
+    drift_var = c[DRIFT] * dt_s
     step_var = c[STEP_VAR] * (fresh + (1.0 - fresh) * resteps)
 
-    settled = _advance(settled, 0.0, dt_s, state[TORQUE], motor_torque_N_m, c)
-    moving = _advance(moving, step_var, dt_s, state[TORQUE], motor_torque_N_m, c)
+    lead_part, lead, held = _stretches(dt_s, c)
+    before = state[TORQUE]
+    settled = _advance(settled, drift_var, lead_part, lead, held, before, motor_torque_N_m, c)
+    moving = _advance(moving, drift_var + step_var, lead_part, lead, held, before, motor_torque_N_m, c)
     settled, settled_log = _correct(settled, theta_m_rad, c[ANGLE_VAR])
     moving, moving_log = _correct(moving, theta_m_rad, c[ANGLE_VAR])
     stepped = 1.0 / (1.0 + quiet / stepped * math.exp(settled_log - moving_log))

@@ -55,12 +55,22 @@ def run(
         for key, factor in believed
         for section, name in (key.split("."),)
     }
-    estimator = make_estimator(estimator_id, rig.with_changes(changes), sample_time_s, over_wire=over_wire)
+    belief = rig.with_changes(changes)
+    estimator = make_estimator(estimator_id, belief, sample_time_s, over_wire=over_wire)
     samples = round(20.0 / sample_time_s)
     steps = plant_steps(rig)
     reference = np.radians(np.interp(np.arange(samples) * sample_time_s, [0.0, 5.0], [90.0, 10.0]))
     load = paper_load(simulation, np.arange(samples * steps, dtype=np.float64) * (sample_time_s / steps))
-    return run_direct(rig, estimator, reference, load, compensated=compensated, over_wire=over_wire, seed=1)
+    return run_direct(
+        rig,
+        estimator,
+        reference,
+        load,
+        compensated=compensated,
+        over_wire=over_wire,
+        torque_constant_N_m_per_A=belief.plant().torque_constant_N_m_per_A,
+        seed=1,
+    )
 
 
 def rmse(result: DirectRun, begin_s: float = 9.0) -> float:
