@@ -1,6 +1,7 @@
 """One run of the bench: the service against the simulated drive, in virtual time, over the bus."""
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +20,6 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording import read_recording
 
-DURATION_NS = 20_000_000_000  # the paper's simulations
 # Over a wire this fast a frame takes a tenth of a nanosecond a bit: samples reach the estimator as they are taken.
 DIRECT_BITRATE = 10_000_000_000
 
@@ -50,7 +50,12 @@ def rig_for(spec: RunSpec, rig: Rig) -> Rig:
     )
 
 
-def execute(spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
+def never() -> bool:
+    """Tell that nobody wants a run to stop early."""
+    return False
+
+
+def execute(spec: RunSpec, rig: Rig, seed: int, out: Path, stop_requested: Callable[[], bool] = never) -> Executed:
     """Run `spec` in virtual time. UserError when its files can't be written.
 
     A run on the bus leaves `out`/NAME.mcap and `out`/NAME.log; one without leaves nothing but what it returns, for
@@ -69,12 +74,14 @@ def execute(spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
         options=options,
     )
     if spec.on_bus:
-        return run_on(open_link(link), spec, rig, seed, out)
+        return run_on(open_link(link), spec, rig, seed, out, stop_requested)
     with tempfile.TemporaryDirectory(dir=out) as scratch:
-        return run_on(open_link(link), spec, rig, seed, Path(scratch))
+        return run_on(open_link(link), spec, rig, seed, Path(scratch), stop_requested)
 
 
-def run_on(connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
+def run_on(
+    connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path, stop_requested: Callable[[], bool] = never
+) -> Executed:
     """Run the service on an open link, with recording and bus log, and judge what was recorded."""
     bench = rig.bench
     same_clock = connection.virtual_time and bench.drive_clock_ppm == 0.0
@@ -87,13 +94,13 @@ def run_on(connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path
         ServiceConfig(
             period_ns=round(bench.host_period_s * 1e9),
             phase_ns=round(bench.host_phase_s * 1e9),
-            duration_ns=DURATION_NS,
+            duration_ns=round(spec.duration_s * 1e9),
         ),
         recording=out / f"{spec.name}.mcap",
         bus_log=out / f"{spec.name}.log" if spec.on_bus else None,
         about={"simulation": str(spec.simulation), "seed": str(seed)},
     )
-    session = run_session(connection, plan)
+    session = run_session(connection, plan, stop_requested)
     if session.failures:
         raise UserError([f"{out}: {failure}" for failure in session.failures])
     traces = traces_of(read_recording(plan.recording), spec, rig.plant(), settings.trajectory)

@@ -13,9 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from hil_forceps.bench.campaign import Done, default_jobs, run_all
-from hil_forceps.bench.execute import DURATION_NS, Executed
+from hil_forceps.bench.execute import Executed
 from hil_forceps.bench.matrix import RunSpec, run_matrix
 from hil_forceps.bench.realtime import Wire, run_realtime
+from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bench.summary import RunRecord, summary, timing, write_json
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
@@ -64,18 +65,26 @@ def bench(
     """
     rig = load_rig(config)
     rig.require_bench()
-    specs = run_matrix(rig, simulation, algorithm)
+    if seed < 0:
+        raise UserError(f"--seed {seed}: must not be negative")
+    count = default_jobs() if jobs is None else jobs
+    if count < 1:
+        raise UserError(f"--jobs {count}: must be at least 1")
+    specs = [spec for spec in run_matrix(rig, simulation, algorithm) if spec.on_bus or not realtime]
     make_folder(out)
     ready_kernels(rig, rig.bench.host_period_s)
     began = time.perf_counter()
-    if realtime:
-        specs = [spec for spec in specs if spec.on_bus]
-        executed = _with_progress(specs, lambda done: run_realtime(specs, config, rig, seed, out, wire, done))
-    else:
-        count = default_jobs() if jobs is None else jobs
-        if count < 1:
-            raise UserError(f"--jobs {count}: must be at least 1")
-        executed = _with_progress(specs, lambda done: run_all(specs, rig, seed, out, count, done))
+    flag = StopFlag()
+
+    def work(done: Done) -> list[Executed]:
+        if realtime:
+            return run_realtime(specs, config, rig, seed, out, wire, done, flag.is_set)
+        return run_all(specs, rig, seed, out, count, done, flag.is_set)
+
+    with stopped_by_signals(flag):
+        executed = _with_progress(specs, work)
+    if flag.is_set():
+        raise KeyboardInterrupt
     wall_s = time.perf_counter() - began
     _write(executed, seed, wall_s, out)
     _print_table([e.record for e in executed])
@@ -101,7 +110,7 @@ def _with_progress(specs: Sequence[RunSpec], work: Callable[[Done], list[Execute
 def _write(executed: Sequence[Executed], seed: int, wall_s: float, out: Path) -> None:
     records = [e.record for e in executed]
     write_json(out / "summary.json", summary(records, seed))
-    write_json(out / "timing.json", timing(records, DURATION_NS * 1e-9 * len(records), wall_s))
+    write_json(out / "timing.json", timing(records, wall_s))
     points = [
         SummaryPoint(r.spec.algorithm, r.spec.simulation, r.spec.sample_time_s, r.metrics.tau_w_rmse_N_m)
         for r in records
