@@ -16,7 +16,6 @@ from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording import Recording
 from hil_forceps.runs.recording_writer import Outcome
 
-
 GAP_PERIODS = 5
 
 
