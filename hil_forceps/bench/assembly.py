@@ -8,13 +8,15 @@ from typing import NamedTuple
 from firmware_protocol.messages import PROTOCOL_MAJOR, PROTOCOL_MINOR
 from hil_forceps import __version__
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
-from hil_forceps.control.gate import Gate
+from hil_forceps.control.gate import DEFAULT_MAX_GAP_S, Gate
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig, dump_rig, parse_rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording import Recording
 from hil_forceps.runs.recording_writer import Outcome
+
+GAP_PERIODS = 5
 
 
 class Settings(NamedTuple):
@@ -35,7 +37,8 @@ def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
         make_estimator(settings.algorithm, rig, settings.sample_time_s),
         settings.trajectory,
         rig.plant(),
-        Gate(rig.limits),
+        # A host slower than the gate expects is slow, not stuck.
+        Gate(rig.limits, max(DEFAULT_MAX_GAP_S, GAP_PERIODS * rig.bench.host_period_s)),
         settings.compensated,
         rig.limits.max_sample_age_s,
         same_clock=settings.same_clock,

@@ -112,6 +112,7 @@ def _record(spec: RunSpec, traces: RunTraces, result: ServiceResult, wall_s: flo
     counters = result.counters
     timing: dict[str, Any] = {
         "real_time_factor": simulated_s / wall_s,
+        "simulated_s": simulated_s,
         "wall_s": wall_s,
         "loop": dict(result.timing),
         "counters": {name: dict(values) for name, values in counters.items()},

@@ -17,6 +17,7 @@ app = App(
     name="hil-forceps",
     help="Bridge and bench for wire-actuated surgical forceps. Not a medical device.",
     version=__version__,
+    result_action="return_value",
 )
 
 # Commands are named by import path, so that `--help` loads none of them.
@@ -64,6 +65,8 @@ def _run(arguments: list[str] | None) -> int:
     except KeyboardInterrupt:
         sys.stderr.write("hil-forceps: interrupted\n")
         return EXIT_INTERRUPTED
+    except SystemExit as ended:  # the drive's own parser, and a help text whose reader went away
+        result = ended.code
     return result if isinstance(result, int) else 0
 
 

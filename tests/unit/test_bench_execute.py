@@ -99,10 +99,10 @@ def test_same_seed_same_bytes_whatever_the_jobs(realistic: Rig, tmp_path: Path) 
     for name, seed, jobs in (("one", 5, 1), ("two", 5, 2), ("other", 6, 1)):
         out = tmp_path / name
         out.mkdir()
-        told: list[str] = []
-        executed = run_all(specs, realistic, seed, out, jobs, lambda e, told=told: told.append(e.record.spec.name))
+        told: list[Executed] = []
+        executed = run_all(specs, realistic, seed, out, jobs, told.append)
         assert [e.record.spec for e in executed] == specs
-        assert sorted(told) == sorted(spec.name for spec in specs)
+        assert sorted(e.record.spec for e in told) == sorted(specs)
         traces = [np.concatenate([np.asarray(field) for field in e.traces[:7]]).tobytes() for e in executed]
         found[name] = (files(out), summary([e.record for e in executed], seed)["runs"], traces)
     assert found["one"] == found["two"]

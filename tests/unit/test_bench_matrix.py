@@ -100,12 +100,12 @@ def test_timing_takes_the_median_of_finite_runs_on_the_bus() -> None:
     records = [record(factor=factor) for factor in (10.0, 30.0, 20.0)]
     records.append(record(SPEC._replace(on_bus=False), factor=1.0))
     records.append(record(metrics=Metrics(False, None, None, None, None), factor=99.0))
-    content = timing(records, 12.0)
+    content = timing(records, 100.0, 12.0)
     assert content["real_time_factor"] == 20.0
     assert content["wall_s"] == 12.0
     assert content["simulated_s"] == 100.0
     assert [run["name"] for run in content["runs"]] == [r.spec.name for r in records]
-    assert timing([], 1.0)["real_time_factor"] is None
+    assert timing([], 0.0, 1.0)["real_time_factor"] is None
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
