@@ -119,11 +119,21 @@ def pty_wire(tmp_path: Path) -> Wire:
 
 
 @pytest.fixture
-def drive(start: Start) -> Callable[[Wire], Command]:
+def patient_rig(tmp_path: Path) -> Path:
+    """The paper's rig with a host at 100 Hz, so with a watchdog of 50 ms: these tests do not run alone."""
+    text = PAPER.read_text().replace("host_period_s: 1.0e-3", "host_period_s: 1.0e-2")
+    assert text != PAPER.read_text()
+    path = tmp_path / "patient.yaml"
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture
+def drive(start: Start, patient_rig: Path) -> Callable[..., Command]:
     """Start a drive and wait until it listens."""
 
-    def begin(wire: Wire, *more: str) -> Command:
-        command = start("drive", "--rig", PAPER, "--simulation", "2", *wire.drive, *more)
+    def begin(wire: Wire, *more: str, rig: Path = patient_rig) -> Command:
+        command = start("drive", "--rig", rig, "--simulation", "2", *wire.drive, *more)
         assert command.first_line().startswith("ready ")
         return command
 
@@ -131,10 +141,10 @@ def drive(start: Start) -> Callable[[Wire], Command]:
 
 
 @pytest.fixture
-def run(start: Start) -> Callable[..., Command]:
-    """Start `run` against a wire, by the paper's rig."""
+def run(start: Start, patient_rig: Path) -> Callable[..., Command]:
+    """Start `run` against a wire."""
 
-    def begin(wire: Wire, out: Path, *more: str, rig: Path = PAPER, **options: Any) -> Command:
+    def begin(wire: Wire, out: Path, *more: str, rig: Path = patient_rig, **options: Any) -> Command:
         return start("run", "--rig", rig, "--out", out, *wire.host, *more, **options)
 
     return begin
