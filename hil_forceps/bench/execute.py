@@ -1,11 +1,11 @@
 """One run of the bench: the service against the simulated drive, in virtual time, over the bus."""
 
-import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from firmware_protocol.host_machine import HostConfig
 from hil_forceps.bench.assembly import Settings
+from hil_forceps.bench.direct import execute_direct
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import judge
 from hil_forceps.bench.session import Plan, run_session
@@ -20,8 +20,6 @@ from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording import read_recording
 
 DURATION_S = 20.0  # the paper's simulations
-# Over a wire this fast a frame takes a tenth of a nanosecond a bit: samples reach the estimator as they are taken.
-DIRECT_BITRATE = 10_000_000_000
 
 
 class Executed(NamedTuple):
@@ -53,25 +51,20 @@ def rig_for(spec: RunSpec, rig: Rig) -> Rig:
 def execute(spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
     """Run `spec` in virtual time. UserError when its files can't be written.
 
-    A run on the bus leaves `out`/NAME.mcap and `out`/NAME.log; one without leaves nothing but what it returns, for
-    at ten times the rate it would be most of the folder.
+    A run on the bus leaves `out`/NAME.mcap and `out`/NAME.log, one without nothing but what it returns.
     """
     rig = rig_for(spec, rig)
-    options: dict[str, object] = {"rig": rig, "simulation": spec.simulation, "seed": seed}
-    rate = rig.bench.bitrate_bit_per_s if spec.on_bus else DIRECT_BITRATE
-    data_rate = rig.bench.data_bitrate_bit_per_s if spec.on_bus else DIRECT_BITRATE
+    if not spec.on_bus:
+        return Executed(*execute_direct(spec, rig, seed, DURATION_S))
     link = LinkSpec(
         interface="virtual_forceps",
         channel=spec.name,
         fd=rig.bench.transport == "fd",
-        bitrate_bit_per_s=rate,
-        data_bitrate_bit_per_s=data_rate,
-        options=options,
+        bitrate_bit_per_s=rig.bench.bitrate_bit_per_s,
+        data_bitrate_bit_per_s=rig.bench.data_bitrate_bit_per_s,
+        options={"rig": rig, "simulation": spec.simulation, "seed": seed},
     )
-    if spec.on_bus:
-        return run_on(open_link(link), spec, rig, seed, out)
-    with tempfile.TemporaryDirectory(dir=out) as scratch:
-        return run_on(open_link(link), spec, rig, seed, Path(scratch))
+    return run_on(open_link(link), spec, rig, seed, out)
 
 
 def run_on(
@@ -92,7 +85,7 @@ def run_on(
             duration_ns=round(duration_s * 1e9),
         ),
         recording=out / f"{spec.name}.mcap",
-        bus_log=out / f"{spec.name}.log" if spec.on_bus else None,
+        bus_log=out / f"{spec.name}.log",
         about={"simulation": str(spec.simulation), "seed": str(seed)},
     )
     session = run_session(connection, plan)
