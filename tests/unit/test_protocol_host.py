@@ -262,6 +262,14 @@ def test_hfp_073_another_drive_later_on() -> None:
     assert desk.phase() is P.REFUSED
 
 
+@pytest.mark.parametrize("node", [1, 30])
+def test_any_node_is_any_node(node: int) -> None:
+    desk = Desk(node=0)
+    desk.host.connect(desk.now_ns)
+    desk.hear(Identity(node, 5, 1, 0))
+    assert (desk.phase(), desk.host.node) == (P.READY, node)
+
+
 def test_any_node_takes_the_first_that_answers() -> None:
     desk = Desk(node=0)
     assert desk.host.estop_frame() == codec.encode(Estop(0))
@@ -527,8 +535,9 @@ def test_a_heartbeat_alone_tells_a_fault() -> None:
     desk.identify()
     desk.drive_heartbeat(DriveState.FAULT, FaultReason.ENCODER)
     assert (desk.host.phase, desk.host.fault) == (P.FAULT, FaultReason.ENCODER)
-    desk.drive_heartbeat(9, 0)
-    assert desk.host.counters["unknown_state"] == 1
+    for count, state in enumerate((4, 9, 15), start=1):
+        desk.drive_heartbeat(state, 0)
+        assert desk.host.counters["unknown_state"] == count
     assert desk.phase() is P.FAULT
     assert desk.setpoint(1) is None
 
