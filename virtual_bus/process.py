@@ -31,7 +31,7 @@ _FIFO_PRIORITY = 20
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="virtual_bus", description="A simulated drive in real time, on a bus or behind a serial port."
+        prog="hil-forceps drive", description="A simulated drive in real time, on a bus or behind a serial port."
     )
     parser.add_argument("--rig", required=True, metavar="FILE", help="rig file that describes forceps and drive")
     where = parser.add_mutually_exclusive_group(required=True)
@@ -125,7 +125,8 @@ def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
     rig = load_rig(arguments.rig)
     is_fd = rig.bench.transport == "fd" if arguments.fd is None else bool(arguments.fd)
     faults = _faults(arguments.faults)
-    drive = SimulatedDrive(rig, paper_load(arguments.simulation), arguments.seed, fd=is_fd)
+    load = paper_load(arguments.simulation)
+    drive = SimulatedDrive(rig, load, arguments.seed, fd=is_fd, load_restarts=True)
     _warm_up(rig, is_fd)
     transport, name = _open(arguments, is_fd)
     try:

@@ -3,6 +3,10 @@
 Every sample goes through the estimator, in order; at most one reference comes out of a tick, from the newest sample,
 and none twice from the same one: a drive's watchdog is to be fed by fresh control output only.
 
+Fresh means taken no longer ago than `max_sample_age_s`. Where the drive's stamps are the host's own clock that is
+exact. Elsewhere it counts from the arrival: a clock that steps can't be told from a path that holds frames back, and
+the drive itself refuses a reference whose sample has become too old.
+
 Before the drive is OPERATIONAL the reference is the measured angle itself, so enabling moves nothing. The zero of the
 experiment is the stamp of the first OPERATIONAL sample, and trajectory time is the newest sample's stamp less that.
 
@@ -40,6 +44,7 @@ class Verdict(IntEnum):
 
 
 GATE_CODES = {verdict: GATE_VERDICT_BASE + place for place, verdict in enumerate(GateVerdict)}
+PASSED_CODE = GATE_CODES[GateVerdict.PASSED]  # apart, since hashing an Enum takes its time
 VERDICT_NAMES = {int(verdict): verdict.name for verdict in Verdict} | {
     code: verdict.name for verdict, code in GATE_CODES.items()
 }
@@ -53,15 +58,6 @@ class Approach(NamedTuple):
 
 
 DEFAULT_APPROACH = Approach()
-
-
-class Taken(NamedTuple):
-    """One sample in SI and what the estimator made of it."""
-
-    theta_m_rad: float
-    current_A: float
-    torque_N_m: float
-    estimate: Estimate
 
 
 class Pipeline:
@@ -87,42 +83,46 @@ class Pipeline:
         self.zero_ns: int | None = None
         self.denied_in_a_row = 0
         self.newest: RawSample | None = None
-        self.taken = Taken(math.nan, math.nan, math.nan, Estimate(math.nan, math.nan))
+        self.sample = Sample(0, math.nan, math.nan)  # the newest, in SI
+        self.estimate = Estimate(math.nan, math.nan)  # after it
         self.counters = {"samples": 0, "not_increasing": 0, "nothing_new": 0, "stale": 0, "denied": 0, "passed": 0}
-        self._estimator = estimator
+        self._start, self._step, self._estimate = estimator.start, estimator.step, estimator.estimate
         self._trajectory = trajectory
         self._plant = plant
+        self._torque_lsb_N_m = plant.torque_constant_N_m_per_A * CURRENT_LSB_A
         self._gate = gate
         self._compensate = compensate
         self._max_age_ns = round(max_sample_age_s * 1e9)
         self._approach = approach
         self._stamps = StampMap(same_clock=same_clock)
+        self._same_clock = same_clock
         self._state: State | None = None
         self._is_new = False
         self._gate_state: GateState | None = None
         self._fade: _Fade | None = None
 
-    def feed(self, raw: RawSample) -> Taken | None:
-        """Take the next sample; None when its stamp does not increase, which is counted, and the sample is dropped."""
-        newest = self.newest
-        if newest is not None and raw.stamp_ns <= newest.stamp_ns:
+    def warm_up(self) -> None:
+        """Run the estimator once for nothing: its kernels are compiled, or loaded, now and not in a tick."""
+        state = self._step(self._start(Sample(0, 0.0, 0.0)), Sample(1_000_000, 0.0, 0.0))
+        self._estimate(state)
+
+    def feed(self, raw: RawSample) -> bool:
+        """Take the next sample; False when its stamp does not increase: then it is counted and dropped."""
+        stamp_ns = raw.stamp_ns
+        if self.newest is not None and stamp_ns <= self.newest.stamp_ns:
             self.counters["not_increasing"] += 1
-            return None
+            return False
         self.counters["samples"] += 1
-        theta_m_rad = raw.theta_m * ANGLE_LSB_RAD
-        current_A = raw.current * CURRENT_LSB_A
-        torque_N_m = self._plant.torque_constant_N_m_per_A * current_A
-        sample = Sample(raw.stamp_ns, theta_m_rad, torque_N_m)
+        self.sample = sample = Sample(stamp_ns, raw.theta_m * ANGLE_LSB_RAD, raw.current * self._torque_lsb_N_m)
         state = self._state
-        state = self._estimator.start(sample) if state is None else self._estimator.step(state, sample)
-        self._state = state
-        self._stamps.see(raw.stamp_ns, raw.received_ns)
+        self._state = state = self._start(sample) if state is None else self._step(state, sample)
+        self.estimate = self._estimate(state)
+        self._stamps.see(stamp_ns, raw.received_ns)
         if self.zero_ns is None and raw.state == DriveState.OPERATIONAL:
-            self.zero_ns = raw.stamp_ns
+            self.zero_ns = stamp_ns
         self.newest = raw
         self._is_new = True
-        self.taken = Taken(theta_m_rad, current_A, torque_N_m, self._estimator.estimate(state))
-        return self.taken
+        return True
 
     def reference(self, now_ns: int) -> Reference:
         """Compute what may leave at this tick; `reference_raw` is None when nothing may, `verdict` says why."""
@@ -133,7 +133,8 @@ class Pipeline:
                 now_ns, 0, NOWHERE_NS, None, math.nan, math.nan, math.nan, math.nan, Verdict.NOTHING_NEW, 0
             )
         verdict: Verdict | None = None
-        if now_ns - self._stamps.host_time_ns(newest.stamp_ns) > self._max_age_ns:
+        taken_ns = self._stamps.host_time_ns(newest.stamp_ns) if self._same_clock else newest.received_ns
+        if now_ns - taken_ns > self._max_age_ns:
             verdict = Verdict.STALE
             self.counters["stale"] += 1
         elif not self._is_new:
@@ -154,17 +155,17 @@ class Pipeline:
 
     def _hold(self, newest: RawSample, now_ns: int) -> Reference:
         """Ask for the measured angle: the first reference of the enable handshake."""
-        theta_m_rad = self.taken.theta_m_rad
+        theta_m_rad = self.sample.theta_m_rad
         self._gate_state = self._gate.open(theta_m_rad, now_ns)
         return self._through_gate(newest, NOWHERE_NS, now_ns, math.nan, 0.0, theta_m_rad)
 
     def _follow(self, newest: RawSample, t_ns: int, now_ns: int) -> Reference:
         theta_j_rad = self._trajectory(t_ns * 1e-9)
-        elongation_m = self.taken.estimate.elongation_m if self._compensate else 0.0
+        elongation_m = self.estimate.elongation_m if self._compensate else 0.0
         requested_rad = motor_reference_rad(theta_j_rad, elongation_m, self._plant)
         fade = self._fade
         if fade is None and math.isfinite(requested_rad):
-            fade = self._fade = _fade(self.taken.theta_m_rad - requested_rad, t_ns, self._approach)
+            fade = self._fade = _fade(self.sample.theta_m_rad - requested_rad, t_ns, self._approach)
         if fade is not None and t_ns < fade.end_ns:
             requested_rad += fade.offset_rad * (1.0 - _smooth((t_ns - fade.begin_ns) / (fade.end_ns - fade.begin_ns)))
         return self._through_gate(newest, t_ns, now_ns, theta_j_rad, elongation_m, requested_rad)
@@ -174,7 +175,7 @@ class Pipeline:
     ) -> Reference:
         state = self._gate_state
         if state is None:  # the drive was OPERATIONAL before we came: begin where it is
-            state = self._gate.open(self.taken.theta_m_rad, now_ns)
+            state = self._gate.open(self.sample.theta_m_rad, now_ns)
         self._gate_state, passed_rad, verdict = self._gate.step(state, requested_rad, now_ns)
         if passed_rad is None:
             self.denied_in_a_row += 1
@@ -186,7 +187,7 @@ class Pipeline:
             raw = angle_raw_from_rad(passed_rad)
         return Reference(
             now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad,
-            GATE_CODES[verdict], newest.sequence,
+            PASSED_CODE if verdict is GateVerdict.PASSED else GATE_CODES[verdict], newest.sequence,
         )  # fmt: skip
 
 

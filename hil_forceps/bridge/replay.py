@@ -62,8 +62,8 @@ def replay(recording: Recording, pipeline: Pipeline) -> Replay:
     rows: list[tuple[float, ...]] = []
     for channel in recording.order.tolist():
         if channel == SAMPLE.channel:
-            taken = pipeline.feed(raws[len(estimates)])
-            estimates.append((np.nan, np.nan) if taken is None else taken.estimate)
+            is_taken = pipeline.feed(raws[len(estimates)])
+            estimates.append(pipeline.estimate if is_taken else (np.nan, np.nan))
         elif channel == REFERENCE.channel:
             reference = pipeline.reference(tick_times[len(rows)])
             raw = reference.reference_raw

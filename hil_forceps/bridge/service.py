@@ -23,21 +23,16 @@ from contextlib import contextmanager
 
 from firmware_protocol.frames import Frame
 from firmware_protocol.host_machine import HostMachine, HostPhase
-from firmware_protocol.layouts import SETPOINT
 from firmware_protocol.messages import DriveState
-from firmware_protocol.scales import ANGLE_LSB_RAD, BENCH_TORQUE_LSB_N_M
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
 from hil_forceps.bridge.ports import Clock, Link, SendResult
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Stage, StopReason, Telemetry, fault_words
 from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics
 from hil_forceps.runs.recording_writer import Outcome, Recorder
 
-_OUTCOMES = {
-    SendResult.SENT: Outcome.SENT,
-    SendResult.QUEUE_FULL: Outcome.QUEUE_FULL,
-    SendResult.BUS_DOWN: Outcome.BUS_DOWN,
-}
-SETTLE_PERIODS = 5
+SETTLE_PERIODS = 5  # before the drive's word counts: what arrives first was said before the request
+SILENT_PERIODS = 20  # at least so many without a sample before a drive counts as silent, however slow the loop
+SEQUENCE_AT = 4  # in SETPOINT and FD_SETPOINT, behind the reference
 _NO_TORQUE = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
 
@@ -68,6 +63,7 @@ class Service:
         self._host = host
         self._pipeline = pipeline
         self._config = config
+        self._silence_ns = max(config.silence_timeout_ns, SILENT_PERIODS * config.period_ns)
         self._recorder = recorder
         self._stop_requested = stop_requested
         self._telemetry = telemetry
@@ -75,6 +71,15 @@ class Service:
             ("ticks", "overruns", "skipped_periods", "frames_received", "frames_sent", "queue_full", "references_sent"),
             0,
         )
+        self._works: dict[Stage, Callable[[int], None]] = {
+            Stage.CONNECTING: self._connecting,
+            Stage.ENABLING: self._enabling,
+            Stage.RUNNING: self._running,
+            Stage.STOPPING: self._stopping,
+        }
+        self._stage_work: Callable[[int], None] = (
+            self._connecting
+        )  # looked up when a stage begins: hashing an Enum takes its time
         self._has_run = False
         self._stage = Stage.CONNECTING
         self._reset_asked = False
@@ -95,6 +100,7 @@ class Service:
         if self._has_run:
             raise ValueError("a service runs once")
         self._has_run = True
+        self._pipeline.warm_up()
         now_ns = self._clock.now_ns()
         self._enter(Stage.CONNECTING, now_ns, self._config.connect_timeout_ns)
         self._host.connect(now_ns)
@@ -128,15 +134,17 @@ class Service:
             before_ns = now_ns
             self._counters["ticks"] += 1
             self._tick(now_ns)
-            behind = (self._clock.now_ns() - due_ns) // period_ns
-            if behind > 0:
+            due_ns += period_ns
+            late_ns = self._clock.now_ns() - due_ns
+            if late_ns >= 0:
+                skipped = late_ns // period_ns + 1
                 self._counters["overruns"] += 1
-                self._counters["skipped_periods"] += behind
-            due_ns += (behind + 1) * period_ns
+                self._counters["skipped_periods"] += skipped
+                due_ns += skipped * period_ns
 
     def _tick(self, now_ns: int) -> None:
         self._take_in()
-        _STAGES[self._stage](self, now_ns)
+        self._stage_work(now_ns)
         if self._stage is Stage.ENABLING or self._stage is Stage.RUNNING:
             self._send_reference(now_ns)
         for frame in self._host.poll(now_ns):
@@ -154,15 +162,15 @@ class Service:
             host.receive(frame, time_ns)
         self._counters["frames_received"] += len(received)
         recorder = self._recorder
+        pipeline = self._pipeline
         for raw in host.take_samples():
-            taken = self._pipeline.feed(raw)
-            if taken is not None:
+            if pipeline.feed(raw):
                 self._last_sample_ns = raw.received_ns
                 if recorder is not None:
-                    recorder.sample(raw, *taken)
+                    recorder.sample(raw, pipeline.sample, pipeline.estimate)
         for values in host.take_bench():
             if recorder is not None:
-                recorder.bench(values, values.theta_j * ANGLE_LSB_RAD, values.tau_w * BENCH_TORQUE_LSB_N_M)
+                recorder.bench(values)
         if not self._link.is_up():
             self._bus_down = True
 
@@ -176,9 +184,12 @@ class Service:
             if frame is None:
                 outcome = Outcome.NOT_ALLOWED
             else:
-                outcome = _OUTCOMES[self._send(frame)]
-                self._setpoint_sequence = SETPOINT.unpack_from(frame.data)[1]
-                if outcome is Outcome.SENT:
+                result = self._send(frame)
+                self._setpoint_sequence = frame.data[SEQUENCE_AT]
+                if result is not SendResult.SENT:
+                    outcome = Outcome.QUEUE_FULL if result is SendResult.QUEUE_FULL else Outcome.BUS_DOWN
+                else:
+                    outcome = Outcome.SENT
                     sent_ns = self._clock.now_ns()
                     self._counters["references_sent"] += 1
                     self._reference_rad = reference.passed_rad
@@ -242,7 +253,7 @@ class Service:
             return StopReason.DRIVE_FAULT, f"the drive latched a fault: {fault_words(host.fault)}"
         if host.phase is HostPhase.REFUSED:
             return StopReason.VERSION_REFUSED, host.refusal
-        if host.phase is HostPhase.DISCONNECTED or silent_ns > self._config.silence_timeout_ns:
+        if host.phase is HostPhase.DISCONNECTED or silent_ns > self._silence_ns:
             return (
                 StopReason.DRIVE_LOST,
                 f"the drive fell silent or restarted: last sample {silent_ns / 1e6:.0f} ms ago",
@@ -278,6 +289,7 @@ class Service:
 
     def _enter(self, stage: Stage, now_ns: int, timeout_ns: int) -> None:
         self._stage = stage
+        self._stage_work = self._works[stage]
         self._stage_began_ns = now_ns
         self._stage_end_ns = now_ns + timeout_ns
 
@@ -296,28 +308,20 @@ class Service:
 
     def _look(self) -> Telemetry:
         pipeline = self._pipeline
-        newest, zero_ns, taken = pipeline.newest, pipeline.zero_ns, pipeline.taken
+        newest, zero_ns = pipeline.newest, pipeline.zero_ns
         time_s = math.nan if newest is None or zero_ns is None else (newest.stamp_ns - zero_ns) * 1e-9
         counters = self._counters
         return Telemetry(
             stage=self._stage,
             time_s=time_s,
-            theta_m_rad=taken.theta_m_rad,
+            theta_m_rad=pipeline.sample.theta_m_rad,
             reference_rad=self._reference_rad,
-            tau_w_N_m=taken.estimate.tau_w_N_m,
-            elongation_m=taken.estimate.elongation_m,
+            tau_w_N_m=pipeline.estimate.tau_w_N_m,
+            elongation_m=pipeline.estimate.elongation_m,
             frames_sent=counters["frames_sent"],
             frames_received=counters["frames_received"],
             overruns=counters["overruns"],
         )
-
-
-_STAGES: dict[Stage, Callable[[Service, int], None]] = {
-    Stage.CONNECTING: Service._connecting,
-    Stage.ENABLING: Service._enabling,
-    Stage.RUNNING: Service._running,
-    Stage.STOPPING: Service._stopping,
-}
 
 
 @contextmanager

@@ -12,6 +12,7 @@ age       from the instant a sample was taken to the instant its reference was h
           drive comes on top.
 """
 
+import math
 from array import array
 from itertools import accumulate
 from typing import NamedTuple, TypedDict
@@ -47,45 +48,52 @@ class Histogram:
         if bin_ns <= 0 or bins <= 0:
             raise ValueError(f"a histogram needs bins: got {bins} of {bin_ns} ns")
         self.bin_ns = bin_ns
-        self.count = 0
         self.total_ns = 0
         self.max_ns = 0
         self.below_zero = 0
-        self._bins = array("Q", bytes(8 * (bins + 1)))  # the last one holds what is above the range
-        self._last = bins
+        self.above_range = 0
+        self._bins = array("Q", bytes(8 * bins))
+        self._range_ns = bins * bin_ns
+
+    @property
+    def count(self) -> int:
+        """How many durations there are."""
+        return sum(self._bins) + self.above_range
 
     def add(self, duration_ns: int) -> None:
         """Count one duration."""
         if duration_ns < 0:
             self.below_zero += 1
             duration_ns = 0
-        self.max_ns = max(self.max_ns, duration_ns)
-        self.count += 1
+        if duration_ns > self.max_ns:  # noqa: PLR1730 a call of max costs as much as all the rest
+            self.max_ns = duration_ns
         self.total_ns += duration_ns
-        index = duration_ns // self.bin_ns
-        self._bins[index if index < self._last else self._last] += 1
+        if duration_ns < self._range_ns:
+            self._bins[duration_ns // self.bin_ns] += 1
+        else:
+            self.above_range += 1
 
     def percentile_ns(self, share: float) -> int | None:
         """Return the duration that `share` (0 to 1) of all don't exceed; None when there is none."""
         if not 0.0 <= share <= 1.0:
             raise ValueError(f"a share lies between 0 and 1, got {share}")
-        if self.count == 0:
+        if not self.count:
             return None
-        needed = max(1, -int(-share * self.count // 1))
-        seen = accumulate(self._bins)
-        index = next(index for index, count in enumerate(seen) if count >= needed)
-        return self.max_ns if index == self._last else min(self.max_ns, (index + 1) * self.bin_ns)
+        needed = max(1, math.ceil(share * self.count))
+        index = next((index for index, seen in enumerate(accumulate(self._bins)) if seen >= needed), None)
+        return self.max_ns if index is None else min(self.max_ns, (index + 1) * self.bin_ns)
 
     def summary(self) -> HistogramSummary:
         """Return the figures and the histogram itself, ready for JSON."""
-        full = [(index * self.bin_ns / 1e3, count) for index, count in enumerate(self._bins[: self._last]) if count]
+        full = [(index * self.bin_ns / 1e3, count) for index, count in enumerate(self._bins) if count]
+        count = self.count
         return {
-            "count": self.count,
-            "mean_us": self.total_ns / self.count / 1e3 if self.count else None,
+            "count": count,
+            "mean_us": self.total_ns / count / 1e3 if count else None,
             "p50_us": _microseconds(self.percentile_ns(0.5)),
             "p99_us": _microseconds(self.percentile_ns(0.99)),
-            "max_us": self.max_ns / 1e3 if self.count else None,
-            "above_range": self._bins[self._last],
+            "max_us": self.max_ns / 1e3 if count else None,
+            "above_range": self.above_range,
             "below_zero": self.below_zero,
             "bin_us": self.bin_ns / 1e3,
             "bins": full,
@@ -112,18 +120,19 @@ def make_loop_statistics() -> LoopStatistics:
 class StampMap:
     """Maps the drive's stamps to the host's clock.
 
-    `offset` is the least `received - stamp` of the last one to two windows: the two clocks may drift, and the path
-    with the least delay tells them apart best. With a drive clock slower by d ppm an age comes out too long by at
-    most d · 2 windows (50 ppm: 0.1 ms); a faster one is followed at once. With `same_clock` stamps are the host's own
-    time modulo the stamp's range, and the offset is a whole number of ranges, found at the first sample.
+    `offset` is the least `received - stamp` of the last one to two windows of samples: the two clocks may drift, and
+    the path with the least delay tells them apart best. A drive clock slower by d ppm makes an age too long by at
+    most d · 2 windows (50 ppm, 1 kHz: 6 µs), and one that steps back makes it too long for so many samples; a
+    faster one is followed at once. With `same_clock` stamps are the host's own time modulo the stamp's range, and the
+    offset is a whole number of ranges, found at the first sample.
     """
 
-    def __init__(self, window_ns: int = 1_000_000_000, same_clock: bool = False) -> None:
-        if window_ns <= 0:
-            raise ValueError(f"a window must have a length, got {window_ns} ns")
-        self._window_ns = window_ns
+    def __init__(self, window: int = 64, same_clock: bool = False) -> None:
+        if window <= 0:
+            raise ValueError(f"a window holds at least one sample, got {window}")
+        self._window = window
         self._same_clock = same_clock
-        self._window_end_ns = 0
+        self._left = 0  # samples until the window is full
         self._least: int | None = None
         self._least_before = 0
 
@@ -135,15 +144,16 @@ class StampMap:
             if self._same_clock:
                 delay = (delay + STAMP_PERIOD_NS // 2) // STAMP_PERIOD_NS * STAMP_PERIOD_NS
             self._least = self._least_before = delay
-            self._window_end_ns = received_ns + self._window_ns
+            self._left = self._window
         elif self._same_clock:
             return
-        elif received_ns >= self._window_end_ns:
+        elif self._left == 0:
             self._least_before = least
             self._least = delay
-            self._window_end_ns = received_ns + self._window_ns
+            self._left = self._window
         elif delay < least:
             self._least = delay
+        self._left -= 1
 
     def host_time_ns(self, stamp_ns: int) -> int:
         """Return when, on the host's clock, a stamp was taken; ValueError before the first sample."""

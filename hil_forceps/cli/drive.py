@@ -14,7 +14,7 @@ def drive(
     *arguments: Annotated[str, Parameter(allow_leading_hyphen=True)],
     kind: str = "simulated",
 ) -> int:
-    """Start a drive process; everything else on the line goes to it (try: hil-forceps drive -- --help).
+    """Start a drive process; everything else on the line goes to it.
 
     Parameters
     ----------

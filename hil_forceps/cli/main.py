@@ -1,6 +1,7 @@
 """Entry point of `hil-forceps`: the commands, and how errors reach the user. Nothing heavy is imported here."""
 
 import sys
+from typing import Any
 
 from cyclopts import App, CycloptsError
 
@@ -25,7 +26,9 @@ for _name, _path, _help in (
     ("replay", "replay:replay", "Send a recording, or a measured run of a real forceps, through the estimators."),
     ("info", "info:info", "Say what is installed and reachable, and what a rig file means."),
 ):
-    app.command(f"hil_forceps.cli.{_path}", name=_name, help=_help)
+    # `drive` hands its whole line on, the call for help too: only the drive itself knows its options.
+    _own: dict[str, Any] = {"help_flags": [], "version_flags": []} if _name == "drive" else {}
+    app.command(f"hil_forceps.cli.{_path}", name=_name, help=_help, **_own)
 
 
 def main(arguments: list[str] | None = None) -> None:

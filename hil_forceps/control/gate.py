@@ -91,23 +91,23 @@ class Gate:
         return self._limit(position, speed, requested_rad, since_ns * 1e-9, now_ns)
 
     def _limit(self, position: float, speed: float, requested: float, dt_s: float, now_ns: int) -> _Step:
-        down = self._stoppable_speed(position - self._low, dt_s)
-        up = self._stoppable_speed(self._high - position, dt_s)
         change = self._acceleration * dt_s
-        slowest = max(speed - change, -self._speed, -down)
-        fastest = min(speed + change, self._speed, up)
         wanted = (requested - position) / dt_s
-        if slowest <= wanted <= fastest:
-            return GateState(True, True, requested, wanted, now_ns), requested, GateVerdict.PASSED
-        if not -down <= wanted <= up:
+        ahead = self._high - position if wanted > 0.0 else position - self._low
+        stoppable = self._stoppable_speed(ahead, dt_s)
+        magnitude = abs(wanted)
+        if magnitude > stoppable:
             verdict = GateVerdict.LIMITED_POSITION
-        elif abs(wanted) > self._speed:
+        elif magnitude > self._speed:
             verdict = GateVerdict.LIMITED_SPEED
-        else:
+        elif abs(wanted - speed) > change:
             verdict = GateVerdict.LIMITED_ACCELERATION
+        else:
+            return GateState(True, True, requested, wanted, now_ns), requested, GateVerdict.PASSED
         # A request out of reach is approached so that it could be stopped at, or the output would swing about it.
-        stoppable = self._stoppable_speed(abs(requested - position), dt_s)
-        allowed = max(slowest, min(fastest, math.copysign(stoppable, wanted)))
+        towards = min(magnitude, stoppable, self._speed, self._stoppable_speed(abs(requested - position), dt_s))
+        # What the speed is now comes last: no other limit can ask for more braking than the acceleration allows.
+        allowed = max(speed - change, min(speed + change, math.copysign(towards, wanted)))
         limited = max(self._low, min(self._high, position + allowed * dt_s))
         return GateState(True, True, limited, allowed, now_ns), limited, verdict
 

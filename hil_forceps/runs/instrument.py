@@ -131,7 +131,7 @@ def _estimates(run: Run, motor_torque_N_m: Array, plan: _Plan) -> dict[str, Esti
     estimated = {RIGID: Estimated(motor_torque_N_m / ratio, ratio * theta_m_rad)}
     sample_time_s = round(run.sample_time_s, 9)
     for method in ESTIMATOR_IDS:
-        estimator = make_estimator(method, plan.rig, sample_time_s)
+        estimator = make_estimator(method, plan.rig, sample_time_s, over_wire=False)
         tau_w, elongation_m = batch.run(estimator, run.time_ns, theta_m_rad, motor_torque_N_m)
         # (3) solved for the jaw
         estimated[method] = Estimated(tau_w, ratio * theta_m_rad - elongation_m / plant.jaw_pulley_radius_m)

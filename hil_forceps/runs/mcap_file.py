@@ -10,6 +10,7 @@ from array import array
 from collections.abc import Mapping, Sequence
 from typing import IO, NamedTuple
 
+import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -72,8 +73,8 @@ class McapFile:
 
     def chunk(self, chunk: Chunk) -> None:
         """Write one chunk with the index of its messages."""
-        times = [log_time for index in chunk.indexes.values() for log_time in index[::2]]
-        first_ns, last_ns = min(times), max(times)
+        times = np.concatenate([np.frombuffer(index, dtype=np.uint64)[::2] for index in chunk.indexes.values()])
+        first_ns, last_ns = int(times.min()), int(times.max())
         compressed = self._compressor.compress(chunk.records)
         record = ChunkRecord(
             compression=COMPRESSION,

@@ -5,7 +5,7 @@ aligns a number to its own size, so fields stand in order of falling size and a 
 struct: 0.3 µs to write, exact to the last bit of every float (JSON costs ten times that and four times the room).
 
 `/sample`     one per sample, after the estimator has taken it: raw integers of the wire, SI, the estimate.
-`/reference`  one per tick of the service, whether a reference left or not, and why.
+`/reference`  one per tick while enabling and running, whether a reference left or not, and why.
 `/bench`      what a bench knows and a real forceps doesn't: jaw angle and reaction torque.
 
 Times: `stamp_ns` is the drive's clock, unwrapped; `log_time`, `received_ns`, `tick_ns`, `sent_ns` are the host's.

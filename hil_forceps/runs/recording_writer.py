@@ -13,8 +13,9 @@ from enum import IntEnum
 from pathlib import Path
 from typing import IO, NamedTuple
 
-from firmware_protocol.host_machine import RawBench, RawSample
-from hil_forceps.estimation.interface import Estimate
+from firmware_protocol.samples import RawBench, RawSample
+from firmware_protocol.scales import ANGLE_LSB_RAD, BENCH_TORQUE_LSB_N_M, CURRENT_LSB_A
+from hil_forceps.estimation.interface import Estimate, Sample
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.background import Background
 from hil_forceps.runs.mcap_file import Chunk, McapFile
@@ -100,8 +101,8 @@ class Recorder:
         self._guarded_head(metadata)
         self._background = Background(self._write, threaded, QUEUED_CHUNKS, "recording")
 
-    def sample(self, raw: RawSample, theta_m_rad: float, current_A: float, torque_N_m: float, known: Estimate) -> None:
-        """Record one sample with what the estimator made of it."""
+    def sample(self, raw: RawSample, sample: Sample, estimate: Estimate) -> None:
+        """Record one sample, raw and in SI, with what the estimator made of it."""
         offset = self._offset
         if offset > self._limit:
             self._hand_over()
@@ -110,7 +111,7 @@ class Recorder:
         sequence, stamp_ns, theta_m, current, state, fault, setpoint_sequence, received_ns = raw
         _SAMPLE_PACK(
             self._buffer, offset, MESSAGE_OPCODE, _SAMPLE_LENGTH, 1, count, received_ns, received_ns, CDR_HEAD,
-            stamp_ns, received_ns, theta_m, theta_m_rad, current_A, torque_N_m, known[0], known[1],
+            stamp_ns, received_ns, theta_m, sample[1], current * CURRENT_LSB_A, sample[2], *estimate,
             current, sequence, setpoint_sequence, state, fault,
         )  # fmt: skip
         self._indexes[0].extend((received_ns, offset))
@@ -134,8 +135,8 @@ class Recorder:
         self._counts[1] = count + 1
         self._offset = offset + _REFERENCE_SIZE
 
-    def bench(self, raw: RawBench, theta_j_rad: float, tau_w_N_m: float) -> None:
-        """Record one pair of bench values."""
+    def bench(self, raw: RawBench) -> None:
+        """Record one pair of bench values, raw and in SI."""
         offset = self._offset
         if offset > self._limit:
             self._hand_over()
@@ -144,7 +145,7 @@ class Recorder:
         sequence, theta_j, tau_w, received_ns = raw
         _BENCH_PACK(
             self._buffer, offset, MESSAGE_OPCODE, _BENCH_LENGTH, 3, count, received_ns, received_ns, CDR_HEAD,
-            received_ns, theta_j_rad, tau_w_N_m, theta_j, tau_w, sequence,
+            received_ns, theta_j * ANGLE_LSB_RAD, tau_w * BENCH_TORQUE_LSB_N_M, theta_j, tau_w, sequence,
         )  # fmt: skip
         self._indexes[2].extend((received_ns, offset))
         self._counts[2] = count + 1

@@ -41,10 +41,17 @@ def pipeline(
     jaw_rad: float = START_JAW_RAD,
     compensate: bool = True,
     max_sample_age_s: float = 3e-3,
+    same_clock: bool = False,
 ) -> Pipeline:
     estimator = recording_estimator([] if taken is None else taken, elongation_m)
     return Pipeline(
-        estimator, lambda t_s: jaw_rad - 0.1 * max(t_s, 0.0), PLANT, Gate(LIMITS), compensate, max_sample_age_s
+        estimator,
+        lambda t_s: jaw_rad - 0.1 * max(t_s, 0.0),
+        PLANT,
+        Gate(LIMITS),
+        compensate,
+        max_sample_age_s,
+        same_clock=same_clock,
     )
 
 
@@ -54,10 +61,10 @@ def raw(k: int, state: DriveState = DriveState.OPERATIONAL, theta_m: int = START
 
 def test_raw_becomes_si_at_the_wires_scale() -> None:
     taken: list[Sample] = []
-    result = pipeline(taken).feed(raw(3))
-    assert taken == [Sample(3 * MS, START_RAW * ANGLE_LSB_RAD, PLANT.torque_constant_N_m_per_A * 1000 * CURRENT_LSB_A)]
-    assert result is not None
-    assert result.current_A == 1000 * CURRENT_LSB_A
+    line = pipeline(taken)
+    assert line.feed(raw(3))
+    assert taken == [line.sample]
+    assert line.sample == pytest.approx((3 * MS, START_RAD, PLANT.torque_constant_N_m_per_A * 1000 * CURRENT_LSB_A))
 
 
 def test_before_operation_the_reference_is_the_measured_angle_to_the_last_bit() -> None:
@@ -118,8 +125,8 @@ def test_nothing_leaves_when_the_newest_sample_is_stale() -> None:
     assert line.counters["stale"] == 1
 
 
-def test_a_sample_held_up_on_its_way_is_stale_although_it_has_just_come() -> None:
-    line = pipeline()
+def test_a_sample_held_up_on_its_way_is_stale_although_it_has_just_come_where_the_clock_is_known() -> None:
+    line = pipeline(same_clock=True)
     for k in range(10):
         line.feed(raw(k))
         assert line.reference(k * MS).reference_raw is not None
@@ -127,12 +134,19 @@ def test_a_sample_held_up_on_its_way_is_stale_although_it_has_just_come() -> Non
     assert line.reference(15 * MS).verdict == Verdict.STALE
 
 
+def test_a_step_of_a_drives_own_clock_does_not_stop_the_references() -> None:
+    line = pipeline()
+    for k in range(20):
+        line.feed(raw(k, delay_ns=0 if k < 10 else 15 * MS))
+        assert line.reference(k * MS + (0 if k < 10 else 15 * MS)).reference_raw is not None
+
+
 def test_stamps_that_do_not_increase_are_dropped_and_counted() -> None:
     taken: list[Sample] = []
     line = pipeline(taken)
     line.feed(raw(5))
-    assert line.feed(raw(5)) is None
-    assert line.feed(raw(4)) is None
+    assert not line.feed(raw(5))
+    assert not line.feed(raw(4))
     assert len(taken) == 1
     assert line.counters["not_increasing"] == 2
 
@@ -149,6 +163,28 @@ def test_an_estimate_that_is_not_finite_lets_nothing_leave() -> None:
     uncompensated = pipeline(elongation_m=math.nan, compensate=False)
     uncompensated.feed(raw(0))
     assert uncompensated.reference(0).reference_raw is not None
+
+
+def test_one_reference_that_passes_ends_a_row_of_denied_ones() -> None:
+    elongation_m = [math.nan]
+    estimator = Estimator("x", lambda _: np.zeros(1), lambda s, _: s, lambda _: Estimate(0.0, elongation_m[0]))
+    line = Pipeline(estimator, lambda _: START_JAW_RAD, PLANT, Gate(LIMITS), True, 3e-3)
+    rows = []
+    for k in range(6):
+        elongation_m[0] = 1e-6 if k == 3 else math.nan
+        line.feed(raw(k))
+        line.reference(k * MS)
+        rows.append(line.denied_in_a_row)
+    assert rows == [1, 2, 3, 0, 1, 2]
+
+
+def test_a_drive_that_leaves_operation_is_held_where_it_is() -> None:
+    line = pipeline()
+    line.feed(raw(0))
+    line.reference(0)
+    line.feed(raw(1, DriveState.DISABLED, START_RAW + 999))
+    assert line.reference(MS).reference_raw == START_RAW + 999
+    assert line.zero_ns == 0
 
 
 @pytest.mark.parametrize("ahead_rad", [0.5, -0.5])
@@ -176,6 +212,15 @@ def test_a_jaw_that_is_there_has_no_approach() -> None:
     reference = line.reference(0)
     plain = PLANT.jaw_pulley_radius_m * reference.theta_j_ref_rad / PLANT.motor_pulley_radius_m
     assert reference.requested_rad == plain
+
+
+def test_warming_up_leaves_no_trace() -> None:
+    cold, warm = pipeline(), pipeline()
+    warm.warm_up()
+    for line in (cold, warm):
+        line.feed(raw(0))
+    assert cold.reference(0) == warm.reference(0)
+    assert cold.counters == warm.counters
 
 
 def test_wrong_settings_raise() -> None:

@@ -63,9 +63,8 @@ def recording() -> Recording:
             waiting.append(RawSample(k % 256, k * MS, round(0.7 / ANGLE_LSB_RAD) + k, current, state, 0, 0, now_ns))
         if chance.random() > 0.3:
             for raw in waiting:
-                taken = line.feed(raw)
-                assert taken is not None
-                recorder.sample(raw, *taken)
+                assert line.feed(raw)
+                recorder.sample(raw, line.sample, line.estimate)
             waiting.clear()
         reference = line.reference(now_ns + 100)
         recorder.reference(reference, now_ns + 200, Outcome.NONE, 0)

@@ -330,6 +330,16 @@ def test_channels_in_use_are_found(bus: VirtualForcepsBus) -> None:
     assert bus.channel_info.endswith("unit")
 
 
+def test_time_stands_where_the_frame_arrived_also_with_latency() -> None:
+    with VirtualForcepsBus("late", rig=ROOT / "configs" / "realistic.yaml", truth_duration_s=0.1) as handle:
+        for _ in range(20):
+            frame = handle.recv(timeout=0.1)
+            assert frame is not None
+            assert round(frame.timestamp * 1e9) == handle.now_ns()
+        rows = handle.truth_log().columns()["bus_time_ns"]
+        assert 0 < len(rows) < 100
+
+
 def test_python_can_finds_it_by_name(tmp_path: Path) -> None:
     """In a process of its own, with the entry points of pyproject.toml as an installed package has them."""
     import tomllib  # noqa: PLC0415

@@ -113,6 +113,13 @@ def test_same_id_same_bits_is_one_frame_of_two_senders() -> None:
     assert [port.error_frames for port in ports] == [0, 0, 0]
 
 
+def test_two_senders_of_the_same_bits_do_not_acknowledge_each_other() -> None:
+    frame = Frame(0x80, b"\x01\x02")
+    simulation, ports = bus(Talker([(0, frame)]), Talker([(0, frame)]))
+    simulation.advance_until(MS // 2)
+    assert [port.sent for port in ports] == [0, 0]
+
+
 def test_same_id_other_data_fails_until_both_are_error_passive_then_both_get_through() -> None:
     a, b, listener = Talker([(0, Frame(0x80, b"\x01"))]), Talker([(0, Frame(0x80, b"\x02"))]), Talker()
     simulation, ports = bus(a, b, listener)
@@ -210,6 +217,56 @@ def test_bus_off_window_silences_a_node_and_tells_it() -> None:
     assert ports[1].rejected_down == 4
 
 
+def test_a_node_sent_off_the_bus_does_not_finish_its_frame() -> None:
+    sender, listener = Talker([(0, Frame(0x80, bytes(8)))]), Talker([(0, Frame(0x90, b""))])
+    simulation, ports = bus(
+        listener, sender, Talker(), faults=[{"fault": "bus_off", "node": "drive", "from_s": 5e-5, "to_s": 1e-3}]
+    )
+    simulation.advance_until(10 * MS)
+    assert listener.heard == []
+    assert (ports[1].sent, ports[1].discarded, ports[1].queued) == (0, 1, 0)
+    assert (ports[0].sent, ports[0].queued) == (1, 0)  # once there was somebody again to acknowledge
+
+
+def test_recovery_takes_as_long_whatever_else_happens_meanwhile() -> None:
+    off = {"fault": "bus_off", "node": "host", "from_s": 0.001, "to_s": 0.002}
+    # Windows that open and close for nobody: each makes the bus look at those who are off.
+    edges = [{"fault": "bus_off", "node": "host", "from_s": 0.0021 + k * 1e-4, "to_s": 0.0022 + k * 1e-4} for k in (0,)]
+    plain, _ = bus(Talker(), Talker(), faults=[off])
+    again, _ = bus(Talker(), Talker(), faults=[off, *edges])
+
+    def back_ns(simulation: Simulation) -> int:
+        simulation.advance_until(2_300_000)
+        assert simulation.medium.ports[0].state == PortState.BUS_OFF
+        while simulation.step(10 * MS):
+            pass
+        return simulation.now_ns
+
+    assert back_ns(plain) == 2_000_000 + 128 * 11_000
+    assert back_ns(again) == 2_200_000 + 128 * 11_000
+
+
+def test_delayed_frames_passing_do_not_shorten_a_recovery() -> None:
+    faults = [
+        {"fault": "delay", "delay_s": 0.0021, "id": 0x80},
+        {"fault": "bus_off", "node": "host", "from_s": 0.001, "to_s": 0.002},
+    ]
+    frames = [(k * 100_000, Frame(0x80, b"")) for k in range(8)]
+    simulation, ports = bus(Talker(), Talker(frames), Talker(), faults=faults)
+    simulation.advance_until(2_000_000 + 128 * 11_000 - 1)
+    before = ports[0].state
+    simulation.advance_until(2_000_000 + 128 * 11_000)
+    assert (before, ports[0].state) == (PortState.BUS_OFF, PortState.ERROR_ACTIVE)
+
+
+def test_bus_gone_loses_what_was_delayed() -> None:
+    faults = [{"fault": "delay", "delay_s": 0.005}, {"fault": "bus_gone", "from_s": 0.002, "to_s": 0.003}]
+    listener = Talker()
+    simulation, _ = bus(Talker([(0, Frame(0x80, b""))]), listener, faults=faults)
+    simulation.advance_until(20 * MS)
+    assert listener.heard == []
+
+
 def test_bus_gone_loses_everything_in_between() -> None:
     sender = Talker([(k * MS, Frame(0x80, bytes([k]))) for k in range(10)])
     listener = Talker()
@@ -230,6 +287,16 @@ def test_leaving_takes_queued_frames_along() -> None:
     assert listener.ids() == [0x80]
     with pytest.raises(ValueError, match="not on this bus"):
         simulation.remove(ports[0])
+
+
+def test_leaving_while_a_frame_fails_leaves_nothing_to_repeat() -> None:
+    sender, listener = Talker([(0, Frame(0x80, b""))]), Talker()
+    simulation, ports = bus(sender, listener, Talker(), faults=[{"fault": "corrupt_wire", "count": 1}])
+    simulation.advance_until(10_000)
+    simulation.remove(ports[0])
+    simulation.advance_until(10 * MS)
+    assert listener.heard == []
+    assert (ports[0].sent, ports[0].tec) == (0, 0)
 
 
 def test_what_is_no_frame_is_refused_where_it_is_submitted() -> None:

@@ -65,8 +65,10 @@ def test_arbitration_waits_for_all_that_comes_at_the_same_instant() -> None:
     drive.next_ns = FOREVER_NS
     simulation.settle(simulation.medium.ports[1])
     simulation.advance_until(1_000_000)
-    assert log[1][0] == "drive hears 10"
-    assert [frame.arbitration_id for _, frame in host.take_all(1_000_000)] == [0x20]
+    heard, heard_ns = log[1]
+    ((received_ns, frame),) = host.take_all(1_000_000)
+    assert (heard, frame.arbitration_id) == ("drive hears 10", 0x20)
+    assert heard_ns < received_ns
 
 
 def test_a_node_that_does_not_move_its_time_is_an_error() -> None:
@@ -78,6 +80,27 @@ def test_a_node_that_does_not_move_its_time_is_an_error() -> None:
     simulation.add(Stuck(100, [], "stuck"), "stuck", Side.DRIVE)
     with pytest.raises(ValueError, match="stuck has been woken"):
         simulation.advance_until(1000)
+
+
+def test_a_node_that_wants_to_wake_in_the_past_wakes_now() -> None:
+    class Eager(Ticker):
+        def receive(self, frame: Frame, now_ns: int) -> None:
+            super().receive(frame, now_ns)
+            self.next_ns = 0
+
+        def wake(self, now_ns: int) -> None:
+            self.log.append((self.name, now_ns))
+            self.next_ns = FOREVER_NS
+
+    log: list[tuple[str, int]] = []
+    simulation = Simulation(Medium())
+    eager = Eager(FOREVER_NS, log, "eager")
+    simulation.add(eager, "eager", Side.DRIVE)
+    port = simulation.add(HostNode(), "host", Side.HOST)
+    simulation.medium.submit(port, Frame(0x10, b""), 0)
+    simulation.advance_until(1_000_000)
+    (_, heard_ns), (_, woken_ns) = log
+    assert heard_ns == woken_ns > 0
 
 
 def test_latency_and_jitter_delay_each_way_and_keep_order() -> None:

@@ -14,7 +14,8 @@ from mcap.reader import make_reader
 
 from firmware_protocol.messages import DriveState
 from firmware_protocol.samples import RawBench, RawSample
-from hil_forceps.estimation.interface import Estimate
+from firmware_protocol.scales import ANGLE_LSB_RAD
+from hil_forceps.estimation.interface import Estimate, Sample
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs import recording_writer
 from hil_forceps.runs.recording import Recording, parse_recording, read_recording
@@ -54,8 +55,8 @@ def fill(recorder: Recorder, ticks: int, first: int = 0) -> None:
         now = k * MS
         state = DriveState.OPERATIONAL if k >= 3 else DriveState.ARMED
         raw = RawSample(k % 256, now, 1000 + k, -5, state, 0, max(k - 1, 0) % 256, now + 350_000)
-        recorder.sample(raw, 0.1 * k, -1e-3, -1.35e-5, Estimate(1e-3 * math.sin(k), 2e-5))
-        recorder.bench(RawBench(k % 256, 7, 9, now + 400_000), 0.5 + k, 9e-7)
+        recorder.sample(raw, Sample(now, 0.1 * k, -1.35e-5), Estimate(1e-3 * math.sin(k), 2e-5))
+        recorder.bench(RawBench(k % 256, k, 9, now + 400_000))
         passed = math.nan if k == 2 else 0.25 * k
         reference = Reference(now + 600_000, now, now, None if k == 2 else k, 1.5, 2e-5, 0.25 * k, passed, 16, k % 256)
         recorder.reference(reference, now + 610_000, Outcome.NONE if k == 2 else Outcome.SENT, k % 256)
@@ -85,7 +86,7 @@ def test_everything_comes_back_bit_by_bit() -> None:
     assert recording.samples["current_raw"][4] == -5
     assert recording.references["sent_ns"][7] == 7_610_000
     assert math.isnan(recording.references["passed_rad"][2])
-    assert recording.bench["theta_j_rad"][999] == 999.5
+    assert recording.bench["theta_j_rad"][999] == 999 * ANGLE_LSB_RAD
     assert recording.zero_ns == 3 * MS
 
 
@@ -173,6 +174,14 @@ def test_a_full_disk_ends_the_recording_and_never_raises(threaded: bool) -> None
         assert bool(part.notes) == (report.dropped > 0), "silent only where no message is missing"
 
 
+def test_after_a_full_disk_other_tools_still_read_the_file_by_its_index() -> None:
+    data, report = record(3000, room=60_001)
+    summary = make_reader(io.BytesIO(data), validate_crcs=True).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == report.messages - report.dropped > 0
+
+
 def test_dev_full_is_a_user_error_at_the_start() -> None:
     with pytest.raises(UserError, match=r"/dev/full: recording stopped: No space left.*choose another place"):
         open_recorder(Path("/dev/full"), METADATA, threaded=False)
@@ -245,7 +254,7 @@ def test_a_run_begins_at_its_zero_with_the_reference_that_the_drive_followed() -
     # the drive's echo in sample k names the reference of tick k-1, and that of tick 2 was never sent
     assert "theta_m_ref_rad" not in run.columns
     assert any("isn't recorded" in note for note in run.notes)
-    assert run.columns["theta_j_rad"][0] == 3.5
+    assert run.columns["theta_j_rad"][0] == 3 * ANGLE_LSB_RAD
     file = Memory()
     recorder = Recorder(file, METADATA, threaded=False)
     fill(recorder, 600, first=3)

@@ -161,10 +161,13 @@ def test_thinning_keeps_the_spikes_and_the_ends_of_the_range() -> None:
     values[123_457] = 9.0
     values[45_678] = -7.0
     thin_time, thin_values = thinned(time, values, bins=500)
-    assert len(thin_time) <= 1000
+    assert len(thin_time) <= 1002
+    assert thin_time[[0, -1]].tolist() == [0.0, 20.0]
     assert thin_values.max() == 9.0
     assert thin_values.min() == -7.0
     assert np.all(np.diff(thin_time) > 0)
+    values[100_000] = np.nan
+    assert np.isnan(thinned(time, values, bins=500)[1]).sum() == 1  # a hole stays a hole
 
 
 def test_style_does_not_leak_and_ignores_a_users_settings() -> None:
