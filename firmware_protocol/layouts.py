@@ -40,7 +40,7 @@ _BENCH: Final = Struct("<q")  # three fields of 24, 24 and 8 bits, and the check
 _HALF24: Final = 1 << 23
 _MASK24: Final = (1 << 24) - 1
 
-# Builds a NamedTuple from its fields in half the time of its own constructor, which is not compiled; for what is cyclic.
+# Builds a NamedTuple from its fields in half the time of its own constructor, which is not compiled.
 make: Final = tuple.__new__
 
 

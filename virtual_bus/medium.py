@@ -37,6 +37,7 @@ class Medium:
 
     def __init__(self, timing: BitTiming | None = None, faults: FaultInjector | None = None) -> None:
         self.timing = BitTiming() if timing is None else timing
+        self._frame_ns = self.timing.frame_ns
         self.ports: list[Port] = []
         self.gone = False
         self.last_sender: Port | None = None
@@ -81,7 +82,7 @@ class Medium:
         if self.gone or port.queued >= port.queue_frames or port.state == _BUS_OFF:
             self.refuses(port)
             return False
-        entry = (frame[0], self._order, port, frame, self.timing.frame_ns(frame))
+        entry = (frame[0], self._order, port, frame, self._frame_ns(frame))
         self._order += 1
         port.queued += 1
         if not self._pending:
@@ -132,7 +133,7 @@ class Medium:
             return
         _, _, port, frame, duration_ns = entry
         end_ns = now_ns + duration_ns
-        if len(self.ports) - len(self._off.ports) - len(self._twins) < 2:
+        if self._is_nobody_else_there():
             # An error-passive sender that only misses its acknowledge doesn't count on: it would end bus-off alone.
             charged = [port] if port.state == PortState.ERROR_ACTIVE else []
             self._fail(charged, end_ns - self.timing.bits_ns(EOF_BITS + ACK_DELIMITER_BITS))
@@ -140,6 +141,9 @@ class Medium:
             self._fail([port], end_ns - self.timing.bits_ns(EOF_BITS))
         else:
             self._flight_end_ns = end_ns
+
+    def _is_nobody_else_there(self) -> bool:
+        return len(self.ports) - len(self._off.ports) - len(self._twins) < 2
 
     def _finish(self, now_ns: int) -> None:
         """End the transmission: everybody else has the frame, or it waits again."""
