@@ -11,7 +11,7 @@ from typing import Final
 
 from fastcrc.crc8 import autosar
 
-from firmware_protocol.frames import MAX_NODE, NODE_BITS, Frame, arbitration_id
+from firmware_protocol.frames import MAX_NODE, NODE_BITS, Frame, arbitration_id, make
 from firmware_protocol.layouts import (
     FD_FEEDBACK,
     FD_SETPOINT,
@@ -21,7 +21,6 @@ from firmware_protocol.layouts import (
     SETPOINT,
     TIMING,
     Check,
-    make,
     pack_bench,
 )
 from firmware_protocol.layouts import status_byte as _status_byte

@@ -2,7 +2,7 @@
 
 from typing import Final, NamedTuple, TypeVar
 
-from firmware_protocol.layouts import make
+from firmware_protocol.frames import make
 from firmware_protocol.messages import BenchSensor, DriveState, FdFeedback, Feedback, Timing
 from firmware_protocol.scales import STAMP_LSB_NS
 from firmware_protocol.states import MAX_ADVANCE
