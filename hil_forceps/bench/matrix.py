@@ -14,7 +14,7 @@ class RunSpec(NamedTuple):
     algorithm: str
     compensated: bool
     sample_time_s: float
-    on_bus: bool  # False: the same frames over a wire that takes no time, for rates that no CAN carries
+    on_bus: bool  # False: samples go to the estimator as they are taken, for rates that no CAN carries
 
     @property
     def name(self) -> str:

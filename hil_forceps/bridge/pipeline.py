@@ -105,6 +105,11 @@ class Pipeline:
         self._gate_state: GateState | None = None
         self._fade: _Fade | None = None
 
+    def warm_up(self) -> None:
+        """Run the estimator once for nothing: its kernels are compiled, or loaded, now and not in a tick."""
+        state = self._step(self._start(Sample(0, 0.0, 0.0)), Sample(1_000_000, 0.0, 0.0))
+        self._estimate(state)
+
     def feed(self, raw: RawSample) -> bool:
         """Take the next sample; False when its stamp does not increase: then it is counted and dropped."""
         stamp_ns = raw.stamp_ns

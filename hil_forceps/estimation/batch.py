@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.estimation import improved, kalman, previous
-from hil_forceps.estimation.interface import Estimator, Sample, State
+from hil_forceps.estimation.interface import ELONGATION, TAU_W, Estimator, Sample, State
 from hil_forceps.model.kernel import kernel
 
 Vector = NDArray[np.float64]
@@ -13,7 +13,8 @@ PREVIOUS, IMPROVED, KALMAN = range(3)
 
 
 @kernel
-def _start(kind: int, c: Vector, time_ns: int, theta_m_rad: float, motor_torque_N_m: float) -> State:
+def start_kind(kind: int, c: Vector, time_ns: int, theta_m_rad: float, motor_torque_N_m: float) -> State:
+    """Return the state after the first sample, of the kernels that `kind` names."""
     if kind == PREVIOUS:
         return previous.start(c, time_ns, theta_m_rad, motor_torque_N_m)
     if kind == IMPROVED:
@@ -22,7 +23,8 @@ def _start(kind: int, c: Vector, time_ns: int, theta_m_rad: float, motor_torque_
 
 
 @kernel
-def _step(state: State, kind: int, c: Vector, time_ns: int, theta_m_rad: float, motor_torque_N_m: float) -> State:
+def step_kind(state: State, kind: int, c: Vector, time_ns: int, theta_m_rad: float, motor_torque_N_m: float) -> State:
+    """Return the state after a further sample, of the kernels that `kind` names."""
     if kind == PREVIOUS:
         return previous.step(state, c, time_ns, theta_m_rad, motor_torque_N_m)
     if kind == IMPROVED:
@@ -37,13 +39,12 @@ def _run(
     samples = time_ns.shape[0]
     tau_w = np.empty(samples)
     elongation = np.empty(samples)
-    state = _start(kind, c, time_ns[0], theta_m_rad[0], motor_torque_N_m[0])
+    state = start_kind(kind, c, time_ns[0], theta_m_rad[0], motor_torque_N_m[0])
     for n in range(samples):
         if n > 0:
-            state = _step(state, kind, c, time_ns[n], theta_m_rad[n], motor_torque_N_m[n])
-        # All states keep the two where `interface` readers of `registry` find them: next to each other, τ_w first.
-        tau_w[n] = state[3]
-        elongation[n] = state[4]
+            state = step_kind(state, kind, c, time_ns[n], theta_m_rad[n], motor_torque_N_m[n])
+        tau_w[n] = state[TAU_W]
+        elongation[n] = state[ELONGATION]
     return tau_w, elongation
 
 

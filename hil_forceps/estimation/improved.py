@@ -22,7 +22,8 @@ from hil_forceps.model.kernel import kernel
 from hil_forceps.model.two_inertia import total_inertia_kg_m2, wire_mode_squared
 from hil_forceps.rig.plant import PlantParameters
 
-TIME, ANGLE, LOW_PASS, TAU_W, ELONGATION, MODEL_X, MODEL_V, ALPHA = range(8)
+TIME, ANGLE, LOW_PASS = range(3)  # then TAU_W and ELONGATION of `interface`
+MODEL_X, MODEL_V, ALPHA = range(5, 8)
 _RM, _RJ, _IM, _IJ, _DM, _FM, _FJ, _A, _CORNER, _INERTIA, _STABLE = range(11)
 
 # 0 < η ≤ 1 in (19): the largest step that the paper allows.

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 State = NDArray[np.float64]
 
+# Where the states of our own estimators keep what they tell; the rest of a state is each one's own.
+TAU_W, ELONGATION = 3, 4
+
 
 class Sample(NamedTuple):
     """What the drive measured at one instant."""

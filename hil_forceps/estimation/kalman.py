@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.estimation.interface import State
+from hil_forceps.estimation.interface import ELONGATION, TAU_W, State
 from hil_forceps.estimation.kalman_model import (
     ANGLE_J,
     ANGLE_M,
@@ -30,6 +30,7 @@ from hil_forceps.estimation.kalman_model import (
     PERIOD,
     RADIUS_J,
     RADIUS_M,
+    RESTEP_RATE,
     SPEED_J,
     SPEED_M,
     STEP_COLUMNS,
@@ -51,7 +52,8 @@ from hil_forceps.model.two_inertia import Matrix
 
 Vector = NDArray[np.float64]
 
-TIME, TORQUE, STEPPED_WEIGHT, TAU_W, ELONGATION, _QUIET = range(6)
+TIME, TORQUE, STEPPED_WEIGHT = range(3)  # then TAU_W and ELONGATION of `interface`
+_QUIET = 5
 # A hypothesis: mean (5) and covariance (25).
 _SIZE = 30
 _STEPPED = _QUIET + _SIZE
@@ -183,7 +185,8 @@ def step(state: State, c: Constants, time_ns: int, theta_m_rad: float, motor_tor
     fresh = steps * (1.0 - was_stepped) / stepped
     moving = _mix(1.0 - fresh, stepped_h, fresh, quiet_h)
     # A step may follow another while the first is still told apart.
-    step_var = c[STEP_VAR] * steps / stepped
+    resteps = -math.expm1(-c[RESTEP_RATE] * dt_s)
+    step_var = c[STEP_VAR] * (fresh + (1.0 - fresh) * resteps)
 
     settled = _advance(settled, 0.0, dt_s, state[TORQUE], motor_torque_N_m, c)
     moving = _advance(moving, step_var, dt_s, state[TORQUE], motor_torque_N_m, c)

@@ -13,7 +13,7 @@ from hil_forceps.model.kernel import kernel
 from hil_forceps.model.two_inertia import wire_mode_squared
 from hil_forceps.rig.plant import PlantParameters
 
-TIME, ANGLE, LOW_PASS, TAU_W, ELONGATION = range(5)
+TIME, ANGLE, LOW_PASS = range(3)  # then TAU_W and ELONGATION of `interface`
 _RM, _RJ, _IM, _IJ, _DM, _FM, _FJ, _A, _CORNER = range(9)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.estimation import batch, improved, kalman, kalman_model, previous
-from hil_forceps.estimation.interface import Compiled, Estimate, Estimator, Sample, State
+from hil_forceps.estimation.interface import ELONGATION, TAU_W, Compiled, Estimate, Estimator, Sample, State
 from hil_forceps.rig.schema import ALGORITHM_IDS, Rig
 
 ESTIMATOR_IDS: tuple[str, ...] = ALGORITHM_IDS
@@ -79,5 +79,4 @@ def _bind(estimator_id: str, kernels: _Kernels, constants: _Vector) -> Estimator
 
 
 def _estimate(state: State) -> Estimate:
-    # Where `batch` reads them too; every state has them there.
-    return Estimate(float(state[3]), float(state[4]))
+    return Estimate(float(state[TAU_W]), float(state[ELONGATION]))

@@ -108,11 +108,11 @@ def plant_step(
 
 
 @kernel
-def encoder_angle_rad(theta_m_rad: float, quantum_rad: float) -> float:
-    """Return what the encoder shows: the angle rounded to its quantum, or itself when the quantum is 0."""
-    if quantum_rad <= 0.0:
-        return theta_m_rad
-    return math.floor(theta_m_rad / quantum_rad + 0.5) * quantum_rad
+def quantise(value: float, quantum: float) -> float:
+    """Return `value` rounded to a whole number of quanta, or itself when the quantum is 0."""
+    if quantum <= 0.0:
+        return value
+    return math.floor(value / quantum + 0.5) * quantum
 
 
 @kernel
@@ -155,7 +155,7 @@ def _rollout(state: Vector, references_rad: Vector, load_N_m: Vector, loop: Loop
     drive = np.zeros(5)
     for n in range(samples):
         states[n] = state
-        angles[n] = encoder_angle_rad(state[0], loop.encoder_quantum_rad)
+        angles[n] = quantise(state[0], loop.encoder_quantum_rad)
         currents[n] = drive[DRIVE_CURRENT]
         drive = drive_step(drive, references_rad[n], angles[n], loop.drive)
         first = n * loop.steps_per_sample

@@ -103,7 +103,7 @@ class Recording:
             own = sent[sent["setpoint_sequence"] == sequence]
             wanted = np.flatnonzero(samples["setpoint_sequence"] == sequence)
             if len(own):
-                index = np.searchsorted(own["sent_ns"], samples["received_ns"][wanted], side="right") - 1
+                index = np.searchsorted(own["tick_ns"], samples["received_ns"][wanted], side="right") - 1
                 result[wanted[index >= 0]] = own["passed_rad"][index[index >= 0]]
         return result
 

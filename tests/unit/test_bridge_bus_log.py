@@ -7,24 +7,27 @@ import can
 import pytest
 
 from firmware_protocol.frames import Frame
-from hil_forceps.bridge.bus_log import BATCH_FRAMES, BusLog, LoggedLink, LogReport, open_bus_log
+from hil_forceps.bridge.bus_log import BATCH_ENTRIES, BusLog, CandumpWriter, LoggedLink, LogReport, open_bus_log
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.rig.errors import UserError
 
 BEGIN_NS = 5_000_000_000
 
 
+def some_frame(k: int) -> Frame:
+    return Frame(0x64, bytes(16), True) if k % 10 == 9 else Frame(0x44 + k % 3, bytes([k % 256, 0xAB]))
+
+
 def write(path: Path, frames: int, threaded: bool = False) -> LogReport:
     log = open_bus_log(path, BEGIN_NS, threaded)
     for k in range(frames):
-        frame = Frame(0x64, bytes(16), True) if k % 10 == 9 else Frame(0x44 + k % 3, bytes([k % 256, 1]))
-        log.add(BEGIN_NS + k * 250_000, frame, is_received=k % 2 == 0)
+        log.add(k % 2 == 0, [(BEGIN_NS + k * 250_000, some_frame(k))])
     return log.close()
 
 
 @pytest.mark.parametrize("suffix", [".log", ".asc", ".blf"])
 def test_logs_read_back_with_python_can(tmp_path: Path, suffix: str) -> None:
-    frames = BATCH_FRAMES * 2 + 30
+    frames = BATCH_ENTRIES * 2 + 30
     report = write(tmp_path / f"bus{suffix}", frames)
     assert report == LogReport(frames, 0, "")
     messages = list(can.LogReader(str(tmp_path / f"bus{suffix}")))
@@ -52,9 +55,9 @@ def test_unknown_kinds_and_places_are_user_errors(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("threaded", [False, True])
 def test_a_full_disk_ends_the_log_and_never_raises(threaded: bool) -> None:
-    log = BusLog(can.CanutilsLogWriter("/dev/full"), 0, threaded)
-    for k in range(4000):
-        log.add(k, Frame(1, b"12345678"), is_received=True)
+    log = BusLog(CandumpWriter(Path("/dev/full").open("w")), 0, threaded)  # noqa: SIM115 the log closes it
+    for k in range(2000):
+        log.add(True, [(k, Frame(1, b"12345678"))] * 2)
     report = log.close()
     assert "No space left" in report.failure
     assert report.frames == 4000
@@ -101,3 +104,33 @@ def test_what_passes_a_logged_link_is_logged_and_what_was_dropped_is_not(tmp_pat
     assert not link.is_up()
     log.close()
     assert (tmp_path / "bus.log").read_text() == "(0.001000) can0 084#696E R\n(0.002000) can0 044#6F7574 T\n"
+
+
+def test_our_candump_format_is_python_cans_to_the_byte(tmp_path: Path) -> None:
+    write(tmp_path / "ours.log", 1000)
+    theirs = can.CanutilsLogWriter(str(tmp_path / "theirs.log"), channel="can0")
+    for k in range(1000):
+        frame = some_frame(k)
+        theirs.on_message_received(
+            can.Message(
+                timestamp=k * 250_000 * 1e-9,
+                arbitration_id=frame.arbitration_id,
+                data=frame.data,
+                is_extended_id=False,
+                is_fd=frame.is_fd,
+                bitrate_switch=frame.is_fd,
+                is_rx=k % 2 == 0,
+            )
+        )
+    theirs.stop()
+    assert (tmp_path / "ours.log").read_bytes() == (tmp_path / "theirs.log").read_bytes()
+
+
+def test_time_in_a_log_never_goes_back(tmp_path: Path) -> None:
+    log = open_bus_log(tmp_path / "bus.log", 0, threaded=False)
+    log.add(False, [(2_000_000, Frame(1, b""))])
+    log.add(True, [(1_000_000, Frame(2, b"")), (3_000_000, Frame(3, b""))])
+    log.close()
+    assert [line[:10] for line in (tmp_path / "bus.log").read_text().splitlines()] == ["(0.002000)"] * 2 + [
+        "(0.003000)"
+    ]

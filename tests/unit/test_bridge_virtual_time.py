@@ -7,24 +7,16 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from firmware_protocol.host_machine import HostMachine
-from hil_forceps.bridge.assembly import (
-    Experiment,
-    from_metadata,
-    make_host_config,
-    make_pipeline,
-    make_service_config,
-    to_metadata,
-)
+from firmware_protocol.host_machine import HostConfig, HostMachine
+from hil_forceps.bench.assembly import Settings, make_pipeline, metadata, settings_of
 from hil_forceps.bridge.bus_log import LoggedLink, open_bus_log
 from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
 from hil_forceps.bridge.replay import replay
-from hil_forceps.bridge.results import ServiceResult, StopReason
+from hil_forceps.bridge.results import ServiceConfig, ServiceResult, StopReason
 from hil_forceps.bridge.service import Service
-from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.rig import parse_rig
-from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording import Recording, read_recording
 from hil_forceps.runs.recording_writer import Outcome, open_recorder
 from virtual_bus.interface import VirtualForcepsBus
@@ -51,16 +43,11 @@ def run(
     clock = VirtualClock(bus)
     log = open_bus_log(path / "bus.log", clock.now_ns(), threaded=False)
     link = LoggedLink(VirtualTimeLink(bus), clock, log)
-    experiment = Experiment(rig, algorithm, True, same_clock=rig.bench.drive_clock_ppm == 0.0, simulation=1, seed=3)
-    recorder = open_recorder(path / "run.mcap", to_metadata(experiment, "virtual time"), threaded=False)
-    service = Service(
-        link,
-        clock,
-        HostMachine(make_host_config(rig)),
-        make_pipeline(experiment),
-        make_service_config(rig, duration_s),
-        recorder,
-    )
+    settings = Settings(algorithm, True, 1e-3, PAPER_TRAJECTORY, same_clock=rig.bench.drive_clock_ppm == 0.0)
+    recorder = open_recorder(path / "run.mcap", metadata(rig, settings, {}), threaded=False)
+    host = HostMachine(HostConfig(rig.bench.node_id, fd=rig.bench.transport == "fd"))
+    config = ServiceConfig(duration_ns=round(duration_s * 1e9))
+    service = Service(link, clock, host, make_pipeline(rig, settings), config, recorder)
     result = service.run()
     bus.advance_until_ns(bus.now_ns() + 100_000_000)
     drive = bus._world.drive
@@ -74,8 +61,7 @@ def run(
 
 
 def replayed(ran: Ran) -> None:
-    pipeline = make_pipeline(from_metadata(ran.recording.metadata, "run"))
-    assert replay(ran.recording, pipeline).first_difference is None
+    assert replay(ran.recording, make_pipeline(*settings_of(ran.recording))).first_difference is None
 
 
 @pytest.mark.parametrize("algorithm", ["improved", "kalman"])
@@ -98,8 +84,9 @@ def test_nothing_moves_at_enabling_and_the_first_reference_of_the_paper_needs_no
     first = recording.samples[recording.samples["state"] == 1]["theta_m_raw"]
     assert sent["reference_raw"][0] in first
     following = sent[sent["trajectory_ns"] >= 0]
-    jaw = Trajectory((0.0, 5.0), (np.radians(90.0), np.radians(10.0)))
-    assert following["theta_j_ref_rad"].tolist() == [jaw(t * 1e-9) for t in following["trajectory_ns"].tolist()]
+    assert following["theta_j_ref_rad"].tolist() == [
+        PAPER_TRAJECTORY(t * 1e-9) for t in following["trajectory_ns"].tolist()
+    ]
     plain = (1.4e-3 * following["theta_j_ref_rad"] + following["elongation_used_m"]) / 2.0e-3
     assert following["requested_rad"] == pytest.approx(plain, abs=1e-15)
 
@@ -160,31 +147,3 @@ def test_a_drive_that_goes_off_the_bus_ends_the_run_and_is_safe(tmp_path: Path) 
     ran = run(tmp_path, faults=[{"fault": "bus_off", "node": "drive", "from_s": 0.2, "to_s": 9.0}])
     assert ran.result.reason in {StopReason.DRIVE_LOST, StopReason.DRIVE_FAULT}
     assert ran.drive_state == "FAULT"
-
-
-def test_a_recording_says_what_it_takes_to_replay_it() -> None:
-    experiment = Experiment(
-        parse_rig(PAPER, "paper"), "kalman", False, Trajectory((0.0, 0.1), (0.1, 1 / 3)), True, simulation=2, seed=9
-    )
-    assert from_metadata(to_metadata(experiment, "now"), "x") == experiment
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("format_version", "99", "format 99"),
-        ("algorithm", "magic", "unknown"),
-        ("trajectory", "{", "can't be understood"),
-        ("trajectory", '{"times_s": [1, 0], "angles_rad": [1, 1]}', "can't be understood"),
-        ("rig", "forceps: {}", "rig"),
-        ("seed", None, "seed"),
-    ],
-)
-def test_metadata_that_makes_no_sense_is_a_user_error(key: str, value: str | None, words: str) -> None:
-    metadata = to_metadata(Experiment(parse_rig(PAPER, "paper"), "kalman", True), "now")
-    if value is None:
-        del metadata[key]
-    else:
-        metadata[key] = value
-    with pytest.raises(UserError, match=words):
-        from_metadata(metadata, "x")

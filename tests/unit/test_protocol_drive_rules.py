@@ -3,6 +3,7 @@
 import pytest
 
 from firmware_protocol import codec
+from firmware_protocol.drive_machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame, arbitration_id
 from firmware_protocol.golden.scenarios import Script
 from firmware_protocol.messages import (
@@ -13,6 +14,7 @@ from firmware_protocol.messages import (
     FdFeedback,
     Feedback,
     Function,
+    HostHeartbeat,
     ParamOp,
     Timing,
 )
@@ -310,6 +312,17 @@ def test_hfp_085_093_levels_that_are_high_at_first_are_no_edges() -> None:
     s.heartbeat(LOW)
     s.heartbeat(ENABLE)
     assert s.drive.state is ARMED
+
+
+@pytest.mark.parametrize("now_us", [0, 5, 1 << 31])
+@pytest.mark.parametrize("sequence", [0, 1, 200, 255])
+def test_hfp_085_any_sequence_is_new_at_power_up(now_us: int, sequence: int) -> None:
+    drive = DriveMachine(DriveConfig(NODE, 1))
+    for control in (LOW, ENABLE):
+        drive.receive(codec.encode(HostHeartbeat(NODE, control, 1, 0, sequence)), now_us, 0)
+        sequence = (sequence + 1) & 0xFF
+    assert drive.state is ARMED
+    assert drive.rejected() == 0
 
 
 def test_hfp_085_a_silent_host_starts_over() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_protocol import codec
 from firmware_protocol.discovery import MAX_DELAY_US, identity_delay_us
-from firmware_protocol.drive_machine import DriveConfig
+from firmware_protocol.drive_machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import MAX_NODE, Frame
 from firmware_protocol.golden.scenarios import Script
 from firmware_protocol.messages import (
@@ -14,10 +14,12 @@ from firmware_protocol.messages import (
     Discover,
     DriveState,
     FaultReason,
+    HostHeartbeat,
     Identity,
     ParamOp,
     ParamRequest,
     ParamResponse,
+    Timing,
 )
 from firmware_protocol.parameters import BY_NAME, DICTIONARY, Access, Index, Parameter
 
@@ -191,6 +193,24 @@ def test_config_names_every_problem() -> None:
     DriveConfig(node=30, serial_number=(1 << 48) - 1, theta_min_raw=5, theta_max_raw=5)
 
 
+@pytest.mark.parametrize("serial", [0, 1, 0xFF_FFFF, 0x100_0000, (1 << 48) - 1])
+def test_serial_number_in_two_halves(serial: int) -> None:
+    drive = DriveMachine(DriveConfig(node=NODE, serial_number=serial))
+    halves = []
+    for index in (Index.SERIAL_LOW, Index.SERIAL_HIGH):
+        (frame,) = drive.receive(codec.encode(ParamRequest(NODE, ParamOp.READ, index, 0)), 0, 0)
+        answer = codec.Decoder().decode(frame)
+        assert isinstance(answer, ParamResponse)
+        halves.append(answer.value)
+    assert halves == [serial % (1 << 24), serial // (1 << 24)]
+
+
+def test_a_serial_number_fits_48_bits() -> None:
+    for wrong in (-1, 1 << 48):
+        with pytest.raises(ValueError, match="serial_number"):
+            DriveConfig(node=1, serial_number=wrong)
+
+
 @pytest.mark.parametrize("node", [0, NODE])
 def test_hfp_060_061_062_identity_after_its_delay(node: int) -> None:
     s = Script("discover")
@@ -274,5 +294,9 @@ def test_a_new_node_is_heard_and_the_old_one_is_not() -> None:
     (frame,) = s.drive.receive(codec.encode(ParamRequest(9, ParamOp.READ, Index.NODE, 0)), s.now_us, 0)
     assert codec.Decoder().decode(frame) == ParamResponse(9, ParamOp.OK, Index.NODE, 9)
     assert {frame.arbitration_id & 31 for frame in s.drive.sample(0, 0, 0) + s.drive.poll(s.now_us)} == {9}
-    s.heartbeat(ENABLE)
-    assert s.drive.state is DriveState.DISABLED
+    for sequence, control in enumerate((ENABLE, LOW, ENABLE), start=200):
+        assert s.drive.state is DriveState.DISABLED
+        s.drive.receive(codec.encode(HostHeartbeat(9, control, 1, 0, sequence)), s.now_us, 0)
+    assert s.drive.counters["heartbeat_stale"] == 0
+    assert s.drive.node == 9
+    assert codec.Decoder().decode(s.drive.sample(0, 0, 0)[1]) == Timing(9, 0, 1, 0, DriveState.ARMED, 0)
