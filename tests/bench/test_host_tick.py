@@ -103,10 +103,11 @@ class Host:
             if recorder is not None:
                 recorder.bench(values)
         reference = pipeline.reference(now_ns)
-        frame = None if reference.reference_raw is None else machine.setpoint(reference.reference_raw)
+        raw_reference = reference.reference_raw
+        setpoint = None if raw_reference is None else machine.setpoint(raw_reference)
         if recorder is not None:
             recorder.reference(reference, now_ns, Outcome.SENT, reference.sample_sequence)
-        return frame
+        return setpoint
 
     def run(self, ticks: Sequence[Tick]) -> Iterator[Frame | None]:
         """Go through the run from its beginning, handshake and all."""
@@ -163,12 +164,12 @@ def test_host_tick(
     host = Host(rig, algorithm, recorder)
     sent = [frame for frame in host.run(ticks[: len(ticks) - ROUNDS]) if frame is not None]
     rest = cycle(ticks[len(ticks) - ROUNDS :])
-    frames = benchmark.pedantic(host.tick, setup=lambda: (next(rest), {}), rounds=ROUNDS)
+    frames = benchmark.pedantic(host.tick, setup=lambda: (next(rest), {}), rounds=ROUNDS)  # type: ignore[no-untyped-call]
     assert len(sent) > ROUNDS
     assert frames is not None
     if recorder is not None:
         assert not recorder.close({}).failure
-    if not benchmark.disabled:
+    if benchmark.stats is not None:
         median_s = benchmark.stats.stats.median
         met = "" if recorded else f" (wanted: at most {REQUIRED_S * 1e6:.0f} µs)"
         say(f"host tick, {algorithm}{', recorded' if recorded else ''}: median {median_s * 1e6:.1f} µs{met}")
@@ -284,8 +285,8 @@ def test_the_same_tick_in_c(
     assert len(sent) > 10_000
     assert difference.max() <= TOLERANCE_RAW
 
-    benchmark.pedantic(c_tick.run, rounds=C_ROUNDS)
-    if not benchmark.disabled:
+    benchmark.pedantic(c_tick.run, rounds=C_ROUNDS)  # type: ignore[no-untyped-call]
+    if benchmark.stats is not None:
         c_s = benchmark.stats.stats.median / (len(ticks) - begin)
         python_s = statistics.median(seconds)
         same = math.floor(1000.0 * np.mean(difference == 0)) / 10.0
