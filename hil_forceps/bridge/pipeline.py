@@ -46,9 +46,7 @@ class Verdict(IntEnum):
 
 
 GATE_CODES = {verdict: GATE_VERDICT_BASE + place for place, verdict in enumerate(GateVerdict)}
-# Apart, since looking up a member and hashing it take their time.
-_PASSED = GateVerdict.PASSED
-PASSED_CODE = GATE_CODES[_PASSED]
+PASSED_CODE = GATE_CODES[GateVerdict.PASSED]  # apart, since hashing an Enum takes its time
 VERDICT_NAMES = {int(verdict): verdict.name for verdict in Verdict} | {
     code: verdict.name for verdict, code in GATE_CODES.items()
 }
@@ -190,12 +188,10 @@ class Pipeline:
             self.denied_in_a_row = 0
             self.counters["passed"] += 1
             raw = angle_raw_from_rad(passed_rad)
-        code = PASSED_CODE if verdict is _PASSED else GATE_CODES[verdict]
-        fields = (
-            now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad, code,
-            newest.sequence,
+        return Reference(
+            now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad,
+            PASSED_CODE if verdict is GateVerdict.PASSED else GATE_CODES[verdict], newest.sequence,
         )  # fmt: skip
-        return make(Reference, fields)
 
 
 class _Fade(NamedTuple):

@@ -33,12 +33,6 @@ from hil_forceps.runs.recording_writer import Outcome, Recorder
 SETTLE_PERIODS = 5  # before the drive's word counts: what arrives first was said before the request
 SILENT_PERIODS = 20  # at least so many without a sample before a drive counts as silent, however slow the loop
 SEQUENCE_AT = 4  # in SETPOINT and FD_SETPOINT, behind the reference
-
-# Members under names of their own: a look-up through the class takes as long as what a tick does with it.
-_ENABLING, _RUNNING, _ENDED = Stage.ENABLING, Stage.RUNNING, Stage.ENDED
-_FOLLOWING = HostPhase.RUNNING
-_LINK_SENT = SendResult.SENT
-_NO_REFERENCE, _REFERENCE_SENT = int(Outcome.NONE), int(Outcome.SENT)
 _NO_TORQUE = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
 
@@ -131,19 +125,17 @@ class Service:
         period_ns, phase_ns = self._config.period_ns, self._config.phase_ns
         due_ns = ((now_ns - phase_ns) // period_ns + 1) * period_ns + phase_ns
         before_ns: int | None = None
-        sleep_until_ns, clock_ns = self._clock.sleep_until_ns, self._clock.now_ns
-        add_lateness, add_period = self.statistics.lateness.add, self.statistics.period.add
-        while self._stage is not _ENDED:
-            sleep_until_ns(due_ns)
-            now_ns = clock_ns()
-            add_lateness(now_ns - due_ns)
+        while self._stage is not Stage.ENDED:
+            self._clock.sleep_until_ns(due_ns)
+            now_ns = self._clock.now_ns()
+            self.statistics.lateness.add(now_ns - due_ns)
             if before_ns is not None:
-                add_period(now_ns - before_ns)
+                self.statistics.period.add(now_ns - before_ns)
             before_ns = now_ns
             self._counters["ticks"] += 1
             self._tick(now_ns)
             due_ns += period_ns
-            late_ns = clock_ns() - due_ns
+            late_ns = self._clock.now_ns() - due_ns
             if late_ns >= 0:
                 skipped = late_ns // period_ns + 1
                 self._counters["overruns"] += 1
@@ -153,12 +145,11 @@ class Service:
     def _tick(self, now_ns: int) -> None:
         self._take_in()
         self._stage_work(now_ns)
-        stage = self._stage
-        if stage is _RUNNING or stage is _ENABLING:
+        if self._stage is Stage.ENABLING or self._stage is Stage.RUNNING:
             self._send_reference(now_ns)
         for frame in self._host.poll(now_ns):
             self._send(frame)
-        if self._bus_down and self._stage is not _ENDED:
+        if self._bus_down and self._stage is not Stage.ENDED:
             self._end(StopReason.BUS_DOWN, "the bus is gone; the drive's own watchdog stops the motor")
         if self._telemetry is not None and now_ns >= self._next_telemetry_ns:
             self._next_telemetry_ns = now_ns + self._config.telemetry_period_ns
@@ -186,7 +177,7 @@ class Service:
     def _send_reference(self, now_ns: int) -> None:
         reference = self._pipeline.reference(now_ns)
         self._verdict = reference.verdict
-        sent_ns, outcome = now_ns, _NO_REFERENCE
+        sent_ns, outcome = now_ns, Outcome.NONE
         raw = reference.reference_raw
         if raw is not None:
             frame = self._host.setpoint(raw)
@@ -195,10 +186,10 @@ class Service:
             else:
                 result = self._send(frame)
                 self._setpoint_sequence = frame.data[SEQUENCE_AT]
-                if result is not _LINK_SENT:
+                if result is not SendResult.SENT:
                     outcome = Outcome.QUEUE_FULL if result is SendResult.QUEUE_FULL else Outcome.BUS_DOWN
                 else:
-                    outcome = _REFERENCE_SENT
+                    outcome = Outcome.SENT
                     sent_ns = self._clock.now_ns()
                     self._counters["references_sent"] += 1
                     self._reference_rad = reference.passed_rad
@@ -208,7 +199,7 @@ class Service:
 
     def _send(self, frame: Frame) -> SendResult:
         result = self._link.send(frame)
-        if result is _LINK_SENT:
+        if result is SendResult.SENT:
             self._counters["frames_sent"] += 1
         elif result is SendResult.QUEUE_FULL:
             self._counters["queue_full"] += 1
@@ -258,8 +249,6 @@ class Service:
 
     def _trouble(self, now_ns: int) -> tuple[StopReason, str] | None:
         host, silent_ns = self._host, now_ns - self._last_sample_ns
-        if host.phase is _FOLLOWING and silent_ns <= self._config.silence_timeout_ns:
-            return None
         if host.phase is HostPhase.FAULT:
             return StopReason.DRIVE_FAULT, f"the drive latched a fault: {fault_words(host.fault)}"
         if host.phase is HostPhase.REFUSED:
@@ -269,7 +258,9 @@ class Service:
                 StopReason.DRIVE_LOST,
                 f"the drive fell silent or restarted: last sample {silent_ns / 1e6:.0f} ms ago",
             )
-        return StopReason.DRIVE_STOPPED, "the drive left operation by itself, without a fault"
+        if host.phase is not HostPhase.RUNNING:
+            return StopReason.DRIVE_STOPPED, "the drive left operation by itself, without a fault"
+        return None
 
     def _enough(self) -> tuple[StopReason, str] | None:
         pipeline, config = self._pipeline, self._config
