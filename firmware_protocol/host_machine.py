@@ -50,7 +50,9 @@ HOST_COUNTERS: Final = (
 
 _MASK32: Final = (1 << 32) - 1
 _HALF32: Final = 1 << 31
+# Members under names of their own: a look-up through the class costs more than all else in the cyclic path.
 _RUNNING: Final = HostPhase.RUNNING
+_ENABLING: Final = HostPhase.ENABLING
 _OPERATIONAL: Final = int(DriveState.OPERATIONAL)
 _STATES: Final = tuple(DriveState)
 _SAW: Final = (HostEvent.SAW_DISABLED, HostEvent.SAW_ARMED, HostEvent.SAW_OPERATIONAL, HostEvent.SAW_FAULT)
@@ -161,23 +163,28 @@ class HostMachine:
 
     def poll(self, now_ns: int) -> list[Frame]:
         """Let time pass; return DISCOVER or HOST_HEARTBEAT when due."""
-        if self.phase is HostPhase.IDENTIFYING:
-            if now_ns < self._discover_due_ns:
+        phase = self.phase
+        if phase is not _RUNNING:
+            if phase is HostPhase.IDENTIFYING:
+                return self._discover(now_ns)
+            if phase not in _CONNECTED:
                 return []
-            self._discover_due_ns = now_ns + self.config.discover_period_ns
-            return [codec.encode(Discover(self.config.node))]
-        if self.phase not in _CONNECTED:
-            return []
         if now_ns - self._heard_ns >= self.config.drive_timeout_ns:
             self._lose_drive()
             return []
-        if self.phase is HostPhase.ENABLING:
+        if phase is _ENABLING:
             self._advance_enabling(now_ns)
         heartbeat = self._heartbeats.poll(self.node, now_ns)
         if heartbeat is None:
             return []
         self.counters["heartbeats_sent"] += 1
         return [heartbeat]
+
+    def _discover(self, now_ns: int) -> list[Frame]:
+        if now_ns < self._discover_due_ns:
+            return []
+        self._discover_due_ns = now_ns + self.config.discover_period_ns
+        return [codec.encode(Discover(self.config.node))]
 
     def _command(self, event: HostEvent) -> None:
         if self.phase not in HOST_COMMANDS[event]:
