@@ -37,6 +37,7 @@ class Medium:
 
     def __init__(self, timing: BitTiming | None = None, faults: FaultInjector | None = None) -> None:
         self.timing = BitTiming() if timing is None else timing
+        self._frame_ns = self.timing.frame_ns
         self.ports: list[Port] = []
         self.gone = False
         self.last_sender: Port | None = None
@@ -78,10 +79,10 @@ class Medium:
 
         ValueError when there is no such CAN frame.
         """
-        if self.gone or port.queued >= port.queue_frames or port.state == _BUS_OFF:
+        if self.gone or port.queued >= port.queue_frames or port.state is _BUS_OFF:
             self.refuses(port)
             return False
-        entry = (frame[0], self._order, port, frame, self.timing.frame_ns(frame))
+        entry = (frame[0], self._order, port, frame, self._frame_ns(frame))
         self._order += 1
         port.queued += 1
         if not self._pending:
@@ -91,7 +92,7 @@ class Medium:
 
     def refuses(self, port: Port, on_the_way: int = 0) -> bool:
         """Tell whether this node could queue nothing now, beside `on_the_way` frames, and count the attempt if so."""
-        if self.gone or port.state == _BUS_OFF:
+        if self.gone or port.state is _BUS_OFF:
             port.rejected_down += 1
             return True
         if port.queued + on_the_way >= port.queue_frames:
@@ -113,9 +114,10 @@ class Medium:
 
     def run(self, now_ns: int) -> None:
         """Do what is due by now; afterwards `last_sender` is the one node that has certainly been told nothing."""
-        self.last_sender = None
         if now_ns >= self._flight_end_ns:
             self._finish(now_ns)
+        else:
+            self.last_sender = None
         if now_ns >= self._special_ns:
             self._special(now_ns)
             self.last_sender = None
@@ -132,7 +134,10 @@ class Medium:
             return
         _, _, port, frame, duration_ns = entry
         end_ns = now_ns + duration_ns
-        if len(self.ports) - len(self._off.ports) - len(self._twins) < 2:
+        others = len(self.ports) - 1
+        if self._off.ports or self._twins:
+            others -= len(self._off.ports) + len(self._twins)
+        if others < 1:
             # An error-passive sender that only misses its acknowledge doesn't count on: it would end bus-off alone.
             charged = [port] if port.state == PortState.ERROR_ACTIVE else []
             self._fail(charged, end_ns - self.timing.bits_ns(EOF_BITS + ACK_DELIMITER_BITS))
@@ -145,24 +150,24 @@ class Medium:
         """End the transmission: everybody else has the frame, or it waits again."""
         entry, twins, failing = self._flight, self._twins, self._failing
         assert entry is not None
-        self._flight = self._failing = None
+        _, _, sender, frame, _ = entry
+        self._flight = self.last_sender = None
         self._flight_end_ns = FOREVER_NS
         self._idle_ns = now_ns + self._intermission_ns
-        if twins:
-            self._twins = []
         if failing is not None:
+            self._failing, self._twins = None, []
             self._send_again([entry, *twins], failing, now_ns)
         else:
-            for _, _, port, _, _ in (entry, *twins) if twins else (entry,):
-                port.queued -= 1
-                port.sent += 1
-                if port.tec:
+            sender.transmitted()
+            if twins:
+                self._twins = []
+                for _, _, port, _, _ in twins:
                     port.transmitted()
-            if self._faults is None:
-                self.last_sender = entry[2] if not twins else None
-                self._deliver(entry[2], entry[3], now_ns)
+            if self._faults is not None:
+                self._route(sender, frame, now_ns)
             else:
-                self._route(entry[2], entry[3], now_ns)
+                self.last_sender = None if twins else sender
+                self._deliver(sender, frame, now_ns)
         if self._off.ports:
             self._off.count_frame()
             self._plan_special()
@@ -180,7 +185,7 @@ class Medium:
 
     def _deliver(self, sender: Port, frame: Frame, now_ns: int) -> None:
         for port in self.ports:
-            if port is not sender and port.state != _BUS_OFF:
+            if port is not sender and port.state is not _BUS_OFF:
                 port.received += 1
                 if port.rec:
                     port.heard()
@@ -240,7 +245,7 @@ class Medium:
             if port in charged:
                 if port.transmit_failed():
                     self._go_off(port, RECOVERY_SEQUENCES, now_ns)
-            elif port not in senders and port.state != _BUS_OFF:
+            elif port not in senders and port.state is not _BUS_OFF:
                 port.receive_failed()
 
     def _change(self, change: StateChange, now_ns: int) -> None:

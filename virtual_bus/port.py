@@ -84,9 +84,12 @@ class Port:
         self._set_state()
 
     def transmitted(self) -> None:
-        """Count a success where there were errors before."""
-        self.tec = max(self.tec - 1, 0)
-        self._set_state()
+        """Count a frame that went out."""
+        self.queued -= 1
+        self.sent += 1
+        if self.tec:
+            self.tec -= 1
+            self._set_state()
 
     def heard(self) -> None:
         """Count a good frame of somebody else where there were errors before."""

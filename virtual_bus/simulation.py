@@ -14,10 +14,11 @@ from virtual_bus.port import DEFAULT_QUEUE_FRAMES, Port
 class _Seat:
     """A node with its port; its methods are looked up once, they are called for every frame."""
 
-    __slots__ = ("next_wake_ns", "port", "take_outbox", "wake")
+    __slots__ = ("answers", "next_wake_ns", "port", "take_outbox", "wake")
 
-    def __init__(self, node: Node, port: Port) -> None:
+    def __init__(self, node: Node, port: Port, answers: bool) -> None:
         self.port = port
+        self.answers = answers
         self.wake = node.wake
         self.next_wake_ns = node.next_wake_ns
         self.take_outbox = node.take_outbox
@@ -32,10 +33,15 @@ class Simulation:
         self._seats: list[_Seat] = []
         self._wakes: list[int] = [FOREVER_NS]  # of each node, and a last one so that there is always a least
 
-    def add(self, node: Node, name: str, side: Side, queue_frames: int = DEFAULT_QUEUE_FRAMES) -> Port:
-        """Attach a node; what it has in its outbox already is queued now."""
+    def add(
+        self, node: Node, name: str, side: Side, queue_frames: int = DEFAULT_QUEUE_FRAMES, answers: bool = True
+    ) -> Port:
+        """Attach a node; what it has in its outbox already is queued now.
+
+        `answers` False: by what it receives alone it never gets anything to send, nor another time to wake.
+        """
         port = self.medium.attach(name, side, node.receive, queue_frames)
-        self._seats.append(_Seat(node, port))
+        self._seats.append(_Seat(node, port, answers))
         self._wakes.insert(-1, FOREVER_NS)
         self._settle(len(self._seats) - 1)
         return port
@@ -78,7 +84,7 @@ class Simulation:
         for index, seat in enumerate(self._seats):
             if wakes[index] <= now_ns:
                 self._wake(index)
-            elif told and seat.port is not medium.last_sender:
+            elif told and seat.answers and seat.port is not medium.last_sender:
                 self._settle(index)
         return True
 

@@ -29,6 +29,11 @@ class Settings(NamedTuple):
     same_clock: bool = False  # the drive's stamps are the host's own clock
 
 
+def gate_for(rig: Rig) -> Gate:
+    """Return the rig's gate; a host slower than the gate's default expects is slow, not stuck."""
+    return Gate(rig.limits, max(DEFAULT_MAX_GAP_S, GAP_PERIODS * rig.bench.host_period_s))
+
+
 def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
     """Bind estimator, trajectory and gate; UserError for an unknown algorithm or a rig that leaves values open."""
     if settings.algorithm not in ESTIMATOR_IDS:
@@ -37,8 +42,7 @@ def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
         make_estimator(settings.algorithm, rig, settings.sample_time_s),
         settings.trajectory,
         rig.plant(),
-        # A host slower than the gate expects is slow, not stuck.
-        Gate(rig.limits, max(DEFAULT_MAX_GAP_S, GAP_PERIODS * rig.bench.host_period_s)),
+        gate_for(rig),
         settings.compensated,
         rig.limits.max_sample_age_s,
         same_clock=settings.same_clock,

@@ -181,7 +181,7 @@ def _tell(session: SessionResult, out: Path) -> int:
         "message": result.message,
         "drive_disabled": result.drive_disabled,
         "recording": session.recording._asdict(),
-        "bus_log": session.bus_log and session.bus_log._asdict(),
+        "bus_log": session.bus_log._asdict(),
         "counters": {name: dict(values) for name, values in result.counters.items()},
         "timing": dict(result.timing),
     }
