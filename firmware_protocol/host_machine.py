@@ -5,11 +5,11 @@ What changes its phase is the table HOST_TRANSITIONS in `states`; this file says
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Final
 
 from firmware_protocol import codec
 from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, Frame, arbitration_id
+from firmware_protocol.host_config import HostConfig
 from firmware_protocol.host_heartbeat import HostHeartbeatSource
 from firmware_protocol.messages import (
     PROTOCOL_MAJOR,
@@ -60,26 +60,6 @@ _FAULTS: Final = {int(reason): reason for reason in FaultReason}
 _CONNECTED: Final = frozenset({HostPhase.READY, HostPhase.ENABLING, HostPhase.RUNNING, HostPhase.FAULT})
 
 _Routes = dict[int, Callable[[Any, int], None]]
-
-
-@dataclass(frozen=True)
-class HostConfig:
-    """Settings of the host for one drive. `node` BROADCAST_NODE takes whichever drive answers first."""
-
-    node: int
-    fd: bool = False
-    serial_number: int | None = None  # refuse any other drive
-    heartbeat_period_ns: int = 20_000_000
-    drive_timeout_ns: int = 250_000_000
-    discover_period_ns: int = 100_000_000
-    enable_timeout_ns: int = 1_000_000_000
-
-    def __post_init__(self) -> None:
-        if not BROADCAST_NODE <= self.node <= MAX_NODE:
-            raise ValueError(f"node {self.node}: must be {BROADCAST_NODE} to {MAX_NODE}")
-        for name in ("heartbeat_period_ns", "drive_timeout_ns", "discover_period_ns", "enable_timeout_ns"):
-            if getattr(self, name) <= 0:
-                raise ValueError(f"{name} {getattr(self, name)}: must be positive")
 
 
 class HostMachine:

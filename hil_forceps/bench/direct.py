@@ -26,6 +26,7 @@ from hil_forceps.rig.errors import UserError
 
 GROUP = "hil_forceps.world"
 WORLD = "simulated"
+STOP_CHECK_SAMPLES = 1000
 
 
 class World(Protocol):
@@ -45,11 +46,13 @@ class DirectRun(NamedTuple):
     ending: str
 
 
-def execute_direct(spec: RunSpec, rig: Rig, seed: int, duration_s: float) -> tuple[RunRecord, RunTraces]:
+def execute_direct(
+    spec: RunSpec, rig: Rig, seed: int, stop_requested: Callable[[], bool]
+) -> tuple[RunRecord, RunTraces]:
     """Run `spec` at `rig`'s sample time without protocol and bus; UserError when no world is installed."""
     world = _world_factory()(rig, spec.simulation, seed)
     began = time.perf_counter()
-    run = run_direct(world, spec, rig, round(duration_s / spec.sample_time_s))
+    run = run_direct(world, spec, rig, stop_requested)
     wall_s = time.perf_counter() - began
     time_s, tau_w, tau_w_est, theta_j, theta_j_ref, x, x_est = run.rows.T
     of = (spec.algorithm, spec.compensated, spec.simulation, spec.sample_time_s)
@@ -67,11 +70,12 @@ def _world_factory() -> Callable[[Rig, int, int], World]:
     return factory
 
 
-def run_direct(world: World, spec: RunSpec, rig: Rig, samples: int) -> DirectRun:
-    """Step `world` through so many samples; ends at the first reference that the gate denies."""
+def run_direct(world: World, spec: RunSpec, rig: Rig, stop_requested: Callable[[], bool]) -> DirectRun:
+    """Step `world` through the run; ends early at the first reference that the gate denies, or on request."""
     estimator = make_estimator(spec.algorithm, rig, spec.sample_time_s, over_wire=False)
     plant, gate, trajectory = rig.plant(), gate_for(rig), PAPER_TRAJECTORY
     r_m, r_j, torque_per_A = plant.motor_pulley_radius_m, plant.jaw_pulley_radius_m, plant.torque_constant_N_m_per_A
+    samples = round(spec.duration_s / spec.sample_time_s) + 1  # both ends, as the service does
     rows = np.empty((samples, 7))
     state = gate_state = None
     for row in range(samples):
@@ -87,5 +91,7 @@ def run_direct(world: World, spec: RunSpec, rig: Rig, samples: int) -> DirectRun
         gate_state, passed_rad, verdict = gate.step(gate_state, wanted_rad, now_ns)
         if passed_rad is None:
             return DirectRun(rows[: row + 1], f"the gate denied the reference at {t_s:.4f} s: {verdict.name}")
+        if row % STOP_CHECK_SAMPLES == 0 and stop_requested():
+            return DirectRun(rows[: row + 1], "stopped on request")
         world.advance(passed_rad)
     return DirectRun(rows, "completed")

@@ -1,5 +1,6 @@
 """One run of the bench: the service against the simulated drive, in virtual time, over the bus."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,8 +19,6 @@ from hil_forceps.report.traces import RunTraces
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording import read_recording
-
-DURATION_S = 20.0  # the paper's simulations
 
 
 class Executed(NamedTuple):
@@ -48,14 +47,19 @@ def rig_for(spec: RunSpec, rig: Rig) -> Rig:
     )
 
 
-def execute(spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
+def never() -> bool:
+    """Tell that nobody wants a run to stop early."""
+    return False
+
+
+def execute(spec: RunSpec, rig: Rig, seed: int, out: Path, stop_requested: Callable[[], bool] = never) -> Executed:
     """Run `spec` in virtual time. UserError when its files can't be written.
 
     A run on the bus leaves `out`/NAME.mcap and `out`/NAME.log, one without nothing but what it returns.
     """
     rig = rig_for(spec, rig)
     if not spec.on_bus:
-        return Executed(*execute_direct(spec, rig, seed, DURATION_S))
+        return Executed(*execute_direct(spec, rig, seed, stop_requested))
     link = LinkSpec(
         interface="virtual_forceps",
         channel=spec.name,
@@ -64,11 +68,11 @@ def execute(spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
         data_bitrate_bit_per_s=rig.bench.data_bitrate_bit_per_s,
         options={"rig": rig, "simulation": spec.simulation, "seed": seed},
     )
-    return run_on(open_link(link), spec, rig, seed, out)
+    return run_on(open_link(link), spec, rig, seed, out, stop_requested)
 
 
 def run_on(
-    connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path, duration_s: float = DURATION_S
+    connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path, stop_requested: Callable[[], bool] = never
 ) -> Executed:
     """Run the service on an open link, with recording and bus log, and judge what was recorded."""
     bench = rig.bench
@@ -82,13 +86,13 @@ def run_on(
         ServiceConfig(
             period_ns=round(bench.host_period_s * 1e9),
             phase_ns=round(bench.host_phase_s * 1e9),
-            duration_ns=round(duration_s * 1e9),
+            duration_ns=round(spec.duration_s * 1e9),
         ),
         recording=out / f"{spec.name}.mcap",
         bus_log=out / f"{spec.name}.log",
         about={"simulation": str(spec.simulation), "seed": str(seed)},
     )
-    session = run_session(connection, plan)
+    session = run_session(connection, plan, stop_requested)
     if session.failures:
         raise UserError([f"{out}: {failure}" for failure in session.failures])
     traces = traces_of(read_recording(plan.recording), spec, rig.plant(), settings.trajectory)

@@ -3,12 +3,10 @@
 import csv
 import json
 import math
-import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import Any, Literal
 
 from rich.console import Console
@@ -17,6 +15,7 @@ from rich.status import Status
 from firmware_protocol.host_machine import HostConfig
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.session import Plan, SessionResult, run_session
+from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.results import ServiceConfig, Telemetry
 from hil_forceps.cli.files import make_folder
@@ -120,36 +119,6 @@ def run(
     with stopped_by_signals(flag), _status() as show:
         result = run_session(connection, plan, flag.is_set, show)
     return _tell(result, out)
-
-
-class StopFlag:
-    """Set by a signal handler, asked once a tick."""
-
-    def __init__(self) -> None:
-        self._set = False
-
-    def set(self) -> None:
-        """Ask for a clean stop."""
-        self._set = True
-
-    def is_set(self) -> bool:
-        """Tell whether somebody has asked."""
-        return self._set
-
-
-@contextmanager
-def stopped_by_signals(flag: StopFlag) -> Iterator[None]:
-    """Turn SIGINT and SIGTERM into a clean stop while the body runs."""
-
-    def handle(_number: int, _frame: FrameType | None) -> None:
-        flag.set()
-
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def read_trajectory(path: Path) -> Trajectory:
