@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from hil_forceps.bench.execute import Executed, run_on
+from hil_forceps.bench.execute import Executed, never, run_on
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.rig import Rig
@@ -18,6 +18,7 @@ from hil_forceps.rig.errors import UserError
 Wire = Literal["pty", "udp_multicast"]
 MULTICAST_CHANNEL = "239.74.163.2"
 END_TIMEOUT_S = 10.0
+SPARE_S = 60.0  # for starting, enabling and ending
 # Why a drive does not follow a setpoint that arrived whole: its own counters.
 REFUSALS = ("not_enabled", "setpoint_stale", "sample_old", "sample_future")
 
@@ -27,21 +28,34 @@ class RealTime(NamedTuple):
 
     config: Path  # rig file, for the drive's process
     wire: Wire
-    duration_s: float
 
 
 def run_realtime(
-    specs: Sequence[RunSpec], rig: Rig, seed: int, out: Path, how: RealTime, done: Callable[[Executed], None]
+    specs: Sequence[RunSpec],
+    rig: Rig,
+    seed: int,
+    out: Path,
+    how: RealTime,
+    done: Callable[[Executed], None],
+    stop_requested: Callable[[], bool] = never,
 ) -> list[Executed]:
-    """Execute `specs` one after the other; each leaves also `out`/NAME.drive.json, what the drive counted."""
+    """Execute `specs` one after the other; each leaves also `out`/NAME.drive.json, what the drive counted.
+
+    On `stop_requested` the run under way ends early and clean, and those not yet begun are dropped.
+    """
     results = []
     for spec in specs:
+        if stop_requested():
+            break
         with tempfile.TemporaryDirectory() as folder:
             where, link = _both_ends(how.wire, Path(folder) / "drive", rig)
             told: dict[str, Any] = {}
             asked = ["--rig", str(how.config), "--seed", str(seed), "--simulation", str(spec.simulation), *where]
-            with drive_process(asked, told):
-                executed = run_on(open_link(link), spec, rig, seed, out, how.duration_s)
+            # It ends by itself too: were this process killed, it would run on alone.
+            with drive_process([*asked, "--duration", str(spec.duration_s + SPARE_S)], told):
+                executed = run_on(open_link(link), spec, rig, seed, out, stop_requested)
+        if not told:
+            raise UserError(f"{spec.name}: the drive's process ended before its time: {executed.record.ending}")
         executed.record.timing["accounting"] = account(executed.record.timing["counters"], told)
         (out / f"{spec.name}.drive.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
         done(executed)
@@ -93,7 +107,10 @@ def drive_process(arguments: Sequence[str], told: dict[str, Any]) -> Iterator[No
     UserError with the drive's own words when it does not come up.
     """
     command = [sys.executable, "-m", "hil_forceps.cli.main", "drive", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    # In a session of its own: Ctrl-C would end it before the host has disabled it.
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
     assert process.stdout is not None
     try:
         if not process.stdout.readline().startswith("ready"):

@@ -24,6 +24,7 @@ DEAD = frozenset({
     errno.ENETDOWN, errno.ENETUNREACH, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.EIO, errno.EPIPE,
     errno.ESHUTDOWN, errno.ENOTCONN, errno.ECONNRESET, errno.ECONNREFUSED, errno.EADDRNOTAVAIL,
 })  # fmt: skip
+_SENT = SendResult.SENT  # looked up for every frame
 ERRORS = (can.CanError, OSError, ValueError)  # ValueError: select on a socket that was closed under us
 
 
@@ -162,7 +163,7 @@ class VirtualTimeLink:
         if not self._up:
             return SendResult.BUS_DOWN
         if self._send(frame):
-            return SendResult.SENT
+            return _SENT
         if self._bus.state is can.BusState.ERROR:  # asked only here: every tick sends something
             self._up = False
             return SendResult.BUS_DOWN

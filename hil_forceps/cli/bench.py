@@ -13,9 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from hil_forceps.bench.campaign import Done, default_jobs, run_all
-from hil_forceps.bench.execute import DURATION_S, Executed
-from hil_forceps.bench.matrix import RunSpec, run_matrix
+from hil_forceps.bench.execute import Executed
+from hil_forceps.bench.matrix import PAPER_DURATION_S, RunSpec, run_matrix
 from hil_forceps.bench.realtime import RealTime, Wire, run_realtime
+from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bench.summary import RunRecord, summary, timing, timing_traces, write_json
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
@@ -70,19 +71,31 @@ def bench(
     """
     rig = load_rig(config)
     rig.require_bench()
+    if seed < 0:
+        raise UserError(f"--seed {seed}: must not be negative")
+    count = default_jobs() if jobs is None else jobs
+    if count < 1:
+        raise UserError(f"--jobs {count}: must be at least 1")
     specs = run_matrix(rig, simulation, algorithm)
+    if realtime:
+        duration_s = _duration(duration)
+        specs = [spec._replace(duration_s=duration_s) for spec in specs if spec.on_bus and spec.compensated]
+    elif duration is not None:
+        raise UserError("--duration goes with --realtime; in virtual time a run lasts its 20 s")
     make_folder(out)
     ready_kernels(rig, rig.bench.host_period_s)
     began = time.perf_counter()
-    if realtime:
-        specs = [spec for spec in specs if spec.on_bus and spec.compensated]
-        how = RealTime(config, wire, _duration(duration))
-        executed = _with_progress(specs, lambda done: run_realtime(specs, rig, seed, out, how, done))
-    else:
-        count = default_jobs() if jobs is None else jobs
-        if count < 1:
-            raise UserError(f"--jobs {count}: must be at least 1")
-        executed = _with_progress(specs, lambda done: run_all(specs, rig, seed, out, count, done))
+    flag = StopFlag()
+
+    def work(done: Done) -> list[Executed]:
+        if realtime:
+            return run_realtime(specs, rig, seed, out, RealTime(config, wire), done, flag.is_set)
+        return run_all(specs, rig, seed, out, count, done, flag.is_set)
+
+    with stopped_by_signals(flag):
+        executed = _with_progress(specs, work)
+    if flag.is_set():
+        raise KeyboardInterrupt
     wall_s = time.perf_counter() - began
     _write(executed, seed, wall_s, out)
     if realtime:
@@ -96,9 +109,9 @@ def bench(
 
 def _duration(given: float | None) -> float:
     if given is None:
-        return DURATION_S
-    if not DURATION_S <= given <= MAXIMUM_DURATION_S:
-        raise UserError(f"--duration {given:g}: must be {DURATION_S:g} to {MAXIMUM_DURATION_S:g} s")
+        return PAPER_DURATION_S
+    if not PAPER_DURATION_S <= given <= MAXIMUM_DURATION_S:
+        raise UserError(f"--duration {given:g}: must be {PAPER_DURATION_S:g} to {MAXIMUM_DURATION_S:g} s")
     return given
 
 
