@@ -18,6 +18,7 @@ app = App(
     help="Bridge and bench for wire-actuated surgical forceps. Not a medical device.",
     version=__version__,
     result_action="return_value",
+    suppress_keyboard_interrupt=False,
 )
 
 # Commands are named by import path, so that `--help` loads none of them.

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
+from can.util import cast_from_string
 from rich.console import Console
 from rich.status import Status
 
@@ -150,7 +151,8 @@ def _options(pairs: tuple[str, ...]) -> dict[str, object]:
     broken = [pair for pair in pairs if "=" not in pair]
     if broken:
         raise UserError([f"--option {pair}: must be KEY=VALUE" for pair in broken])
-    return {key: value for key, _, value in (pair.partition("=") for pair in pairs)}
+    # Python's interfaces want numbers as numbers: udp_multicast its port, for one.
+    return {key: cast_from_string(value) for key, _, value in (pair.partition("=") for pair in pairs)}
 
 
 @contextmanager
@@ -183,11 +185,12 @@ def _tell(session: SessionResult, out: Path) -> int:
         "counters": {name: dict(values) for name, values in result.counters.items()},
         "timing": dict(result.timing),
     }
+    failures = list(session.failures)
     try:
         (out / "run.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
-        sys.stderr.write(f"hil-forceps: {out}/run.json: can't be written: {error.strerror}\n")
-    for failure in session.failures:
+        failures.append(f"{out}/run.json: can't be written: {error.strerror}")
+    for failure in failures:
         sys.stderr.write(f"hil-forceps: {failure}\n")
     if not result.ok:
         sys.stderr.write(f"hil-forceps: {result.message}\n")
@@ -197,4 +200,4 @@ def _tell(session: SessionResult, out: Path) -> int:
         f"{result.message}; {result.counters['service']['references_sent']} references sent, sample to reference "
         f"p50 {age['p50_us']} µs, p99 {age['p99_us']} µs, max {age['max_us']} µs; results are in {out}/\n"
     )
-    return EXIT_RUN_FAILED if session.failures else 0
+    return EXIT_RUN_FAILED if failures else 0
