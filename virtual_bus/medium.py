@@ -40,7 +40,6 @@ class Medium:
         self._frame_ns = self.timing.frame_ns
         self.ports: list[Port] = []
         self.gone = False
-        self.last_sender: Port | None = None
         self._flight_end_ns = FOREVER_NS
         self._special_ns = FOREVER_NS  # next of what happens rarely: state changes, held frames, recovery
         self._intermission_ns = self.timing.bits_ns(INTERMISSION_BITS)
@@ -58,12 +57,17 @@ class Medium:
         self._plan_special()
 
     def attach(
-        self, name: str, side: Side, deliver: Callable[[Frame, int], None], queue_frames: int = DEFAULT_QUEUE_FRAMES
+        self,
+        name: str,
+        side: Side,
+        deliver: Callable[[Frame, int], None],
+        queue_frames: int = DEFAULT_QUEUE_FRAMES,
+        answers: bool = True,
     ) -> Port:
-        """Join a node; ValueError when its transmit queue could hold nothing."""
+        """Join a node (`answers`: see `Port`); ValueError when its transmit queue could hold nothing."""
         if queue_frames < 1:
             raise ValueError(f"a transmit queue holds at least one frame, not {queue_frames}")
-        port = Port(name, side, deliver, queue_frames)
+        port = Port(name, side, deliver, queue_frames, answers)
         self.ports.append(port)
         return port
 
@@ -112,15 +116,13 @@ class Medium:
                 self._start(start_ns)
         return self._flight_end_ns if self._flight_end_ns < self._special_ns else self._special_ns
 
-    def run(self, now_ns: int) -> None:
-        """Do what is due by now; afterwards `last_sender` is the one node that has certainly been told nothing."""
-        if now_ns >= self._flight_end_ns:
-            self._finish(now_ns)
-        else:
-            self.last_sender = None
+    def run(self, now_ns: int) -> bool:
+        """Do what is due by now; False when no node that may answer has been told anything."""
+        is_told = now_ns >= self._flight_end_ns and self._finish(now_ns)
         if now_ns >= self._special_ns:
             self._special(now_ns)
-            self.last_sender = None
+            return True
+        return is_told
 
     def _start(self, now_ns: int) -> None:
         """Arbitrate among all that wait and begin the winner's transmission."""
@@ -146,12 +148,12 @@ class Medium:
         else:
             self._flight_end_ns = end_ns
 
-    def _finish(self, now_ns: int) -> None:
-        """End the transmission: everybody else has the frame, or it waits again."""
+    def _finish(self, now_ns: int) -> bool:
+        """End the transmission: everybody else has the frame, or it waits again. Return as `run`."""
         entry, twins, failing = self._flight, self._twins, self._failing
         assert entry is not None
         _, _, sender, frame, _ = entry
-        self._flight = self.last_sender = None
+        self._flight = None
         self._flight_end_ns = FOREVER_NS
         self._idle_ns = now_ns + self._intermission_ns
         if failing is not None:
@@ -163,14 +165,13 @@ class Medium:
                 self._twins = []
                 for _, _, port, _, _ in twins:
                     port.transmitted()
-            if self._faults is not None:
-                self._route(sender, frame, now_ns)
-            else:
-                self.last_sender = None if twins else sender
-                self._deliver(sender, frame, now_ns)
+            if self._faults is None and not self._off.ports:
+                return self._deliver(sender, frame, now_ns)
+            self._route(sender, frame, now_ns)
         if self._off.ports:
             self._off.count_frame()
             self._plan_special()
+        return True
 
     def _special(self, now_ns: int) -> None:
         """Do what is due at `special_ns`: edges of fault windows, delayed frames, recoveries from bus-off."""
@@ -183,17 +184,22 @@ class Medium:
             self._off.count_rest(self._idle_ns, now_ns)
         self._plan_special()
 
-    def _deliver(self, sender: Port, frame: Frame, now_ns: int) -> None:
+    def _deliver(self, sender: Port, frame: Frame, now_ns: int) -> bool:
+        is_told = False
         for port in self.ports:
             if port is not sender and port.state is not _BUS_OFF:
                 port.received += 1
                 if port.rec:
                     port.heard()
                 port.deliver(frame, now_ns)
+                is_told = is_told or port.answers
+        return is_told
 
     def _route(self, sender: Port, frame: Frame, now_ns: int) -> None:
         """Deliver as the faults have it."""
-        assert self._faults is not None
+        if self._faults is None:
+            self._deliver(sender, frame, now_ns)
+            return
         for due_ns, each in self._faults.route(frame, sender.side, now_ns):
             if due_ns <= now_ns:
                 self._deliver(sender, each, now_ns)
