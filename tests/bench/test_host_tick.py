@@ -31,7 +31,7 @@ from hil_forceps.bridge.results import ServiceConfig
 from hil_forceps.bridge.service import Service
 from hil_forceps.control.gate import DEFAULT_MAX_GAP_S
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
-from hil_forceps.estimation.kalman_model import held_stretch
+from hil_forceps.estimation import kalman_model
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.runs.recording_writer import Outcome, Recorder, open_recorder
@@ -179,6 +179,10 @@ def test_host_tick(
 # -- the same in C ----------------------------------------------------------------------------------------------------
 
 C_FRAME = np.dtype([("id", "<u2"), ("length", "u1"), ("is_fd", "u1"), ("data", "u1", 8)])
+KALMAN_CONSTANTS = (
+    *("TORQUE_VAR", "ANGLE_VAR", "FRICTION_M", "FRICTION_J", "DRIFT", "STEP_VAR", "STEP_RATE", "LEAVE_RATE"),
+    *("RESTEP_RATE", "RADIUS_M", "RADIUS_J", "TURN_PER_LOAD"),
+)
 C_SETPOINT = np.dtype([("theta", "<i4"), ("sequence", "u1"), ("sample_sequence", "u1"), ("zero", "u1"), ("crc", "u1")])
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
@@ -205,8 +209,12 @@ class CTick:
         assert compiled is not None
         plant, limits = rig.plant(), rig.limits
         self._kept = [np.array(values) for values in (PAPER_TRAJECTORY.times_s, PAPER_TRAJECTORY.angles_rad)]
-        self._kept.append(np.ascontiguousarray(compiled.constants))
-        self._kept.append(held_stretch(compiled.constants) if algorithm == "kalman" else np.zeros((5, 11)))
+        numbers = compiled.constants
+        if algorithm == "kalman":
+            named = np.array([numbers[getattr(kalman_model, name)] for name in KALMAN_CONSTANTS])
+            self._kept += [named, kalman_model.held_stretch(numbers)]
+        else:
+            self._kept += [np.ascontiguousarray(numbers), np.zeros(1)]
         times, angles, constants, stretch = (array.ctypes.data_as(_DOUBLES) for array in self._kept)
         self._config = CConfig(
             plant.motor_pulley_radius_m,

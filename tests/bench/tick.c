@@ -116,8 +116,10 @@ static void improved_step(improved_t *s, const config_t *config, int64_t time_ns
 /* -- estimator `kalman` ------------------------------------------------------------------------------------------- */
 
 enum { ANGLE_M, SPEED_M, ANGLE_J, SPEED_J, LOAD, STATES, TORQUE_COLUMN = 5, STEP_COLUMNS = 6, COLUMNS = 11 };
-enum { TORQUE_VAR = 2, ANGLE_VAR, FRICTION_M, FRICTION_J, STOP_M, STOP_J };
-enum { DRIFT = 8, STEP_VAR, STEP_RATE, LEAVE_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD, RESTEP_RATE };
+enum { FRICTION_SWEEPS = 3 };
+/* The constants of `kalman_model` in an order of our own: KALMAN_CONSTANTS in test_host_tick.py. */
+enum { TORQUE_VAR, ANGLE_VAR, FRICTION_M, FRICTION_J, DRIFT, STEP_VAR, STEP_RATE, LEAVE_RATE, RESTEP_RATE };
+enum { RADIUS_M = RESTEP_RATE + 1, RADIUS_J, TURN_PER_LOAD };
 
 typedef struct {
     double mean[STATES], covariance[STATES][STATES];
@@ -129,10 +131,8 @@ typedef struct {
     hypothesis_t quiet, stepped;
 } kalman_t;
 
-static double expected_sign(double speed, double variance)
-{
-    return erf(speed / sqrt(2.0 * (variance > 1e-30 ? variance : 1e-30)));
-}
+static double least(double a, double b) { return b < a ? b : a; }
+static double most(double a, double b) { return b > a ? b : a; }
 
 static void mix(hypothesis_t *out, double to_stay, const hypothesis_t *stay, double to_join, const hypothesis_t *join)
 {
@@ -150,15 +150,10 @@ static void predict(hypothesis_t *h, const config_t *config, double torque, doub
 {
     const double *c = config->constants;
     const double(*over)[COLUMNS] = (const double(*)[COLUMNS])config->stretch;
-    double sign_m = expected_sign(h->mean[SPEED_M], h->covariance[SPEED_M][SPEED_M] + c[STOP_M]);
-    double sign_j = expected_sign(h->mean[SPEED_J], h->covariance[SPEED_J][SPEED_J] + c[STOP_J]);
-    double net = torque - c[FRICTION_M] * sign_m, jaw = c[FRICTION_J] * sign_j;
     double half[STATES][STATES] = {{0.0}};
     hypothesis_t after;
     for (int i = 0; i < STATES; i++) {
-        double mean = over[i][TORQUE_COLUMN] * net;
-        if (i != LOAD)
-            mean += over[i][LOAD] * jaw;
+        double mean = over[i][TORQUE_COLUMN] * torque;
         for (int j = 0; j < STATES; j++) {
             mean += over[i][j] * h->mean[j];
             for (int m = 0; m < STATES; m++)
@@ -166,6 +161,15 @@ static void predict(hypothesis_t *h, const config_t *config, double torque, doub
         }
         after.mean[i] = mean;
     }
+    double motor = 0.0, jaw = 0.0;
+    for (int i = 0; i < FRICTION_SWEEPS; i++) {
+        double left = after.mean[SPEED_M] - over[SPEED_M][TORQUE_COLUMN] * motor + over[SPEED_M][LOAD] * jaw;
+        motor = most(-c[FRICTION_M], least(c[FRICTION_M], motor + left / over[SPEED_M][TORQUE_COLUMN]));
+        left = after.mean[SPEED_J] - over[SPEED_J][TORQUE_COLUMN] * motor + over[SPEED_J][LOAD] * jaw;
+        jaw = most(-c[FRICTION_J], least(c[FRICTION_J], jaw - left / over[SPEED_J][LOAD]));
+    }
+    for (int i = 0; i < LOAD; i++)
+        after.mean[i] += over[i][LOAD] * jaw - over[i][TORQUE_COLUMN] * motor;
     for (int i = 0; i < STATES; i++)
         for (int j = i; j < STATES; j++) {
             double variance = step_var * over[i][STEP_COLUMNS + j];
@@ -188,6 +192,8 @@ static double correct(hypothesis_t *h, double theta, double angle_var)
         for (int j = 0; j < STATES; j++)
             h->covariance[i][j] -= gain * row[j];
     }
+    for (int j = 0; j < STATES; j++)
+        h->covariance[0][j] = h->covariance[j][0] = angle_var / variance * row[j];
     return -0.5 * (innovation * innovation / variance + log(variance));
 }
 
@@ -228,12 +234,13 @@ static void kalman_step(kalman_t *s, const config_t *config, int64_t time_ns, do
     const double *c = config->constants;
     double dt = (double)(time_ns - s->time_ns) * 1e-9;
     double steps = -expm1(-c[STEP_RATE] * dt), leaves = -expm1(-c[LEAVE_RATE] * dt);
-    double was = s->stepped_weight;
-    double stepped = steps * (1.0 - was) + (1.0 - leaves) * was, quiet = 1.0 - stepped;
+    double was_stepped = s->stepped_weight, was_quiet = 1.0 - was_stepped;
+    double left = was_stepped * leaves, stay = was_stepped - left, calm = was_quiet + left;
+    double stepped = stay + calm * steps, quiet = calm * (1.0 - steps);
+    double joined = was_quiet * steps / stepped, fresh = calm * steps / stepped;
     hypothesis_t settled, moving;
-    mix(&settled, (1.0 - steps) * (1.0 - was) / quiet, &s->quiet, leaves * was / quiet, &s->stepped);
-    double fresh = steps * (1.0 - was) / stepped;
-    mix(&moving, 1.0 - fresh, &s->stepped, fresh, &s->quiet);
+    mix(&settled, was_quiet / calm, &s->quiet, left / calm, &s->stepped);
+    mix(&moving, 1.0 - joined, &s->stepped, joined, &s->quiet);
     double resteps = -expm1(-c[RESTEP_RATE] * dt), drift_var = c[DRIFT] * dt;
     double step_var = c[STEP_VAR] * (fresh + (1.0 - fresh) * resteps);
     predict(&settled, config, torque, drift_var + 0.0);
@@ -279,9 +286,6 @@ static double stoppable_speed(double room, double dt, double acceleration)
 {
     return 2.0 * room / (dt + sqrt(dt * dt + 2.0 * room / acceleration));
 }
-
-static double least(double a, double b) { return b < a ? b : a; }
-static double most(double a, double b) { return b > a ? b : a; }
 
 /* Return 1 and the reference that may leave, or 0. */
 static int gate_step(gate_t *gate, const config_t *config, double requested, int64_t now_ns, double *passed)
