@@ -19,7 +19,7 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording import read_recording
 
-DURATION_NS = 20_000_000_000  # the paper's simulations
+DURATION_S = 20.0  # the paper's simulations
 # Over a wire this fast a frame takes a tenth of a nanosecond a bit: samples reach the estimator as they are taken.
 DIRECT_BITRATE = 10_000_000_000
 
@@ -74,7 +74,9 @@ def execute(spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
         return run_on(open_link(link), spec, rig, seed, Path(scratch))
 
 
-def run_on(connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
+def run_on(
+    connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path, duration_s: float = DURATION_S
+) -> Executed:
     """Run the service on an open link, with recording and bus log, and judge what was recorded."""
     bench = rig.bench
     same_clock = connection.virtual_time and bench.drive_clock_ppm == 0.0
@@ -87,7 +89,7 @@ def run_on(connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path
         ServiceConfig(
             period_ns=round(bench.host_period_s * 1e9),
             phase_ns=round(bench.host_phase_s * 1e9),
-            duration_ns=DURATION_NS,
+            duration_ns=round(duration_s * 1e9),
         ),
         recording=out / f"{spec.name}.mcap",
         bus_log=out / f"{spec.name}.log" if spec.on_bus else None,
@@ -105,6 +107,7 @@ def _record(spec: RunSpec, traces: RunTraces, result: ServiceResult, wall_s: flo
     counters = result.counters
     timing: dict[str, Any] = {
         "real_time_factor": simulated_s / wall_s,
+        "simulated_s": simulated_s,
         "wall_s": wall_s,
         "loop": dict(result.timing),
         "counters": {name: dict(values) for name, values in counters.items()},
