@@ -23,7 +23,7 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.serial_framing import SERIAL_COUNTERS
 
 SOURCES: Final = Path(__file__).parents[1] / "firmware_protocol" / "c"
-DBC: Final = SOURCES.parent / "motor_driver.dbc"
+DBC: Final[Any] = cantools.database.load_file(SOURCES.parent / "motor_driver.dbc")
 VERDICTS: Final = (None, "unknown_id", "bad_length", "bad_format", "bad_crc")
 MAX_PACKET: Final = 70
 _MASK32: Final = (1 << 32) - 1
@@ -74,11 +74,7 @@ class CConfig(Structure):
         ("serial_number", c_uint64),
         ("node", c_uint8),
         ("fd", c_bool),
-        *(
-            (name, c_int32)
-            for name in DriveConfig.__dataclass_fields__
-            if name not in ("serial_number", "node", "fd")
-        ),
+        *((name, c_int32) for name in DriveConfig.__dataclass_fields__ if name not in ("serial_number", "node", "fd")),
     )
 
 
@@ -123,15 +119,24 @@ class CReading(Structure):
     _fields_ = (("stamp_us", c_uint32), ("theta_m_raw", c_int32), ("current_raw", c_int32))
 
 
+PORT_TYPES: Final[tuple[Any, ...]] = (
+    ctypes.CFUNCTYPE(c_bool, ctypes.c_void_p, POINTER(CFrame)),
+    ctypes.CFUNCTYPE(c_bool, ctypes.c_void_p, POINTER(CFrame)),
+    ctypes.CFUNCTYPE(c_uint32, ctypes.c_void_p),
+    ctypes.CFUNCTYPE(None, ctypes.c_void_p, POINTER(CReading)),
+    ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p),
+    ctypes.CFUNCTYPE(None, ctypes.c_void_p, c_float),
+    ctypes.CFUNCTYPE(None, ctypes.c_void_p, c_uint8),
+)
+
+
 class CPort(Structure):
-    _fields_ = (
-        ("receive", ctypes.CFUNCTYPE(c_bool, ctypes.c_void_p, POINTER(CFrame))),
-        ("send", ctypes.CFUNCTYPE(c_bool, ctypes.c_void_p, POINTER(CFrame))),
-        ("now_us", ctypes.CFUNCTYPE(c_uint32, ctypes.c_void_p)),
-        ("measure", ctypes.CFUNCTYPE(None, ctypes.c_void_p, POINTER(CReading))),
-        ("protection", ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)),
-        ("set_current", ctypes.CFUNCTYPE(None, ctypes.c_void_p, c_float)),
-        ("keep_node", ctypes.CFUNCTYPE(None, ctypes.c_void_p, c_uint8)),
+    _fields_ = tuple(
+        zip(
+            ("receive", "send", "now_us", "measure", "protection", "set_current", "keep_node"),
+            PORT_TYPES,
+            strict=True,
+        )
     )
 
 
@@ -249,7 +254,7 @@ _INTEGERS: Final = {
 @cache
 def generated_struct(message: str) -> type[Structure]:
     """Return the struct that cantools writes for a message of the DBC: a field a signal, rounded up to whole types."""
-    signals = cantools.database.load_file(DBC).get_message_by_name(message).signals
+    signals = DBC.get_message_by_name(message).signals
     size = {signal.name: next(bits for bits in (8, 16, 32, 64) if signal.length <= bits) for signal in signals}
     fields = tuple((s.name, _INTEGERS[size[s.name], s.is_signed]) for s in signals)
     return type(message, (Structure,), {"_fields_": fields or (("dummy", c_uint8),)})

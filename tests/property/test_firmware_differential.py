@@ -22,7 +22,6 @@ from firmware_protocol.messages import (
     AssignNode,
     Discover,
     DriveState,
-    Estop,
     FaultReason,
     Function,
     HostHeartbeat,
@@ -93,6 +92,7 @@ class Events:
     def __init__(self, rng: random.Random, twins: Twins) -> None:
         self.rng, self.twins = rng, twins
         self.host = 0
+        self.trips = rng.randrange(len(FaultReason))
         self.kinds: tuple[tuple[Callable[[], None], int], ...] = (
             (self.pass_time, 20),
             (self.to_an_edge, 6),
@@ -172,10 +172,10 @@ class Events:
         row = rng.choice(DICTIONARY)
         index = int(row.number) if rng.random() < 0.9 else rng.randrange(0x500)
         op = rng.choice((ParamOp.READ, ParamOp.WRITE, rng.randrange(256)))
-        # Values about those of CONFIG, so that the drive stays one that can be enabled.
-        near = wrap_int32(self.near(rng.choice((row.minimum, row.maximum, getattr(CONFIG, row.name, 0)))))
-        if op == ParamOp.WRITE and rng.random() < 0.8:
-            near = self.near(getattr(CONFIG, row.name, 0))
+        # Mostly values about those at power-up, so that the drive stays one that can be enabled.
+        usual = getattr(self.twins.python.config, row.name, 0)
+        bound = rng.choice((row.minimum, row.maximum))
+        near = wrap_int32(self.near(usual if rng.random() < 0.9 else bound))
         self.twins.receive(codec.encode(ParamRequest(self.twins.python.node, op, index, near)))
 
     def rare(self) -> None:
@@ -185,7 +185,8 @@ class Events:
                 payload = rng.randbytes(rng.choice((0, 8, 64)))
                 self.twins.receive(Frame(arbitration_id(Function.ESTOP, rng.choice((0, node, node + 1))), payload))
             case 1:
-                self.twins.trip(rng.choice([reason for reason in FaultReason if reason]))
+                self.trips = self.trips % (len(FaultReason) - 1) + 1  # each reason in turn
+                self.twins.trip(FaultReason(self.trips))
             case 2 | 3:
                 serial = SERIAL if rng.random() < 0.8 else rng.randrange(1 << 48)
                 wanted = rng.choice((0, 1, 3, 3, 30, 31, 255))

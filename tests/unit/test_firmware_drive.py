@@ -87,6 +87,18 @@ def test_the_dictionary_is_that_of_the_specification() -> None:
                 assert answer.value == held
 
 
+def test_position_limits_never_cross() -> None:
+    """HFP-155: to the unit, from either side."""
+    drive = CDrive(replace(CONFIG, theta_min_raw=-5, theta_max_raw=5))
+    for index, limit, beyond in ((Index.THETA_MIN, 5, 6), (Index.THETA_MAX, 5, 4)):
+        assert ask(drive, ParamOp.WRITE, index, beyond).op == ParamOp.OUT_OF_RANGE
+        assert ask(drive, ParamOp.WRITE, index, limit).op == ParamOp.OK
+    drive = CDrive(replace(CONFIG, theta_min_raw=-5, theta_max_raw=5))
+    assert ask(drive, ParamOp.WRITE, Index.THETA_MAX, -6) == ParamResponse(3, ParamOp.OUT_OF_RANGE, Index.THETA_MAX, 5)
+    assert ask(drive, ParamOp.WRITE, Index.THETA_MAX, -5).op == ParamOp.OK
+    assert ask(drive, ParamOp.WRITE, Index.THETA_MAX, (1 << 31) - 1).op == ParamOp.OK
+
+
 def test_values_at_power_up() -> None:
     config = DriveConfig(
         7,
@@ -102,8 +114,8 @@ def test_values_at_power_up() -> None:
 def test_defaults_are_those_of_the_specification() -> None:
     made = library().hfp_config_default(7, 0xA1B2_C3D4_E5F6)
     wanted = c_config(DriveConfig(7, 0xA1B2_C3D4_E5F6))
-    assert {name: getattr(made, name) for name, _ in made._fields_} == {
-        name: getattr(wanted, name) for name, _ in wanted._fields_
+    assert {name: getattr(made, name) for name in DriveConfig.__dataclass_fields__} == {
+        name: getattr(wanted, name) for name in DriveConfig.__dataclass_fields__
     }
 
 
@@ -112,7 +124,9 @@ def init(**changes: int) -> bool:
     config = c_config(CONFIG)
     for name, value in changes.items():
         setattr(config, name, value)
-    return bool(library().hfp_drive_init(ctypes.create_string_buffer(size_of(library(), "drive")), ctypes.byref(config)))
+    return bool(
+        library().hfp_drive_init(ctypes.create_string_buffer(size_of(library(), "drive")), ctypes.byref(config))
+    )
 
 
 def test_settings_out_of_their_bounds_are_refused() -> None:

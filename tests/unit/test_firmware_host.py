@@ -1,4 +1,4 @@
-"""The reference firmware as a process: each of its links, its clean end, and a plant outside as its clock."""
+"""The reference firmware as a process, under ASan and UBSan: its links, its clean end, a plant outside as its clock."""
 
 import json
 import os
@@ -35,7 +35,7 @@ class Process:
     def __init__(self, arguments: tuple[str, ...]) -> None:
         self.summary: dict[str, int] = {}
         self.child = subprocess.Popen(
-            [str(make("host") / "hfp-drive"), *arguments],
+            [str(make("host", "sanitize") / "hfp-drive"), *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -210,7 +210,7 @@ def test_its_own_protection_by_signal() -> None:
     ],
 )
 def test_what_makes_no_sense_is_said_in_one_line(arguments: tuple[str, ...], word: str) -> None:
-    command = [str(make("host") / "hfp-drive"), *arguments]
+    command = [str(make("host", "sanitize") / "hfp-drive"), *arguments]
     result = subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, timeout=5)
     assert result.returncode == 2
     assert word in result.stderr.splitlines()[0]

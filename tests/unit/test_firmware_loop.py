@@ -37,7 +37,7 @@ class CLoop:
 @pytest.mark.parametrize("p", GAINS)
 @pytest.mark.parametrize("spread", [3, 2_000, 300_000, 100_000_000])
 def test_same_current_as_the_world(p: LoopParameters, spread: int) -> None:
-    """Ten thousand samples of a wandering angle, with pauses; within 2 parts in a million of the limit, or of the terms."""
+    """Ten thousand samples of a wandering angle, with pauses; within 2 parts in a million of limit and terms."""
     rng = random.Random(spread)
     theta = rng.randrange(-(1 << 33), 1 << 33)
     ours, state = CLoop(p, theta), LoopState(0.0, 0.0, float(theta))

@@ -14,6 +14,7 @@ from firmware_protocol.drive_machine import DriveMachine
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import AssignNode, DriveState, Estop, FaultReason, Feedback, HostHeartbeat, Timing
 from tests.firmware_library import (
+    PORT_TYPES,
     CDriveHead,
     CFrame,
     CLoopConfig,
@@ -52,16 +53,9 @@ class Device:
         self._lib = library()
         self._node = ctypes.create_string_buffer(size_of(self._lib, "node"))
         self.head = CDriveHead.from_buffer(self._node)  # the drive comes first
-        self._port = CPort(
-            *(
-                kind(call)
-                for (_, kind), call in zip(
-                    CPort._fields_,
-                    (self._receive, self._send, self._now, self._measure, self._protect, self._drive, self._keep),
-                    strict=True,
-                )
-            )
-        )
+        calls: tuple[Any, ...]
+        calls = (self._receive, self._send, self._now, self._measure, self._protect, self._drive, self._keep)
+        self._port = CPort(*(kind(call) for kind, call in zip(PORT_TYPES, calls, strict=True)))
         self.valid = bool(
             self._lib.hfp_node_init(
                 self._node,
