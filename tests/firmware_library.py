@@ -1,6 +1,7 @@
 """The reference firmware as a shared library, for the tests: built once, called through ctypes.
 
 HFP_LIBRARY names a library that is built already (with sanitizers, for coverage); else one is built with gcc.
+HFP_EXPECT names optional tools (clang g++ arm-none-eabi-gcc unicorn) without which tests fail and not only skip.
 """
 
 import atexit
@@ -12,7 +13,7 @@ import tempfile
 from ctypes import POINTER, Structure, c_bool, c_float, c_int16, c_int32, c_int64, c_uint8, c_uint16, c_uint32, c_uint64
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import cantools
 import pytest
@@ -30,12 +31,27 @@ _MASK32: Final = (1 << 32) - 1
 _HALF32: Final = 1 << 31
 
 
+def did_not_run(what: str, expected: bool) -> NoReturn:
+    """End a test that needs what is not here: a failure where it is expected, else a skip that says so."""
+    text = f"did not run: {what} is not installed"
+    if expected:
+        pytest.fail(text)
+    pytest.skip(text)
+
+
 def require_tool(name: str) -> str:
-    """Return the path of a tool. Without it: a failure where CI is set, else a skip that says what did not run."""
+    """Return the path of a tool that CI has."""
     path = shutil.which(name)
     if path is None:
-        text = f"did not run: {name} is not installed"
-        (pytest.fail if os.environ.get("CI") else pytest.skip)(text)
+        did_not_run(name, "CI" in os.environ)
+    return path
+
+
+def optional_tool(name: str) -> str:
+    """Return the path of a tool that not every machine has; HFP_EXPECT names those that this one should."""
+    path = shutil.which(name)
+    if path is None:
+        did_not_run(name, name in os.environ.get("HFP_EXPECT", "").split())
     return path
 
 

@@ -1,6 +1,6 @@
 """Invariant: whatever happens in whatever order, the drives of Python and of C say, are and count the same.
 
-HFP_RANDOM_EVENTS sets how many events are tried (120,000 here).
+HFP_RANDOM_EVENTS sets how many events are tried (120,000 here; a million: `make -C firmware_protocol/c million`).
 """
 
 import os

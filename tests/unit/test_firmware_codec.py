@@ -1,6 +1,6 @@
 """Frames of the reference firmware against the specification's vectors and against Python, on random ones too.
 
-HFP_RANDOM_FRAMES sets how many random frames (100,000 here; a million with `tools/firmware_million.sh`).
+HFP_RANDOM_FRAMES sets how many random frames (100,000 here; a million: `make -C firmware_protocol/c million`).
 """
 
 import ctypes

@@ -61,6 +61,15 @@ def test_same_current_as_the_world(p: LoopParameters, spread: int) -> None:
     assert moving > 100 or spread == 100_000_000 or p.current_limit_A < 0.1
 
 
+@pytest.mark.parametrize("cutoff_Hz", [0.0, 1e-3, 4.9, 5.0, 80.0, 150.0, 1e3, 5e3, 5.1e3, 1e6])
+def test_the_pole_of_the_speed_filter(cutoff_Hz: float) -> None:
+    """After one step of the angle at rest the derivative shows the filter's gain alone, within a millionth."""
+    p = RIG._replace(kp_A_per_rad=0.0, ki_A_per_rad_s=0.0, derivative_cutoff_Hz=cutoff_Hz, current_limit_A=1e3)
+    loop, state = CLoop(p, 0), LoopState(0.0, 0.0, 0.0)
+    _, wanted = loop_step(state, p, True, 0, 1 << 20)
+    assert loop.step(True, 0, 1 << 20) == pytest.approx(wanted, rel=1e-6)
+
+
 def test_small_errors_are_never_lost_in_the_integral() -> None:
     """One unit for 2**24 + n samples would stand still in single precision: here it counts on."""
     p = RIG._replace(kp_A_per_rad=0.0, kd_A_s_per_rad=0.0)
