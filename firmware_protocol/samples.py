@@ -2,6 +2,7 @@
 
 from typing import Final, NamedTuple, TypeVar
 
+from firmware_protocol.frames import make
 from firmware_protocol.messages import BenchSensor, DriveState, FdFeedback, Feedback, Timing
 from firmware_protocol.scales import STAMP_LSB_NS
 from firmware_protocol.states import MAX_ADVANCE
@@ -114,7 +115,7 @@ class SampleAssembler:
             return
         self._bench_sequence = message.sequence
         self._counters["bench_samples"] += 1
-        self._bench.append(RawBench(message.sequence, message.theta_j, message.tau_w, now_ns))
+        self._bench.append(make(RawBench, (message.sequence, message.theta_j, message.tau_w, now_ns)))
         if len(self._bench) > MAX_QUEUE:
             del self._bench[0]
             self._counters["bench_overflow"] += 1
@@ -153,7 +154,8 @@ class SampleAssembler:
                 self._counters["lost_feedback"] += lost
             stamp_ns = newest.stamp_ns + gap_us * STAMP_LSB_NS
             theta_m = newest.theta_m + ((theta_m - newest.theta_m + _HALF32) & _MASK32) - _HALF32
-        sample = RawSample(sequence, stamp_ns, theta_m, current, state, timing.fault, timing.setpoint_sequence, now_ns)
+        fields = (sequence, stamp_ns, theta_m, current, state, timing.fault, timing.setpoint_sequence, now_ns)
+        sample = make(RawSample, fields)
         self.newest = sample
         self._counters["samples"] += 1
         self._queue.append(sample)

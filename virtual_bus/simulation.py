@@ -32,9 +32,14 @@ class Simulation:
         self._seats: list[_Seat] = []
         self._wakes: list[int] = [FOREVER_NS]  # of each node, and a last one so that there is always a least
 
-    def add(self, node: Node, name: str, side: Side, queue_frames: int = DEFAULT_QUEUE_FRAMES) -> Port:
-        """Attach a node; what it has in its outbox already is queued now."""
-        port = self.medium.attach(name, side, node.receive, queue_frames)
+    def add(
+        self, node: Node, name: str, side: Side, queue_frames: int = DEFAULT_QUEUE_FRAMES, answers: bool = True
+    ) -> Port:
+        """Attach a node; what it has in its outbox already is queued now.
+
+        `answers` False: by what it receives it never gets anything to send, nor another time to wake.
+        """
+        port = self.medium.attach(name, side, node.receive, queue_frames, answers)
         self._seats.append(_Seat(node, port))
         self._wakes.insert(-1, FOREVER_NS)
         self._settle(len(self._seats) - 1)
@@ -57,8 +62,19 @@ class Simulation:
         """
         if limit_ns >= FOREVER_NS:
             raise ValueError("time needs a limit to run to")
-        while self.step(limit_ns):
-            pass
+        medium, wakes = self.medium, self._wakes
+        is_due = True
+        while is_due:
+            wake_ns = min(wakes)
+            until_ns = wake_ns if wake_ns < limit_ns else limit_ns
+            # Frames that reach only nodes which have nothing to say to them: no need to look at every node each time.
+            while (event_ns := medium.next_event_ns(until_ns)) < until_ns:
+                self.now_ns = now_ns = event_ns if event_ns > self.now_ns else self.now_ns
+                if medium.run(now_ns):
+                    self._settle_told()
+                    break
+            else:
+                is_due = self.step(limit_ns)
         self.now_ns = max(self.now_ns, limit_ns)
 
     def step(self, limit_ns: int) -> bool:
@@ -72,15 +88,18 @@ class Simulation:
             return False
         # A node that has just been told something may want to wake at once: never back in time.
         self.now_ns = now_ns = now_ns if now_ns > self.now_ns else self.now_ns
-        told = now_ns >= event_ns
-        if told:
-            medium.run(now_ns)
+        is_told = now_ns >= event_ns and medium.run(now_ns)
         for index, seat in enumerate(self._seats):
             if wakes[index] <= now_ns:
                 self._wake(index)
-            elif told and seat.port is not medium.last_sender:
+            elif is_told and seat.port.answers:
                 self._settle(index)
         return True
+
+    def _settle_told(self) -> None:
+        for index, seat in enumerate(self._seats):
+            if seat.port.answers:
+                self._settle(index)
 
     def _wake(self, index: int) -> None:
         self._seats[index].wake(self.now_ns)

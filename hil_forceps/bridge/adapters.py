@@ -18,6 +18,7 @@ from hil_forceps.rig.errors import UserError
 IFF_UP = 1
 NET_DEVICES = Path("/sys/class/net")
 SERIAL_DEVICES = Path("/sys/class/tty")
+ECHOING = frozenset({"udp_multicast"})  # hears its own frames, whatever it is asked, and does not mark them
 VIRTUAL_TIME = ("now_ns", "advance_until_ns", "send_frame", "receive_frames")
 
 _CAN_REMEDIES = {
@@ -95,7 +96,8 @@ def _open_can(spec: LinkSpec) -> Connection:
         virtual = cast(VirtualTimeBus, bus)
         return Connection(VirtualTimeLink(virtual), VirtualClock(virtual), True, ())
     clock = MonotonicClock(spec.spin_ns)
-    return Connection(PythonCanLink(bus, clock), clock, False, ())
+    link = PythonCanLink(bus, clock, echoes=spec.interface in ECHOING)
+    return Connection(link, clock, False, ())
 
 
 def _check_net_device(spec: LinkSpec) -> None:

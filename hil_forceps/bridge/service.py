@@ -31,6 +31,7 @@ from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics
 from hil_forceps.runs.recording_writer import Outcome, Recorder
 
 SETTLE_PERIODS = 5  # before the drive's word counts: what arrives first was said before the request
+SILENT_PERIODS = 20  # at least so many without a sample before a drive counts as silent, however slow the loop
 SEQUENCE_AT = 4  # in SETPOINT and FD_SETPOINT, behind the reference
 _NO_TORQUE = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
@@ -62,6 +63,7 @@ class Service:
         self._host = host
         self._pipeline = pipeline
         self._config = config
+        self._silence_ns = max(config.silence_timeout_ns, SILENT_PERIODS * config.period_ns)
         self._recorder = recorder
         self._stop_requested = stop_requested
         self._telemetry = telemetry
@@ -98,6 +100,7 @@ class Service:
         if self._has_run:
             raise ValueError("a service runs once")
         self._has_run = True
+        self._pipeline.warm_up()
         now_ns = self._clock.now_ns()
         self._enter(Stage.CONNECTING, now_ns, self._config.connect_timeout_ns)
         self._host.connect(now_ns)
@@ -250,7 +253,7 @@ class Service:
             return StopReason.DRIVE_FAULT, f"the drive latched a fault: {fault_words(host.fault)}"
         if host.phase is HostPhase.REFUSED:
             return StopReason.VERSION_REFUSED, host.refusal
-        if host.phase is HostPhase.DISCONNECTED or silent_ns > self._config.silence_timeout_ns:
+        if host.phase is HostPhase.DISCONNECTED or silent_ns > self._silence_ns:
             return (
                 StopReason.DRIVE_LOST,
                 f"the drive fell silent or restarted: last sample {silent_ns / 1e6:.0f} ms ago",

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -92,10 +93,12 @@ def _instrument(source: Path, rig_path: Path, out: Path) -> int:
         figures = write_instrument_figures(report, out)
     cells = report.table()
     table = Table(
-        title=f"{report.name}: estimated from the motor side against measured at the jaw", title_justify="left"
+        title=f"{report.name}: estimated from the motor side against measured at the jaw",
+        title_justify="left",
+        box=SIMPLE_HEAD,
     )
     for place, header in enumerate(cells.headers):
-        table.add_column(header, justify="right" if place > 2 else "left")
+        table.add_column(header.replace(" (", "\n("), justify="right" if place > 2 else "left", no_wrap=place == 0)
     for row in cells.rows:
         table.add_row(*row)
     Console().print(table)

@@ -19,9 +19,9 @@ from hil_forceps.model.closed_loop import (
     DriveParameters,
     Loop,
     drive_step,
-    quantise,
     interval,
     make_loop,
+    quantise,
 )
 from hil_forceps.model.kernel import kernel
 from hil_forceps.rig.plant import PlantParameters
@@ -109,7 +109,7 @@ def run_direct(
     """
     if estimator.compiled is None:
         raise ValueError(f"estimator {estimator.id!r} has no kernels to run in a compiled loop")
-    samples, steps = jaw_reference_rad.shape[0], plant_steps(rig)
+    samples, steps = jaw_reference_rad.size, plant_steps(rig)
     if samples < 1 or tau_w_N_m.shape != (samples * steps,):
         raise ValueError(f"tau_w_N_m must have {samples} × {steps} values, got {tau_w_N_m.shape}")
     law = rig.require_drive()
@@ -122,7 +122,7 @@ def run_direct(
         law.current_limit_A,
     )
     loop = make_loop(rig.plant(), drive, rig.encoder.counts_per_rev, law.sample_time_s / steps)
-    noise = np.random.default_rng(seed).normal(0.0, rig.noise.current_A, samples)
+    noise = np.random.default_rng(seed).standard_normal(samples) * rig.noise.current_A
     quanta = (WIRE_ANGLE_RAD, WIRE_CURRENT_A) if over_wire else (0.0, 0.0)
     kind, constants = estimator.compiled
     return DirectRun(

@@ -30,6 +30,7 @@ from hil_forceps.estimation.kalman_model import (
     PERIOD,
     RADIUS_J,
     RADIUS_M,
+    RESTEP_RATE,
     SPEED_J,
     SPEED_M,
     STEP_COLUMNS,
@@ -184,7 +185,8 @@ def step(state: State, c: Constants, time_ns: int, theta_m_rad: float, motor_tor
     fresh = steps * (1.0 - was_stepped) / stepped
     moving = _mix(1.0 - fresh, stepped_h, fresh, quiet_h)
     # A step may follow another while the first is still told apart.
-    step_var = c[STEP_VAR] * steps / stepped
+    resteps = -math.expm1(-c[RESTEP_RATE] * dt_s)
+    step_var = c[STEP_VAR] * (fresh + (1.0 - fresh) * resteps)
 
     settled = _advance(settled, 0.0, dt_s, state[TORQUE], motor_torque_N_m, c)
     moving = _advance(moving, step_var, dt_s, state[TORQUE], motor_torque_N_m, c)

@@ -30,8 +30,8 @@ STEP_COLUMNS = 6
 _STRETCH_SIZE = 55
 
 PERIOD, HOLD, TORQUE_VAR, ANGLE_VAR, FRICTION_M, FRICTION_J, STOP_M, STOP_J = range(8)
-DRIFT, STEP_VAR, STEP_RATE, LEAVE_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD = range(8, 15)
-_RATES = 15
+DRIFT, STEP_VAR, STEP_RATE, LEAVE_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD, RESTEP_RATE = range(8, 16)
+_RATES = 16
 _UNITS = _RATES + 36
 _LEAD = _UNITS + 6
 _HELD = _LEAD + _STRETCH_SIZE
@@ -46,13 +46,15 @@ class Tuning(NamedTuple):
     # The load steps by about as much as turns the jaw by this through the wire's elasticity: 2 mN m in the paper.
     step_jaw_turn_rad: float = 0.04
     step_rate_per_s: float = 0.3
+    # Once it has begun to step, more steps follow at this rate.
+    restep_rate_per_s: float = 5.0
     # For so long after a step its effect is told apart: some periods of the wire's mode.
-    step_memory_s: float = 0.01
+    step_memory_s: float = 0.006
     # Slow change of the load: (share of the step)² per second.
     drift_per_s: float = 2.5e-4
     # What friction may be off by, in parts of its level, and a count's edge, in parts of a count.
     friction_share: float = 0.1
-    count_share: float = 0.05
+    count_share: float = 0.15
 
 
 class Sensors(NamedTuple):
@@ -100,6 +102,7 @@ def constants(
     values[DRIFT] = tuning.drift_per_s * step * step
     values[STEP_VAR] = step * step
     values[STEP_RATE] = tuning.step_rate_per_s
+    values[RESTEP_RATE] = tuning.restep_rate_per_s
     values[LEAVE_RATE] = 1.0 / tuning.step_memory_s
     values[RADIUS_M], values[RADIUS_J], values[TURN_PER_LOAD] = r_m, r_j, turn_per_load
     rates, units = balanced_rates(plant)
@@ -144,12 +147,14 @@ def stretch(c: Constants, dt_s: float) -> Matrix:
     units = c[_UNITS:_LEAD]
     rates = c[_RATES:_UNITS].copy().reshape((6, 6)) * dt_s
     count = max(halvings(rates), _STEP_HALVINGS)
-    transition = taylor_exponential(rates * 0.5**count)
-    # Mean covariance of a step within, by doubling: that of the second half, and of the first carried through it.
+    transition = taylor_exponential(rates * 0.5 ** (count + 1))
+    # Mean covariance of a step within: of one in the middle of the smallest part, then by doubling, that of the second
+    # half and that of the first carried through it.
     within = np.empty((5, 5))
     for i in range(5):
         for j in range(5):
             within[i, j] = transition[i, LOAD] * transition[j, LOAD]
+    transition = multiply(transition, transition)
     for _ in range(count):
         carried = multiply(multiply(transition[:5, :5], within), np.ascontiguousarray(transition[:5, :5].T))
         for i in range(5):
