@@ -19,7 +19,7 @@ from firmware_protocol.drive_config import DriveConfig
 from firmware_protocol.drive_machine import DriveMachine
 from firmware_protocol.frames import Frame
 from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
-from firmware_protocol.messages import DriveState, FaultReason, HostHeartbeat
+from firmware_protocol.messages import DriveState, FaultReason, HostHeartbeat, Timing
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 from tests.firmware_library import make
 from virtual_bus.position_loop import LoopParameters, LoopState, loop_step
@@ -146,7 +146,7 @@ def test_pseudo_terminal(tmp_path: Path, fd: bool) -> None:
 def test_frames_that_nobody_reads_are_thrown_away(tmp_path: Path) -> None:
     """A host that comes late finds a buffer of the kernel at most, and then only what is new."""
     link = tmp_path / "drive"
-    with drive("--serial-pty", str(link), "--sample_time_s", "1e-4") as process:
+    with drive("--serial-pty", str(link), "--sample_time_s", "2e-5") as process:
         time.sleep(0.8)
         port = os.open(link, os.O_RDWR | os.O_NOCTTY)
         take, _ = file_link(port, port)
@@ -186,9 +186,17 @@ def test_datagrams() -> None:
 @pytest.mark.realtime
 def test_its_own_protection_by_signal() -> None:
     with drive("--udp", "127.0.0.1:0") as process:
-        process.child.send_signal(signal.SIGUSR1)
-        time.sleep(0.05)
-    assert (process.summary["state"], process.summary["fault"]) == (DriveState.FAULT, FaultReason.OVERCURRENT)
+        host, _, port = process.ready[2].partition(":")
+        (take, give), ours = socket_link((host, int(port)))
+        reader, fault, started = SerialReader(), 0, time.monotonic()
+        with ours:
+            give(encode_serial(Frame(0x7FF, b"")))  # so that the drive knows where to answer
+            process.child.send_signal(signal.SIGUSR1)
+            while not fault and time.monotonic() - started < 10.0:
+                for message in map(codec.Decoder().decode, reader.feed(take())):
+                    if isinstance(message, Timing):
+                        fault = message.fault
+    assert fault == process.summary["fault"] == FaultReason.OVERCURRENT
 
 
 @pytest.mark.parametrize(
