@@ -81,9 +81,6 @@ bool hfp_parameters_init(int32_t values[HFP_ROWS], const hfp_config *config)
     values[HFP_ROW_SAMPLE_PERIOD] = config->sample_period_us;
     values[HFP_ROW_COUNTS_PER_REV] = config->counts_per_rev;
     values[HFP_ROW_TORQUE_CONSTANT] = config->torque_constant_nN_m_per_A;
-    values[HFP_ROW_REJECTED] = 0;
-    values[HFP_ROW_SETPOINTS_ACCEPTED] = 0;
-    values[HFP_ROW_SETPOINTS_LOST] = 0;
     for (hfp_row row = 0; row < HFP_ROWS; row++) {
         if (!is_within(row, values[row])) {
             return false;

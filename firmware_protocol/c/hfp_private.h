@@ -32,7 +32,7 @@ enum {
     HFP_OP_UNKNOWN_OP = 0x15
 };
 
-/* Fill in the values of a configuration, counters at nought; false when one is out of its bounds. */
+/* Fill in what a configuration says of values that are nought; false when one is out of its bounds. */
 bool hfp_parameters_init(int32_t values[HFP_ROWS], const hfp_config *config);
 
 /* Read or write; return the result and the value then in force (0 where there is no such parameter). */
