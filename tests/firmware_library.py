@@ -181,6 +181,12 @@ def library() -> Any:
     return loaded
 
 
+def dirty_memory(name: str) -> Any:
+    """Return room for a struct as a stack may leave it: not nought."""
+    size = size_of(library(), name)
+    return ctypes.create_string_buffer(b"\xa5" * size, size)
+
+
 def size_of(loaded: Any, name: str) -> int:
     return int(ctypes.c_size_t.in_dll(loaded, f"hfp_size_of_{name}").value)
 
@@ -194,7 +200,7 @@ class CDrive:
 
     def __init__(self, config: DriveConfig) -> None:
         self._lib = library()
-        self._bytes = ctypes.create_string_buffer(size_of(self._lib, "drive"))
+        self._bytes = dirty_memory("drive")
         self.head = CDriveHead.from_buffer(self._bytes)
         self._in = CFrame()
         self._out = (CFrame * 2)()
@@ -235,7 +241,7 @@ class CSerialReader:
 
     def __init__(self, max_frame: int = 64) -> None:
         self._lib = library()
-        self._reader = CReader()
+        self._reader = CReader.from_buffer(dirty_memory("reader"))
         self._frame = CFrame()
         if not self._lib.hfp_serial_init(ctypes.byref(self._reader), c_uint8(max_frame)):
             raise ValueError(max_frame)

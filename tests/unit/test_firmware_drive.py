@@ -24,7 +24,7 @@ from firmware_protocol.messages import (
     ParamResponse,
 )
 from firmware_protocol.parameters import BY_NAME, DICTIONARY, Access, Index
-from tests.firmware_library import CDrive, CDriveHead, c_config, library, size_of
+from tests.firmware_library import CDrive, CDriveHead, c_config, dirty_memory, library, size_of
 
 VECTORS: dict[str, Any] = json.loads(
     (resources.files("firmware_protocol") / "golden" / "vectors.json").read_text(encoding="utf-8")
@@ -124,9 +124,7 @@ def init(**changes: int) -> bool:
     config = c_config(CONFIG)
     for name, value in changes.items():
         setattr(config, name, value)
-    return bool(
-        library().hfp_drive_init(ctypes.create_string_buffer(size_of(library(), "drive")), ctypes.byref(config))
-    )
+    return bool(library().hfp_drive_init(dirty_memory("drive"), ctypes.byref(config)))
 
 
 def test_settings_out_of_their_bounds_are_refused() -> None:

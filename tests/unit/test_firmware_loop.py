@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from tests.firmware_library import CLoopConfig, library, size_of
+from tests.firmware_library import CLoopConfig, dirty_memory, library
 from virtual_bus.position_loop import LoopParameters, LoopState, loop_step
 
 RIG = LoopParameters(1.0e-3, 1.2, 15.0, 6.0e-3, 150.0, 1.0)
@@ -26,7 +26,7 @@ class CLoop:
 
     def __init__(self, p: LoopParameters, theta_raw: int) -> None:
         self._lib = library()
-        self._bytes = ctypes.create_string_buffer(size_of(self._lib, "loop"))
+        self._bytes = dirty_memory("loop")
         config = CLoopConfig(*p)
         self.valid = bool(self._lib.hfp_loop_init(self._bytes, ctypes.byref(config), ctypes.c_int32(theta_raw)))
 
@@ -59,6 +59,11 @@ def test_same_current_as_the_world(p: LoopParameters, spread: int) -> None:
         worst = max(worst, abs(got - wanted) / (size + p.current_limit_A + 1e-30))
     assert worst < 2.0e-6
     assert moving > 100 or spread == 100_000_000 or p.current_limit_A < 0.1
+
+
+def test_the_first_sample_remembers_nothing() -> None:
+    _, wanted = loop_step(LoopState(0.0, 0.0, 7.0), RIG, True, 50_000, 7)
+    assert CLoop(RIG, 7).step(True, 50_000, 7) == pytest.approx(wanted, rel=1e-6)
 
 
 @pytest.mark.parametrize("cutoff_Hz", [0.0, 1e-3, 4.9, 5.0, 80.0, 150.0, 1e3, 5e3, 5.1e3, 1e6])

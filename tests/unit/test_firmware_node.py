@@ -21,8 +21,8 @@ from tests.firmware_library import (
     CPort,
     CReading,
     c_config,
+    dirty_memory,
     library,
-    size_of,
 )
 from virtual_bus.position_loop import LoopParameters, LoopState, loop_step
 
@@ -51,7 +51,7 @@ class Device:
         self.current_A = float("nan")
         self.kept: list[int] = []
         self._lib = library()
-        self._node = ctypes.create_string_buffer(size_of(self._lib, "node"))
+        self._node = dirty_memory("node")
         self.head = CDriveHead.from_buffer(self._node)  # the drive comes first
         calls: tuple[Any, ...]
         calls = (self._receive, self._send, self._now, self._measure, self._protect, self._drive, self._keep)
@@ -179,6 +179,17 @@ def test_the_loop_runs_on_the_newest_reference_and_its_current_is_held() -> None
         device.theta += rng.randrange(-50, 60)
     assert drive.state == device.head.state == DriveState.OPERATIONAL
     assert current != 0.0
+
+
+def test_a_reference_is_judged_by_the_angle_measured_last() -> None:
+    """HFP-096, HFP-097: far from where the motor was at power-up."""
+    for distance, fault in ((16_384, FaultReason.NONE), (16_385, FaultReason.REFERENCE_MISMATCH)):
+        device = Device()
+        device.theta = 1 << 22
+        device.sample()
+        device.service(*(codec.encode(HostHeartbeat(NODE, control, 1, 0, control)) for control in (0, 1)))
+        device.service(codec.encode_setpoint(NODE, device.theta + distance, 0, 0))
+        assert device.head.fault == fault
 
 
 def test_the_current_goes_at_once_when_the_reference_does() -> None:
