@@ -5,7 +5,6 @@ except where it steps. A stretch of time is a 5×11 matrix: Φ (5×5), the respo
 the covariance that a unit-variance step of τ_w within the stretch leaves at its end (5×5).
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -29,12 +28,14 @@ TORQUE_COLUMN = 5
 STEP_COLUMNS = 6
 _STRETCH_SIZE = 55
 
-PERIOD, HOLD, TORQUE_VAR, ANGLE_VAR, FRICTION_M, FRICTION_J, STOP_M, STOP_J = range(8)
-DRIFT, STEP_VAR, STEP_RATE, LEAVE_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD, RESTEP_RATE = range(8, 16)
-_RATES = 16
+PERIOD, HOLD, TORQUE_VAR, ANGLE_VAR, FRICTION_M, FRICTION_J = range(6)
+DRIFT, STEP_VAR, STEP_RATE, LEAVE_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD, RESTEP_RATE = range(6, 14)
+_RATES = 14
 _UNITS = _RATES + 36
 _LEAD = _UNITS + 6
 _HELD = _LEAD + _STRETCH_SIZE
+
+_FRICTION_SWEEPS = 3
 
 # Steps of τ_w within a stretch are looked for at 2**_STEP_HALVINGS places at least.
 _STEP_HALVINGS = 3
@@ -52,8 +53,9 @@ class Tuning(NamedTuple):
     step_memory_s: float = 0.006
     # Slow change of the load: (share of the step)² per second.
     drift_per_s: float = 2.5e-4
-    # What friction may be off by, in parts of its level, and a count's edge, in parts of a count.
-    friction_share: float = 0.1
+    # What friction may be off by, in parts of its level, and a count's edge, in parts of a count. A pulley that sticks
+    # carries anything between minus and plus its level: 1/√3 of it is the standard deviation of that.
+    friction_share: float = 0.58
     count_share: float = 0.15
 
 
@@ -97,8 +99,6 @@ def constants(
     values[ANGLE_VAR] = sum(angle_variances)
     values[FRICTION_M] = plant.motor_coulomb_N_m
     values[FRICTION_J] = plant.jaw_coulomb_N_m
-    values[STOP_M] = (plant.motor_coulomb_N_m * sample_time_s / plant.motor_inertia_kg_m2) ** 2
-    values[STOP_J] = (plant.jaw_coulomb_N_m * sample_time_s / plant.jaw_inertia_kg_m2) ** 2
     values[DRIFT] = tuning.drift_per_s * step * step
     values[STEP_VAR] = step * step
     values[STEP_RATE] = tuning.step_rate_per_s
@@ -173,6 +173,18 @@ def stretch(c: Constants, dt_s: float) -> Matrix:
 
 
 @kernel
-def expected_sign(speed: float, variance: float) -> float:
-    """Return the mean of sgn(ω) over a normal distribution: ±1 when the direction is sure, near 0 at a standstill."""
-    return math.erf(speed / math.sqrt(2.0 * max(variance, 1e-30)))
+def frictions_N_m(
+    speed_m: float, speed_j: float, over: Matrix, level_m_N_m: float, level_j_N_m: float
+) -> tuple[float, float]:
+    """Return Coulomb friction of motor and jaw over a stretch that without it would end at these speeds.
+
+    What brings both speeds to zero, each limited to its level: Moreau's implicit rule for two masses, by projected
+    Gauss-Seidel.
+    """
+    motor, jaw = 0.0, 0.0
+    for _ in range(_FRICTION_SWEEPS):
+        left = speed_m - over[SPEED_M, TORQUE_COLUMN] * motor + over[SPEED_M, LOAD] * jaw
+        motor = max(-level_m_N_m, min(level_m_N_m, motor + left / over[SPEED_M, TORQUE_COLUMN]))
+        left = speed_j - over[SPEED_J, TORQUE_COLUMN] * motor + over[SPEED_J, LOAD] * jaw
+        jaw = max(-level_j_N_m, min(level_j_N_m, jaw - left / over[SPEED_J, LOAD]))
+    return motor, jaw

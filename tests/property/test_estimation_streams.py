@@ -16,7 +16,7 @@ RIG = load_rig(Path(__file__).parents[2] / "configs" / "paper.yaml")
 waits_ns = st.one_of(
     st.integers(900_000, 1_100_000),
     st.integers(1, 10_000_000),
-    st.sampled_from([1, 500_000, 1_000_000, 1_500_001, 10**9, 60 * 10**9, 0, -1_000_000]),
+    st.sampled_from([1, 500_000, 1_000_000, 1_500_001, 250_000_000, 10**9, 60 * 10**9, 0, -1_000_000]),
 )
 counts = st.one_of(st.none(), st.sampled_from([500, 4096, 16384, 2**24]))
 factors = st.floats(0.5, 2.0)

@@ -82,6 +82,24 @@ def test_at_rest_under_load_all_agree_with_statics(estimator_id: str) -> None:
 
 
 @each
+@pytest.mark.parametrize("speed", [-2.0, 2.0])
+def test_at_constant_speed_all_torque_is_friction(estimator_id: str, speed: float) -> None:
+    rig = RIG.with_changes({"forceps.motor_coulomb_N_m": 2e-4, "forceps.jaw_coulomb_N_m": 3e-4})
+    plant = rig.plant()
+    estimator = make_estimator(estimator_id, rig, 1e-3)
+    direction = math.copysign(1.0, speed)
+    torque = plant.motor_viscous_N_m_s_per_rad * speed + direction * (2e-4 + 2.0 / 1.4 * 3e-4)
+    state = estimator.start(Sample(0, 0.0, torque))
+    for n in range(1, 401):
+        state = estimator.step(state, Sample(n * PERIOD_NS, speed * n * 1e-3, torque))
+    tau_w, elongation = estimator.estimate(state)
+    # The wire carries the jaw's friction.
+    assert elongation == pytest.approx(direction * 3e-4 / (2.6e4 * 1.4e-3), abs=1e-9)
+    if estimator_id != "improved_as_published":  # its x̂ is right, its τ̂_w already rings
+        assert abs(tau_w) < 1e-6
+
+
+@each
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_what_is_not_finite_shows(estimator_id: str, bad: float) -> None:
     estimator = make_estimator(estimator_id, RIG, 1e-3)

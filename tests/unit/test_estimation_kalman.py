@@ -59,7 +59,7 @@ def test_covariance_of_a_step_somewhere_within(dt_s: float) -> None:
 
 @pytest.mark.parametrize("period_s", [1e-4, 1e-3])
 def test_without_steps_it_is_the_steady_kalman_filter(period_s: float) -> None:
-    c = constants(TUNING._replace(step_rate_per_s=0.0, restep_rate_per_s=0.0, drift_per_s=1.0), period_s)
+    c = constants(TUNING._replace(step_rate_per_s=1e-9, restep_rate_per_s=0.0, drift_per_s=1.0), period_s)
     state = kalman.start(c, 0, 0.5, 0.0)
     for n in range(1, 3000):
         state = kalman.step(state, c, round(n * period_s * NS), 0.5, 0.0)
@@ -138,11 +138,65 @@ def test_a_step_of_the_load_moves_the_weight_and_then_it_comes_back() -> None:
     assert loads[-1] == pytest.approx(2e-3, rel=0.01)
 
 
-@pytest.mark.parametrize(("speed", "variance", "expected"), [(0.0, 1.0, 0.0), (5.0, 1.0, 1.0), (-5.0, 1.0, -1.0)])
-def test_expected_sign(speed: float, variance: float, expected: float) -> None:
-    assert kalman_model.expected_sign(speed, variance) == pytest.approx(expected, abs=1e-5)
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_friction_over_a_stretch(sign: float) -> None:
+    over = kalman_model.stretch(constants(), 1e-3)
+    response = np.array([[over[1, 5], -over[1, 4]], [over[3, 5], -over[3, 4]]])
+
+    def after(speeds: NDArray[np.float64], levels: tuple[float, float]) -> tuple[NDArray[np.float64], float, float]:
+        motor, jaw = kalman_model.frictions_N_m(speeds[0], speeds[1], over, *levels)
+        assert abs(motor) <= levels[0]
+        assert abs(jaw) <= levels[1]
+        return speeds - response @ np.array([motor, jaw]), motor, jaw
+
+    fast = sign * np.array([50.0, 70.0])
+    assert after(fast, (1e-3, 2e-3))[1:] == (sign * 1e-3, sign * 2e-3)
+    slow = sign * np.array([0.02, 0.03])
+    held, motor, jaw = after(slow, (1e-3, 2e-3))
+    assert np.max(np.abs(held)) < 0.1 * np.max(np.abs(slow))
+    assert motor * sign >= 0.0 or jaw * sign >= 0.0
+    assert after(slow, (0.0, 0.0))[1:] == (0.0, 0.0)
 
 
-def test_expected_sign_of_a_sure_speed() -> None:
-    assert kalman_model.expected_sign(1e-3, 0.0) == 1.0
-    assert kalman_model.expected_sign(0.0, 0.0) == 0.0
+def test_mixing_keeps_mean_and_covariance_of_the_two() -> None:
+    random = np.random.default_rng(2)
+    means = random.standard_normal((2, 5))
+    roots = random.standard_normal((2, 5, 5))
+    covariances = [root @ root.T for root in roots]
+    blocks = [np.concatenate((mean, covariance.ravel())) for mean, covariance in zip(means, covariances, strict=True)]
+    mixed = kalman.mix(0.3, blocks[0], 0.7, blocks[1])
+    mean = 0.3 * means[0] + 0.7 * means[1]
+    second = sum(w * (c + np.outer(m, m)) for w, m, c in zip((0.3, 0.7), means, covariances, strict=True)) - np.outer(
+        mean, mean
+    )
+    np.testing.assert_allclose(mixed[:5], mean, rtol=1e-12)
+    np.testing.assert_allclose(mixed[5:].reshape(5, 5), second, rtol=1e-10, atol=1e-12)
+
+
+def test_an_unseen_torque_that_differs_at_both_ends_is_trusted_less() -> None:
+    c = constants(hold_s=5e-4)
+    variances = []
+    for before in (2e-3, -2e-3):
+        state = kalman.start(c, 0, 0.5, 2e-3)
+        state[kalman.TORQUE] = before
+        after = kalman.step(state, c, 1_000_000, 0.5, 2e-3)
+        variances.append(hypotheses(after)[0][1][1, 1])
+    assert variances[1] > 1.5 * variances[0]
+
+
+def test_what_an_angle_is_off_by() -> None:
+    quantum, wire = SENSORS.encoder_quantum_rad, SENSORS.transport_quantum_rad
+    expected = (quantum**2 + wire**2) / 12.0 + (TUNING.count_share * quantum) ** 2
+    assert constants()[kalman_model.ANGLE_VAR] == pytest.approx(expected, rel=1e-9)
+    assert constants()[kalman_model.TORQUE_VAR] == pytest.approx(
+        1.35e-2**2 * (1e-6 + 4e-8 / 12.0) + (TUNING.friction_share * 4.62e-7) ** 2, rel=1e-9
+    )
+
+
+def test_after_a_very_long_gap_it_starts_again() -> None:
+    c = constants()
+    state = kalman.step(kalman.start(c, 0, 0.5, 0.0), c, 1_000_000, 0.6, 2e-3)
+    bridged = kalman.step(state, c, 1_000_000 + 250_000_000, 0.7, 1e-3)
+    assert not np.array_equal(bridged, kalman.start(c, 251_000_000, 0.7, 1e-3))
+    after = kalman.step(state, c, 1_000_000 + 250_000_001, 0.7, 1e-3)
+    np.testing.assert_array_equal(after, kalman.start(c, 251_000_001, 0.7, 1e-3))
