@@ -1,8 +1,6 @@
 /*
- * The drive's side of the protocol: frames, samples and times in, frames and a reference out.
- *
- * What changes its state is the table TRANSITIONS; the rest says which frame or delay is which event. The same machine
- * is firmware_protocol/drive_machine.py, and tests compare the two.
+ * The drive's side of the protocol: frames, samples and times in, frames and a reference out. States and what changes them
+ * are in hfp_states.c; here is what each message does and what the drive says of itself.
  */
 #include "generated/motor_driver.h"
 #include "hfp_private.h"
@@ -10,205 +8,13 @@
 #include <string.h>
 
 enum {
-    MAX_ADVANCE = 127, /* sequence numbers ahead that count as new; what is further ahead is taken for old */
-    MAX_STEP_FACTOR = 8, /* steps that lost setpoints may add to the step limit */
     ENABLE = 1,
     FAULT_RESET = 2,
-    ALL_CONTROLS = 0xFF, /* taken as high until a host has shown them low: a drive that restarts stays put */
     SLOTS = 64, /* of the answers to DISCOVER */
     SLOT_US = 500,
     SERIAL_BYTES = 6,
     REJECTED_MAX = 0xFFFF
 };
-
-typedef enum {
-    ON_ENABLE, /* rising edge of ENABLE from a host whose version fits */
-    ON_VERSION_MISFIT,
-    ON_DISABLE, /* ENABLE low */
-    ON_RESET, /* rising edge of FAULT_RESET */
-    ON_REFERENCE, /* fresh, within limits; in ARMED also within tolerance of the measured angle */
-    ON_REFERENCE_OFF, /* fresh, but in ARMED too far from the measured angle */
-    ON_REFERENCE_OUTSIDE,
-    ON_REFERENCE_JUMP,
-    ON_WATCHDOG_EXPIRED,
-    ON_HOST_LOST,
-    ON_ARM_EXPIRED,
-    ON_ESTOP,
-    ON_TRIP, /* the device's own protection */
-    EVENTS
-} event;
-
-/* States are stored plus one, so what is not in the table is nought and changes nothing. */
-#define TO(state) ((uint8_t)((state) + 1))
-
-static const uint8_t TRANSITIONS[HFP_STATES][EVENTS] = {
-    [HFP_DISABLED] =
-        {
-            [ON_ENABLE] = TO(HFP_ARMED),
-            [ON_VERSION_MISFIT] = TO(HFP_FAULT),
-            [ON_ESTOP] = TO(HFP_FAULT),
-            [ON_TRIP] = TO(HFP_FAULT),
-        },
-    [HFP_ARMED] =
-        {
-            [ON_DISABLE] = TO(HFP_DISABLED),
-            [ON_REFERENCE] = TO(HFP_OPERATIONAL),
-            [ON_REFERENCE_OFF] = TO(HFP_FAULT),
-            [ON_REFERENCE_OUTSIDE] = TO(HFP_FAULT),
-            [ON_ARM_EXPIRED] = TO(HFP_FAULT),
-            [ON_HOST_LOST] = TO(HFP_FAULT),
-            [ON_VERSION_MISFIT] = TO(HFP_FAULT),
-            [ON_ESTOP] = TO(HFP_FAULT),
-            [ON_TRIP] = TO(HFP_FAULT),
-        },
-    [HFP_OPERATIONAL] =
-        {
-            [ON_DISABLE] = TO(HFP_DISABLED),
-            [ON_REFERENCE_OUTSIDE] = TO(HFP_FAULT),
-            [ON_REFERENCE_JUMP] = TO(HFP_FAULT),
-            [ON_WATCHDOG_EXPIRED] = TO(HFP_FAULT),
-            [ON_HOST_LOST] = TO(HFP_FAULT),
-            [ON_VERSION_MISFIT] = TO(HFP_FAULT),
-            [ON_ESTOP] = TO(HFP_FAULT),
-            [ON_TRIP] = TO(HFP_FAULT),
-        },
-    [HFP_FAULT] = {[ON_RESET] = TO(HFP_DISABLED)},
-};
-
-/* Why an event that faults does so; a trip brings its own reason. */
-static const uint8_t REASONS[EVENTS] = {
-    [ON_VERSION_MISFIT] = HFP_FAULT_VERSION,
-    [ON_REFERENCE_OFF] = HFP_FAULT_REFERENCE_MISMATCH,
-    [ON_REFERENCE_OUTSIDE] = HFP_FAULT_REFERENCE_POSITION,
-    [ON_REFERENCE_JUMP] = HFP_FAULT_REFERENCE_RATE,
-    [ON_WATCHDOG_EXPIRED] = HFP_FAULT_WATCHDOG,
-    [ON_HOST_LOST] = HFP_FAULT_HOST_HEARTBEAT_LOST,
-    [ON_ARM_EXPIRED] = HFP_FAULT_ENABLE_TIMEOUT,
-    [ON_ESTOP] = HFP_FAULT_ESTOP,
-};
-
-static void fire_for(hfp_drive *drive, event what, uint8_t reason)
-{
-    uint8_t to = TRANSITIONS[drive->state][what];
-
-    if (to == 0) {
-        return;
-    }
-    drive->state = (uint8_t)(to - 1);
-    drive->announce = true;
-    drive->fault = HFP_FAULT_NONE;
-    if (drive->state == HFP_FAULT) {
-        drive->fault = reason;
-        drive->counters[HFP_COUNT_FAULTS]++;
-    }
-    drive->has_reference = drive->state == HFP_OPERATIONAL;
-}
-
-static void fire(hfp_drive *drive, event what)
-{
-    fire_for(drive, what, REASONS[what]);
-}
-
-static void forget_host(hfp_drive *drive)
-{
-    drive->host_present = false;
-    drive->levels = ALL_CONTROLS;
-}
-
-static bool has_passed(uint32_t since_us, uint32_t now_us, int32_t timeout_us)
-{
-    return now_us - since_us >= (uint32_t)timeout_us;
-}
-
-static void expire(hfp_drive *drive, uint32_t now_us)
-{
-    const int32_t *values = drive->values;
-
-    if (drive->state == HFP_OPERATIONAL && has_passed(drive->fed_us, now_us, values[HFP_ROW_WATCHDOG_TIMEOUT])) {
-        fire(drive, ON_WATCHDOG_EXPIRED);
-    } else if (drive->state == HFP_ARMED && has_passed(drive->armed_us, now_us, values[HFP_ROW_ARM_TIMEOUT])) {
-        fire(drive, ON_ARM_EXPIRED);
-    }
-    if (drive->host_present && has_passed(drive->host_us, now_us, values[HFP_ROW_HOST_HEARTBEAT_TIMEOUT])) {
-        forget_host(drive);
-        fire(drive, ON_HOST_LOST);
-    }
-}
-
-/* ---- references -------------------------------------------------------------------------------------------------- */
-
-/* Distance of two angles modulo 2^32. */
-static uint32_t distance(int32_t a, int32_t b)
-{
-    uint32_t forward = (uint32_t)a - (uint32_t)b;
-    uint32_t backward = (uint32_t)b - (uint32_t)a;
-
-    return forward < backward ? forward : backward;
-}
-
-static uint8_t drop(hfp_drive *drive, hfp_counter reason)
-{
-    drive->counters[reason]++;
-    return 0;
-}
-
-/* By how much the sequence advanced (1 for the first of a session); 0 when not fresh or not wanted, and counted. */
-static uint8_t freshness(hfp_drive *drive, const struct motor_driver_setpoint_t *setpoint)
-{
-    uint8_t age = (uint8_t)(drive->sequence - setpoint->sample_sequence);
-    uint8_t advance = (uint8_t)(setpoint->sequence - drive->setpoint_sequence);
-
-    if (drive->state != HFP_ARMED && drive->state != HFP_OPERATIONAL) {
-        return drop(drive, HFP_COUNT_NOT_ENABLED);
-    }
-    if (!drive->has_sample || age > MAX_ADVANCE) {
-        return drop(drive, HFP_COUNT_SAMPLE_FUTURE);
-    }
-    if (age > drive->values[HFP_ROW_MAX_SAMPLE_AGE]) {
-        return drop(drive, HFP_COUNT_SAMPLE_OLD);
-    }
-    if (drive->state == HFP_ARMED) {
-        return 1;
-    }
-    return advance >= 1 && advance <= MAX_ADVANCE ? advance : drop(drive, HFP_COUNT_SETPOINT_STALE);
-}
-
-static event judge_reference(const hfp_drive *drive, int32_t reference, uint8_t advance, int32_t theta_m_raw)
-{
-    const int32_t *values = drive->values;
-    uint32_t steps = advance < MAX_STEP_FACTOR ? advance : MAX_STEP_FACTOR;
-
-    if (reference < values[HFP_ROW_THETA_MIN] || reference > values[HFP_ROW_THETA_MAX]) {
-        return ON_REFERENCE_OUTSIDE;
-    }
-    if (drive->state == HFP_ARMED) {
-        bool near = distance(reference, theta_m_raw) <= (uint32_t)values[HFP_ROW_REFERENCE_TOLERANCE];
-        return near ? ON_REFERENCE : ON_REFERENCE_OFF;
-    }
-    if (distance(reference, drive->reference_raw) > (uint32_t)values[HFP_ROW_MAX_STEP] * steps) {
-        return ON_REFERENCE_JUMP;
-    }
-    return ON_REFERENCE;
-}
-
-static void take_setpoint(
-    hfp_drive *drive, const struct motor_driver_setpoint_t *setpoint, uint32_t now_us, int32_t theta_m_raw)
-{
-    uint8_t advance = freshness(drive, setpoint);
-
-    if (advance == 0) {
-        return;
-    }
-    event what = judge_reference(drive, setpoint->theta_m_ref, advance, theta_m_raw);
-    fire(drive, what);
-    if (what == ON_REFERENCE) {
-        drive->fed_us = now_us;
-        drive->setpoint_sequence = setpoint->sequence;
-        drive->reference_raw = setpoint->theta_m_ref;
-        drive->counters[HFP_COUNT_SETPOINTS_ACCEPTED]++;
-        drive->counters[HFP_COUNT_SETPOINTS_LOST] += advance - 1u;
-    }
-}
 
 /* ---- one function for each message ------------------------------------------------------------------------------- */
 
@@ -224,18 +30,19 @@ static uint8_t on_setpoint(hfp_drive *drive, const arrival *in, hfp_frame *answe
 
     (void)answer;
     (void)motor_driver_setpoint_unpack(&setpoint, in->frame->data, in->frame->length);
-    take_setpoint(drive, &setpoint, in->now_us, in->theta_m_raw);
+    const hfp_reference reference = {setpoint.theta_m_ref, setpoint.sequence, setpoint.sample_sequence};
+    hfp_take_reference(drive, &reference, in->now_us, in->theta_m_raw);
     return 0;
 }
 
 static uint8_t on_fd_setpoint(hfp_drive *drive, const arrival *in, hfp_frame *answer)
 {
-    struct motor_driver_fd_setpoint_t fd;
+    struct motor_driver_fd_setpoint_t setpoint;
 
     (void)answer;
-    (void)motor_driver_fd_setpoint_unpack(&fd, in->frame->data, in->frame->length);
-    const struct motor_driver_setpoint_t setpoint = {fd.theta_m_ref, fd.sequence, fd.sample_sequence, 0};
-    take_setpoint(drive, &setpoint, in->now_us, in->theta_m_raw);
+    (void)motor_driver_fd_setpoint_unpack(&setpoint, in->frame->data, in->frame->length);
+    const hfp_reference reference = {setpoint.theta_m_ref, setpoint.sequence, setpoint.sample_sequence};
+    hfp_take_reference(drive, &reference, in->now_us, in->theta_m_raw);
     return 0;
 }
 
@@ -246,8 +53,8 @@ static uint8_t on_host_heartbeat(hfp_drive *drive, const arrival *in, hfp_frame 
     (void)answer;
     (void)motor_driver_host_heartbeat_unpack(&host, in->frame->data, in->frame->length);
     uint8_t advance = (uint8_t)(host.sequence - drive->host_sequence);
-    if (drive->host_present && (advance < 1 || advance > MAX_ADVANCE)) {
-        return drop(drive, HFP_COUNT_HEARTBEAT_STALE);
+    if (drive->host_present && (advance < 1 || advance > HFP_MAX_ADVANCE)) {
+        return hfp_drop(drive, HFP_COUNT_HEARTBEAT_STALE);
     }
     uint8_t rising = (uint8_t)(host.control & ~drive->levels);
     drive->host_present = true;
@@ -255,17 +62,17 @@ static uint8_t on_host_heartbeat(hfp_drive *drive, const arrival *in, hfp_frame 
     drive->host_sequence = host.sequence;
     drive->levels = host.control;
     if ((host.control & ENABLE) == 0) {
-        fire(drive, ON_DISABLE);
+        hfp_fire(drive, ON_DISABLE);
     } else if (host.protocol_major != HFP_PROTOCOL_MAJOR) {
         if ((rising & ENABLE) != 0 || drive->state != HFP_DISABLED) {
-            fire(drive, ON_VERSION_MISFIT);
+            hfp_fire(drive, ON_VERSION_MISFIT);
         }
     } else if ((rising & ENABLE) != 0 && drive->state == HFP_DISABLED) {
         drive->armed_us = in->now_us;
-        fire(drive, ON_ENABLE);
+        hfp_fire(drive, ON_ENABLE);
     }
     if ((rising & FAULT_RESET) != 0) { /* after ENABLE, so one heartbeat that raises both resets and does not enable */
-        fire(drive, ON_RESET);
+        hfp_fire(drive, ON_RESET);
     }
     return 0;
 }
@@ -274,7 +81,7 @@ static uint8_t on_estop(hfp_drive *drive, const arrival *in, hfp_frame *answer)
 {
     (void)in;
     (void)answer;
-    fire(drive, ON_ESTOP);
+    hfp_fire(drive, ON_ESTOP);
     return 0;
 }
 
@@ -297,7 +104,7 @@ static uint8_t on_param_request(hfp_drive *drive, const arrival *in, hfp_frame *
     response.op = hfp_parameters_execute(
         values, request.op, request.parameter, request.value, drive->state == HFP_DISABLED, &response.value);
     if (response.op != HFP_OP_OK) {
-        drop(drive, HFP_COUNT_PARAM_REFUSED);
+        hfp_drop(drive, HFP_COUNT_PARAM_REFUSED);
     }
     (void)motor_driver_param_response_pack(answer->data, &response, sizeof answer->data);
     hfp_seal(answer, HFP_PARAM_RESPONSE, drive->node);
@@ -340,14 +147,14 @@ static uint8_t on_assign_node(hfp_drive *drive, const arrival *in, hfp_frame *an
 
     (void)motor_driver_assign_node_unpack(&order, in->frame->data, in->frame->length);
     if (order.serial_number != drive->serial_number) {
-        return drop(drive, HFP_COUNT_NOT_FOR_US);
+        return hfp_drop(drive, HFP_COUNT_NOT_FOR_US);
     }
     if (drive->state != HFP_DISABLED || order.new_node < 1 || order.new_node > HFP_MAX_NODE) {
-        return drop(drive, HFP_COUNT_ASSIGN_REFUSED);
+        return hfp_drop(drive, HFP_COUNT_ASSIGN_REFUSED);
     }
     drive->node = order.new_node;
     drive->values[HFP_ROW_NODE] = order.new_node;
-    forget_host(drive);
+    hfp_forget_host(drive);
     write_identity(drive, answer);
     return 1;
 }
@@ -406,12 +213,12 @@ uint8_t hfp_drive_receive(
     const route *row = route_of(drive, frame->id);
 
     if (row == NULL) {
-        return drop(drive, HFP_COUNT_NOT_FOR_US);
+        return hfp_drop(drive, HFP_COUNT_NOT_FOR_US);
     }
-    expire(drive, now_us);
+    hfp_expire(drive, now_us);
     hfp_verdict verdict = hfp_verify(frame);
     if (verdict != HFP_INTACT) {
-        return drop(drive, (hfp_counter)VERDICT_COUNTERS[verdict]);
+        return hfp_drop(drive, (hfp_counter)VERDICT_COUNTERS[verdict]);
     }
     return row->handle(drive, &in, &answers[0]);
 }
@@ -439,8 +246,8 @@ uint8_t hfp_drive_poll(hfp_drive *drive, uint32_t now_us, hfp_frame answers[HFP_
 {
     uint8_t count = 0;
 
-    expire(drive, now_us);
-    if (drive->announce || has_passed(drive->heartbeat_us, now_us, drive->values[HFP_ROW_HEARTBEAT_PERIOD])) {
+    hfp_expire(drive, now_us);
+    if (drive->announce || hfp_has_passed(drive->heartbeat_us, now_us, drive->values[HFP_ROW_HEARTBEAT_PERIOD])) {
         drive->announce = false;
         drive->heartbeat_us = now_us;
         write_heartbeat(drive, &answers[count++]);
@@ -487,7 +294,7 @@ uint8_t hfp_drive_sample(
 void hfp_drive_trip(hfp_drive *drive, hfp_fault reason)
 {
     if (reason != HFP_FAULT_NONE) {
-        fire_for(drive, ON_TRIP, (uint8_t)reason);
+        hfp_fire_for(drive, ON_TRIP, (uint8_t)reason);
     }
 }
 
@@ -508,6 +315,6 @@ bool hfp_drive_init(hfp_drive *drive, const hfp_config *config)
     drive->serial_number = config->serial_number;
     drive->sequence = UINT8_MAX; /* so the first is 0 */
     drive->announce = true;
-    forget_host(drive);
+    hfp_forget_host(drive);
     return hfp_parameters_init(drive->values, config);
 }
