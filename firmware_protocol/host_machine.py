@@ -246,7 +246,9 @@ class HostMachine:
             self._heartbeats.raise_enable()
 
     def _on_feedback(self, message: Any, now_ns: int) -> None:
-        self._saw_sample(self._samples.on_feedback(message, now_ns))
+        sample = self._samples.on_feedback(message, now_ns)
+        if sample is not None or self._samples.restarted:
+            self._saw_sample(sample)
 
     def _on_timing(self, message: Any, now_ns: int) -> None:
         self._saw_sample(self._samples.on_timing(message, now_ns))

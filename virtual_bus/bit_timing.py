@@ -9,6 +9,9 @@ so counting BRS whole as nominal and the delimiter whole as data gives the same 
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_protocol.frames import Frame
 from virtual_bus.kernel import kernel
 
@@ -40,8 +43,7 @@ class FrameBits(NamedTuple):
     data: int
 
 
-@kernel
-def _push(word: int, count: int, last: int, run: int, stuffed: int, crc: int) -> tuple[int, int, int, int]:
+def _push_bits(word: int, count: int, last: int, run: int, stuffed: int, crc: int) -> tuple[int, int, int, int]:
     """Send `count` bits of `word`, first bit highest; a stuff bit that is due goes ahead of the next bit."""
     for shift in range(count - 1, -1, -1):
         bit = (word >> shift) & 1
@@ -58,6 +60,39 @@ def _push(word: int, count: int, last: int, run: int, stuffed: int, crc: int) ->
     return last, run, stuffed, crc
 
 
+_push = kernel(_push_bits)
+
+
+def _byte_tables() -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+    """Return what a byte does: to stuffing, by last bit and run before it, and to the CRC, by its upper byte.
+
+    Stuffing is packed: stuff bits (2 bits), run after (3 bits), last bit after.
+    """
+    stuffing = np.zeros((2, 6, 256), dtype=np.int16)
+    for last in range(2):
+        for run in range(1, 6):
+            for byte in range(256):
+                last_after, run_after, stuffed, _ = _push_bits(byte, 8, last, run, 0, 0)
+                stuffing[last, run, byte] = stuffed | run_after << 2 | last_after << 5
+    return stuffing, np.array([_push_bits(byte, 8, 0, 1, 0, 0)[3] for byte in range(256)], dtype=np.int16)
+
+
+_STUFFING, _CRC15 = _byte_tables()
+
+
+@kernel
+def _push_bytes(word: int, count: int, last: int, run: int, stuffed: int, crc: int) -> tuple[int, int, int, int]:
+    """Do as `_push` for `count` bytes, not at the very beginning of a frame."""
+    for shift in range(8 * count - 8, -1, -8):
+        byte = (word >> shift) & 0xFF
+        after = int(_STUFFING[last, run, byte])  # signed tables: numba makes floats of signed with unsigned
+        stuffed += after & 3
+        run = (after >> 2) & 7
+        last = after >> 5
+        crc = ((crc << 8) & 0x7FFF) ^ int(_CRC15[(crc >> 7) ^ byte])
+    return last, run, stuffed, crc
+
+
 @kernel
 def classic_stuff_bits(arbitration_id: int, length: int, data: int) -> int:
     """Return the stuff bits of a classical base data frame, CRC-15 (polynomial 0x4599) included.
@@ -65,9 +100,13 @@ def classic_stuff_bits(arbitration_id: int, length: int, data: int) -> int:
     `data`: the bytes as one signed big-endian integer, which crosses into compiled code faster than bytes do.
     """
     # SOF and the bits RTR, IDE, r0 are dominant: zeros around the id.
-    last, run, stuffed, crc = _push(arbitration_id << 7 | length, 19, -1, 0, 0, 0)
-    last, run, stuffed, crc = _push(data, 8 * length, last, run, stuffed, crc)
-    last, run, stuffed, crc = _push(crc, 15, last, run, stuffed, crc)
+    head = arbitration_id << 7 | length
+    last, run, stuffed, crc = _push(head >> 16, 3, -1, 0, 0, 0)
+    last, run, stuffed, crc = _push_bytes(head, 2, last, run, stuffed, crc)
+    last, run, stuffed, crc = _push_bytes(data, length, last, run, stuffed, crc)
+    sent = crc
+    last, run, stuffed, crc = _push(sent >> 8, 7, last, run, stuffed, crc)
+    last, run, stuffed, crc = _push_bytes(sent, 1, last, run, stuffed, crc)
     return stuffed + (1 if run == 5 else 0)
 
 

@@ -126,7 +126,9 @@ class SimulatedDrive:
         """Take a frame from the bus at bus time `now_ns`, after all that was due before."""
         if self._next_poll_ns < now_ns:
             self.wake(now_ns)
-        self._send(self.machine.receive(frame, self._drive_us(now_ns), self._theta_raw))
+        answers = self.machine.receive(frame, self._drive_us(now_ns), self._theta_raw)
+        if answers:
+            self._send(answers)
 
     def next_wake_ns(self) -> int:
         """Return the bus time of the next poll for time-outs and heartbeats; each sample begins with one."""
@@ -139,7 +141,9 @@ class SimulatedDrive:
             at_us = self._drive_us(at_ns)
             self._polls = poll + 1
             self._next_poll_ns = next_ns = self._poll_time_ns(poll + 1)
-            self._send(self.machine.poll(at_us))
+            frames = self.machine.poll(at_us)
+            if frames:
+                self._send(frames)
             if poll % per_sample == 0:
                 self._sample(at_ns, at_us, next_ns if per_sample == 1 else self._poll_time_ns(poll + per_sample), poll)
 
@@ -171,8 +175,6 @@ class SimulatedDrive:
         self._was_operational = operational
 
     def _send(self, frames: list[Frame]) -> None:
-        if not frames:
-            return
         room = OUTBOX_LIMIT - len(self._outbox)
         if len(frames) > room:
             self.counters["outbox_full"] += len(frames) - room

@@ -63,8 +63,7 @@ class Simulation:
         if limit_ns >= FOREVER_NS:
             raise ValueError("time needs a limit to run to")
         medium, wakes = self.medium, self._wakes
-        is_due = True
-        while is_due:
+        while True:
             wake_ns = min(wakes)
             until_ns = wake_ns if wake_ns < limit_ns else limit_ns
             # Frames that reach only nodes which have nothing to say to them: no need to look at every node each time.
@@ -74,21 +73,24 @@ class Simulation:
                     self._settle_told()
                     break
             else:
-                is_due = self.step(limit_ns)
+                if not self._do(wake_ns, event_ns, limit_ns):
+                    break
         self.now_ns = max(self.now_ns, limit_ns)
 
     def step(self, limit_ns: int) -> bool:
         """Do what is due at the next instant; False when nothing is left up to `limit_ns`, below FOREVER_NS."""
-        medium = self.medium
-        wakes = self._wakes
-        now_ns = min(wakes)
-        event_ns = medium.next_event_ns(now_ns if now_ns < limit_ns else limit_ns)
-        now_ns = event_ns if event_ns < now_ns else now_ns
+        wake_ns = min(self._wakes)
+        return self._do(wake_ns, self.medium.next_event_ns(min(wake_ns, limit_ns)), limit_ns)
+
+    def _do(self, wake_ns: int, event_ns: int, limit_ns: int) -> bool:
+        """Do what is due at the next instant: the first wake of a node, or the next event on the bus."""
+        now_ns = event_ns if event_ns < wake_ns else wake_ns
         if now_ns > limit_ns:
             return False
+        wakes = self._wakes
         # A node that has just been told something may want to wake at once: never back in time.
         self.now_ns = now_ns = now_ns if now_ns > self.now_ns else self.now_ns
-        is_told = now_ns >= event_ns and medium.run(now_ns)
+        is_told = now_ns >= event_ns and self.medium.run(now_ns)
         for index, seat in enumerate(self._seats):
             if wakes[index] <= now_ns:
                 self._wake(index)

@@ -13,6 +13,7 @@ from hil_forceps.bridge.bus_log import LoggedLink, LogReport, open_bus_log
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Telemetry
 from hil_forceps.bridge.service import Service
 from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording_writer import RecordingReport, open_recorder
 
 
@@ -58,8 +59,12 @@ def run_session(
     threaded = not connection.virtual_time
     try:
         pipeline = make_pipeline(plan.rig, plan.settings)
-        log = open_bus_log(plan.bus_log, clock.now_ns(), threaded)
         recorder = open_recorder(plan.recording, metadata(plan.rig, plan.settings, plan.about), threaded)
+        try:
+            log = open_bus_log(plan.bus_log, clock.now_ns(), threaded)
+        except UserError:
+            recorder.close({"reason": "crashed", "message": "the bus log could not be opened"})
+            raise
         host = HostMachine(plan.host)
         logged = LoggedLink(link, clock, log)
         service = Service(logged, clock, host, pipeline, plan.config, recorder, stop_requested, telemetry)

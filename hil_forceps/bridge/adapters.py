@@ -118,7 +118,9 @@ def _can_remedy(spec: LinkSpec, error: Exception) -> str:
     if spec.interface == "udp_multicast":
         if "msgpack" in str(error):
             return "; install it: pip install msgpack"
-        return "; is there a route? `ip link set lo multicast on; ip route add 239.0.0.0/8 dev lo`"
+        # python-can says so in words only; it knows no other reason to fail there.
+        if "multicast IP network" in str(error) or error_number(error) in {errno.ENETUNREACH, errno.ENODEV}:
+            return "; is there a route? `ip link set lo multicast on; ip route add 239.0.0.0/8 dev lo`"
     number = error_number(error)
     return f"; {_CAN_REMEDIES[number]}" if number in _CAN_REMEDIES else ""
 

@@ -84,6 +84,7 @@ class Pipeline:
             raise ValueError("the greatest sample age and the approach speed must be positive")
         self.zero_ns: int | None = None
         self.denied_in_a_row = 0
+        self.verdict = int(Verdict.NOTHING_NEW)  # of the gate, or NOTHING_NEW before it was asked
         self.newest: RawSample | None = None
         self.sample = Sample(0, math.nan, math.nan)  # the newest, in SI
         self.estimate = Estimate(math.nan, math.nan)  # after it
@@ -188,9 +189,10 @@ class Pipeline:
             self.denied_in_a_row = 0
             self.counters["passed"] += 1
             raw = angle_raw_from_rad(passed_rad)
+        self.verdict = PASSED_CODE if verdict is GateVerdict.PASSED else GATE_CODES[verdict]
         return Reference(
-            now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad,
-            PASSED_CODE if verdict is GateVerdict.PASSED else GATE_CODES[verdict], newest.sequence,
+            now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad, self.verdict,
+            newest.sequence,
         )  # fmt: skip
 
 

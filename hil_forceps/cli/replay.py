@@ -63,6 +63,8 @@ def _recording(path: Path, algorithm: str | None) -> int:
     ready_kernels(rig, settings.sample_time_s)
     result = replay_recording(recording, make_pipeline(rig, settings))
     count = len(recording.references)
+    if not len(recording.samples):
+        raise UserError(f"{path}: holds no samples; the drive never answered, or the recording was cut off at once")
     if not is_same:
         difference = result.samples["tau_w_estimate_N_m"] - recording.samples["tau_w_estimate_N_m"]
         rms = float(np.sqrt(np.nanmean(np.square(difference)))) if difference.size else 0.0

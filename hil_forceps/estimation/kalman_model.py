@@ -54,8 +54,9 @@ class Tuning(NamedTuple):
     settling_s: float = 0.012
     # Slow change of the load: (share of the step)² per second.
     drift_per_s: float = 1e-3
-    # What friction may be off by, in parts of its level, and a count's edge, in parts of a count.
-    friction_share: float = 0.3
+    # What friction may be off by, in parts of its level, and a count's edge, in parts of a count. A pulley that sticks
+    # carries anything between minus and plus its level: 1/√3 of it is the standard deviation of that.
+    friction_share: float = 0.58
     count_share: float = 0.15
 
 

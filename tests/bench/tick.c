@@ -28,7 +28,7 @@ typedef struct {
     int32_t node, points; /* of the trajectory */
     const double *times_s, *angles_rad;
     int32_t kind; /* of the estimator: 1 improved, 2 kalman */
-    const double *constants;
+    const double *constants, *stretch; /* the latter of `kalman`: 5 by 11 */
 } config_t;
 
 /* -- CRC-8 AUTOSAR over the id, little-endian, and the payload ---------------------------------------------------- */
@@ -79,14 +79,16 @@ static double improved_elongation(const double *c, double known, double tau_ex, 
     return (b + c[I_RJ] * c[I_RJ] / (c[I_RM] * c[I_IJ]) * tau_ex) / c[I_A];
 }
 
-static void improved_start(improved_t *s, const double *c, int64_t time_ns, double theta, double torque)
+static void improved_start(improved_t *s, const config_t *config, int64_t time_ns, double theta, double torque)
 {
+    const double *c = config->constants;
     double x_hat = improved_elongation(c, torque, torque, 0.0);
     *s = (improved_t){time_ns, theta, torque, c[I_RJ] / c[I_RM] * torque, x_hat, x_hat, 0.0, 0.0};
 }
 
-static void improved_step(improved_t *s, const double *c, int64_t time_ns, double theta, double torque)
+static void improved_step(improved_t *s, const config_t *config, int64_t time_ns, double theta, double torque)
 {
+    const double *c = config->constants;
     double dt = (double)(time_ns - s->time_ns) * 1e-9;
     double velocity = (theta - s->angle) / dt;
     double direction = velocity > 0.0 ? 1.0 : velocity < 0.0 ? -1.0 : velocity * 0.0;
@@ -114,9 +116,10 @@ static void improved_step(improved_t *s, const double *c, int64_t time_ns, doubl
 /* -- estimator `kalman` ------------------------------------------------------------------------------------------- */
 
 enum { ANGLE_M, SPEED_M, ANGLE_J, SPEED_J, LOAD, STATES, TORQUE_COLUMN = 5, STEP_COLUMNS = 6, COLUMNS = 11 };
-enum { TORQUE_VAR = 2, ANGLE_VAR, FRICTION_M, FRICTION_J, STOP_M, STOP_J };
-enum { DRIFT = 8, STEP_VAR, STEP_RATE, LEAVE_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD, RATES };
-enum { HELD = RATES + 36 + 6 + 55 };
+enum { FRICTION_SWEEPS = 3 };
+/* The constants of `kalman_model` in an order of our own: KALMAN_CONSTANTS in test_host_tick.py. */
+enum { TORQUE_VAR, ANGLE_VAR, FRICTION_M, FRICTION_J, DRIFT, STEP_VAR, STEP_RATE, LEAVE_RATE, RESTEP_RATE };
+enum { RADIUS_M = RESTEP_RATE + 1, RADIUS_J, TURN_PER_LOAD };
 
 typedef struct {
     double mean[STATES], covariance[STATES][STATES];
@@ -128,10 +131,8 @@ typedef struct {
     hypothesis_t quiet, stepped;
 } kalman_t;
 
-static double expected_sign(double speed, double variance)
-{
-    return erf(speed / sqrt(2.0 * (variance > 1e-30 ? variance : 1e-30)));
-}
+static double least(double a, double b) { return b < a ? b : a; }
+static double most(double a, double b) { return b > a ? b : a; }
 
 static void mix(hypothesis_t *out, double to_stay, const hypothesis_t *stay, double to_join, const hypothesis_t *join)
 {
@@ -145,18 +146,14 @@ static void mix(hypothesis_t *out, double to_stay, const hypothesis_t *stay, dou
     }
 }
 
-static void predict(hypothesis_t *h, const double *c, double torque, double step_var)
+static void predict(hypothesis_t *h, const config_t *config, double torque, double step_var)
 {
-    const double(*over)[COLUMNS] = (const double(*)[COLUMNS])(c + HELD);
-    double sign_m = expected_sign(h->mean[SPEED_M], h->covariance[SPEED_M][SPEED_M] + c[STOP_M]);
-    double sign_j = expected_sign(h->mean[SPEED_J], h->covariance[SPEED_J][SPEED_J] + c[STOP_J]);
-    double net = torque - c[FRICTION_M] * sign_m, jaw = c[FRICTION_J] * sign_j;
+    const double *c = config->constants;
+    const double(*over)[COLUMNS] = (const double(*)[COLUMNS])config->stretch;
     double half[STATES][STATES] = {{0.0}};
     hypothesis_t after;
     for (int i = 0; i < STATES; i++) {
-        double mean = over[i][TORQUE_COLUMN] * net;
-        if (i != LOAD)
-            mean += over[i][LOAD] * jaw;
+        double mean = over[i][TORQUE_COLUMN] * torque;
         for (int j = 0; j < STATES; j++) {
             mean += over[i][j] * h->mean[j];
             for (int m = 0; m < STATES; m++)
@@ -164,6 +161,15 @@ static void predict(hypothesis_t *h, const double *c, double torque, double step
         }
         after.mean[i] = mean;
     }
+    double motor = 0.0, jaw = 0.0;
+    for (int i = 0; i < FRICTION_SWEEPS; i++) {
+        double left = after.mean[SPEED_M] - over[SPEED_M][TORQUE_COLUMN] * motor + over[SPEED_M][LOAD] * jaw;
+        motor = most(-c[FRICTION_M], least(c[FRICTION_M], motor + left / over[SPEED_M][TORQUE_COLUMN]));
+        left = after.mean[SPEED_J] - over[SPEED_J][TORQUE_COLUMN] * motor + over[SPEED_J][LOAD] * jaw;
+        jaw = most(-c[FRICTION_J], least(c[FRICTION_J], jaw - left / over[SPEED_J][LOAD]));
+    }
+    for (int i = 0; i < LOAD; i++)
+        after.mean[i] += over[i][LOAD] * jaw - over[i][TORQUE_COLUMN] * motor;
     for (int i = 0; i < STATES; i++)
         for (int j = i; j < STATES; j++) {
             double variance = step_var * over[i][STEP_COLUMNS + j];
@@ -186,6 +192,8 @@ static double correct(hypothesis_t *h, double theta, double angle_var)
         for (int j = 0; j < STATES; j++)
             h->covariance[i][j] -= gain * row[j];
     }
+    for (int j = 0; j < STATES; j++)
+        h->covariance[0][j] = h->covariance[j][0] = angle_var / variance * row[j];
     return -0.5 * (innovation * innovation / variance + log(variance));
 }
 
@@ -199,8 +207,9 @@ static void kalman_read(kalman_t *s, const double *c)
     s->elongation = c[RADIUS_M] * theta_m - c[RADIUS_J] * theta_j;
 }
 
-static void kalman_start(kalman_t *s, const double *c, int64_t time_ns, double theta, double torque)
+static void kalman_start(kalman_t *s, const config_t *config, int64_t time_ns, double theta, double torque)
 {
+    const double *c = config->constants;
     double ratio = c[RADIUS_M] / c[RADIUS_J], load = torque / ratio;
     const double columns[2][STATES] = {{1.0, 0.0, ratio, 0.0, 0.0}, {0.0, 0.0, -c[TURN_PER_LOAD], 0.0, 1.0}};
     const double variances[2] = {c[ANGLE_VAR], c[STEP_VAR]};
@@ -220,19 +229,22 @@ static void kalman_start(kalman_t *s, const double *c, int64_t time_ns, double t
     kalman_read(s, c);
 }
 
-static void kalman_step(kalman_t *s, const double *c, int64_t time_ns, double theta, double torque)
+static void kalman_step(kalman_t *s, const config_t *config, int64_t time_ns, double theta, double torque)
 {
+    const double *c = config->constants;
     double dt = (double)(time_ns - s->time_ns) * 1e-9;
     double steps = -expm1(-c[STEP_RATE] * dt), leaves = -expm1(-c[LEAVE_RATE] * dt);
-    double was = s->stepped_weight;
-    double stepped = steps * (1.0 - was) + (1.0 - leaves) * was, quiet = 1.0 - stepped;
+    double was_stepped = s->stepped_weight, was_quiet = 1.0 - was_stepped;
+    double left = was_stepped * leaves, stay = was_stepped - left, calm = was_quiet + left;
+    double stepped = stay + calm * steps, quiet = calm * (1.0 - steps);
+    double joined = was_quiet * steps / stepped, fresh = calm * steps / stepped;
     hypothesis_t settled, moving;
-    mix(&settled, (1.0 - steps) * (1.0 - was) / quiet, &s->quiet, leaves * was / quiet, &s->stepped);
-    double fresh = steps * (1.0 - was) / stepped;
-    mix(&moving, 1.0 - fresh, &s->stepped, fresh, &s->quiet);
-    double step_var = c[STEP_VAR] * steps / stepped, drift_var = c[DRIFT] * dt;
-    predict(&settled, c, torque, drift_var + 0.0);
-    predict(&moving, c, torque, drift_var + step_var);
+    mix(&settled, was_quiet / calm, &s->quiet, left / calm, &s->stepped);
+    mix(&moving, 1.0 - joined, &s->stepped, joined, &s->quiet);
+    double resteps = -expm1(-c[RESTEP_RATE] * dt), drift_var = c[DRIFT] * dt;
+    double step_var = c[STEP_VAR] * (fresh + (1.0 - fresh) * resteps);
+    predict(&settled, config, torque, drift_var + 0.0);
+    predict(&moving, config, torque, drift_var + step_var);
     double settled_log = correct(&settled, theta, c[ANGLE_VAR]);
     double moving_log = correct(&moving, theta, c[ANGLE_VAR]);
     s->stepped_weight = 1.0 / (1.0 + quiet / stepped * exp(settled_log - moving_log));
@@ -274,9 +286,6 @@ static double stoppable_speed(double room, double dt, double acceleration)
 {
     return 2.0 * room / (dt + sqrt(dt * dt + 2.0 * room / acceleration));
 }
-
-static double least(double a, double b) { return b < a ? b : a; }
-static double most(double a, double b) { return b > a ? b : a; }
 
 /* Return 1 and the reference that may leave, or 0. */
 static int gate_step(gate_t *gate, const config_t *config, double requested, int64_t now_ns, double *passed)
@@ -330,7 +339,6 @@ typedef struct {
 /* Take a whole sample; 0 when its stamp is not one period on. */
 static int on_sample(host_t *host, const config_t *config, uint32_t stamp_us, uint8_t sequence, int64_t now_ns)
 {
-    const double *c = config->constants;
     int64_t before_ns = host->stamp_ns;
     host->stamp_ns = (int64_t)stamp_us * 1000;
     if (host->has_sample) {
@@ -342,9 +350,10 @@ static int on_sample(host_t *host, const config_t *config, uint32_t stamp_us, ui
     host->theta_rad = (double)host->theta_raw * ANGLE_LSB_RAD;
     double torque = host->feedback_current * (config->torque_constant * CURRENT_LSB_A);
     if (config->kind == KALMAN)
-        (host->has_sample ? kalman_step : kalman_start)(&host->kalman, c, host->stamp_ns, host->theta_rad, torque);
+        (host->has_sample ? kalman_step : kalman_start)(&host->kalman, config, host->stamp_ns, host->theta_rad, torque);
     else
-        (host->has_sample ? improved_step : improved_start)(&host->improved, c, host->stamp_ns, host->theta_rad, torque);
+        (host->has_sample ? improved_step : improved_start)(&host->improved, config, host->stamp_ns, host->theta_rad,
+                                                             torque);
     host->has_sample = host->is_new = 1;
     host->sequence = sequence;
     host->received_ns = now_ns;

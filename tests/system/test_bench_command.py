@@ -106,10 +106,12 @@ def wait_for(what: Callable[[], bool], patience_s: float = 60.0) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("jobs", ["1", "2"])
-def test_bench_stops_on_a_signal_and_leaves_nobody_behind(start: Start, tmp_path: Path, jobs: str, number: int) -> None:
+def test_bench_stops_on_a_signal_and_leaves_nobody_behind(
+    start: Start, small_bench: Path, tmp_path: Path, jobs: str, number: int
+) -> None:
     out = tmp_path / "out"
-    command = start("bench", "--config", PAPER, "--out", out, "--jobs", jobs)
-    wait_for(lambda: out.is_dir() and any(p.stat().st_size > 100_000 for p in out.rglob("*.mcap")))
+    command = start("bench", "--config", small_bench, "--out", out, "--jobs", jobs)
+    wait_for(lambda: out.is_dir() and any(p.stat().st_size > 100_000 for p in out.glob("*.mcap")))
     if number == signal.SIGINT:
         os.killpg(command.process.pid, number)  # as the terminal does: to all of them
     else:
@@ -119,8 +121,9 @@ def test_bench_stops_on_a_signal_and_leaves_nobody_behind(start: Start, tmp_path
     assert ended.err.splitlines()[-1] == "hil-forceps: interrupted"
     assert "Traceback" not in ended.err
     wait_for(lambda: children_of(command.process.pid) == [], 10.0)
-    for path in out.glob("*.mcap"):
-        assert read_recording(path).result["reason"] in ("stop_requested", "completed")
+    reasons = [read_recording(path).result["reason"] for path in out.glob("*.mcap")]
+    assert set(reasons) <= {"stop_requested", "completed"}
+    assert "stop_requested" in reasons  # those under way ended early, none was waited for
     assert [path for path in out.iterdir() if path.is_dir()] == []
     assert not (out / "summary.json").exists()
 
@@ -173,15 +176,4 @@ def test_bench_on_a_full_disk_ends_with_a_line(start: Start, small_bench: Path, 
     lines = [line for line in ended.err.splitlines() if line.startswith("hil-forceps: ")]
     assert len(lines) == 1
     assert "No space left on device" in lines[0]
-    assert "Traceback" not in ended.err
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_bench_that_can_not_write_its_summary_says_so(start: Start, small_bench: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "summary.json").symlink_to("/dev/full")
-    ended = bench(start, small_bench, out)
-    assert ended.code == 2
-    assert ended.err.splitlines()[-1] == "hil-forceps: No space left on device"
     assert "Traceback" not in ended.err

@@ -143,20 +143,20 @@ def test_signal_while_nobody_answers_ends_a_run(
 
 
 def test_killed_run_leaves_a_faulted_drive_and_a_readable_recording(
-    drive: DriveFixture, run: RunFixture, wire: Any, tmp_path: Path, operational: Wait, start: Any
+    drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path, operational: Wait, start: Any
 ) -> None:
     out = tmp_path / "out"
-    other = drive(wire)
-    service = run(wire, out)
+    other = drive(pty_wire)
+    service = run(pty_wire, out)
     operational(service, out)
     assert service.end(signal.SIGKILL).code == -signal.SIGKILL
-    second = run(wire, tmp_path / "second", "--duration", "0.3").end()
+    second = run(pty_wire, tmp_path / "second", "--duration", "0.3").end()
     assert second.code == 2
     assert second.err == (
         "hil-forceps: the drive holds a fault from before: "
         "WATCHDOG (watchdog: no fresh reference in time); clear it first\n"
     )
-    third = run(wire, tmp_path / "third", "--duration", "0.3", "--reset-fault").end()
+    third = run(pty_wire, tmp_path / "third", "--duration", "0.3", "--reset-fault").end()
     assert (third.code, third.err) == (0, "")
     told = other.end(signal.SIGTERM).told
     assert (told["drive"]["state"], told["drive"]["faults"]) == ("DISABLED", 1)
@@ -225,11 +225,13 @@ def test_drive_that_hangs_and_comes_back(
     assert told["drive"]["state"] == "DISABLED"
 
 
-def test_second_run_meets_the_same_experiment(drive: DriveFixture, run: RunFixture, wire: Any, tmp_path: Path) -> None:
-    other = drive(wire)
+def test_second_run_meets_the_same_experiment(
+    drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path
+) -> None:
+    other = drive(pty_wire)
     starts = []
     for name in ("first", "second"):
-        ended = run(wire, tmp_path / name, "--duration", "1", "--algorithm", "improved").end()
+        ended = run(pty_wire, tmp_path / name, "--duration", "1", "--algorithm", "improved").end()
         assert (ended.code, ended.err) == (0, "")
         recording = read_recording(tmp_path / name / "run.mcap")
         check_whole(recording, "completed")

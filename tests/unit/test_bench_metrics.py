@@ -58,6 +58,10 @@ def test_peak_is_of_the_error_and_counts_below_zero() -> None:
     assert metrics.tau_w_rmse_N_m == pytest.approx(7e-3 / math.sqrt(np.count_nonzero(inside(run))))
 
 
+def test_window_is_that_of_the_paper() -> None:
+    assert WINDOW_S == (9.0, 20.0)
+
+
 def test_nothing_before_the_window_counts() -> None:
     run = traces()
     before = np.where(run.time_s < WINDOW_S[0], 1.0, 0.0)

@@ -356,6 +356,16 @@ def test_a_drive_that_can_not_be_enabled() -> None:
     assert safe(world)
 
 
+def test_a_motor_outside_the_limits_is_not_enabled_and_the_message_says_why() -> None:
+    world = World()
+    world.theta_raw = round(3.5 / ANGLE_LSB_RAD)
+    result = rigged(world, ServiceConfig(duration_ns=100 * MS, enable_timeout_ns=300 * MS)).service.run()
+    assert result.reason is StopReason.ENABLE_FAILED
+    assert "within `limits:`" in result.message
+    assert world.setpoints() == []
+    assert safe(world)
+
+
 class FullDisk(io.BytesIO):
     def write(self, data: object) -> int:
         if self.tell() > 100_000:
