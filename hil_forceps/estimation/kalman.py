@@ -1,9 +1,10 @@
-"""Kalman filter on the whole two-inertia model with the load as a state: two hypotheses about the load, mixed.
+"""Kalman filter on the whole two-inertia model with the load as a state: three hypotheses about the load, mixed.
 
 A load that now and then steps isn't a random walk of one intensity: whatever follows a step fast is noisy in between.
-So two filters run side by side. "Quiet": the load has only drifted. "Stepped": it has stepped within the last few
-milliseconds; a step is put in where a hypothesis passes from quiet to stepped, and stays unknown in size until the
-angles tell. Each sample weighs both by how well they foretold it; the estimate is the weighted mean.
+So three filters run side by side. "Quiet": the load has only drifted. "Fresh": it has stepped just now, by an unknown
+amount. "Settling": it stepped a few milliseconds ago, and what the wire does since tells by how much. Each sample
+weighs them by how well they foretold it; the estimate is the weighted mean. That "fresh" is soon left again, and fed
+from both others, is what makes it ready for the next step while one is still told apart.
 (The interacting-multiple-model filter of Blom and Bar-Shalom, 1988, with the step on the transition.)
 
 The motor torque of a sample was held over the interval that ends there, so the prediction over it is exact for any
@@ -26,12 +27,13 @@ from hil_forceps.estimation.kalman_model import (
     FRICTION_J,
     FRICTION_M,
     HOLD,
-    LEAVE_RATE,
     LOAD,
     PERIOD,
+    QUIET_RATE,
     RADIUS_J,
     RADIUS_M,
     RESTEP_RATE,
+    SETTLE_RATE,
     SPEED_J,
     SPEED_M,
     STEP_COLUMNS,
@@ -51,12 +53,14 @@ from hil_forceps.model.two_inertia import Matrix
 
 Vector = NDArray[np.float64]
 
-TIME, TORQUE, STEPPED_WEIGHT = range(3)  # then TAU_W and ELONGATION of `interface`
-_QUIET = 5
+TIME, TORQUE, FRESH_WEIGHT = range(3)  # then TAU_W and ELONGATION of `interface`
+SETTLING_WEIGHT = 5
 # A hypothesis: mean (5) and covariance (25).
 _SIZE = 30
-_STEPPED = _QUIET + _SIZE
-STATE_SIZE = _STEPPED + _SIZE
+_QUIET = 6
+_FRESH = _QUIET + _SIZE
+_SETTLING = _FRESH + _SIZE
+STATE_SIZE = _SETTLING + _SIZE
 
 # Speeds at the first sample: "at rest" as far as a person can tell.
 _START_SPEED_VAR = 1.0
@@ -65,6 +69,11 @@ _HOLD_TOLERANCE = 0.5
 _SAME_INTERVAL_S = 1e-10
 # After so long without a sample nothing of a state is left that rest wouldn't tell as well.
 _LONGEST_GAP_S = 0.25
+# A thousand standard deviations off for every hypothesis: the angle has jumped, not the forceps moved (an encoder that
+# was reset, a sample that is wrong). To explain it would wreck the state; it starts anew, as it does after NaN.
+_NO_FORCEPS = 1e6
+# No hypothesis is ever given up: a weight of zero would stay zero.
+_LEAST_WEIGHT = 1e-12
 
 
 @kernel
@@ -112,10 +121,10 @@ def _predict(
 
 
 @kernel
-def _correct(predicted: Vector, theta_m_rad: float, angle_var: float) -> tuple[Vector, float]:
-    """Return the hypothesis after the angle was seen, and the logarithm of how well it was foretold."""
+def _correct(predicted: Vector, theta_m_rad: float, angle_var: float) -> tuple[Vector, float, float]:
+    """Return the hypothesis after the angle was seen, how far off that was in variances, and its log likelihood."""
     innovation = theta_m_rad - predicted[ANGLE_M]
-    variance = predicted[5] + angle_var
+    variance = max(0.0, predicted[5]) + angle_var
     after = np.empty(_SIZE)
     for i in range(5):
         gain = predicted[5 + i] / variance
@@ -127,7 +136,11 @@ def _correct(predicted: Vector, theta_m_rad: float, angle_var: float) -> tuple[V
     for j in range(5):
         after[5 + j] = left * predicted[5 + j]
         after[5 + 5 * j] = after[5 + j]
-    return after, -0.5 * (innovation * innovation / variance + math.log(variance))
+    # Rounding after jumps that no forceps makes must not leave a variance below zero.
+    for i in range(5):
+        after[5 + 6 * i] = max(0.0, after[5 + 6 * i])
+    off = innovation * innovation / variance
+    return after, off, -0.5 * (off + math.log(variance))
 
 
 @kernel
@@ -170,18 +183,25 @@ def _advance(
 
 @kernel
 def _assemble(
-    time_ns: int, torque_N_m: float, stepped: float, quiet_h: Vector, stepped_h: Vector, c: Constants
+    time_ns: int,
+    torque_N_m: float,
+    weights: tuple[float, float, float],
+    quiet: Vector,
+    fresh: Vector,
+    settling: Vector,
+    c: Constants,
 ) -> State:
     state = np.empty(STATE_SIZE)
     state[TIME] = time_ns
     state[TORQUE] = torque_N_m
-    state[STEPPED_WEIGHT] = stepped
-    state[_QUIET:_STEPPED] = quiet_h
-    state[_STEPPED:] = stepped_h
-    quiet = 1.0 - stepped
-    state[TAU_W] = quiet * quiet_h[LOAD] + stepped * stepped_h[LOAD]
-    theta_m = quiet * quiet_h[ANGLE_M] + stepped * stepped_h[ANGLE_M]
-    theta_j = quiet * quiet_h[ANGLE_J] + stepped * stepped_h[ANGLE_J]
+    state[FRESH_WEIGHT] = weights[1]
+    state[SETTLING_WEIGHT] = weights[2]
+    state[_QUIET:_FRESH] = quiet
+    state[_FRESH:_SETTLING] = fresh
+    state[_SETTLING:] = settling
+    state[TAU_W] = weights[0] * quiet[LOAD] + weights[1] * fresh[LOAD] + weights[2] * settling[LOAD]
+    theta_m = weights[0] * quiet[ANGLE_M] + weights[1] * fresh[ANGLE_M] + weights[2] * settling[ANGLE_M]
+    theta_j = weights[0] * quiet[ANGLE_J] + weights[1] * fresh[ANGLE_J] + weights[2] * settling[ANGLE_J]
     state[ELONGATION] = c[RADIUS_M] * theta_m - c[RADIUS_J] * theta_j
     return state
 
@@ -205,7 +225,41 @@ def start(c: Constants, time_ns: int, theta_m_rad: float, motor_torque_N_m: floa
                 hypothesis[5 + 5 * i + j] += variance * column[i] * column[j]
     hypothesis[5 + 6 * SPEED_M] = _START_SPEED_VAR
     hypothesis[5 + 6 * SPEED_J] = _START_SPEED_VAR
-    return _assemble(time_ns, motor_torque_N_m, 0.5, hypothesis, hypothesis, c)
+    return _assemble(time_ns, motor_torque_N_m, (0.5, 0.0, 0.5), hypothesis, hypothesis, hypothesis, c)
+
+
+@kernel
+def _age(state: State, dt_s: float, c: Constants) -> tuple[tuple[float, float, float], float, Vector, Vector, Vector]:
+    """Return weights and hypotheses after time has passed and the load may have stepped; and how new "fresh" is."""
+    was_fresh, was_settling = state[FRESH_WEIGHT], state[SETTLING_WEIGHT]
+    was_quiet = 1.0 - was_fresh - was_settling
+    quiet, fresh, settling = state[_QUIET:_FRESH], state[_FRESH:_SETTLING], state[_SETTLING:]
+    # What was fresh settles, what was settling is quiet.
+    ages = -math.expm1(-c[SETTLE_RATE] * dt_s) * was_fresh
+    rests = -math.expm1(-c[QUIET_RATE] * dt_s) * was_settling
+    to_quiet, to_settling = was_quiet + rests, was_settling - rests + ages
+    quiet = mix(was_quiet / to_quiet, quiet, rests / to_quiet, settling)
+    settling = mix((was_settling - rests) / to_settling, settling, ages / to_settling, fresh)
+    # The load steps, out of either; so "fresh" always has in it that it just did.
+    from_quiet = -math.expm1(-c[STEP_RATE] * dt_s) * to_quiet
+    from_settling = -math.expm1(-c[RESTEP_RATE] * dt_s) * to_settling
+    new = from_quiet + from_settling
+    to_fresh = was_fresh - ages + new
+    stepped = mix(from_quiet / new, quiet, from_settling / new, settling)
+    fresh = mix(1.0 - new / to_fresh, fresh, new / to_fresh, stepped)
+    weights = (to_quiet - from_quiet, to_fresh, to_settling - from_settling)
+    return weights, new / to_fresh, quiet, fresh, settling
+
+
+@kernel
+def _weigh(weights: tuple[float, float, float], logs: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the weights after each hypothesis has foretold a sample this well; they sum to 1, none is 0."""
+    best = max(logs[0], logs[1], logs[2])
+    quiet = weights[0] * math.exp(logs[0] - best)
+    fresh = weights[1] * math.exp(logs[1] - best)
+    settling = weights[2] * math.exp(logs[2] - best)
+    scale = (1.0 - 3.0 * _LEAST_WEIGHT) / (quiet + fresh + settling)
+    return _LEAST_WEIGHT + scale * quiet, _LEAST_WEIGHT + scale * fresh, _LEAST_WEIGHT + scale * settling
 
 
 @kernel
@@ -216,30 +270,17 @@ def step(state: State, c: Constants, time_ns: int, theta_m_rad: float, motor_tor
         return state
     if dt_s > _LONGEST_GAP_S:
         return start(c, time_ns, theta_m_rad, motor_torque_N_m)
-    steps = -math.expm1(-c[STEP_RATE] * dt_s)
-    leaves = -math.expm1(-c[LEAVE_RATE] * dt_s)
-    was_stepped = state[STEPPED_WEIGHT]
-    was_quiet = 1.0 - was_stepped
-    left = was_stepped * leaves
-    stay = was_stepped - left
-    # Whoever is quiet, or has just become so, may step.
-    stepped = stay + (was_quiet + left) * steps
-    quiet = (was_quiet + left) * (1.0 - steps)
-    quiet_h, stepped_h = state[_QUIET:_STEPPED], state[_STEPPED:]
-    joined = was_quiet * steps / stepped
-    settled = mix(was_quiet / (was_quiet + left), quiet_h, left / (was_quiet + left), stepped_h)
-    moving = mix(1.0 - joined, stepped_h, joined, quiet_h)
-    # A step may follow another while the first is still told apart.
-    fresh = (was_quiet + left) * steps / stepped
-    resteps = -math.expm1(-c[RESTEP_RATE] * dt_s)
-    drift_var = c[DRIFT] * dt_s
-    step_var = c[STEP_VAR] * (fresh + (1.0 - fresh) * resteps)
-
+    weights, new_part, quiet, fresh, settling = _age(state, dt_s, c)
     lead_part, lead, held = _stretches(dt_s, c)
-    before = state[TORQUE]
-    settled = _advance(settled, drift_var, lead_part, lead, held, before, motor_torque_N_m, c)
-    moving = _advance(moving, drift_var + step_var, lead_part, lead, held, before, motor_torque_N_m, c)
-    settled, settled_log = _correct(settled, theta_m_rad, c[ANGLE_VAR])
-    moving, moving_log = _correct(moving, theta_m_rad, c[ANGLE_VAR])
-    stepped = 1.0 / (1.0 + quiet / stepped * math.exp(settled_log - moving_log))
-    return _assemble(time_ns, motor_torque_N_m, stepped, settled, moving, c)
+    drift_var, before = c[DRIFT] * dt_s, state[TORQUE]
+    step_var = drift_var + c[STEP_VAR] * new_part
+    quiet = _advance(quiet, drift_var, lead_part, lead, held, before, motor_torque_N_m, c)
+    fresh = _advance(fresh, step_var, lead_part, lead, held, before, motor_torque_N_m, c)
+    settling = _advance(settling, drift_var, lead_part, lead, held, before, motor_torque_N_m, c)
+    quiet, quiet_off, quiet_log = _correct(quiet, theta_m_rad, c[ANGLE_VAR])
+    fresh, fresh_off, fresh_log = _correct(fresh, theta_m_rad, c[ANGLE_VAR])
+    settling, settling_off, settling_log = _correct(settling, theta_m_rad, c[ANGLE_VAR])
+    if not (quiet_off <= _NO_FORCEPS or fresh_off <= _NO_FORCEPS or settling_off <= _NO_FORCEPS):
+        return start(c, time_ns, theta_m_rad, motor_torque_N_m)
+    weights = _weigh(weights, (quiet_log, fresh_log, settling_log))
+    return _assemble(time_ns, motor_torque_N_m, weights, quiet, fresh, settling, c)

@@ -29,8 +29,8 @@ STEP_COLUMNS = 6
 _STRETCH_SIZE = 55
 
 PERIOD, HOLD, TORQUE_VAR, ANGLE_VAR, FRICTION_M, FRICTION_J = range(6)
-DRIFT, STEP_VAR, STEP_RATE, LEAVE_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD, RESTEP_RATE = range(6, 14)
-_RATES = 14
+DRIFT, STEP_VAR, STEP_RATE, RESTEP_RATE, SETTLE_RATE, QUIET_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD = range(6, 15)
+_RATES = 15
 _UNITS = _RATES + 36
 _LEAD = _UNITS + 6
 _HELD = _LEAD + _STRETCH_SIZE
@@ -47,12 +47,13 @@ class Tuning(NamedTuple):
     # The load steps by about as much as turns the jaw by this through the wire's elasticity: 2 mN m in the paper.
     step_jaw_turn_rad: float = 0.04
     step_rate_per_s: float = 0.3
-    # Once it has begun to step, more steps follow at this rate.
-    restep_rate_per_s: float = 5.0
-    # For so long after a step its effect is told apart: some periods of the wire's mode.
-    step_memory_s: float = 0.006
+    # Soon after a step another is likelier.
+    restep_rate_per_s: float = 1.0
+    # For so long a step counts as fresh, and for so long after that its effect on the wire is told apart.
+    fresh_s: float = 0.001
+    settling_s: float = 0.012
     # Slow change of the load: (share of the step)² per second.
-    drift_per_s: float = 2.5e-4
+    drift_per_s: float = 1e-3
     # What friction may be off by, in parts of its level, and a count's edge, in parts of a count. A pulley that sticks
     # carries anything between minus and plus its level: 1/√3 of it is the standard deviation of that.
     friction_share: float = 0.58
@@ -103,7 +104,8 @@ def constants(
     values[STEP_VAR] = step * step
     values[STEP_RATE] = tuning.step_rate_per_s
     values[RESTEP_RATE] = tuning.restep_rate_per_s
-    values[LEAVE_RATE] = 1.0 / tuning.step_memory_s
+    values[SETTLE_RATE] = 1.0 / tuning.fresh_s
+    values[QUIET_RATE] = 1.0 / tuning.settling_s
     values[RADIUS_M], values[RADIUS_J], values[TURN_PER_LOAD] = r_m, r_j, turn_per_load
     rates, units = balanced_rates(plant)
     values[_RATES:_UNITS] = rates.ravel()

@@ -26,8 +26,12 @@ def constants(tuning: kalman_model.Tuning = TUNING, period_s: float = 1e-3, hold
 
 
 def hypotheses(state: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    blocks = state[5:].reshape(2, 30)
+    blocks = state[6:].reshape(3, 30)  # quiet, fresh, settling
     return [(block[:5], block[5:].reshape(5, 5)) for block in blocks]
+
+
+def stepped(state: NDArray[np.float64]) -> float:
+    return float(state[kalman.FRESH_WEIGHT] + state[kalman.SETTLING_WEIGHT])
 
 
 def rates() -> NDArray[np.float64]:
@@ -63,7 +67,7 @@ def test_without_steps_it_is_the_steady_kalman_filter(period_s: float) -> None:
     state = kalman.start(c, 0, 0.5, 0.0)
     for n in range(1, 3000):
         state = kalman.step(state, c, round(n * period_s * NS), 0.5, 0.0)
-    assert state[kalman.STEPPED_WEIGHT] < 1e-6
+    assert stepped(state) < 1e-6
     covariance = hypotheses(state)[0][1] / np.outer(UNITS, UNITS)
 
     over = kalman_model.stretch(c, period_s)
@@ -129,9 +133,9 @@ def test_a_step_of_the_load_moves_the_weight_and_then_it_comes_back() -> None:
         load = 2e-3 if n > 200 else 0.0
         truth = transition @ truth + gain @ np.array([0.0, load])
         state = kalman.step(state, c, n * 1_000_000, float(truth[0]), 0.0)
-        weights.append(float(state[kalman.STEPPED_WEIGHT]))
+        weights.append(stepped(state))
         loads.append(float(state[TAU_W]))
-    assert weights[198] < 0.01
+    assert weights[198] < 0.02
     assert max(weights[200:204]) > 0.99
     assert weights[-1] < 0.05
     assert loads[203] == pytest.approx(2e-3, rel=0.05)
@@ -200,3 +204,17 @@ def test_after_a_very_long_gap_it_starts_again() -> None:
     assert not np.array_equal(bridged, kalman.start(c, 251_000_000, 0.7, 1e-3))
     after = kalman.step(state, c, 1_000_000 + 250_000_001, 0.7, 1e-3)
     np.testing.assert_array_equal(after, kalman.start(c, 251_000_001, 0.7, 1e-3))
+
+
+def test_an_angle_that_jumps_as_no_forceps_does_starts_it_again() -> None:
+    c = constants()
+    state = kalman.start(c, 0, 0.5, 1e-3)
+    for n in range(1, 100):
+        state = kalman.step(state, c, n * 1_000_000, 0.5, 1e-3)
+    after = kalman.step(state, c, 100_000_000, -9.5, 1e-3)
+    np.testing.assert_array_equal(after, kalman.start(c, 100_000_000, -9.5, 1e-3))
+    # A load thirty times the expected step is a load still.
+    transition, gain = discretise(PLANT, 1e-3)
+    truth = transition @ np.array([0.5, 0.0, (1e-3 - 1e-3 / (2.0e-3 * 2.6e4)) / 1.4e-3, 0.0]) + gain @ [1e-3, 60e-3]
+    after = kalman.step(state, c, 100_000_000, float(truth[0]), 1e-3)
+    assert after[TAU_W] > 5e-3
