@@ -21,6 +21,10 @@ SETTLE_PERIODS = 5  # before the drive's word counts: what arrives first was sai
 SILENT_PERIODS = 20  # at least so many without a sample before a drive counts as silent, however slow the loop
 _NO_TORQUE = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
+# Members of an Enum cost as much as a call when looked up by their class, and these are asked for at every tick.
+_HOST_RUNNING = HostPhase.RUNNING
+_RUNNING, _ENABLING = Stage.RUNNING, Stage.ENABLING
+
 
 class Course:
     """Where a run is and, at its end, why: `stage`, `reason`, `message`, `drive_disabled`.
@@ -67,7 +71,7 @@ class Course:
 
     def sends_references(self) -> bool:
         """Tell whether references are to be computed in this stage."""
-        return self.stage is Stage.RUNNING or self.stage is Stage.ENABLING
+        return self.stage is _RUNNING or self.stage is _ENABLING
 
     def bus_is_down(self) -> None:
         """End at once: nothing can be said to the drive any more."""
@@ -113,11 +117,12 @@ class Course:
             self._stop(StopReason.ENABLE_FAILED, f"the drive did not become operational: {why}", now_ns)
 
     def _running(self, now_ns: int) -> None:
-        ended = self._trouble(now_ns) or self._enough()
+        is_well = self._host.phase is _HOST_RUNNING and now_ns - self.last_sample_ns <= self._silence_ns
+        ended = self._enough() if is_well else self._trouble(now_ns)
         if ended is not None:
             self._stop(*ended, now_ns)
 
-    def _trouble(self, now_ns: int) -> tuple[StopReason, str] | None:
+    def _trouble(self, now_ns: int) -> tuple[StopReason, str]:
         host, silent_ns = self._host, now_ns - self.last_sample_ns
         if host.phase is HostPhase.FAULT:
             return StopReason.DRIVE_FAULT, f"the drive latched a fault: {fault_words(host.fault)}"
@@ -128,9 +133,7 @@ class Course:
                 StopReason.DRIVE_LOST,
                 f"the drive fell silent or restarted: last sample {silent_ns / 1e6:.0f} ms ago",
             )
-        if host.phase is not HostPhase.RUNNING:
-            return StopReason.DRIVE_STOPPED, "the drive left operation by itself, without a fault"
-        return None
+        return StopReason.DRIVE_STOPPED, "the drive left operation by itself, without a fault"
 
     def _enough(self) -> tuple[StopReason, str] | None:
         pipeline, config = self._pipeline, self._config

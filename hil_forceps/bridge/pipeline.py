@@ -46,6 +46,7 @@ class Verdict(IntEnum):
 
 
 GATE_CODES = {verdict: GATE_VERDICT_BASE + place for place, verdict in enumerate(GateVerdict)}
+_PASSED = GateVerdict.PASSED
 PASSED_CODE = GATE_CODES[GateVerdict.PASSED]  # apart, since hashing an Enum takes its time
 VERDICT_NAMES = {int(verdict): verdict.name for verdict in Verdict} | {
     code: verdict.name for verdict, code in GATE_CODES.items()
@@ -189,11 +190,11 @@ class Pipeline:
             self.denied_in_a_row = 0
             self.counters["passed"] += 1
             raw = angle_raw_from_rad(passed_rad)
-        self.verdict = PASSED_CODE if verdict is GateVerdict.PASSED else GATE_CODES[verdict]
-        return Reference(
-            now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad, self.verdict,
+        self.verdict = code = PASSED_CODE if verdict is _PASSED else GATE_CODES[verdict]
+        return make(Reference, (
+            now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad, code,
             newest.sequence,
-        )  # fmt: skip
+        ))  # fmt: skip
 
 
 class _Fade(NamedTuple):

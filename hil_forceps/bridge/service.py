@@ -25,6 +25,11 @@ from hil_forceps.runs.recording_writer import Outcome, Recorder
 
 SEQUENCE_AT = 4  # in SETPOINT and FD_SETPOINT, behind the reference
 
+# Looked up once: members of an Enum cost as much as a call when asked for by their class.
+_ENDED = Stage.ENDED
+_SENT = SendResult.SENT
+_NONE, _OUTCOME_SENT = Outcome.NONE, Outcome.SENT
+
 
 class Service:
     """One run against one drive; `run` once."""
@@ -101,17 +106,19 @@ class Service:
         period_ns, phase_ns = self._config.period_ns, self._config.phase_ns
         due_ns = ((now_ns - phase_ns) // period_ns + 1) * period_ns + phase_ns
         before_ns: int | None = None
-        while self._course.stage is not Stage.ENDED:
-            self._clock.sleep_until_ns(due_ns)
-            now_ns = self._clock.now_ns()
-            self.statistics.lateness.add(now_ns - due_ns)
+        course, clock, tick = self._course, self._clock, self._tick
+        add_lateness, add_period = self.statistics.lateness.add, self.statistics.period.add
+        while course.stage is not _ENDED:
+            clock.sleep_until_ns(due_ns)
+            now_ns = clock.now_ns()
+            add_lateness(now_ns - due_ns)
             if before_ns is not None:
-                self.statistics.period.add(now_ns - before_ns)
+                add_period(now_ns - before_ns)
             before_ns = now_ns
             self._counters["ticks"] += 1
-            self._tick(now_ns)
+            tick(now_ns)
             due_ns += period_ns
-            late_ns = self._clock.now_ns() - due_ns
+            late_ns = clock.now_ns() - due_ns
             if late_ns >= 0:
                 skipped = late_ns // period_ns + 1
                 self._counters["overruns"] += 1
@@ -126,7 +133,7 @@ class Service:
             self._send_reference(now_ns)
         for frame in self._host.poll(now_ns):
             self._send(frame)
-        if self._bus_down and course.stage is not Stage.ENDED:
+        if self._bus_down and course.stage is not _ENDED:
             course.bus_is_down()
         if self._telemetry is not None and now_ns >= self._next_telemetry_ns:
             self._next_telemetry_ns = now_ns + self._config.telemetry_period_ns
@@ -153,7 +160,7 @@ class Service:
 
     def _send_reference(self, now_ns: int) -> None:
         reference = self._pipeline.reference(now_ns)
-        sent_ns, outcome = now_ns, Outcome.NONE
+        sent_ns, outcome = now_ns, _NONE
         raw = reference.reference_raw
         if raw is not None:
             frame = self._host.setpoint(raw)
@@ -162,10 +169,10 @@ class Service:
             else:
                 result = self._send(frame)
                 self._setpoint_sequence = frame.data[SEQUENCE_AT]
-                if result is not SendResult.SENT:
+                if result is not _SENT:
                     outcome = Outcome.QUEUE_FULL if result is SendResult.QUEUE_FULL else Outcome.BUS_DOWN
                 else:
-                    outcome = Outcome.SENT
+                    outcome = _OUTCOME_SENT
                     sent_ns = self._clock.now_ns()
                     self._counters["references_sent"] += 1
                     self._reference_rad = reference.passed_rad
@@ -175,7 +182,7 @@ class Service:
 
     def _send(self, frame: Frame) -> SendResult:
         result = self._link.send(frame)
-        if result is SendResult.SENT:
+        if result is _SENT:
             self._counters["frames_sent"] += 1
         elif result is SendResult.QUEUE_FULL:
             self._counters["queue_full"] += 1
