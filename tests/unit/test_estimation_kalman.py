@@ -218,3 +218,14 @@ def test_an_angle_that_jumps_as_no_forceps_does_starts_it_again() -> None:
     truth = transition @ np.array([0.5, 0.0, (1e-3 - 1e-3 / (2.0e-3 * 2.6e4)) / 1.4e-3, 0.0]) + gain @ [1e-3, 60e-3]
     after = kalman.step(state, c, 100_000_000, float(truth[0]), 1e-3)
     assert after[TAU_W] > 5e-3
+
+
+def test_the_load_may_step_again_while_a_step_is_told_apart() -> None:
+    c = constants()
+    state = kalman.start(c, 0, 0.5, 0.0)
+    for was_settling, rate_per_s in ((0.0, TUNING.step_rate_per_s), (1.0, TUNING.restep_rate_per_s)):
+        state[kalman.FRESH_WEIGHT], state[kalman.SETTLING_WEIGHT] = 1e-12, was_settling * (1.0 - 2e-12)
+        weights, new_part = kalman._age(state, 1e-5, c)[:2]
+        assert weights[1] == pytest.approx(rate_per_s * 1e-5, rel=1e-2)
+        assert new_part == pytest.approx(1.0, rel=1e-6)
+        assert sum(weights) == pytest.approx(1.0, rel=1e-12)
