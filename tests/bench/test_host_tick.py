@@ -180,8 +180,8 @@ def test_host_tick(
 
 C_FRAME = np.dtype([("id", "<u2"), ("length", "u1"), ("is_fd", "u1"), ("data", "u1", 8)])
 KALMAN_CONSTANTS = (
-    *("TORQUE_VAR", "ANGLE_VAR", "FRICTION_M", "FRICTION_J", "DRIFT", "STEP_VAR", "STEP_RATE", "LEAVE_RATE"),
-    *("RESTEP_RATE", "RADIUS_M", "RADIUS_J", "TURN_PER_LOAD"),
+    *("TORQUE_VAR", "ANGLE_VAR", "FRICTION_M", "FRICTION_J", "DRIFT", "STEP_VAR", "STEP_RATE", "RESTEP_RATE"),
+    *("SETTLE_RATE", "QUIET_RATE", "RADIUS_M", "RADIUS_J", "TURN_PER_LOAD"),
 )
 C_SETPOINT = np.dtype([("theta", "<i4"), ("sequence", "u1"), ("sample_sequence", "u1"), ("zero", "u1"), ("crc", "u1")])
 _DOUBLES = ctypes.POINTER(ctypes.c_double)

@@ -117,9 +117,12 @@ static void improved_step(improved_t *s, const config_t *config, int64_t time_ns
 
 enum { ANGLE_M, SPEED_M, ANGLE_J, SPEED_J, LOAD, STATES, TORQUE_COLUMN = 5, STEP_COLUMNS = 6, COLUMNS = 11 };
 enum { FRICTION_SWEEPS = 3 };
+#define NO_FORCEPS 1e6
+#define LEAST_WEIGHT 1e-12
 /* The constants of `kalman_model` in an order of our own: KALMAN_CONSTANTS in test_host_tick.py. */
-enum { TORQUE_VAR, ANGLE_VAR, FRICTION_M, FRICTION_J, DRIFT, STEP_VAR, STEP_RATE, LEAVE_RATE, RESTEP_RATE };
-enum { RADIUS_M = RESTEP_RATE + 1, RADIUS_J, TURN_PER_LOAD };
+enum { TORQUE_VAR, ANGLE_VAR, FRICTION_M, FRICTION_J, DRIFT, STEP_VAR, STEP_RATE, RESTEP_RATE };
+enum { SETTLE_RATE = RESTEP_RATE + 1, QUIET_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD };
+enum { QUIET, FRESH, SETTLING, HYPOTHESES };
 
 typedef struct {
     double mean[STATES], covariance[STATES][STATES];
@@ -127,8 +130,8 @@ typedef struct {
 
 typedef struct {
     int64_t time_ns;
-    double stepped_weight, tau_w, elongation;
-    hypothesis_t quiet, stepped;
+    double weights[HYPOTHESES], tau_w, elongation;
+    hypothesis_t hypotheses[HYPOTHESES];
 } kalman_t;
 
 static double least(double a, double b) { return b < a ? b : a; }
@@ -181,9 +184,10 @@ static void predict(hypothesis_t *h, const config_t *config, double torque, doub
     *h = after;
 }
 
-static double correct(hypothesis_t *h, double theta, double angle_var)
+/* Return the log likelihood; `off` is how far off the angle was, in variances. */
+static double correct(hypothesis_t *h, double theta, double angle_var, double *off)
 {
-    double innovation = theta - h->mean[ANGLE_M], variance = h->covariance[0][0] + angle_var;
+    double innovation = theta - h->mean[ANGLE_M], variance = most(0.0, h->covariance[0][0]) + angle_var;
     double row[STATES];
     memcpy(row, h->covariance[0], sizeof row);
     for (int i = 0; i < STATES; i++) {
@@ -194,17 +198,20 @@ static double correct(hypothesis_t *h, double theta, double angle_var)
     }
     for (int j = 0; j < STATES; j++)
         h->covariance[0][j] = h->covariance[j][0] = angle_var / variance * row[j];
-    return -0.5 * (innovation * innovation / variance + log(variance));
+    for (int i = 0; i < STATES; i++)
+        h->covariance[i][i] = most(0.0, h->covariance[i][i]);
+    *off = innovation * innovation / variance;
+    return -0.5 * (*off + log(variance));
 }
 
 static void kalman_read(kalman_t *s, const double *c)
 {
-    double stepped = s->stepped_weight, quiet = 1.0 - stepped;
-    const double *q = s->quiet.mean, *m = s->stepped.mean;
-    s->tau_w = quiet * q[LOAD] + stepped * m[LOAD];
-    double theta_m = quiet * q[ANGLE_M] + stepped * m[ANGLE_M];
-    double theta_j = quiet * q[ANGLE_J] + stepped * m[ANGLE_J];
-    s->elongation = c[RADIUS_M] * theta_m - c[RADIUS_J] * theta_j;
+    double mean[STATES];
+    for (int i = 0; i < STATES; i++)
+        mean[i] = s->weights[QUIET] * s->hypotheses[QUIET].mean[i] + s->weights[FRESH] * s->hypotheses[FRESH].mean[i]
+                  + s->weights[SETTLING] * s->hypotheses[SETTLING].mean[i];
+    s->tau_w = mean[LOAD];
+    s->elongation = c[RADIUS_M] * mean[ANGLE_M] - c[RADIUS_J] * mean[ANGLE_J];
 }
 
 static void kalman_start(kalman_t *s, const config_t *config, int64_t time_ns, double theta, double torque)
@@ -213,7 +220,7 @@ static void kalman_start(kalman_t *s, const config_t *config, int64_t time_ns, d
     double ratio = c[RADIUS_M] / c[RADIUS_J], load = torque / ratio;
     const double columns[2][STATES] = {{1.0, 0.0, ratio, 0.0, 0.0}, {0.0, 0.0, -c[TURN_PER_LOAD], 0.0, 1.0}};
     const double variances[2] = {c[ANGLE_VAR], c[STEP_VAR]};
-    hypothesis_t *h = &s->quiet;
+    hypothesis_t *h = &s->hypotheses[QUIET];
     memset(s, 0, sizeof *s);
     h->mean[ANGLE_M] = theta;
     h->mean[ANGLE_J] = ratio * theta - c[TURN_PER_LOAD] * load;
@@ -223,33 +230,57 @@ static void kalman_start(kalman_t *s, const config_t *config, int64_t time_ns, d
             for (int j = 0; j < STATES; j++)
                 h->covariance[i][j] += variances[k] * columns[k][i] * columns[k][j];
     h->covariance[SPEED_M][SPEED_M] = h->covariance[SPEED_J][SPEED_J] = 1.0;
-    s->stepped = s->quiet;
+    s->hypotheses[FRESH] = s->hypotheses[SETTLING] = *h;
     s->time_ns = time_ns;
-    s->stepped_weight = 0.5;
+    s->weights[QUIET] = s->weights[SETTLING] = 0.5;
     kalman_read(s, c);
+}
+
+/* Time passes and the load may step: `weights` and `h` are those before the sample; returned is how new FRESH is. */
+static double kalman_age(const kalman_t *s, const double *c, double dt, double *weights, hypothesis_t *h)
+{
+    double was_fresh = s->weights[FRESH], was_settling = s->weights[SETTLING];
+    double was_quiet = 1.0 - was_fresh - was_settling;
+    double ages = -expm1(-c[SETTLE_RATE] * dt) * was_fresh, rests = -expm1(-c[QUIET_RATE] * dt) * was_settling;
+    double to_quiet = was_quiet + rests, to_settling = was_settling - rests + ages;
+    const hypothesis_t *was = s->hypotheses;
+    mix(&h[QUIET], was_quiet / to_quiet, &was[QUIET], rests / to_quiet, &was[SETTLING]);
+    mix(&h[SETTLING], (was_settling - rests) / to_settling, &was[SETTLING], ages / to_settling, &was[FRESH]);
+    double from_quiet = -expm1(-c[STEP_RATE] * dt) * to_quiet;
+    double from_settling = -expm1(-c[RESTEP_RATE] * dt) * to_settling;
+    double fresh = from_quiet + from_settling, to_fresh = was_fresh - ages + fresh;
+    hypothesis_t stepped;
+    mix(&stepped, from_quiet / fresh, &h[QUIET], from_settling / fresh, &h[SETTLING]);
+    mix(&h[FRESH], 1.0 - fresh / to_fresh, &was[FRESH], fresh / to_fresh, &stepped);
+    weights[QUIET] = to_quiet - from_quiet;
+    weights[FRESH] = to_fresh;
+    weights[SETTLING] = to_settling - from_settling;
+    return fresh / to_fresh;
 }
 
 static void kalman_step(kalman_t *s, const config_t *config, int64_t time_ns, double theta, double torque)
 {
     const double *c = config->constants;
-    double dt = (double)(time_ns - s->time_ns) * 1e-9;
-    double steps = -expm1(-c[STEP_RATE] * dt), leaves = -expm1(-c[LEAVE_RATE] * dt);
-    double was_stepped = s->stepped_weight, was_quiet = 1.0 - was_stepped;
-    double left = was_stepped * leaves, stay = was_stepped - left, calm = was_quiet + left;
-    double stepped = stay + calm * steps, quiet = calm * (1.0 - steps);
-    double joined = was_quiet * steps / stepped, fresh = calm * steps / stepped;
-    hypothesis_t settled, moving;
-    mix(&settled, was_quiet / calm, &s->quiet, left / calm, &s->stepped);
-    mix(&moving, 1.0 - joined, &s->stepped, joined, &s->quiet);
-    double resteps = -expm1(-c[RESTEP_RATE] * dt), drift_var = c[DRIFT] * dt;
-    double step_var = c[STEP_VAR] * (fresh + (1.0 - fresh) * resteps);
-    predict(&settled, config, torque, drift_var + 0.0);
-    predict(&moving, config, torque, drift_var + step_var);
-    double settled_log = correct(&settled, theta, c[ANGLE_VAR]);
-    double moving_log = correct(&moving, theta, c[ANGLE_VAR]);
-    s->stepped_weight = 1.0 / (1.0 + quiet / stepped * exp(settled_log - moving_log));
-    s->quiet = settled;
-    s->stepped = moving;
+    double dt = (double)(time_ns - s->time_ns) * 1e-9, drift_var = c[DRIFT] * dt;
+    double weights[HYPOTHESES], logs[HYPOTHESES], off, least_off = INFINITY, best = -INFINITY, total = 0.0;
+    hypothesis_t h[HYPOTHESES];
+    double fresh = kalman_age(s, c, dt, weights, h);
+    for (int i = 0; i < HYPOTHESES; i++) {
+        predict(&h[i], config, torque, i == FRESH ? drift_var + c[STEP_VAR] * fresh : drift_var);
+        logs[i] = correct(&h[i], theta, c[ANGLE_VAR], &off);
+        least_off = least(least_off, off);
+        best = most(best, logs[i]);
+    }
+    if (!(least_off <= NO_FORCEPS)) {
+        kalman_start(s, config, time_ns, theta, torque);
+        return;
+    }
+    for (int i = 0; i < HYPOTHESES; i++)
+        total += weights[i] *= exp(logs[i] - best);
+    for (int i = 0; i < HYPOTHESES; i++) {
+        s->weights[i] = LEAST_WEIGHT + (1.0 - 3.0 * LEAST_WEIGHT) / total * weights[i];
+        s->hypotheses[i] = h[i];
+    }
     s->time_ns = time_ns;
     kalman_read(s, c);
 }
