@@ -4,7 +4,7 @@ A check that goes wrong while this host stood still says nothing about the drive
 inconclusive when that does not help. A drive that is late by itself fails, after as many tries.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 from typing import Final, NamedTuple
 
@@ -80,10 +80,11 @@ class Suite:
         """Leave the drive as it was found; Inconclusive when that fails."""
         self.session.close()
 
-    def run(self, numbers: Iterable[int]) -> list[Result]:
-        """Judge these requirements, in the order in which the checks disturb each other least."""
+    def run(self, numbers: Iterable[int], show: Callable[[str], None] = lambda _: None) -> list[Result]:
+        """Judge these requirements, in the order in which the checks disturb each other least; `show` is told each."""
         wanted = set(numbers)
         for each in sorted((c for c in CHECKS if c.requirement in wanted), key=lambda c: (c.last, c.requirement)):
+            show(f"{name_of(each.requirement)} {each.name}")
             self.check(each)
         return [self.requirement(number) for number in sorted(wanted)]
 

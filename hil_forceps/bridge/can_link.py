@@ -54,6 +54,23 @@ class PythonCanLink:
             bitrate_switch=frame.is_fd,
             check=False,
         )
+        return self._put(message)
+
+    def send_foreign(self, frame: Frame, remote: bool) -> SendResult:
+        """Send what is not of this protocol: a data frame with an extended id, or a remote frame of that length."""
+        if not self._up:
+            return SendResult.BUS_DOWN
+        message = can.Message(
+            arbitration_id=frame.arbitration_id,
+            data=None if remote else frame.data,
+            dlc=len(frame.data),
+            is_extended_id=not remote,
+            is_remote_frame=remote,
+            check=False,
+        )
+        return self._put(message)
+
+    def _put(self, message: can.Message) -> SendResult:
         try:
             self._bus.send(message, timeout=0)
         except ERRORS as error:

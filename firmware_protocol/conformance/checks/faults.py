@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-from firmware_protocol.conformance import wire
 from firmware_protocol.conformance.port import MS, Capability
 from firmware_protocol.conformance.registry import Need, check, expect
 from firmware_protocol.conformance.session import ENABLE, LOW, RESET, Session
