@@ -47,6 +47,7 @@ class Probe:
 
     While `beating`, HOST_HEARTBEAT goes out each 20 ms with the last control bits; while `reference` is an angle, it
     goes out each 2 ms. Records are those since `begin`. `stalled_ns`: the longest time that this host stood still.
+    `thorough`: try every value, not only the few that matter most; as a rule where time is virtual.
     """
 
     def __init__(self, port: Port, node: int, margins: Margins) -> None:
@@ -54,6 +55,7 @@ class Probe:
         self.node = node
         self.margins = margins
         self.fd = False
+        self.thorough = port.virtual_time
         self.monitor = Monitor(port.virtual_time)
         self.beating = False
         self.control = 0
@@ -92,8 +94,8 @@ class Probe:
         return self.port.now_ns()
 
     def dense(self, values: "range | tuple[int, ...]", few: tuple[int, ...]) -> tuple[int, ...]:
-        """Return all values where time is virtual, the few that matter most where each costs real time."""
-        return tuple(values) if self.virtual else few
+        """Return all values where time costs nothing, else the few that matter most."""
+        return tuple(values) if self.thorough else few
 
     # -- time ---------------------------------------------------------------------------------------------------------
 
@@ -113,6 +115,13 @@ class Probe:
                 return False
             self._keep_alive(now_ns)
             port.wait_until(min(end_ns, now_ns + tick_ns))
+
+    def wait_until(self, time_ns: int) -> None:
+        """Do nothing at all until then: for what must be sent at an instant."""
+        self.port.wait_until(time_ns)
+        self._seen_ns = self.port.now_ns()
+        if not self.port.virtual_time:
+            self.stalled_ns = max(self.stalled_ns, self._seen_ns - time_ns)
 
     def _watch_host(self, now_ns: int) -> None:
         if self._seen_ns is not None and not self.port.virtual_time:

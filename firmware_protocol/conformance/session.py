@@ -140,6 +140,7 @@ class Session(Probe):
         self.arm()
         self.fresh()
         theta = self.measured().theta_m
+        self.setpoint_sequence = self.measured().echo
         self.send_setpoint(theta)
         self.reference = theta
         require(self.wait_state(DriveState.OPERATIONAL), f"no OPERATIONAL: {self.state_name()}")
@@ -156,6 +157,11 @@ class Session(Probe):
         if self.newest is None:
             raise Inconclusive("the drive sends no measurements")
         return self.newest
+
+    def listen(self) -> None:
+        """Forget the answers so far: what comes from now on is the answer to what comes now."""
+        self.responses.clear()
+        self.identities.clear()
 
     def rest(self) -> int:
         """Wait until the motor stands still; return the range of the angle over 20 samples."""
@@ -228,6 +234,8 @@ class Session(Probe):
             self.fail()
             self.reset()
         require(self.observe() == DriveState.DISABLED, self.state_name())
+        answer = self.request(ParamOp.READ, Index.NODE)
+        require(answer == (ParamOp.OK, self.home), f"node {self.home} answers {answer}")
 
     def _come_home(self, attempt: int) -> None:
         """Give the drive its node id back if it has another."""

@@ -45,9 +45,8 @@ def no_current(s: Session, where: str, wait_ns: int = 20 * MS) -> None:
 def torque_in_operational_only(s: Session) -> str:
     no_current(s, "DISABLED, before")
     kick(s)
-    s.reference = None
-    s.heartbeat(LOW)
-    no_current(s, "DISABLED, after ENABLE fell")
+    s.disable()
+    no_current(s, "DISABLED, after")
     s.rest()
     kick(s)
     s.estop()

@@ -14,9 +14,7 @@ FUNCTIONS = 64
 
 
 def quiet(s: Session, duration_ns: int) -> str:
-    """Wait; return what the drive did that it does not do by itself, or nothing."""
-    s.responses.clear()
-    s.identities.clear()
+    """Wait; return what the drive did since `Session.listen` that it does not do by itself, or nothing."""
     s.run(duration_ns)
     s.pause()
     if s.responses:
@@ -36,6 +34,7 @@ def foreign_frames_ignored(s: Session) -> str:
     node, before = s.node, s.rejected()
     discover = Frame(arbitration_id(Function.DISCOVER, BROADCAST_NODE), b"")
     estop = Frame(arbitration_id(Function.ESTOP, BROADCAST_NODE), b"")
+    s.listen()
     for frame in (param_read(Function.PARAM_REQUEST, node), discover, estop):
         s.port.send_foreign(frame, remote=False)
         s.run(s.margins.gap_ns)
@@ -51,8 +50,9 @@ def only_the_functions_of_the_table(s: Session) -> str:
     tried = [
         f
         for f in range(FUNCTIONS)
-        if f not in wire.DRIVE_FUNCTIONS and f not in (Function.ESTOP, Function.PARAM_REQUEST)
+        if f not in wire.DRIVE_FUNCTIONS and f not in (Function.ESTOP, Function.DISCOVER, Function.PARAM_REQUEST)
     ]
+    s.listen()
     for function in tried:
         s.send(param_read(function, s.node))
         s.run(s.margins.gap_ns)
@@ -94,7 +94,7 @@ def _to_others(s: Session, node: int) -> Iterator[Frame]:
 def nothing_done_for_others(s: Session) -> str:
     free = s.free_nodes()
     nodes = (BROADCAST_NODE, *s.dense(tuple(free), tuple(free[:1] + free[-1:])), MAX_NODE + 1)
-    s.pause()
+    s.listen()
     for node in nodes:
         sequence = s.host_sequence
         for frame in _to_others(s, node):

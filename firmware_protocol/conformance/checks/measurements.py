@@ -67,7 +67,7 @@ def stamps_count_us_and_never_jump(s: Session) -> str:
 @check(52)
 def clock_accuracy(s: Session) -> str:
     """Earliest arrival of each tenth of the run against its stamp: what the line delays only ever adds."""
-    samples = _collect(s, 5_000 * MS if s.virtual else 12_000 * MS)
+    samples = _collect(s, 2_000 * MS if s.virtual else 12_000 * MS)
     stamps = stamps_us(samples)
     size = len(samples) // 10
     points = []

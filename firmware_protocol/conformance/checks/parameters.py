@@ -21,7 +21,7 @@ def unknown_indices(s: Session) -> tuple[int, ...]:
     """Return indices that the dictionary does not have: all near those it has, and some of the others."""
     near = {known + step for known in BY_INDEX for step in (-1, 1)} | {1 << bit for bit in range(16)} | {0, 0xFFFF}
     swapped = {(known & 0xFF) << 8 | known >> 8 for known in BY_INDEX}
-    many = near | swapped | set(range(0, 0x500, 3)) | set(range(0, 0x10000, 509)) if s.virtual else near
+    many = near | swapped | set(range(0, 0x500, 3)) | set(range(0, 0x10000, 509)) if s.thorough else near
     return tuple(sorted(i for i in many if 0 <= i <= 0xFFFF and i not in BY_INDEX))
 
 

@@ -36,9 +36,7 @@ def taken(s: Session, advance: int) -> bool:
     armed = s.observe() == DriveState.ARMED
     if not armed:
         s.host_sequence = before
-    s.heartbeat(LOW)
-    s.pause()
-    require(s.state == DriveState.DISABLED, f"no way back to DISABLED: {s.state_name()}")
+    s.disable()
     return armed
 
 

@@ -59,6 +59,7 @@ def packets_are_well_formed(s: Session) -> str:
 @check(161, Need.SERIAL)
 def inner_check_counts(s: Session) -> str:
     before = s.rejected()
+    s.listen()
     send_bytes(s, encode_serial(wire.damaged(param_read(Function.PARAM_REQUEST, s.node))))
     found = quiet(s, ANSWER_NS)
     expect(not found, f"a good packet around a damaged payload: {found}")
@@ -91,7 +92,7 @@ def any_chunks(s: Session) -> str:
 @check(163, Need.SERIAL)
 def found_again_after_anything(s: Session) -> str:
     chance = random.Random(163)
-    tried = 200 if s.virtual else 40
+    tried = 200 if s.thorough else 40
     for number in range(tried):
         junk = chance.randbytes(chance.randrange(1, 300))
         send_bytes(s, junk + b"\x00")
@@ -106,6 +107,7 @@ def found_again_after_anything(s: Session) -> str:
 def bad_packets_dropped(s: Session) -> str:
     frame = param_read(Function.PARAM_REQUEST, s.node)
     estop = arbitration_id(Function.ESTOP, s.node)
+    s.listen()
     for bit in range(16):
         send_bytes(s, packet(frame.arbitration_id, frame.data, crc_mask=1 << bit))
     for bit in range(11, 15):
@@ -126,6 +128,7 @@ def bad_packets_dropped(s: Session) -> str:
 def long_packets_skipped(s: Session) -> str:
     """Whatever a reader keeps of a packet that is too long, the end of it is no packet."""
     tail = request(s)
+    s.listen()
     for length in s.dense(range(LONGEST, 4 * LONGEST), tuple(range(LONGEST - 8, LONGEST + 16))):
         if length + len(tail) - 1 > LONGEST:
             send_bytes(s, b"\x01" * length + tail)

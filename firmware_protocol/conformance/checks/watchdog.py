@@ -10,16 +10,18 @@ from firmware_protocol.conformance.registry import Need, check, expect, require
 from firmware_protocol.conformance.session import ENABLE, Session
 from firmware_protocol.frames import BROADCAST_NODE, Frame, arbitration_id
 from firmware_protocol.messages import DriveState, FaultReason, Function, ParamOp
-from firmware_protocol.parameters import Index
+from firmware_protocol.parameters import BY_INDEX, Index
 
 SHORTEST_US, LONGEST_US = 1_000, 500_000
 
 
 def expires(s: Session, timeout_us: int) -> int:
     """Hold the angle a while, fall silent, return how long after the last reference the drive faulted."""
+    s.write(Index.HOST_HEARTBEAT_TIMEOUT, BY_INDEX[Index.HOST_HEARTBEAT_TIMEOUT].maximum)
     theta = s.operate()
     s.run(40 * MS)
     s.reference = None
+    s.beating = False  # whether heartbeats feed it is another question
     s.fresh()
     last_ns = s.send_setpoint(theta)
     return s.time_of(DriveState.FAULT, last_ns, timeout_us * 1500 + 60 * MS)
@@ -34,6 +36,7 @@ def watchdog_timeout(s: Session) -> str:
         elapsed = expires(s, timeout_us)
         expect(s.fault == FaultReason.WATCHDOG, f"{s.state_name()} after the references stopped")
         said = s.timeout(f"watchdog of {timeout_us} us", elapsed, timeout_us)
+        s.beating = True
         s.reset()
     return said
 
@@ -52,7 +55,7 @@ def late_reference_does_not_help(s: Session) -> str:
         s.fresh()
         s.run(phase * s.period_ns // 10, tick_ns=s.period_ns // 10)
         first_ns = s.send_setpoint(theta)
-        s.port.wait_until(first_ns + gap_ns)
+        s.wait_until(first_ns + gap_ns)
         s.send_setpoint(theta)
         s.pause()
         expect(s.state == DriveState.FAULT, f"a reference {gap_ns / MS:.3f} ms after the last one saved it")
