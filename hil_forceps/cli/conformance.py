@@ -97,7 +97,7 @@ def conformance(
         port.close()
     line = serial or ":".join(filter(None, (interface, channel)))
     if out is not None:
-        _write(out, suite, line, results)
+        write_results(out, suite, line, results)
     _print_results(suite, line, results)
     return 0 if is_well(results, numbers if only else ()) else 1
 
@@ -172,7 +172,8 @@ def _progress(total: int) -> Callable[[str], None]:
     return show
 
 
-def _write(out: Path, suite: Suite, line: str, results: Sequence[Result]) -> None:
+def write_results(out: Path, suite: Suite, line: str, results: Sequence[Result]) -> None:
+    """Write certificate.json and junit.xml; the day is only told where time is real."""
     written = certificate(suite, line, results)
     if not suite.session.virtual:
         written["issued"] = datetime.now(UTC).isoformat(timespec="seconds")
