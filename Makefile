@@ -25,7 +25,7 @@ layers: install
 	$(VENV)/bin/lint-imports
 
 unit: install
-	$(PY) -m pytest -n 2 tests/unit tests/property tests/conformance tests/hidden_effects
+	$(PY) -m pytest -n 2 tests --ignore=tests/system --ignore=tests/bench
 
 # One process and nothing beside it: these start processes of their own and watch the clock.
 system: install

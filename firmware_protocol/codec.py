@@ -11,8 +11,18 @@ from typing import Final
 
 from fastcrc.crc8 import autosar
 
-from firmware_protocol.frames import MAX_NODE, NODE_BITS, Frame, arbitration_id
-from firmware_protocol.layouts import FD_FEEDBACK, FD_SETPOINT, FEEDBACK, FUNCTION_OF, LAYOUTS, SETPOINT, TIMING, Check
+from firmware_protocol.frames import MAX_NODE, NODE_BITS, Frame, arbitration_id, make
+from firmware_protocol.layouts import (
+    FD_FEEDBACK,
+    FD_SETPOINT,
+    FEEDBACK,
+    FUNCTION_OF,
+    LAYOUTS,
+    SETPOINT,
+    TIMING,
+    Check,
+    pack_bench,
+)
 from firmware_protocol.layouts import status_byte as _status_byte
 from firmware_protocol.messages import Function, Message, Setpoint
 
@@ -30,23 +40,23 @@ _FD_SETPOINT_ID: Final = Function.FD_SETPOINT << NODE_BITS
 _FEEDBACK_ID: Final = Function.FEEDBACK << NODE_BITS
 _TIMING_ID: Final = Function.TIMING << NODE_BITS
 _FD_FEEDBACK_ID: Final = Function.FD_FEEDBACK << NODE_BITS
+_BENCH_ID: Final = Function.BENCH_SENSOR << NODE_BITS
 
 
 def _seal8(identifier: int, body: bytes) -> Frame:
-    return Frame(identifier, body + _BYTE[autosar(body, _SEED8[identifier])])
+    return make(Frame, (identifier, body + _BYTE[autosar(body, _SEED8[identifier])], False))
 
 
 def _seal16(identifier: int, body: bytes) -> Frame:
-    return Frame(identifier, body + crc_hqx(body, _SEED16[identifier]).to_bytes(2, "little"), True)
+    return make(Frame, (identifier, body + crc_hqx(body, _SEED16[identifier]).to_bytes(2, "little"), True))
 
 
 def _unfit(error: Exception) -> ValueError:
     return ValueError(f"a field does not fit its place on the wire: {error}")
 
 
-def _require_node(node: int) -> None:
-    if not 1 <= node <= MAX_NODE:
-        raise ValueError(f"node {node}: must be 1 to {MAX_NODE}")
+def _no_node(node: int) -> ValueError:
+    return ValueError(f"node {node}: must be 1 to {MAX_NODE}")
 
 
 def encode(message: Message, fd: bool = False) -> Frame:
@@ -76,7 +86,8 @@ def encode(message: Message, fd: bool = False) -> Frame:
 
 def encode_setpoint(node: int, theta_m_ref: int, sequence: int, sample_sequence: int, fd: bool = False) -> Frame:
     """Encode SETPOINT or FD_SETPOINT, the fast way; ValueError as `encode`."""
-    _require_node(node)
+    if not 1 <= node <= MAX_NODE:
+        raise _no_node(node)
     try:
         if fd:
             return _seal16(_FD_SETPOINT_ID | node, FD_SETPOINT.pack(theta_m_ref, sequence, sample_sequence))
@@ -87,7 +98,8 @@ def encode_setpoint(node: int, theta_m_ref: int, sequence: int, sample_sequence:
 
 def encode_feedback(node: int, theta_m: int, current: int, sequence: int) -> Frame:
     """Encode FEEDBACK, the fast way; ValueError as `encode`."""
-    _require_node(node)
+    if not 1 <= node <= MAX_NODE:
+        raise _no_node(node)
     try:
         return _seal8(_FEEDBACK_ID | node, FEEDBACK.pack(theta_m, current, sequence))
     except struct.error as error:
@@ -96,7 +108,8 @@ def encode_feedback(node: int, theta_m: int, current: int, sequence: int) -> Fra
 
 def encode_timing(node: int, stamp_us: int, sequence: int, setpoint_sequence: int, state: int, fault: int) -> Frame:
     """Encode TIMING, the fast way; ValueError as `encode`."""
-    _require_node(node)
+    if not 1 <= node <= MAX_NODE:
+        raise _no_node(node)
     try:
         body = TIMING.pack(stamp_us, sequence, setpoint_sequence, _status_byte(state, fault))
     except struct.error as error:
@@ -108,13 +121,24 @@ def encode_fd_feedback(
     node: int, theta_m: int, current: int, stamp_us: int, sequence: int, setpoint_sequence: int, state: int, fault: int
 ) -> Frame:
     """Encode FD_FEEDBACK, the fast way; ValueError as `encode`."""
-    _require_node(node)
+    if not 1 <= node <= MAX_NODE:
+        raise _no_node(node)
     try:
         status = _status_byte(state, fault)
         body = FD_FEEDBACK.pack(theta_m, current, stamp_us, sequence, setpoint_sequence, status)
     except struct.error as error:
         raise _unfit(error) from error
     return _seal16(_FD_FEEDBACK_ID | node, body)
+
+
+def encode_bench_sensor(node: int, theta_j: int, tau_w: int, sequence: int) -> Frame:
+    """Encode BENCH_SENSOR, the fast way; ValueError as `encode`."""
+    if not 1 <= node <= MAX_NODE:
+        raise _no_node(node)
+    try:
+        return _seal8(_BENCH_ID | node, pack_bench(theta_j, tau_w, sequence))
+    except OverflowError as error:
+        raise _unfit(error) from error
 
 
 # id -> (node, length, format, check, CRC seed of the id, builder)

@@ -120,7 +120,9 @@ class DriveMachine:
         """Number one measurement and return its frames; a current beyond 16 bits saturates."""
         sequence = self._sequence = (self._sequence + 1) & 0xFF
         theta = (theta_m_raw + _HALF32 & _MASK32) - _HALF32
-        current = min(max(current_raw, _CURRENT_MIN), _CURRENT_MAX)
+        current = current_raw
+        if not _CURRENT_MIN <= current <= _CURRENT_MAX:
+            current = min(max(current, _CURRENT_MIN), _CURRENT_MAX)
         stamp, echo, node = stamp_us & _MASK32, self._setpoint_sequence, self._node
         if self.config.fd:
             return [codec.encode_fd_feedback(node, theta, current, stamp, sequence, echo, self.state, self.fault)]
@@ -171,7 +173,8 @@ class DriveMachine:
         advance = self._freshness(message)
         if advance:
             event = self._judge_reference(message.theta_m_ref, advance, theta_m_raw)
-            self._fire(event)
+            if event is not _REFERENCE or self.state is _ARMED:  # a reference changes no other state
+                self._fire(event)
             if event is _REFERENCE:
                 self._fed_us = now_us
                 self._setpoint_sequence = message.sequence

@@ -1,10 +1,14 @@
 """The frame as everything in the house passes it on: below it only bits, above it only messages."""
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 NODE_BITS = 5
 BROADCAST_NODE = 0
 MAX_NODE = 30
+
+# `make(Frame, (id, data, is_fd))`: any NamedTuple out of its fields, for what is built every tick. It takes half the
+# time of the class's own constructor, which is not compiled.
+make: Final = tuple.__new__
 
 
 class Frame(NamedTuple):

@@ -9,6 +9,8 @@ from firmware_protocol.messages import PROTOCOL_MAJOR, PROTOCOL_MINOR, Control, 
 LOW_HEARTBEATS: Final = 2  # with all controls low before one may rise: an edge must be seen from low, one may be lost
 RESET_HEARTBEATS: Final = 3  # that carry FAULT_RESET, so that two may be lost
 
+_NONE, _ENABLE, _RESET = int(Control.NONE), int(Control.ENABLE), int(Control.FAULT_RESET)  # asked for at each poll
+
 
 class HostHeartbeatSource:
     """Sends each period, and at once when a level changes. The sequence goes on across sessions."""
@@ -22,7 +24,7 @@ class HostHeartbeatSource:
         """Start over with a drive that has seen nothing yet."""
         self.release()
         self._due_ns: int | None = None
-        self._sent: int = Control.NONE
+        self._sent = _NONE
         self._low_heartbeats = 0
 
     def release(self) -> None:
@@ -47,7 +49,7 @@ class HostHeartbeatSource:
         self._due_ns = now_ns + self._period_ns
         self._sent = control
         self._low_heartbeats = 0 if control else self._low_heartbeats + 1
-        if control == Control.FAULT_RESET:
+        if control == _RESET:
             if self._reset_left == 0:
                 self._reset_wanted = False
                 self._reset_left = RESET_HEARTBEATS
@@ -57,7 +59,7 @@ class HostHeartbeatSource:
 
     def _wanted(self) -> int:
         if self.enabling:
-            return Control.ENABLE
+            return _ENABLE
         if self._reset_left or (self._reset_wanted and self._low_heartbeats >= LOW_HEARTBEATS):
-            return Control.FAULT_RESET
-        return Control.NONE
+            return _RESET
+        return _NONE

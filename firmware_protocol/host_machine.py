@@ -5,11 +5,11 @@ What changes its phase is the table HOST_TRANSITIONS in `states`; this file says
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Final
 
 from firmware_protocol import codec
 from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, Frame, arbitration_id
+from firmware_protocol.host_config import HostConfig
 from firmware_protocol.host_heartbeat import HostHeartbeatSource
 from firmware_protocol.messages import (
     PROTOCOL_MAJOR,
@@ -50,7 +50,9 @@ HOST_COUNTERS: Final = (
 
 _MASK32: Final = (1 << 32) - 1
 _HALF32: Final = 1 << 31
+# Members under names of their own: a look-up through the class costs more than all else in the cyclic path.
 _RUNNING: Final = HostPhase.RUNNING
+_ENABLING: Final = HostPhase.ENABLING
 _OPERATIONAL: Final = int(DriveState.OPERATIONAL)
 _STATES: Final = tuple(DriveState)
 _SAW: Final = (HostEvent.SAW_DISABLED, HostEvent.SAW_ARMED, HostEvent.SAW_OPERATIONAL, HostEvent.SAW_FAULT)
@@ -58,26 +60,6 @@ _FAULTS: Final = {int(reason): reason for reason in FaultReason}
 _CONNECTED: Final = frozenset({HostPhase.READY, HostPhase.ENABLING, HostPhase.RUNNING, HostPhase.FAULT})
 
 _Routes = dict[int, Callable[[Any, int], None]]
-
-
-@dataclass(frozen=True)
-class HostConfig:
-    """Settings of the host for one drive. `node` BROADCAST_NODE takes whichever drive answers first."""
-
-    node: int
-    fd: bool = False
-    serial_number: int | None = None  # refuse any other drive
-    heartbeat_period_ns: int = 20_000_000
-    drive_timeout_ns: int = 250_000_000
-    discover_period_ns: int = 100_000_000
-    enable_timeout_ns: int = 1_000_000_000
-
-    def __post_init__(self) -> None:
-        if not BROADCAST_NODE <= self.node <= MAX_NODE:
-            raise ValueError(f"node {self.node}: must be {BROADCAST_NODE} to {MAX_NODE}")
-        for name in ("heartbeat_period_ns", "drive_timeout_ns", "discover_period_ns", "enable_timeout_ns"):
-            if getattr(self, name) <= 0:
-                raise ValueError(f"{name} {getattr(self, name)}: must be positive")
 
 
 class HostMachine:
@@ -181,23 +163,28 @@ class HostMachine:
 
     def poll(self, now_ns: int) -> list[Frame]:
         """Let time pass; return DISCOVER or HOST_HEARTBEAT when due."""
-        if self.phase is HostPhase.IDENTIFYING:
-            if now_ns < self._discover_due_ns:
+        phase = self.phase
+        if phase is not _RUNNING:
+            if phase is HostPhase.IDENTIFYING:
+                return self._discover(now_ns)
+            if phase not in _CONNECTED:
                 return []
-            self._discover_due_ns = now_ns + self.config.discover_period_ns
-            return [codec.encode(Discover(self.config.node))]
-        if self.phase not in _CONNECTED:
-            return []
         if now_ns - self._heard_ns >= self.config.drive_timeout_ns:
             self._lose_drive()
             return []
-        if self.phase is HostPhase.ENABLING:
+        if phase is _ENABLING:
             self._advance_enabling(now_ns)
         heartbeat = self._heartbeats.poll(self.node, now_ns)
         if heartbeat is None:
             return []
         self.counters["heartbeats_sent"] += 1
         return [heartbeat]
+
+    def _discover(self, now_ns: int) -> list[Frame]:
+        if now_ns < self._discover_due_ns:
+            return []
+        self._discover_due_ns = now_ns + self.config.discover_period_ns
+        return [codec.encode(Discover(self.config.node))]
 
     def _command(self, event: HostEvent) -> None:
         if self.phase not in HOST_COMMANDS[event]:
@@ -259,7 +246,9 @@ class HostMachine:
             self._heartbeats.raise_enable()
 
     def _on_feedback(self, message: Any, now_ns: int) -> None:
-        self._saw_sample(self._samples.on_feedback(message, now_ns))
+        sample = self._samples.on_feedback(message, now_ns)
+        if sample is not None or self._samples.restarted:
+            self._saw_sample(sample)
 
     def _on_timing(self, message: Any, now_ns: int) -> None:
         self._saw_sample(self._samples.on_timing(message, now_ns))

@@ -8,7 +8,7 @@ from enum import IntEnum
 from struct import Struct
 from typing import Any, Final, NamedTuple
 
-from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE
+from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, make
 from firmware_protocol.messages import (
     AssignNode,
     BenchSensor,
@@ -36,6 +36,9 @@ FD_FEEDBACK: Final = Struct("<ihIBBBx")
 _HOST_HEARTBEAT: Final = Struct("<BBBxxxB")
 _DRIVE_HEARTBEAT: Final = Struct("<BBBHBB")
 _PARAM: Final = Struct("<BHi")
+_BENCH: Final = Struct("<q")  # three fields of 24, 24 and 8 bits, and the check value on top
+_HALF24: Final = 1 << 23
+_MASK24: Final = (1 << 24) - 1
 
 
 class Check(IntEnum):
@@ -70,7 +73,7 @@ def _pack_setpoint(m: Setpoint) -> bytes:
 
 
 def _build_setpoint(node: int, data: bytes) -> Setpoint:
-    return Setpoint(node, *SETPOINT.unpack_from(data))
+    return make(Setpoint, (node, *SETPOINT.unpack_from(data)))
 
 
 def _pack_fd_setpoint(m: Setpoint) -> bytes:
@@ -78,7 +81,7 @@ def _pack_fd_setpoint(m: Setpoint) -> bytes:
 
 
 def _build_fd_setpoint(node: int, data: bytes) -> Setpoint:
-    return Setpoint(node, *FD_SETPOINT.unpack_from(data))
+    return make(Setpoint, (node, *FD_SETPOINT.unpack_from(data)))
 
 
 def _pack_feedback(m: Feedback) -> bytes:
@@ -86,7 +89,7 @@ def _pack_feedback(m: Feedback) -> bytes:
 
 
 def _build_feedback(node: int, data: bytes) -> Feedback:
-    return Feedback(node, *FEEDBACK.unpack_from(data))
+    return make(Feedback, (node, *FEEDBACK.unpack_from(data)))
 
 
 def _pack_timing(m: Timing) -> bytes:
@@ -95,7 +98,7 @@ def _pack_timing(m: Timing) -> bytes:
 
 def _build_timing(node: int, data: bytes) -> Timing:
     stamp_us, sequence, setpoint_sequence, status = TIMING.unpack_from(data)
-    return Timing(node, stamp_us, sequence, setpoint_sequence, status & 15, status >> 4)
+    return make(Timing, (node, stamp_us, sequence, setpoint_sequence, status & 15, status >> 4))
 
 
 def _pack_fd_feedback(m: FdFeedback) -> bytes:
@@ -105,7 +108,8 @@ def _pack_fd_feedback(m: FdFeedback) -> bytes:
 
 def _build_fd_feedback(node: int, data: bytes) -> FdFeedback:
     theta_m, current, stamp_us, sequence, setpoint_sequence, status = FD_FEEDBACK.unpack_from(data)
-    return FdFeedback(node, theta_m, current, stamp_us, sequence, setpoint_sequence, status & 15, status >> 4)
+    fields = (node, theta_m, current, stamp_us, sequence, setpoint_sequence, status & 15, status >> 4)
+    return make(FdFeedback, fields)
 
 
 def _pack_host_heartbeat(m: HostHeartbeat) -> bytes:
@@ -126,14 +130,21 @@ def _build_drive_heartbeat(node: int, data: bytes) -> DriveHeartbeat:
     return DriveHeartbeat(node, status & 15, status >> 4, *rest)
 
 
+def pack_bench(theta_j: int, tau_w: int, sequence: int) -> bytes:
+    """Pack the body of BENCH_SENSOR; OverflowError when a field does not fit."""
+    if not (-_HALF24 <= theta_j < _HALF24 and -_HALF24 <= tau_w < _HALF24):
+        raise OverflowError(f"theta_j {theta_j} and tau_w {tau_w} must each fit 24 bits")
+    return (theta_j & _MASK24 | (tau_w & _MASK24) << 24 | sequence << 48).to_bytes(7, "little")
+
+
 def _pack_bench(m: BenchSensor) -> bytes:
-    torque = m.tau_w.to_bytes(3, "little", signed=True)
-    return m.theta_j.to_bytes(3, "little", signed=True) + torque + m.sequence.to_bytes(1, "little")
+    return pack_bench(m.theta_j, m.tau_w, m.sequence)
 
 
 def _build_bench(node: int, data: bytes) -> BenchSensor:
-    theta_j = int.from_bytes(data[0:3], "little", signed=True)
-    return BenchSensor(node, theta_j, int.from_bytes(data[3:6], "little", signed=True), data[6])
+    (bits,) = _BENCH.unpack(data)
+    theta_j, tau_w = (bits + _HALF24 & _MASK24) - _HALF24, ((bits >> 24) + _HALF24 & _MASK24) - _HALF24
+    return make(BenchSensor, (node, theta_j, tau_w, data[6]))
 
 
 def _pack_param(m: ParamRequest | ParamResponse) -> bytes:

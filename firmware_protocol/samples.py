@@ -2,6 +2,7 @@
 
 from typing import Final, NamedTuple, TypeVar
 
+from firmware_protocol.frames import make
 from firmware_protocol.messages import BenchSensor, DriveState, FdFeedback, Feedback, Timing
 from firmware_protocol.scales import STAMP_LSB_NS
 from firmware_protocol.states import MAX_ADVANCE
@@ -85,7 +86,7 @@ class SampleAssembler:
 
     def on_feedback(self, message: Feedback, now_ns: int) -> RawSample | None:
         """Take one half; return the sample when it is whole and new."""
-        timing = self._timing.pop(message.sequence, None)
+        timing = self._timing.pop(message.sequence, None) if self._timing else None
         if timing is None:
             self._keep(self._feedback, message)
             return None
@@ -114,14 +115,14 @@ class SampleAssembler:
             return
         self._bench_sequence = message.sequence
         self._counters["bench_samples"] += 1
-        self._bench.append(RawBench(message.sequence, message.theta_j, message.tau_w, now_ns))
+        self._bench.append(make(RawBench, (message.sequence, message.theta_j, message.tau_w, now_ns)))
         if len(self._bench) > MAX_QUEUE:
             del self._bench[0]
             self._counters["bench_overflow"] += 1
 
     def _is_old(self, sequence: int) -> bool:
         newest = self.newest
-        return newest is not None and not 1 <= (sequence - newest.sequence) & 0xFF <= MAX_ADVANCE
+        return newest is not None and not 1 <= (sequence - newest[0]) & 0xFF <= MAX_ADVANCE
 
     def _keep(self, pending: dict[int, _Half], half: _Half) -> None:
         """Let a half wait. An old one must not: 256 samples on, it would pair with a stranger."""
@@ -135,25 +136,27 @@ class SampleAssembler:
 
     def _complete(self, theta_m: int, current: int, timing: Timing | FdFeedback, now_ns: int) -> RawSample | None:
         """Deliver a whole sample that is not old (halves were judged when they came)."""
-        state, sequence = timing.state, timing.sequence
+        state, sequence, stamp_us = timing.state, timing.sequence, timing.stamp_us
         if state > _LAST_STATE:
             self._counters["unknown_state"] += 1
             return None
         newest = self.newest
         if newest is None:
-            stamp_ns = timing.stamp_us * STAMP_LSB_NS
+            stamp_ns = stamp_us * STAMP_LSB_NS
         else:
-            gap_us = (timing.stamp_us - newest.stamp_ns // STAMP_LSB_NS) & _MASK32
+            before, before_ns, before_theta = newest[:3]
+            gap_us = (stamp_us - before_ns // STAMP_LSB_NS) & _MASK32
             if not 0 < gap_us <= MAX_STAMP_GAP_US:
                 self._counters["drive_restarted"] += 1
                 self.restarted = True
                 return None
-            lost = (sequence - newest.sequence - 1) & 0xFF
+            lost = (sequence - before - 1) & 0xFF
             if lost:
                 self._counters["lost_feedback"] += lost
-            stamp_ns = newest.stamp_ns + gap_us * STAMP_LSB_NS
-            theta_m = newest.theta_m + ((theta_m - newest.theta_m + _HALF32) & _MASK32) - _HALF32
-        sample = RawSample(sequence, stamp_ns, theta_m, current, state, timing.fault, timing.setpoint_sequence, now_ns)
+            stamp_ns = before_ns + gap_us * STAMP_LSB_NS
+            theta_m = before_theta + ((theta_m - before_theta + _HALF32) & _MASK32) - _HALF32
+        fields = (sequence, stamp_ns, theta_m, current, state, timing.fault, timing.setpoint_sequence, now_ns)
+        sample = make(RawSample, fields)
         self.newest = sample
         self._counters["samples"] += 1
         self._queue.append(sample)

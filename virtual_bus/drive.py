@@ -5,7 +5,7 @@ import math
 from firmware_protocol import codec
 from firmware_protocol.drive_machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame
-from firmware_protocol.messages import BenchSensor, DriveState
+from firmware_protocol.messages import DriveState
 from firmware_protocol.parameters import INT32_MAX, INT32_MIN
 from firmware_protocol.scales import ANGLE_LSB_PER_REV, ANGLE_LSB_RAD, SEQUENCE_MODULUS, STAMP_LSB_NS
 from hil_forceps.rig import Rig
@@ -14,7 +14,7 @@ from virtual_bus.forceps import SimulatedForceps
 from virtual_bus.load import LoadProfile
 from virtual_bus.plant import truth_parameters
 from virtual_bus.position_loop import LoopParameters
-from virtual_bus.sensors import IDEAL_ENCODER, Reading, SensorParameters
+from virtual_bus.sensors import IDEAL_ENCODER, SensorParameters
 from virtual_bus.truth_log import TruthLog
 
 PAPER_JAW_START_RAD = math.pi / 2.0
@@ -23,6 +23,8 @@ OUTBOX_LIMIT = 64  # frames; the mailboxes of a controller are bounded too
 POLL_PERIOD_S = 1.0e-3  # the drive machine wants to be polled at least that often
 WATCHDOG_US = 20_000
 WATCHDOG_HOST_PERIODS = 5  # a slow host gets a slower watchdog
+
+_OPERATIONAL = DriveState.OPERATIONAL  # looked up for every sample
 
 
 def forceps_of(rig: Rig, load: LoadProfile, seed: int, jaw_start_rad: float = PAPER_JAW_START_RAD) -> SimulatedForceps:
@@ -124,7 +126,9 @@ class SimulatedDrive:
         """Take a frame from the bus at bus time `now_ns`, after all that was due before."""
         if self._next_poll_ns < now_ns:
             self.wake(now_ns)
-        self._send(self.machine.receive(frame, self._drive_us(now_ns), self._theta_raw))
+        answers = self.machine.receive(frame, self._drive_us(now_ns), self._theta_raw)
+        if answers:
+            self._send(answers)
 
     def next_wake_ns(self) -> int:
         """Return the bus time of the next poll for time-outs and heartbeats; each sample begins with one."""
@@ -133,43 +137,42 @@ class SimulatedDrive:
     def wake(self, now_ns: int) -> None:
         """Do all that is due, each at its own time, also when called late."""
         while self._next_poll_ns <= now_ns:
-            at_ns, poll = self._next_poll_ns, self._polls
+            at_ns, poll, per_sample = self._next_poll_ns, self._polls, self._polls_per_sample
+            at_us = self._drive_us(at_ns)
             self._polls = poll + 1
-            self._next_poll_ns = self._poll_time_ns(poll + 1)
-            self._send(self.machine.poll(self._drive_us(at_ns)))
-            if poll % self._polls_per_sample == 0:
-                self._sample(at_ns, self._poll_time_ns(poll + self._polls_per_sample), poll)
+            self._next_poll_ns = next_ns = self._poll_time_ns(poll + 1)
+            frames = self.machine.poll(at_us)
+            if frames:
+                self._send(frames)
+            if poll % per_sample == 0:
+                self._sample(at_ns, at_us, next_ns if per_sample == 1 else self._poll_time_ns(poll + per_sample), poll)
 
     def take_outbox(self) -> list[Frame]:
         """Hand over the frames to send, oldest first, and forget them."""
         frames, self._outbox = self._outbox, []
         return frames
 
-    def _sample(self, at_ns: int, next_ns: int, poll: int) -> None:
+    def _sample(self, at_ns: int, at_us: int, next_ns: int, poll: int) -> None:
         is_feedback = poll % self._polls_per_feedback == 0
         if is_feedback:
             self._look_for_zero(at_ns)
-        reading = self._forceps.read(at_ns)
-        self._theta_raw = reading.theta_m
+            if self.truth.capacity:
+                self.truth.append(at_ns, at_us * STAMP_LSB_NS, self._forceps.truth(at_ns))
+        theta_m, current, theta_j, tau_w = self._forceps.sample(at_ns, next_ns, self.machine.reference_raw)
+        self._theta_raw = theta_m
         if is_feedback:
-            self._feed_back(reading, at_ns)
-        self._forceps.run(at_ns, next_ns, reading.theta_m, self.machine.reference_raw)
+            machine, sequence = self.machine, self._sequence
+            frames = machine.sample(at_us, theta_m, current)
+            frames.append(codec.encode_bench_sensor(machine.node, theta_j, tau_w, sequence))
+            self._sequence = (sequence + 1) % SEQUENCE_MODULUS
+            self._send(frames)
 
     def _look_for_zero(self, at_ns: int) -> None:
-        operational = self.machine.state is DriveState.OPERATIONAL
+        operational = self.machine.state is _OPERATIONAL
         if operational and not self._was_operational and (self.zero_ns is None or self._load_restarts):
             self.zero_ns = at_ns
             self._forceps.start_load(at_ns)
         self._was_operational = operational
-
-    def _feed_back(self, reading: Reading, at_ns: int) -> None:
-        machine, stamp_us = self.machine, self._drive_us(at_ns)
-        frames = machine.sample(stamp_us, reading.theta_m, reading.current)
-        frames.append(codec.encode(BenchSensor(machine.node, reading.theta_j, reading.tau_w, self._sequence)))
-        self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
-        self._send(frames)
-        if self.truth.capacity:
-            self.truth.append(at_ns, stamp_us * STAMP_LSB_NS, self._forceps.truth(at_ns))
 
     def _send(self, frames: list[Frame]) -> None:
         room = OUTBOX_LIMIT - len(self._outbox)

@@ -85,6 +85,48 @@ def latch(
 
 
 @kernel
+def latch_and_move(
+    state: NDArray[np.float64],
+    loop: NDArray[np.float64],
+    plant_numbers: NDArray[np.float64],
+    loop_numbers: NDArray[np.float64],
+    sensor_numbers: NDArray[np.float64],
+    load_time_ns: NDArray[np.int64],
+    load_N_m: NDArray[np.float64],
+    current_A: float,
+    noise_0: float,
+    noise_1: float,
+    noise_2: float,
+    active: bool,
+    reference_raw: int,
+    start_ns: int,
+    end_ns: int,
+    max_step_s: float,
+) -> tuple[int, int, int, int, float]:
+    """Do `latch`, then `hold_and_move`: one way into compiled code a drive sample. Return the reading, the current.
+
+    A plain tuple, since building a named one on the way out costs more than the rest of the way.
+    """
+    noise = (noise_0, noise_1, noise_2)
+    reading = latch(state, current_A, load_time_ns, load_N_m, start_ns, sensor_numbers, noise)
+    held_A = hold_and_move(
+        state,
+        loop,
+        plant_numbers,
+        loop_numbers,
+        load_time_ns,
+        load_N_m,
+        active,
+        reference_raw,
+        reading.theta_m,
+        start_ns,
+        end_ns,
+        max_step_s,
+    )
+    return reading.theta_m, reading.current, reading.theta_j, reading.tau_w, held_A
+
+
+@kernel
 def truth_at(
     state: NDArray[np.float64],
     current_A: float,
@@ -159,6 +201,27 @@ class SimulatedForceps:
             until_ns - self._zero_ns,
             self._max_step_s,
         )
+
+    def sample(self, now_ns: int, until_ns: int, reference_raw: int | None) -> tuple[int, int, int, int]:
+        """Do `read` and then `run` on its angle, in half the time of both; return the fields of `Reading`."""
+        zero_ns = self._zero_ns
+        theta_m, current, theta_j, tau_w, self._current_A = latch_and_move(
+            self._state,
+            self._loop_state,
+            self._plant_numbers,
+            self._loop_numbers,
+            self._sensor_numbers,
+            self._load.time_ns,
+            self._load.torque_N_m,
+            self._current_A,
+            *next(self._noise),
+            reference_raw is not None,
+            0 if reference_raw is None else reference_raw,
+            now_ns - zero_ns,
+            until_ns - zero_ns,
+            self._max_step_s,
+        )
+        return theta_m, current, theta_j, tau_w
 
     def truth(self, now_ns: int) -> Truth:
         """Return what really is at this instant; the current is the one held until now."""

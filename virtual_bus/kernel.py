@@ -1,15 +1,5 @@
-"""The compiler of the world's scalar kernels; its own, so that world and mind share no code."""
+"""The compiler of the world's kernels."""
 
-from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from hil_forceps.rig.kernel import kernel_compiler
 
-import numba
-
-P = ParamSpec("P")
-R = TypeVar("R")
-
-
-def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile on first call and cache on disk; division by zero gives inf or nan, as in C, instead of raising."""
-    compiled: Callable[P, R] = numba.njit(cache=True, error_model="numpy")(function)
-    return compiled
+kernel = kernel_compiler(("virtual_bus", "firmware_protocol/scales.py"))

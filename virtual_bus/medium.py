@@ -37,9 +37,9 @@ class Medium:
 
     def __init__(self, timing: BitTiming | None = None, faults: FaultInjector | None = None) -> None:
         self.timing = BitTiming() if timing is None else timing
+        self._frame_ns = self.timing.frame_ns
         self.ports: list[Port] = []
         self.gone = False
-        self.last_sender: Port | None = None
         self._flight_end_ns = FOREVER_NS
         self._special_ns = FOREVER_NS  # next of what happens rarely: state changes, held frames, recovery
         self._intermission_ns = self.timing.bits_ns(INTERMISSION_BITS)
@@ -57,12 +57,17 @@ class Medium:
         self._plan_special()
 
     def attach(
-        self, name: str, side: Side, deliver: Callable[[Frame, int], None], queue_frames: int = DEFAULT_QUEUE_FRAMES
+        self,
+        name: str,
+        side: Side,
+        deliver: Callable[[Frame, int], None],
+        queue_frames: int = DEFAULT_QUEUE_FRAMES,
+        answers: bool = True,
     ) -> Port:
-        """Join a node; ValueError when its transmit queue could hold nothing."""
+        """Join a node (`answers`: see `Port`); ValueError when its transmit queue could hold nothing."""
         if queue_frames < 1:
             raise ValueError(f"a transmit queue holds at least one frame, not {queue_frames}")
-        port = Port(name, side, deliver, queue_frames)
+        port = Port(name, side, deliver, queue_frames, answers)
         self.ports.append(port)
         return port
 
@@ -78,10 +83,10 @@ class Medium:
 
         ValueError when there is no such CAN frame.
         """
-        if self.gone or port.queued >= port.queue_frames or port.state == _BUS_OFF:
+        if self.gone or port.queued >= port.queue_frames or port.state is _BUS_OFF:
             self.refuses(port)
             return False
-        entry = (frame[0], self._order, port, frame, self.timing.frame_ns(frame))
+        entry = (frame[0], self._order, port, frame, self._frame_ns(frame))
         self._order += 1
         port.queued += 1
         if not self._pending:
@@ -91,7 +96,7 @@ class Medium:
 
     def refuses(self, port: Port, on_the_way: int = 0) -> bool:
         """Tell whether this node could queue nothing now, beside `on_the_way` frames, and count the attempt if so."""
-        if self.gone or port.state == _BUS_OFF:
+        if self.gone or port.state is _BUS_OFF:
             port.rejected_down += 1
             return True
         if port.queued + on_the_way >= port.queue_frames:
@@ -111,14 +116,13 @@ class Medium:
                 self._start(start_ns)
         return self._flight_end_ns if self._flight_end_ns < self._special_ns else self._special_ns
 
-    def run(self, now_ns: int) -> None:
-        """Do what is due by now; afterwards `last_sender` is the one node that has certainly been told nothing."""
-        self.last_sender = None
-        if now_ns >= self._flight_end_ns:
-            self._finish(now_ns)
+    def run(self, now_ns: int) -> bool:
+        """Do what is due by now; False when no node that may answer has been told anything."""
+        is_told = now_ns >= self._flight_end_ns and self._finish(now_ns)
         if now_ns >= self._special_ns:
             self._special(now_ns)
-            self.last_sender = None
+            return True
+        return is_told
 
     def _start(self, now_ns: int) -> None:
         """Arbitrate among all that wait and begin the winner's transmission."""
@@ -132,7 +136,10 @@ class Medium:
             return
         _, _, port, frame, duration_ns = entry
         end_ns = now_ns + duration_ns
-        if len(self.ports) - len(self._off.ports) - len(self._twins) < 2:
+        others = len(self.ports) - 1
+        if self._off.ports or self._twins:
+            others -= len(self._off.ports) + len(self._twins)
+        if others < 1:
             # An error-passive sender that only misses its acknowledge doesn't count on: it would end bus-off alone.
             charged = [port] if port.state == PortState.ERROR_ACTIVE else []
             self._fail(charged, end_ns - self.timing.bits_ns(EOF_BITS + ACK_DELIMITER_BITS))
@@ -141,31 +148,30 @@ class Medium:
         else:
             self._flight_end_ns = end_ns
 
-    def _finish(self, now_ns: int) -> None:
-        """End the transmission: everybody else has the frame, or it waits again."""
+    def _finish(self, now_ns: int) -> bool:
+        """End the transmission: everybody else has the frame, or it waits again. Return as `run`."""
         entry, twins, failing = self._flight, self._twins, self._failing
         assert entry is not None
-        self._flight = self._failing = None
+        _, _, sender, frame, _ = entry
+        self._flight = None
         self._flight_end_ns = FOREVER_NS
         self._idle_ns = now_ns + self._intermission_ns
-        if twins:
-            self._twins = []
         if failing is not None:
+            self._failing, self._twins = None, []
             self._send_again([entry, *twins], failing, now_ns)
         else:
-            for _, _, port, _, _ in (entry, *twins) if twins else (entry,):
-                port.queued -= 1
-                port.sent += 1
-                if port.tec:
+            sender.transmitted()
+            if twins:
+                self._twins = []
+                for _, _, port, _, _ in twins:
                     port.transmitted()
-            if self._faults is None:
-                self.last_sender = entry[2] if not twins else None
-                self._deliver(entry[2], entry[3], now_ns)
-            else:
-                self._route(entry[2], entry[3], now_ns)
+            if self._faults is None and not self._off.ports:
+                return self._deliver(sender, frame, now_ns)
+            self._route(sender, frame, now_ns)
         if self._off.ports:
             self._off.count_frame()
             self._plan_special()
+        return True
 
     def _special(self, now_ns: int) -> None:
         """Do what is due at `special_ns`: edges of fault windows, delayed frames, recoveries from bus-off."""
@@ -178,17 +184,22 @@ class Medium:
             self._off.count_rest(self._idle_ns, now_ns)
         self._plan_special()
 
-    def _deliver(self, sender: Port, frame: Frame, now_ns: int) -> None:
+    def _deliver(self, sender: Port, frame: Frame, now_ns: int) -> bool:
+        is_told = False
         for port in self.ports:
-            if port is not sender and port.state != _BUS_OFF:
+            if port is not sender and port.state is not _BUS_OFF:
                 port.received += 1
                 if port.rec:
                     port.heard()
                 port.deliver(frame, now_ns)
+                is_told = is_told or port.answers
+        return is_told
 
     def _route(self, sender: Port, frame: Frame, now_ns: int) -> None:
         """Deliver as the faults have it."""
-        assert self._faults is not None
+        if self._faults is None:
+            self._deliver(sender, frame, now_ns)
+            return
         for due_ns, each in self._faults.route(frame, sender.side, now_ns):
             if due_ns <= now_ns:
                 self._deliver(sender, each, now_ns)
@@ -240,7 +251,7 @@ class Medium:
             if port in charged:
                 if port.transmit_failed():
                     self._go_off(port, RECOVERY_SEQUENCES, now_ns)
-            elif port not in senders and port.state != _BUS_OFF:
+            elif port not in senders and port.state is not _BUS_OFF:
                 port.receive_failed()
 
     def _change(self, change: StateChange, now_ns: int) -> None:

@@ -36,11 +36,13 @@ class PortState(IntEnum):
 class Port:
     """One controller on the bus; `deliver(frame, now_ns)` takes what the others send.
 
+    `answers`: whether its node may have something to send, or another time to wake, because of what it has been told.
     `on_bus_off()` tells its node, where it wants to know, that it has been thrown off the bus.
     """
 
     __slots__ = (
         *_COUNTERS,
+        "answers",
         "deliver",
         "left_sequences",
         "name",
@@ -52,11 +54,14 @@ class Port:
         "state",
     )
 
-    def __init__(self, name: str, side: Side, deliver: Callable[[Frame, int], None], queue_frames: int) -> None:
+    def __init__(
+        self, name: str, side: Side, deliver: Callable[[Frame, int], None], queue_frames: int, answers: bool
+    ) -> None:
         self.name = name
         self.side = side
         self.deliver = deliver
         self.queue_frames = queue_frames
+        self.answers = answers
         self.on_bus_off: Callable[[], None] | None = None
         self.queued = 0
         self.state = PortState.ERROR_ACTIVE
@@ -84,9 +89,12 @@ class Port:
         self._set_state()
 
     def transmitted(self) -> None:
-        """Count a success where there were errors before."""
-        self.tec = max(self.tec - 1, 0)
-        self._set_state()
+        """Count a frame that went out."""
+        self.queued -= 1
+        self.sent += 1
+        if self.tec:
+            self.tec -= 1
+            self._set_state()
 
     def heard(self) -> None:
         """Count a good frame of somebody else where there were errors before."""

@@ -32,9 +32,14 @@ class Simulation:
         self._seats: list[_Seat] = []
         self._wakes: list[int] = [FOREVER_NS]  # of each node, and a last one so that there is always a least
 
-    def add(self, node: Node, name: str, side: Side, queue_frames: int = DEFAULT_QUEUE_FRAMES) -> Port:
-        """Attach a node; what it has in its outbox already is queued now."""
-        port = self.medium.attach(name, side, node.receive, queue_frames)
+    def add(
+        self, node: Node, name: str, side: Side, queue_frames: int = DEFAULT_QUEUE_FRAMES, answers: bool = True
+    ) -> Port:
+        """Attach a node; what it has in its outbox already is queued now.
+
+        `answers` False: by what it receives it never gets anything to send, nor another time to wake.
+        """
+        port = self.medium.attach(name, side, node.receive, queue_frames, answers)
         self._seats.append(_Seat(node, port))
         self._wakes.insert(-1, FOREVER_NS)
         self._settle(len(self._seats) - 1)
@@ -57,30 +62,46 @@ class Simulation:
         """
         if limit_ns >= FOREVER_NS:
             raise ValueError("time needs a limit to run to")
-        while self.step(limit_ns):
-            pass
+        medium, wakes = self.medium, self._wakes
+        while True:
+            wake_ns = min(wakes)
+            until_ns = wake_ns if wake_ns < limit_ns else limit_ns
+            # Frames that reach only nodes which have nothing to say to them: no need to look at every node each time.
+            while (event_ns := medium.next_event_ns(until_ns)) < until_ns:
+                self.now_ns = now_ns = event_ns if event_ns > self.now_ns else self.now_ns
+                if medium.run(now_ns):
+                    self._settle_told()
+                    break
+            else:
+                if not self._do(wake_ns, event_ns, limit_ns):
+                    break
         self.now_ns = max(self.now_ns, limit_ns)
 
     def step(self, limit_ns: int) -> bool:
         """Do what is due at the next instant; False when nothing is left up to `limit_ns`, below FOREVER_NS."""
-        medium = self.medium
-        wakes = self._wakes
-        now_ns = min(wakes)
-        event_ns = medium.next_event_ns(now_ns if now_ns < limit_ns else limit_ns)
-        now_ns = event_ns if event_ns < now_ns else now_ns
+        wake_ns = min(self._wakes)
+        return self._do(wake_ns, self.medium.next_event_ns(min(wake_ns, limit_ns)), limit_ns)
+
+    def _do(self, wake_ns: int, event_ns: int, limit_ns: int) -> bool:
+        """Do what is due at the next instant: the first wake of a node, or the next event on the bus."""
+        now_ns = event_ns if event_ns < wake_ns else wake_ns
         if now_ns > limit_ns:
             return False
+        wakes = self._wakes
         # A node that has just been told something may want to wake at once: never back in time.
         self.now_ns = now_ns = now_ns if now_ns > self.now_ns else self.now_ns
-        told = now_ns >= event_ns
-        if told:
-            medium.run(now_ns)
+        is_told = now_ns >= event_ns and self.medium.run(now_ns)
         for index, seat in enumerate(self._seats):
             if wakes[index] <= now_ns:
                 self._wake(index)
-            elif told and seat.port is not medium.last_sender:
+            elif is_told and seat.port.answers:
                 self._settle(index)
         return True
+
+    def _settle_told(self) -> None:
+        for index, seat in enumerate(self._seats):
+            if seat.port.answers:
+                self._settle(index)
 
     def _wake(self, index: int) -> None:
         self._seats[index].wake(self.now_ns)

@@ -35,7 +35,7 @@ class World:
         """Attach one more host."""
         self.hosts += 1
         node = HostNode(self.latency_ns, self.jitter_ns, f"{self.seed} {self.hosts}", receive_frames)
-        return node, self.simulation.add(node, f"host{self.hosts}", Side.HOST, queue_frames)
+        return node, self.simulation.add(node, f"host{self.hosts}", Side.HOST, queue_frames, answers=False)
 
 
 def as_rig(rig: Rig | str | Path) -> Rig:

@@ -11,7 +11,6 @@ One test a requirement. For python-can interfaces and serial ports there is the 
 `pytest --hfp-interface socketcan --hfp-channel can0`.
 """
 
-from collections.abc import Iterator
 from typing import ClassVar, Final
 
 import pytest
@@ -43,6 +42,8 @@ class DriveConformance:
     node: ClassVar[int] = 1
     margins: ClassVar[Margins] = VIRTUAL
     allow_motion: ClassVar[bool] = False
+    _port: ClassVar[Port]
+    _suite: ClassVar[Suite]
 
     def open_port(self) -> Port:
         """Return the line to the drive."""
@@ -51,20 +52,23 @@ class DriveConformance:
     def close_port(self, port: Port) -> None:
         """Release the line."""
 
-    @pytest.fixture(scope="class")
-    def conformance(self, request: pytest.FixtureRequest) -> Iterator[Suite]:
-        """Open the drive once for all requirements, and leave it as it was found."""
-        case = request.cls()
-        port = case.open_port()
+    @classmethod
+    def setup_class(cls) -> None:
+        """Open the drive once for all requirements."""
+        case = cls()
+        cls._port = case.open_port()
+        cls._suite = Suite(cls._port, cls.node, cls.margins, cls.allow_motion)
+        cls._suite.open()
+
+    @classmethod
+    def teardown_class(cls) -> None:
+        """Leave the drive as it was found."""
         try:
-            suite = Suite(port, case.node, case.margins, case.allow_motion)
-            suite.open()
-            yield suite
-            suite.close()
+            cls._suite.close()
         finally:
-            case.close_port(port)
+            cls().close_port(cls._port)
 
     @pytest.mark.parametrize("number", JUDGED, ids=name_of)
-    def test_requirement(self, conformance: Suite, number: int) -> None:
+    def test_requirement(self, number: int) -> None:
         """Judge one requirement."""
-        settle(conformance.requirement(number))
+        settle(self._suite.requirement(number))

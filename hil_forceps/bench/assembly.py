@@ -8,13 +8,15 @@ from typing import NamedTuple
 from firmware_protocol.messages import PROTOCOL_MAJOR, PROTOCOL_MINOR
 from hil_forceps import __version__
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
-from hil_forceps.control.gate import Gate
+from hil_forceps.control.gate import DEFAULT_MAX_GAP_S, Gate
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig, dump_rig, parse_rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording import Recording
 from hil_forceps.runs.recording_writer import Outcome
+
+GAP_PERIODS = 5
 
 
 class Settings(NamedTuple):
@@ -27,6 +29,11 @@ class Settings(NamedTuple):
     same_clock: bool = False  # the drive's stamps are the host's own clock
 
 
+def gate_for(rig: Rig) -> Gate:
+    """Return the rig's gate; a host slower than the gate's default expects is slow, not stuck."""
+    return Gate(rig.limits, max(DEFAULT_MAX_GAP_S, GAP_PERIODS * rig.bench.host_period_s))
+
+
 def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
     """Bind estimator, trajectory and gate; UserError for an unknown algorithm or a rig that leaves values open."""
     if settings.algorithm not in ESTIMATOR_IDS:
@@ -35,7 +42,7 @@ def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
         make_estimator(settings.algorithm, rig, settings.sample_time_s),
         settings.trajectory,
         rig.plant(),
-        Gate(rig.limits),
+        gate_for(rig),
         settings.compensated,
         rig.limits.max_sample_age_s,
         same_clock=settings.same_clock,

@@ -2,13 +2,17 @@
 
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
+import signal
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from pathlib import Path
 
-from hil_forceps.bench.execute import Executed, execute
+from hil_forceps.bench.execute import Executed, execute, never
 from hil_forceps.bench.matrix import RunSpec
+from hil_forceps.bench.stopping import StopFlag
 from hil_forceps.rig import Rig
+
+STOP_POLL_S = 0.2
 
 Done = Callable[[Executed], None]
 
@@ -18,29 +22,69 @@ def default_jobs() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def run_all(specs: Sequence[RunSpec], rig: Rig, seed: int, out: Path, jobs: int, done: Done) -> list[Executed]:
+def run_all(
+    specs: Sequence[RunSpec],
+    rig: Rig,
+    seed: int,
+    out: Path,
+    jobs: int,
+    done: Done,
+    stop_requested: Callable[[], bool] = never,
+) -> list[Executed]:
     """Execute every spec and return them in the order of `specs`; `done` is called as each ends.
 
-    The first run that raises ends the campaign with its exception; runs not yet begun are dropped.
+    The first run that raises ends the campaign with its exception; runs not yet begun are dropped. On
+    `stop_requested` the runs under way end early and clean, and what has ended is returned.
     """
     if jobs == 1 or len(specs) == 1:
-        return [_told(execute(spec, rig, seed, out), done) for spec in specs]
-    results: dict[RunSpec, Executed] = {}
-    # Spawned, not forked: a fork would inherit threads of the libraries in an unknown state.
-    with ProcessPoolExecutor(min(jobs, len(specs)), multiprocessing.get_context("spawn")) as pool:
+        results = []
+        for spec in specs:
+            if not stop_requested():
+                results.append(execute(spec, rig, seed, out, stop_requested))
+                done(results[-1])
+        return results
+    with _worker_pool(min(jobs, len(specs))) as pool:
         # Long runs first, or the last one keeps a single processor busy while the others idle.
         order = sorted(specs, key=lambda spec: spec.sample_time_s)
-        pending: dict[Future[Executed], RunSpec] = {pool.submit(execute, s, rig, seed, out): s for s in order}
-        try:
-            while pending:
-                for future in wait(pending, return_when=FIRST_COMPLETED).done:
-                    results[pending.pop(future)] = _told(future.result(), done)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return [results[spec] for spec in specs]
+        futures = {pool.submit(_execute_in_worker, spec, rig, seed, out): spec for spec in order}
+        by_spec = _collect(futures, done, stop_requested)
+    return [by_spec[spec] for spec in specs if spec in by_spec]
 
 
-def _told(executed: Executed, done: Done) -> Executed:
-    done(executed)
-    return executed
+def _collect(
+    futures: Mapping[Future[Executed], RunSpec], done: Done, stop_requested: Callable[[], bool]
+) -> dict[RunSpec, Executed]:
+    results: dict[RunSpec, Executed] = {}
+    pending = set(futures)
+    try:
+        while pending and not stop_requested():
+            finished, pending = wait(pending, timeout=STOP_POLL_S, return_when=FIRST_COMPLETED)
+            for future in finished:
+                results[futures[future]] = future.result()
+                done(results[futures[future]])
+    finally:
+        if pending:
+            for future in pending:
+                future.cancel()
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+    return results
+
+
+def _worker_pool(jobs: int) -> ProcessPoolExecutor:
+    # Spawned, not forked: a fork would inherit threads of the libraries in an unknown state.
+    return ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _listen_to_parent)
+
+
+_worker_stop = StopFlag()
+
+
+def _listen_to_parent() -> None:
+    """In a worker: Ctrl-C reaches the whole group, but only the parent decides, and says so by SIGTERM."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda _number, _frame: _worker_stop.set())
+
+
+def _execute_in_worker(spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
+    return execute(spec, rig, seed, out, _worker_stop.is_set)

@@ -1,11 +1,12 @@
 """One run of the bench: the service against the simulated drive, in virtual time, over the bus."""
 
-import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from firmware_protocol.host_machine import HostConfig
 from hil_forceps.bench.assembly import Settings
+from hil_forceps.bench.direct import execute_direct
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import judge
 from hil_forceps.bench.session import Plan, run_session
@@ -18,10 +19,6 @@ from hil_forceps.report.traces import RunTraces
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording import read_recording
-
-DURATION_NS = 20_000_000_000  # the paper's simulations
-# Over a wire this fast a frame takes a tenth of a nanosecond a bit: samples reach the estimator as they are taken.
-DIRECT_BITRATE = 10_000_000_000
 
 
 class Executed(NamedTuple):
@@ -50,31 +47,33 @@ def rig_for(spec: RunSpec, rig: Rig) -> Rig:
     )
 
 
-def execute(spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
+def never() -> bool:
+    """Tell that nobody wants a run to stop early."""
+    return False
+
+
+def execute(spec: RunSpec, rig: Rig, seed: int, out: Path, stop_requested: Callable[[], bool] = never) -> Executed:
     """Run `spec` in virtual time. UserError when its files can't be written.
 
-    A run on the bus leaves `out`/NAME.mcap and `out`/NAME.log; one without leaves nothing but what it returns, for
-    at ten times the rate it would be most of the folder.
+    A run on the bus leaves `out`/NAME.mcap and `out`/NAME.log, one without nothing but what it returns.
     """
     rig = rig_for(spec, rig)
-    options: dict[str, object] = {"rig": rig, "simulation": spec.simulation, "seed": seed}
-    rate = rig.bench.bitrate_bit_per_s if spec.on_bus else DIRECT_BITRATE
-    data_rate = rig.bench.data_bitrate_bit_per_s if spec.on_bus else DIRECT_BITRATE
+    if not spec.on_bus:
+        return Executed(*execute_direct(spec, rig, seed, stop_requested))
     link = LinkSpec(
         interface="virtual_forceps",
         channel=spec.name,
         fd=rig.bench.transport == "fd",
-        bitrate_bit_per_s=rate,
-        data_bitrate_bit_per_s=data_rate,
-        options=options,
+        bitrate_bit_per_s=rig.bench.bitrate_bit_per_s,
+        data_bitrate_bit_per_s=rig.bench.data_bitrate_bit_per_s,
+        options={"rig": rig, "simulation": spec.simulation, "seed": seed},
     )
-    if spec.on_bus:
-        return run_on(open_link(link), spec, rig, seed, out)
-    with tempfile.TemporaryDirectory(dir=out) as scratch:
-        return run_on(open_link(link), spec, rig, seed, Path(scratch))
+    return run_on(open_link(link), spec, rig, seed, out, stop_requested)
 
 
-def run_on(connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
+def run_on(
+    connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path, stop_requested: Callable[[], bool] = never
+) -> Executed:
     """Run the service on an open link, with recording and bus log, and judge what was recorded."""
     bench = rig.bench
     same_clock = connection.virtual_time and bench.drive_clock_ppm == 0.0
@@ -87,13 +86,13 @@ def run_on(connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path
         ServiceConfig(
             period_ns=round(bench.host_period_s * 1e9),
             phase_ns=round(bench.host_phase_s * 1e9),
-            duration_ns=DURATION_NS,
+            duration_ns=round(spec.duration_s * 1e9),
         ),
         recording=out / f"{spec.name}.mcap",
-        bus_log=out / f"{spec.name}.log" if spec.on_bus else None,
+        bus_log=out / f"{spec.name}.log",
         about={"simulation": str(spec.simulation), "seed": str(seed)},
     )
-    session = run_session(connection, plan)
+    session = run_session(connection, plan, stop_requested)
     if session.failures:
         raise UserError([f"{out}: {failure}" for failure in session.failures])
     traces = traces_of(read_recording(plan.recording), spec, rig.plant(), settings.trajectory)
@@ -105,6 +104,7 @@ def _record(spec: RunSpec, traces: RunTraces, result: ServiceResult, wall_s: flo
     counters = result.counters
     timing: dict[str, Any] = {
         "real_time_factor": simulated_s / wall_s,
+        "simulated_s": simulated_s,
         "wall_s": wall_s,
         "loop": dict(result.timing),
         "counters": {name: dict(values) for name, values in counters.items()},

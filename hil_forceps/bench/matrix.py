@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
+PAPER_DURATION_S = 20.0
+
 
 class RunSpec(NamedTuple):
     """One run of the bench: what moves, what estimates, and over which wire."""
@@ -14,7 +16,8 @@ class RunSpec(NamedTuple):
     algorithm: str
     compensated: bool
     sample_time_s: float
-    on_bus: bool  # False: the same frames over a wire that takes no time, for rates that no CAN carries
+    on_bus: bool  # False: samples go to the estimator as they are taken, for rates that no CAN carries
+    duration_s: float = PAPER_DURATION_S  # a shorter run is recorded all the same, and judged as not finished
 
     @property
     def name(self) -> str:

@@ -4,12 +4,12 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
-from hil_forceps.bench.execute import Executed, run_on
+from hil_forceps.bench.execute import Executed, never, run_on
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.rig import Rig
@@ -18,25 +18,78 @@ from hil_forceps.rig.errors import UserError
 Wire = Literal["pty", "udp_multicast"]
 MULTICAST_CHANNEL = "239.74.163.2"
 END_TIMEOUT_S = 10.0
+SPARE_S = 60.0  # for starting, enabling and ending
+# Why a drive does not follow a setpoint that arrived whole: its own counters.
+REFUSALS = ("not_enabled", "setpoint_stale", "sample_old", "sample_future")
+
+
+class RealTime(NamedTuple):
+    """How runs by the wall clock are made."""
+
+    config: Path  # rig file, for the drive's process
+    wire: Wire
 
 
 def run_realtime(
-    specs: Sequence[RunSpec], config: Path, rig: Rig, seed: int, out: Path, wire: Wire, done: Callable[[Executed], None]
+    specs: Sequence[RunSpec],
+    rig: Rig,
+    seed: int,
+    out: Path,
+    how: RealTime,
+    done: Callable[[Executed], None],
+    stop_requested: Callable[[], bool] = never,
 ) -> list[Executed]:
-    """Execute `specs` one after the other; each leaves also `out`/NAME.drive.json, what the drive counted."""
+    """Execute `specs` one after the other; each leaves also `out`/NAME.drive.json, what the drive counted.
+
+    On `stop_requested` the run under way ends early and clean, and those not yet begun are dropped.
+    """
     results = []
     for spec in specs:
+        if stop_requested():
+            break
         with tempfile.TemporaryDirectory() as folder:
-            where, link = _both_ends(wire, Path(folder) / "drive", rig)
+            where, link = _both_ends(how.wire, Path(folder) / "drive", rig)
             told: dict[str, Any] = {}
-            with drive_process(
-                ["--rig", str(config), "--seed", str(seed), "--simulation", str(spec.simulation), *where], told
-            ):
-                executed = run_on(open_link(link), spec, rig, seed, out)
+            asked = ["--rig", str(how.config), "--seed", str(seed), "--simulation", str(spec.simulation), *where]
+            # It ends by itself too: were this process killed, it would run on alone.
+            with drive_process([*asked, "--duration", str(spec.duration_s + SPARE_S)], told):
+                executed = run_on(open_link(link), spec, rig, seed, out, stop_requested)
+        if not told:
+            raise UserError(f"{spec.name}: the drive's process ended before its time: {executed.record.ending}")
+        executed.record.timing["accounting"] = account(executed.record.timing["counters"], told)
         (out / f"{spec.name}.drive.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
         done(executed)
         results.append(executed)
     return results
+
+
+def account(host: Mapping[str, Mapping[str, int]], drive: Mapping[str, Any]) -> dict[str, dict[str, int]]:
+    """Say what became of every cyclic frame, by sequence number: what one end sent against what the other took.
+
+    `feedback` counts from the first one that the host heard. `unaccounted` is what no counter explains: what was
+    under way when a run ended, and zero otherwise.
+    """
+    counts, heard, machine = host["host"], drive["received"], drive["drive"]
+    refused = {name: machine[name] for name in REFUSALS}
+    sent = counts["setpoints_sent"]
+    known = machine["setpoints_accepted"] + sum(refused.values()) + machine["setpoints_lost"]
+    return {
+        "feedback": {
+            "delivered": counts["samples"],
+            "lost": counts["lost_feedback"],
+            "stale": counts["stale_feedback"],
+            "unpaired": counts["unpaired"],
+            "broken": counts["bad_crc"] + counts["bad_length"] + counts["bad_format"],
+        },
+        "setpoints": {
+            "sent": sent,
+            "heard": int(heard.get("SETPOINT", 0)) + int(heard.get("FD_SETPOINT", 0)),
+            "accepted": machine["setpoints_accepted"],
+            "lost": machine["setpoints_lost"],
+            **refused,
+            "unaccounted": sent - known,
+        },
+    }
 
 
 def _both_ends(wire: Wire, port: Path, rig: Rig) -> tuple[list[str], LinkSpec]:
@@ -54,7 +107,10 @@ def drive_process(arguments: Sequence[str], told: dict[str, Any]) -> Iterator[No
     UserError with the drive's own words when it does not come up.
     """
     command = [sys.executable, "-m", "hil_forceps.cli.main", "drive", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    # In a session of its own: Ctrl-C would end it before the host has disabled it.
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
     assert process.stdout is not None
     try:
         if not process.stdout.readline().startswith("ready"):

@@ -13,6 +13,7 @@ from hil_forceps.bridge.bus_log import LoggedLink, LogReport, open_bus_log
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Telemetry
 from hil_forceps.bridge.service import Service
 from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.recording_writer import RecordingReport, open_recorder
 
 
@@ -24,7 +25,7 @@ class Plan(NamedTuple):
     host: HostConfig
     config: ServiceConfig
     recording: Path
-    bus_log: Path | None  # None: no log
+    bus_log: Path
     about: Mapping[str, str]  # more for the recording's metadata
 
 
@@ -33,7 +34,7 @@ class SessionResult(NamedTuple):
 
     service: ServiceResult
     recording: RecordingReport
-    bus_log: LogReport | None
+    bus_log: LogReport
     wall_s: float
 
     @property
@@ -41,14 +42,10 @@ class SessionResult(NamedTuple):
         """What was not recorded, in words; empty when all was."""
         dropped = [
             f"{name}: {report.dropped} entries dropped, the disk was too slow"
-            for name, report in self._reports()
+            for name, report in (("recording", self.recording), ("bus log", self.bus_log))
             if report.dropped and not report.failure
         ]
-        return [report.failure for _, report in self._reports() if report.failure] + dropped
-
-    def _reports(self) -> list[tuple[str, RecordingReport | LogReport]]:
-        log = [] if self.bus_log is None else [("bus log", self.bus_log)]
-        return [("recording", self.recording), *log]
+        return [text for text in (self.recording.failure, self.bus_log.failure) if text] + dropped
 
 
 def run_session(
@@ -62,10 +59,14 @@ def run_session(
     threaded = not connection.virtual_time
     try:
         pipeline = make_pipeline(plan.rig, plan.settings)
-        log = None if plan.bus_log is None else open_bus_log(plan.bus_log, clock.now_ns(), threaded)
         recorder = open_recorder(plan.recording, metadata(plan.rig, plan.settings, plan.about), threaded)
+        try:
+            log = open_bus_log(plan.bus_log, clock.now_ns(), threaded)
+        except UserError:
+            recorder.close({"reason": "crashed", "message": "the bus log could not be opened"})
+            raise
         host = HostMachine(plan.host)
-        logged = link if log is None else LoggedLink(link, clock, log)
+        logged = LoggedLink(link, clock, log)
         service = Service(logged, clock, host, pipeline, plan.config, recorder, stop_requested, telemetry)
         began = time.perf_counter()
         ending = {"reason": "crashed"}
@@ -74,7 +75,7 @@ def run_session(
             ending = {"reason": result.reason.value, "message": result.message}
             ending["counters"] = json.dumps({name: dict(values) for name, values in result.counters.items()})
         finally:
-            recording_report, log_report = recorder.close(ending), None if log is None else log.close()
+            recording_report, log_report = recorder.close(ending), log.close()
     finally:
         link.close()
     return SessionResult(result, recording_report, log_report, time.perf_counter() - began)

@@ -4,8 +4,13 @@ import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import Metrics
+from hil_forceps.report.traces import TimingTraces
+from hil_forceps.rig import Rig
 
 
 class RunRecord(NamedTuple):
@@ -48,6 +53,33 @@ def timing(records: list[RunRecord], simulated_s: float, wall_s: float) -> dict[
         "wall_s": wall_s,
         "runs": [{"name": r.spec.name, **r.timing} for r in records],
     }
+
+
+def timing_traces(record: RunRecord, rig: Rig, wire: str) -> TimingTraces:
+    """Return what the figure of a run by the wall clock shows; ages and lateness as fine as their histograms."""
+    loop = record.timing["loop"]
+    feedback = dict(record.timing["accounting"]["feedback"])
+    duration_s = record.timing["simulated_s"]
+    return TimingTraces(
+        age_s=_spread(loop["age"]),
+        lateness_s=_spread(loop["lateness"]),
+        age_marks_s=_marks(loop["age"]),
+        lateness_marks_s=_marks(loop["lateness"]),
+        period_s=rig.bench.host_period_s,
+        frames={name: count for name, count in feedback.items() if count or name in {"delivered", "lost"}},
+        label=f"{wire}, {duration_s:.0f} s",
+    )
+
+
+def _spread(histogram: dict[str, Any]) -> NDArray[np.float64]:
+    bins = np.array(histogram["bins"], dtype=float).reshape(-1, 2)
+    above = np.full(histogram["above_range"], (histogram["max_us"] or 0.0) * 1e-6)
+    return np.concatenate((np.repeat(bins[:, 0] * 1e-6, bins[:, 1].astype(int)), above))
+
+
+def _marks(histogram: dict[str, Any]) -> dict[str, float]:
+    named = (("p50", "p50_us"), ("p99", "p99_us"), ("max", "max_us"))
+    return {name: histogram[key] * 1e-6 for name, key in named if histogram[key] is not None}
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:

@@ -18,6 +18,7 @@ from hil_forceps.rig.errors import UserError
 IFF_UP = 1
 NET_DEVICES = Path("/sys/class/net")
 SERIAL_DEVICES = Path("/sys/class/tty")
+ECHOING = frozenset({"udp_multicast"})  # hears its own frames, whatever it is asked, and does not mark them
 VIRTUAL_TIME = ("now_ns", "advance_until_ns", "send_frame", "receive_frames")
 
 _CAN_REMEDIES = {
@@ -95,7 +96,8 @@ def _open_can(spec: LinkSpec) -> Connection:
         virtual = cast(VirtualTimeBus, bus)
         return Connection(VirtualTimeLink(virtual), VirtualClock(virtual), True, ())
     clock = MonotonicClock(spec.spin_ns)
-    return Connection(PythonCanLink(bus, clock), clock, False, ())
+    link = PythonCanLink(bus, clock, echoes=spec.interface in ECHOING)
+    return Connection(link, clock, False, ())
 
 
 def _check_net_device(spec: LinkSpec) -> None:
@@ -116,7 +118,9 @@ def _can_remedy(spec: LinkSpec, error: Exception) -> str:
     if spec.interface == "udp_multicast":
         if "msgpack" in str(error):
             return "; install it: pip install msgpack"
-        return "; is there a route? `ip link set lo multicast on; ip route add 239.0.0.0/8 dev lo`"
+        # python-can says so in words only; it knows no other reason to fail there.
+        if "multicast IP network" in str(error) or error_number(error) in {errno.ENETUNREACH, errno.ENODEV}:
+            return "; is there a route? `ip link set lo multicast on; ip route add 239.0.0.0/8 dev lo`"
     number = error_number(error)
     return f"; {_CAN_REMEDIES[number]}" if number in _CAN_REMEDIES else ""
 

@@ -59,14 +59,17 @@ class CandumpWriter:
 
     def write(self, is_received: bool, frames: Arrivals) -> None:
         """Write frames; a time before the last written becomes that, since the format knows no going back."""
-        lines = []
+        heads, last_s, text = self._heads, self._last_s, ""
         end = " R\n" if is_received else " T\n"
         for time_ns, (identifier, data, is_fd) in frames:
-            self._last_s = time_s = max(self._last_s, time_ns * 1e-9)
+            time_s = time_ns * 1e-9
+            if time_s > last_s:  # noqa: PLR1730 a call of max costs as much as the rest of the line
+                last_s = time_s
             key = ~identifier if is_fd else identifier
-            head = self._heads.get(key) or self._head(key)
-            lines.append(f"({time_s:f}{head}{data.hex().upper()}{end}")
-        self._file.write("".join(lines))
+            head = heads.get(key) or self._head(key)
+            text += f"({last_s:f}{head}{data.hex().upper()}{end}"
+        self._last_s = last_s
+        self._file.write(text)
 
     def close(self) -> None:
         """Close the file."""

@@ -6,6 +6,7 @@ an error without a number counts as a full queue until it has come `GIVE_UP_AFTE
 
 import errno
 import time
+from collections import deque
 
 import can
 
@@ -15,6 +16,7 @@ from hil_forceps.bridge.ports import Clock, Received, SendResult
 
 MAX_DRAIN = 512  # frames taken by one call; the rest waits in the kernel, so a flood can't hold up a tick
 GIVE_UP_AFTER = 100
+MAX_ECHOES = 64
 MAX_STANDARD_ID = 0x7FF
 CAN_ERR_BUSOFF = 0x40  # linux/can/error.h: class of a SocketCAN error frame, in its id
 OLDEST_STAMP_NS = 1_000_000_000  # a stamp further back isn't of this clock (devices that count from power-on)
@@ -22,6 +24,7 @@ DEAD = frozenset({
     errno.ENETDOWN, errno.ENETUNREACH, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.EIO, errno.EPIPE,
     errno.ESHUTDOWN, errno.ENOTCONN, errno.ECONNRESET, errno.ECONNREFUSED, errno.EADDRNOTAVAIL,
 })  # fmt: skip
+_SENT = SendResult.SENT  # looked up for every frame
 ERRORS = (can.CanError, OSError, ValueError)  # ValueError: select on a socket that was closed under us
 
 
@@ -31,13 +34,15 @@ class PythonCanLink:
     A frame arrived at the kernel's or adapter's stamp where that is of the system's clock, else when it was read.
     """
 
-    def __init__(self, bus: can.BusABC, clock: Clock, fd: bool = False) -> None:
+    def __init__(self, bus: can.BusABC, clock: Clock, echoes: bool = False) -> None:
+        """`echoes`: the interface plays back what we send and does not mark it; then we know it again by its bytes."""
         self.counters = dict.fromkeys(
             ("error_frames", "not_ours", "own", "read_errors", "queue_full", "send_errors", "unstamped"), 0
         )
         self._bus = bus
         self._clock = clock
-        self._fd = fd
+        self._echoes = echoes
+        self._sent: deque[Frame] = deque(maxlen=MAX_ECHOES)
         self._up = True
         self._closed = False
         self._strange_in_a_row = 0
@@ -54,7 +59,10 @@ class PythonCanLink:
             bitrate_switch=frame.is_fd,
             check=False,
         )
-        return self._put(message)
+        result = self._put(message)
+        if self._echoes and result is SendResult.SENT:
+            self._sent.append(frame)
+        return result
 
     def send_foreign(self, frame: Frame, remote: bool) -> SendResult:
         """Send what is not of this protocol: a data frame with an extended id, or a remote frame of that length."""
@@ -94,8 +102,12 @@ class PythonCanLink:
             if message is None:
                 break
             if self._is_data(message):
-                time_ns = self._arrival_ns(message.timestamp, to_host_ns, now_ns)
-                frames.append(Received(time_ns, Frame(message.arbitration_id, bytes(message.data), message.is_fd)))
+                frame = Frame(message.arbitration_id, bytes(message.data), message.is_fd)
+                if self._sent and frame in self._sent:
+                    self._sent.remove(frame)
+                    self.counters["own"] += 1
+                else:
+                    frames.append(Received(self._arrival_ns(message.timestamp, to_host_ns, now_ns), frame))
         return frames
 
     def is_up(self) -> bool:
@@ -169,7 +181,7 @@ class VirtualTimeLink:
         if not self._up:
             return SendResult.BUS_DOWN
         if self._send(frame):
-            return SendResult.SENT
+            return _SENT
         if self._bus.state is can.BusState.ERROR:  # asked only here: every tick sends something
             self._up = False
             return SendResult.BUS_DOWN

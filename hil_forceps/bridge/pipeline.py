@@ -21,6 +21,7 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
 
+from firmware_protocol.frames import make
 from firmware_protocol.host_machine import RawSample
 from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_from_rad
@@ -34,6 +35,7 @@ from hil_forceps.runs.recording_writer import Reference
 GATE_VERDICT_BASE = 16
 PEAK_SPEED = 1.875  # of 10s³ − 15s⁴ + 6s⁵, at s = 1/2
 NOWHERE_NS = -1
+_OPERATIONAL = int(DriveState.OPERATIONAL)
 
 
 class Verdict(IntEnum):
@@ -82,6 +84,7 @@ class Pipeline:
             raise ValueError("the greatest sample age and the approach speed must be positive")
         self.zero_ns: int | None = None
         self.denied_in_a_row = 0
+        self.verdict = int(Verdict.NOTHING_NEW)  # of the gate, or NOTHING_NEW before it was asked
         self.newest: RawSample | None = None
         self.sample = Sample(0, math.nan, math.nan)  # the newest, in SI
         self.estimate = Estimate(math.nan, math.nan)  # after it
@@ -101,6 +104,11 @@ class Pipeline:
         self._gate_state: GateState | None = None
         self._fade: _Fade | None = None
 
+    def warm_up(self) -> None:
+        """Run the estimator once for nothing: its kernels are compiled, or loaded, now and not in a tick."""
+        state = self._step(self._start(Sample(0, 0.0, 0.0)), Sample(1_000_000, 0.0, 0.0))
+        self._estimate(state)
+
     def feed(self, raw: RawSample) -> bool:
         """Take the next sample; False when its stamp does not increase: then it is counted and dropped."""
         stamp_ns = raw.stamp_ns
@@ -108,12 +116,13 @@ class Pipeline:
             self.counters["not_increasing"] += 1
             return False
         self.counters["samples"] += 1
-        self.sample = sample = Sample(stamp_ns, raw.theta_m * ANGLE_LSB_RAD, raw.current * self._torque_lsb_N_m)
+        torque_N_m = raw.current * self._torque_lsb_N_m
+        self.sample = sample = make(Sample, (stamp_ns, raw.theta_m * ANGLE_LSB_RAD, torque_N_m))
         state = self._state
         self._state = state = self._start(sample) if state is None else self._step(state, sample)
         self.estimate = self._estimate(state)
         self._stamps.see(stamp_ns, raw.received_ns)
-        if self.zero_ns is None and raw.state == DriveState.OPERATIONAL:
+        if self.zero_ns is None and raw.state == _OPERATIONAL:
             self.zero_ns = stamp_ns
         self.newest = raw
         self._is_new = True
@@ -140,7 +149,7 @@ class Pipeline:
             nan = math.nan
             return Reference(now_ns, newest.stamp_ns, t_ns, None, nan, nan, nan, nan, verdict, newest.sequence)
         self._is_new = False
-        if newest.state != DriveState.OPERATIONAL or self.zero_ns is None:
+        if newest.state != _OPERATIONAL or self.zero_ns is None:
             return self._hold(newest, now_ns)
         return self._follow(newest, newest.stamp_ns - self.zero_ns, now_ns)
 
@@ -180,9 +189,10 @@ class Pipeline:
             self.denied_in_a_row = 0
             self.counters["passed"] += 1
             raw = angle_raw_from_rad(passed_rad)
+        self.verdict = PASSED_CODE if verdict is GateVerdict.PASSED else GATE_CODES[verdict]
         return Reference(
-            now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad,
-            PASSED_CODE if verdict is GateVerdict.PASSED else GATE_CODES[verdict], newest.sequence,
+            now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad, self.verdict,
+            newest.sequence,
         )  # fmt: skip
 
 

@@ -13,18 +13,22 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from hil_forceps.bench.campaign import Done, default_jobs, run_all
-from hil_forceps.bench.execute import DURATION_NS, Executed
-from hil_forceps.bench.matrix import RunSpec, run_matrix
-from hil_forceps.bench.realtime import Wire, run_realtime
-from hil_forceps.bench.summary import RunRecord, summary, timing, write_json
+from hil_forceps.bench.execute import Executed
+from hil_forceps.bench.matrix import PAPER_DURATION_S, RunSpec, run_matrix
+from hil_forceps.bench.realtime import RealTime, Wire, run_realtime
+from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
+from hil_forceps.bench.summary import RunRecord, summary, timing, timing_traces, write_json
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.report.bench import write_bench_figures
+from hil_forceps.report.save import save_figure
+from hil_forceps.report.timing import timing_figure
 from hil_forceps.report.traces import SummaryPoint
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 
 MINIMUM_WIDTH = 100
+MAXIMUM_DURATION_S = 86_400.0
 
 
 def bench(
@@ -37,6 +41,7 @@ def bench(
     jobs: Annotated[int | None, Parameter(show_default=False)] = None,
     realtime: bool = False,
     wire: Wire = "pty",
+    duration: float | None = None,
 ) -> int:
     """Run a bench file: every simulation and algorithm, compensated and not, over the bus in virtual time.
 
@@ -58,29 +63,56 @@ def bench(
     jobs
         Processes at a time; as many as there are processors if not given.
     realtime
-        Against the simulated drive in a process of its own, by the wall clock: each run takes its 20 s.
+        Against the simulated drive in a process of its own, by the wall clock; compensated runs only.
     wire
         With --realtime: what the two processes talk over, pty or udp_multicast.
+    duration
+        With --realtime: seconds of each run, 20 or more.
     """
     rig = load_rig(config)
     rig.require_bench()
+    if seed < 0:
+        raise UserError(f"--seed {seed}: must not be negative")
+    count = default_jobs() if jobs is None else jobs
+    if count < 1:
+        raise UserError(f"--jobs {count}: must be at least 1")
     specs = run_matrix(rig, simulation, algorithm)
+    if realtime:
+        duration_s = _duration(duration)
+        specs = [spec._replace(duration_s=duration_s) for spec in specs if spec.on_bus and spec.compensated]
+    elif duration is not None:
+        raise UserError("--duration goes with --realtime; in virtual time a run lasts its 20 s")
     make_folder(out)
     ready_kernels(rig, rig.bench.host_period_s)
     began = time.perf_counter()
-    if realtime:
-        specs = [spec for spec in specs if spec.on_bus]
-        executed = _with_progress(specs, lambda done: run_realtime(specs, config, rig, seed, out, wire, done))
-    else:
-        count = default_jobs() if jobs is None else jobs
-        if count < 1:
-            raise UserError(f"--jobs {count}: must be at least 1")
-        executed = _with_progress(specs, lambda done: run_all(specs, rig, seed, out, count, done))
+    flag = StopFlag()
+
+    def work(done: Done) -> list[Executed]:
+        if realtime:
+            return run_realtime(specs, rig, seed, out, RealTime(config, wire), done, flag.is_set)
+        return run_all(specs, rig, seed, out, count, done, flag.is_set)
+
+    with stopped_by_signals(flag):
+        executed = _with_progress(specs, work)
+    if flag.is_set():
+        raise KeyboardInterrupt
     wall_s = time.perf_counter() - began
     _write(executed, seed, wall_s, out)
+    if realtime:
+        for run in executed:
+            timing_of_run = timing_traces(run.record, rig, wire)
+            save_figure(timing_figure(timing_of_run), out, f"{run.record.spec.name}_timing")
     _print_table([e.record for e in executed])
-    sys.stdout.write(f"figures, recordings and bus logs are in {out}/; start with {out}/bench.png\n")
+    sys.stdout.write(f"figures, recordings and bus logs are in {out}/\n")
     return 0
+
+
+def _duration(given: float | None) -> float:
+    if given is None:
+        return PAPER_DURATION_S
+    if not PAPER_DURATION_S <= given <= MAXIMUM_DURATION_S:
+        raise UserError(f"--duration {given:g}: must be {PAPER_DURATION_S:g} to {MAXIMUM_DURATION_S:g} s")
+    return given
 
 
 def _with_progress(specs: Sequence[RunSpec], work: Callable[[Done], list[Executed]]) -> list[Executed]:
@@ -101,7 +133,9 @@ def _with_progress(specs: Sequence[RunSpec], work: Callable[[Done], list[Execute
 def _write(executed: Sequence[Executed], seed: int, wall_s: float, out: Path) -> None:
     records = [e.record for e in executed]
     write_json(out / "summary.json", summary(records, seed))
-    write_json(out / "timing.json", timing(records, DURATION_NS * 1e-9 * len(records), wall_s))
+    write_json(
+        out / "timing.json", timing(records, sum(e.traces.time_s[-1] for e in executed if e.traces.time_s.size), wall_s)
+    )
     points = [
         SummaryPoint(r.spec.algorithm, r.spec.simulation, r.spec.sample_time_s, r.metrics.tau_w_rmse_N_m)
         for r in records
@@ -112,7 +146,7 @@ def _write(executed: Sequence[Executed], seed: int, wall_s: float, out: Path) ->
 
 def _print_table(records: Sequence[RunRecord]) -> None:
     table = Table(
-        title="Errors over 9–20 s (jaw: mean under steady load); T: sample time; ×: times real time",
+        title="Errors over 9–20 s; jaw: mean under steady load; ×: times real time",
         title_justify="left",
         box=SIMPLE_HEAD,
         padding=(0, 1),

@@ -4,9 +4,12 @@ import csv
 import json
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
+
+from cyclopts import Parameter
 
 from firmware_protocol import scales
 from firmware_protocol.codec import Decoder
@@ -27,11 +30,13 @@ _IN_SI = {
 _NAMED = {"state": DriveState, "fault": FaultReason, "op": ParamOp}
 _CANDUMP = re.compile(
     r"(?:\((?P<time>\d+\.\d+)\)\s+\S+\s+)?"
-    r"(?P<id>[0-9A-Fa-f]{3})#(?P<fd>#[0-9A-Fa-f])?(?P<data>[0-9A-Fa-f]*)"
+    r"(?P<id>[0-9A-Fa-f]{8}|[0-9A-Fa-f]{3})#(?:(?P<remote>R\d?)|(?P<fd>#[0-9A-Fa-f])?(?P<data>(?:[0-9A-Fa-f]{2})*))"
+    r"(?:\s+[RT])?"
 )
 _LOG_SUFFIXES = {".log", ".asc", ".blf", ".trc"}
 _SERIAL_SUFFIXES = {".bin"}
 _CHUNK_BYTES = 1 << 16
+_STANDARD_ID_DIGITS = 3
 
 
 class Stamped(NamedTuple):
@@ -48,24 +53,30 @@ class Printer(Protocol):
         """Show one frame; `message` is None when it was refused for `reason`."""
 
 
-def decode(*source: str, form: Literal["text", "jsonl", "csv"] = "text") -> int:
+def decode(
+    *source: Annotated[str, Parameter(allow_leading_hyphen=True)], form: Literal["text", "jsonl", "csv"] = "text"
+) -> int:
     """Decode frames (`081#1122334455667788`), bus logs (.log .asc .blf .trc) or serial captures (.bin).
 
-    What can't be decoded is shown with the reason and counted; exit code 1 when there was any.
+    What can't be decoded is shown with the reason and counted; exit code 1 when there was any, or no frame at all.
 
     Parameters
     ----------
     source
-        Frames as candump writes them, or files, or - for candump lines on stdin.
+        Frames as `candump -L` writes them, or files, or - for such lines on stdin.
     form
         One line a frame for people, JSON lines, or CSV (time, id, message, signal, value).
     """
     if not source:
         raise UserError("decode: nothing to decode; give frames like 081#1122334455667788, a log file, or - for stdin")
+    unknown = [each for each in source if each.startswith("-") and each != "-"]
+    if unknown:
+        raise UserError([f"decode: unknown option {each}" for each in unknown])
     printer = _PRINTERS[form]()
     decoder = Decoder()
     refused = total = 0
-    for stamped in _frames(source):
+    torn: Counter[str] = Counter()
+    for stamped in _frames(source, torn):
         before = dict(decoder.counters)
         message = decoder.decode(stamped.frame)
         grown = (name for name, count in decoder.counters.items() if count != before[name])
@@ -73,9 +84,14 @@ def decode(*source: str, form: Literal["text", "jsonl", "csv"] = "text") -> int:
         printer(stamped, message, reason)
         total += 1
         refused += message is None
+    problems = [] if total or torn else [f"no frames in {' '.join(source)}"]
     if refused:
-        sys.stderr.write(f"hil-forceps: {refused} of {total} frames could not be decoded\n")
-    return 1 if refused else 0
+        problems.append(f"{refused} of {total} frames could not be decoded")
+    if torn:
+        counts = ", ".join(f"{name} {count}" for name, count in sorted(torn.items()))
+        problems.append(f"{torn.total()} packets of the serial capture hold no frame: {counts}")
+    sys.stderr.write("".join(f"hil-forceps: {problem}\n" for problem in problems))
+    return 1 if problems else 0
 
 
 def signals(message: Message) -> dict[str, Any]:
@@ -95,14 +111,14 @@ def _signal(name: str, value: int) -> tuple[str, Any]:
     return name, value
 
 
-def _frames(sources: Iterable[str]) -> Iterator[Stamped]:
+def _frames(sources: Iterable[str], torn: Counter[str]) -> Iterator[Stamped]:
     for source in sources:
         if source == "-":
             yield from _candump_lines(sys.stdin, "stdin")
         elif "#" in source:
             yield from _candump_lines([source], "argument")
         else:
-            yield from _file(Path(source))
+            yield from _file(Path(source), torn)
 
 
 def _candump_lines(lines: Iterable[str], where: str) -> Iterator[Stamped]:
@@ -110,31 +126,35 @@ def _candump_lines(lines: Iterable[str], where: str) -> Iterator[Stamped]:
         text = line.strip()
         if not text:
             continue
-        match = _CANDUMP.match(text)
-        if match is None or len(match["data"]) % 2:
+        match = _CANDUMP.fullmatch(text)
+        if match is None:
             raise UserError(f"{where}:{number}: '{text[:60]}' is not a frame; write hex id#data: 081#1122334455667788")
+        if match["remote"] or len(match["id"]) > _STANDARD_ID_DIGITS:
+            continue  # somebody else's on the same bus, left out as in a log file
         time_s = float(match["time"]) if match["time"] else None
         yield Stamped(time_s, Frame(int(match["id"], 16), bytes.fromhex(match["data"]), match["fd"] is not None))
 
 
-def _file(path: Path) -> Iterator[Stamped]:
+def _file(path: Path, torn: Counter[str]) -> Iterator[Stamped]:
     if not path.is_file():
-        raise UserError(f"{path}: no such file")
-    if path.suffix in _SERIAL_SUFFIXES:
-        yield from _serial_capture(path)
-    elif path.suffix in _LOG_SUFFIXES:
+        raise UserError(f"{path}: is a folder; name a file in it" if path.is_dir() else f"{path}: no such file")
+    suffix = path.suffix.lower()
+    if suffix in _SERIAL_SUFFIXES:
+        yield from _serial_capture(path, torn)
+    elif suffix in _LOG_SUFFIXES:
         yield from _bus_log(path)
     else:
         known = " ".join(sorted(_LOG_SUFFIXES | _SERIAL_SUFFIXES))
         raise UserError(f"{path}: unknown kind of log '{path.suffix}'; known are {known}")
 
 
-def _serial_capture(path: Path) -> Iterator[Stamped]:
+def _serial_capture(path: Path, torn: Counter[str]) -> Iterator[Stamped]:
     reader = SerialReader()
     with path.open("rb") as file:
         while chunk := file.read(_CHUNK_BYTES):
             for frame in reader.feed(chunk):
                 yield Stamped(None, frame)
+    torn.update({name: count for name, count in reader.counters.items() if count})
 
 
 def _bus_log(path: Path) -> Iterator[Stamped]:

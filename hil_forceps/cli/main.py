@@ -1,5 +1,7 @@
 """Entry point of `hil-forceps`: the commands, and how errors reach the user. Nothing heavy is imported here."""
 
+import logging
+import os
 import sys
 from typing import Any
 
@@ -15,6 +17,8 @@ app = App(
     name="hil-forceps",
     help="Bridge and bench for wire-actuated surgical forceps. Not a medical device.",
     version=__version__,
+    result_action="return_value",
+    suppress_keyboard_interrupt=False,
 )
 
 # Commands are named by import path, so that `--help` loads none of them.
@@ -34,23 +38,45 @@ for _name, _path, _help in (
 
 def main(arguments: list[str] | None = None) -> None:
     """Run one command; exit code 2 with one clear line for each thing that the user can mend."""
+    logging.getLogger("can").setLevel(logging.CRITICAL)  # every problem is told once, by us
+    try:
+        code = _run(arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader of our output went away (`| head`): that is its right.
+        _drop_output()
+        code = 0
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        sys.stderr.write(f"hil-forceps: {where}{error.strerror or error}\n")
+        _drop_output()
+        code = EXIT_USER_ERROR
+    sys.exit(code)
+
+
+def _run(arguments: list[str] | None) -> int:
     try:
         result = app(arguments, exit_on_error=False, print_error=False)
     except UserError as error:
         for problem in error.problems:
             sys.stderr.write(f"hil-forceps: {problem}\n")
-        sys.exit(EXIT_USER_ERROR)
+        return EXIT_USER_ERROR
     except CycloptsError as error:
-        sys.stderr.write(f"hil-forceps: {' '.join(str(error).split())}; see hil-forceps --help\n")
-        sys.exit(EXIT_USER_ERROR)
-    except BrokenPipeError:
-        # The reader of our output went away (`| head`): that is its right.
-        sys.stderr.close()
-        sys.exit(0)
+        sys.stderr.write(f"hil-forceps: {' '.join(str(error).split()).rstrip('.')}; see hil-forceps --help\n")
+        return EXIT_USER_ERROR
     except KeyboardInterrupt:
         sys.stderr.write("hil-forceps: interrupted\n")
-        sys.exit(EXIT_INTERRUPTED)
-    sys.exit(result if isinstance(result, int) else 0)
+        return EXIT_INTERRUPTED
+    except SystemExit as ended:  # the drive's own parser, and a help text whose reader went away
+        result = ended.code
+    return result if isinstance(result, int) else 0
+
+
+def _drop_output() -> None:
+    """Point standard output at nothing, so that what its buffer still holds fails no second time at the exit."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from can.util import cast_from_string
+
 from hil_forceps.rig.errors import UserError
 
 
@@ -10,9 +12,5 @@ def interface_options(pairs: Sequence[str]) -> dict[str, object]:
     broken = [pair for pair in pairs if "=" not in pair]
     if broken:
         raise UserError([f"--option {pair}: must be KEY=VALUE" for pair in broken])
-    return {key: _value(text) for key, _, text in (pair.partition("=") for pair in pairs)}
-
-
-def _value(text: str) -> str | int:
-    """Give python-can interfaces, which take no strings for numbers, a number; what str() would not give back stays."""
-    return int(text) if text.isdecimal() and str(int(text)) == text else text
+    # Python's interfaces want numbers as numbers: udp_multicast its port, for one.
+    return {key: cast_from_string(value) for key, _, value in (pair.partition("=") for pair in pairs)}

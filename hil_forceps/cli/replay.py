@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -62,6 +63,8 @@ def _recording(path: Path, algorithm: str | None) -> int:
     ready_kernels(rig, settings.sample_time_s)
     result = replay_recording(recording, make_pipeline(rig, settings))
     count = len(recording.references)
+    if not len(recording.samples):
+        raise UserError(f"{path}: holds no samples; the drive never answered, or the recording was cut off at once")
     if not is_same:
         difference = result.samples["tau_w_estimate_N_m"] - recording.samples["tau_w_estimate_N_m"]
         rms = float(np.sqrt(np.nanmean(np.square(difference)))) if difference.size else 0.0
@@ -92,10 +95,12 @@ def _instrument(source: Path, rig_path: Path, out: Path) -> int:
         figures = write_instrument_figures(report, out)
     cells = report.table()
     table = Table(
-        title=f"{report.name}: estimated from the motor side against measured at the jaw", title_justify="left"
+        title=f"{report.name}: estimated from the motor side against measured at the jaw",
+        title_justify="left",
+        box=SIMPLE_HEAD,
     )
     for place, header in enumerate(cells.headers):
-        table.add_column(header, justify="right" if place > 2 else "left")
+        table.add_column(header.replace(" (", "\n("), justify="right" if place > 2 else "left", no_wrap=place == 0)
     for row in cells.rows:
         table.add_row(*row)
     Console().print(table)

@@ -3,12 +3,10 @@
 import csv
 import json
 import math
-import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import Any, Literal
 
 from rich.console import Console
@@ -17,6 +15,7 @@ from rich.status import Status
 from firmware_protocol.host_machine import HostConfig
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.session import Plan, SessionResult, run_session
+from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.results import ServiceConfig, Telemetry
 from hil_forceps.cli.files import make_folder
@@ -123,36 +122,6 @@ def run(
     return _tell(result, out)
 
 
-class StopFlag:
-    """Set by a signal handler, asked once a tick."""
-
-    def __init__(self) -> None:
-        self._set = False
-
-    def set(self) -> None:
-        """Ask for a clean stop."""
-        self._set = True
-
-    def is_set(self) -> bool:
-        """Tell whether somebody has asked."""
-        return self._set
-
-
-@contextmanager
-def stopped_by_signals(flag: StopFlag) -> Iterator[None]:
-    """Turn SIGINT and SIGTERM into a clean stop while the body runs."""
-
-    def handle(_number: int, _frame: FrameType | None) -> None:
-        flag.set()
-
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 def read_trajectory(path: Path) -> Trajectory:
     """Read `time_s,theta_j_rad`; UserError with the line for anything but finite numbers and increasing times."""
     try:
@@ -204,15 +173,16 @@ def _tell(session: SessionResult, out: Path) -> int:
         "message": result.message,
         "drive_disabled": result.drive_disabled,
         "recording": session.recording._asdict(),
-        "bus_log": session.bus_log and session.bus_log._asdict(),
+        "bus_log": session.bus_log._asdict(),
         "counters": {name: dict(values) for name, values in result.counters.items()},
         "timing": dict(result.timing),
     }
+    failures = list(session.failures)
     try:
         (out / "run.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
-        sys.stderr.write(f"hil-forceps: {out}/run.json: can't be written: {error.strerror}\n")
-    for failure in session.failures:
+        failures.append(f"{out}/run.json: can't be written: {error.strerror}")
+    for failure in failures:
         sys.stderr.write(f"hil-forceps: {failure}\n")
     if not result.ok:
         sys.stderr.write(f"hil-forceps: {result.message}\n")
@@ -222,4 +192,4 @@ def _tell(session: SessionResult, out: Path) -> int:
         f"{result.message}; {result.counters['service']['references_sent']} references sent, sample to reference "
         f"p50 {age['p50_us']} µs, p99 {age['p99_us']} µs, max {age['max_us']} µs; results are in {out}/\n"
     )
-    return EXIT_RUN_FAILED if session.failures else 0
+    return EXIT_RUN_FAILED if failures else 0

@@ -19,9 +19,9 @@ from hil_forceps.model.closed_loop import (
     DriveParameters,
     Loop,
     drive_step,
-    quantise,
     interval,
     make_loop,
+    quantise,
 )
 from hil_forceps.model.kernel import kernel
 from hil_forceps.rig.plant import PlantParameters
@@ -54,6 +54,7 @@ def _run(
     tau_w_N_m: Vector,
     current_noise_A: Vector,
     quanta: tuple[float, float],
+    believed_N_m_per_A: float,
     compensated: bool,
 ) -> NDArray[np.float64]:
     samples, steps = jaw_reference_rad.shape[0], loop.steps_per_sample
@@ -70,7 +71,7 @@ def _run(
         seen_current = quantise(drive[DRIVE_CURRENT] + current_noise_A[n], quanta[1])
         drive = drive_step(drive, reference, angle, loop.drive)
         time_ns = round(n * period_s * 1e9)
-        torque = plant.torque_constant_N_m_per_A * seen_current
+        torque = believed_N_m_per_A * seen_current
         if n == 0:
             state = start_kind(kind, constants, time_ns, seen_angle, torque)
         else:
@@ -99,17 +100,19 @@ def run_direct(
     *,
     compensated: bool = True,
     over_wire: bool = False,
+    torque_constant_N_m_per_A: float | None = None,
     seed: int = 0,
 ) -> DirectRun:
     """Run the loop from rest at the first reference, at the drive's own sample time.
 
     `jaw_reference_rad` (n): θ_j^ref at each sample. `tau_w_N_m` (n·m): load over each of the m plant steps of a sample
-    (`plant_steps`). ValueError when these don't fit or the estimator isn't one of ours; UserError when the rig has no
-    drive or doesn't know a value.
+    (`plant_steps`). `torque_constant_N_m_per_A`: what makes a torque of a sample's current; None: the plant's own.
+    ValueError when these don't fit or the estimator isn't one of ours; UserError when the rig has no drive or doesn't
+    know a value.
     """
     if estimator.compiled is None:
         raise ValueError(f"estimator {estimator.id!r} has no kernels to run in a compiled loop")
-    samples, steps = jaw_reference_rad.shape[0], plant_steps(rig)
+    samples, steps = jaw_reference_rad.size, plant_steps(rig)
     if samples < 1 or tau_w_N_m.shape != (samples * steps,):
         raise ValueError(f"tau_w_N_m must have {samples} × {steps} values, got {tau_w_N_m.shape}")
     law = rig.require_drive()
@@ -122,11 +125,13 @@ def run_direct(
         law.current_limit_A,
     )
     loop = make_loop(rig.plant(), drive, rig.encoder.counts_per_rev, law.sample_time_s / steps)
-    noise = np.random.default_rng(seed).normal(0.0, rig.noise.current_A, samples)
+    noise = np.random.default_rng(seed).standard_normal(samples) * rig.noise.current_A
     quanta = (WIRE_ANGLE_RAD, WIRE_CURRENT_A) if over_wire else (0.0, 0.0)
+    plant = rig.plant()
+    believed = plant.torque_constant_N_m_per_A if torque_constant_N_m_per_A is None else torque_constant_N_m_per_A
     kind, constants = estimator.compiled
     return DirectRun(
-        *_run(loop, rig.plant(), kind, constants, jaw_reference_rad, tau_w_N_m, noise, quanta, compensated)
+        *_run(loop, plant, kind, constants, jaw_reference_rad, tau_w_N_m, noise, quanta, believed, compensated)
     )
 
 

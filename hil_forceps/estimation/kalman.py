@@ -8,7 +8,8 @@ angles tell. Each sample weighs both by how well they foretold it; the estimate 
 
 The motor torque of a sample was held over the interval that ends there, so the prediction over it is exact for any
 stamps; its error (current noise, rounding) enters as noise of the input. The encoder's rounding is noise of the angle.
-Coulomb friction is a known input times the expected sign of the speed.
+Coulomb friction is an input too: over each stretch of time what would bring the speeds at its end to zero, limited to
+its levels. So it is the known level against the motion, and at a standstill it holds what it can.
 """
 
 import math
@@ -30,18 +31,17 @@ from hil_forceps.estimation.kalman_model import (
     PERIOD,
     RADIUS_J,
     RADIUS_M,
+    RESTEP_RATE,
     SPEED_J,
     SPEED_M,
     STEP_COLUMNS,
     STEP_RATE,
     STEP_VAR,
-    STOP_J,
-    STOP_M,
     TORQUE_COLUMN,
     TORQUE_VAR,
     TURN_PER_LOAD,
     Constants,
-    expected_sign,
+    frictions_N_m,
     held_stretch,
     lead_stretch,
     stretch,
@@ -63,10 +63,12 @@ _START_SPEED_VAR = 1.0
 # A sample whose interval is longer than the hold by more than this part of it has a stretch of unknown torque before.
 _HOLD_TOLERANCE = 0.5
 _SAME_INTERVAL_S = 1e-10
+# After so long without a sample nothing of a state is left that rest wouldn't tell as well.
+_LONGEST_GAP_S = 0.25
 
 
 @kernel
-def _mix(to_stay: float, stay: Vector, to_join: float, join: Vector) -> Vector:
+def mix(to_stay: float, stay: Vector, to_join: float, join: Vector) -> Vector:
     """Return one normal distribution with mean and covariance of the weighted two (weights sum to 1)."""
     mixed = np.empty(_SIZE)
     for i in range(5):
@@ -85,22 +87,19 @@ def _predict(
     hypothesis: Vector, over: Matrix, torque_N_m: float, torque_var: float, step_var: float, c: Constants
 ) -> Vector:
     """Return the hypothesis a stretch of time on; `step_var` is the variance of what τ_w moves by within."""
-    sign_m = expected_sign(hypothesis[SPEED_M], hypothesis[5 + 6 * SPEED_M] + c[STOP_M])
-    sign_j = expected_sign(hypothesis[SPEED_J], hypothesis[5 + 6 * SPEED_J] + c[STOP_J])
-    net = torque_N_m - c[FRICTION_M] * sign_m
-    jaw = c[FRICTION_J] * sign_j
     after = np.empty(_SIZE)
     half = np.zeros((5, 5))
     for i in range(5):
-        # Friction at the jaw acts as the load does, but leaves the load itself alone.
-        mean = over[i, TORQUE_COLUMN] * net
-        if i != LOAD:
-            mean += over[i, LOAD] * jaw
+        mean = over[i, TORQUE_COLUMN] * torque_N_m
         for j in range(5):
             mean += over[i, j] * hypothesis[j]
             for m in range(5):
                 half[i, m] += over[i, j] * hypothesis[5 + 5 * j + m]
         after[i] = mean
+    motor, jaw = frictions_N_m(after[SPEED_M], after[SPEED_J], over, c[FRICTION_M], c[FRICTION_J])
+    for i in range(LOAD):
+        # At the jaw friction acts as the load does, but leaves the load itself alone.
+        after[i] += over[i, LOAD] * jaw - over[i, TORQUE_COLUMN] * motor
     for i in range(5):
         for j in range(i, 5):
             variance = step_var * over[i, STEP_COLUMNS + j]
@@ -123,31 +122,50 @@ def _correct(predicted: Vector, theta_m_rad: float, angle_var: float) -> tuple[V
         after[i] = predicted[i] + gain * innovation
         for j in range(5):
             after[5 + 5 * i + j] = predicted[5 + 5 * i + j] - gain * predicted[5 + j]
+    # What is left of the angle's own row cancels to nothing above when the angle is far better seen than foretold.
+    left = angle_var / variance
+    for j in range(5):
+        after[5 + j] = left * predicted[5 + j]
+        after[5 + 5 * j] = after[5 + j]
     return after, -0.5 * (innovation * innovation / variance + math.log(variance))
 
 
 @kernel
-def _advance(
-    hypothesis: Vector, step_var: float, dt_s: float, before_N_m: float, torque_N_m: float, c: Constants
-) -> Vector:
-    """Return the hypothesis at the next sample, before its angle is seen.
+def _stretches(dt_s: float, c: Constants) -> tuple[float, Matrix, Matrix]:
+    """Return what part of an interval lies before the hold of its torque, that stretch, and the one after it.
 
-    Over a gap the torque of the lost samples isn't known: it is taken halfway between the torques at both ends, with
-    half their difference as its error.
+    The part is 0 and the first stretch of no use where the torque was held all the time.
     """
     nominal = abs(dt_s - c[PERIOD]) < _SAME_INTERVAL_S
-    hold_s = c[HOLD]
-    lead_s = dt_s - hold_s
-    drift_var = c[DRIFT] * dt_s
-    if lead_s <= _HOLD_TOLERANCE * hold_s:
-        over = held_stretch(c) if nominal and lead_s <= _SAME_INTERVAL_S else stretch(c, dt_s)
-        return _predict(hypothesis, over, torque_N_m, c[TORQUE_VAR], drift_var + step_var, c)
-    share = lead_s / dt_s
-    half_difference = 0.5 * (torque_N_m - before_N_m)
-    lead_var = c[TORQUE_VAR] + half_difference * half_difference
-    over = lead_stretch(c) if nominal else stretch(c, lead_s)
-    middle = _predict(hypothesis, over, before_N_m + half_difference, lead_var, share * (drift_var + step_var), c)
-    return _predict(middle, held_stretch(c), torque_N_m, c[TORQUE_VAR], (1.0 - share) * (drift_var + step_var), c)
+    lead_s = dt_s - c[HOLD]
+    if lead_s <= _HOLD_TOLERANCE * c[HOLD]:
+        held = held_stretch(c) if nominal and lead_s <= _SAME_INTERVAL_S else stretch(c, dt_s)
+        return 0.0, held, held
+    lead = lead_stretch(c) if nominal else stretch(c, lead_s)
+    return lead_s / dt_s, lead, held_stretch(c)
+
+
+@kernel
+def _advance(
+    hypothesis: Vector,
+    moves_var: float,
+    lead_part: float,
+    lead: Matrix,
+    held: Matrix,
+    before_N_m: float,
+    torque_N_m: float,
+    c: Constants,
+) -> Vector:
+    """Return the hypothesis at the next sample, before its angle is seen; τ_w moves by `moves_var` until then.
+
+    Before the hold the torque isn't known (the drive sends every n-th sample only, or samples were lost): it is taken
+    halfway between the torques at both ends, with half their difference as its error.
+    """
+    if lead_part > 0.0:
+        half_difference = 0.5 * (torque_N_m - before_N_m)
+        lead_var = c[TORQUE_VAR] + half_difference * half_difference
+        hypothesis = _predict(hypothesis, lead, before_N_m + half_difference, lead_var, lead_part * moves_var, c)
+    return _predict(hypothesis, held, torque_N_m, c[TORQUE_VAR], (1.0 - lead_part) * moves_var, c)
 
 
 @kernel
@@ -166,32 +184,6 @@ def _assemble(
     theta_j = quiet * quiet_h[ANGLE_J] + stepped * stepped_h[ANGLE_J]
     state[ELONGATION] = c[RADIUS_M] * theta_m - c[RADIUS_J] * theta_j
     return state
-
-
-@kernel
-def step(state: State, c: Constants, time_ns: int, theta_m_rad: float, motor_torque_N_m: float) -> State:
-    """Return the state after a sample; the same state when its stamp isn't later than the last."""
-    dt_s = (time_ns - state[TIME]) * 1e-9
-    if dt_s <= 0.0:
-        return state
-    steps = -math.expm1(-c[STEP_RATE] * dt_s)
-    leaves = -math.expm1(-c[LEAVE_RATE] * dt_s)
-    was_stepped = state[STEPPED_WEIGHT]
-    stepped = steps * (1.0 - was_stepped) + (1.0 - leaves) * was_stepped
-    quiet = 1.0 - stepped
-    quiet_h, stepped_h = state[_QUIET:_STEPPED], state[_STEPPED:]
-    settled = _mix((1.0 - steps) * (1.0 - was_stepped) / quiet, quiet_h, leaves * was_stepped / quiet, stepped_h)
-    fresh = steps * (1.0 - was_stepped) / stepped
-    moving = _mix(1.0 - fresh, stepped_h, fresh, quiet_h)
-    # A step may follow another while the first is still told apart.
-    step_var = c[STEP_VAR] * steps / stepped
-
-    settled = _advance(settled, 0.0, dt_s, state[TORQUE], motor_torque_N_m, c)
-    moving = _advance(moving, step_var, dt_s, state[TORQUE], motor_torque_N_m, c)
-    settled, settled_log = _correct(settled, theta_m_rad, c[ANGLE_VAR])
-    moving, moving_log = _correct(moving, theta_m_rad, c[ANGLE_VAR])
-    stepped = 1.0 / (1.0 + quiet / stepped * math.exp(settled_log - moving_log))
-    return _assemble(time_ns, motor_torque_N_m, stepped, settled, moving, c)
 
 
 @kernel
@@ -214,3 +206,40 @@ def start(c: Constants, time_ns: int, theta_m_rad: float, motor_torque_N_m: floa
     hypothesis[5 + 6 * SPEED_M] = _START_SPEED_VAR
     hypothesis[5 + 6 * SPEED_J] = _START_SPEED_VAR
     return _assemble(time_ns, motor_torque_N_m, 0.5, hypothesis, hypothesis, c)
+
+
+@kernel
+def step(state: State, c: Constants, time_ns: int, theta_m_rad: float, motor_torque_N_m: float) -> State:
+    """Return the state after a sample; the same state when its stamp isn't later than the last."""
+    dt_s = (time_ns - state[TIME]) * 1e-9
+    if dt_s <= 0.0:
+        return state
+    if dt_s > _LONGEST_GAP_S:
+        return start(c, time_ns, theta_m_rad, motor_torque_N_m)
+    steps = -math.expm1(-c[STEP_RATE] * dt_s)
+    leaves = -math.expm1(-c[LEAVE_RATE] * dt_s)
+    was_stepped = state[STEPPED_WEIGHT]
+    was_quiet = 1.0 - was_stepped
+    left = was_stepped * leaves
+    stay = was_stepped - left
+    # Whoever is quiet, or has just become so, may step.
+    stepped = stay + (was_quiet + left) * steps
+    quiet = (was_quiet + left) * (1.0 - steps)
+    quiet_h, stepped_h = state[_QUIET:_STEPPED], state[_STEPPED:]
+    joined = was_quiet * steps / stepped
+    settled = mix(was_quiet / (was_quiet + left), quiet_h, left / (was_quiet + left), stepped_h)
+    moving = mix(1.0 - joined, stepped_h, joined, quiet_h)
+    # A step may follow another while the first is still told apart.
+    fresh = (was_quiet + left) * steps / stepped
+    resteps = -math.expm1(-c[RESTEP_RATE] * dt_s)
+    drift_var = c[DRIFT] * dt_s
+    step_var = c[STEP_VAR] * (fresh + (1.0 - fresh) * resteps)
+
+    lead_part, lead, held = _stretches(dt_s, c)
+    before = state[TORQUE]
+    settled = _advance(settled, drift_var, lead_part, lead, held, before, motor_torque_N_m, c)
+    moving = _advance(moving, drift_var + step_var, lead_part, lead, held, before, motor_torque_N_m, c)
+    settled, settled_log = _correct(settled, theta_m_rad, c[ANGLE_VAR])
+    moving, moving_log = _correct(moving, theta_m_rad, c[ANGLE_VAR])
+    stepped = 1.0 / (1.0 + quiet / stepped * math.exp(settled_log - moving_log))
+    return _assemble(time_ns, motor_torque_N_m, stepped, settled, moving, c)

@@ -5,7 +5,6 @@ except where it steps. A stretch of time is a 5×11 matrix: Φ (5×5), the respo
 the covariance that a unit-variance step of τ_w within the stretch leaves at its end (5×5).
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -29,12 +28,14 @@ TORQUE_COLUMN = 5
 STEP_COLUMNS = 6
 _STRETCH_SIZE = 55
 
-PERIOD, HOLD, TORQUE_VAR, ANGLE_VAR, FRICTION_M, FRICTION_J, STOP_M, STOP_J = range(8)
-DRIFT, STEP_VAR, STEP_RATE, LEAVE_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD = range(8, 15)
-_RATES = 15
+PERIOD, HOLD, TORQUE_VAR, ANGLE_VAR, FRICTION_M, FRICTION_J = range(6)
+DRIFT, STEP_VAR, STEP_RATE, LEAVE_RATE, RADIUS_M, RADIUS_J, TURN_PER_LOAD, RESTEP_RATE = range(6, 14)
+_RATES = 14
 _UNITS = _RATES + 36
 _LEAD = _UNITS + 6
 _HELD = _LEAD + _STRETCH_SIZE
+
+_FRICTION_SWEEPS = 3
 
 # Steps of τ_w within a stretch are looked for at 2**_STEP_HALVINGS places at least.
 _STEP_HALVINGS = 3
@@ -46,13 +47,16 @@ class Tuning(NamedTuple):
     # The load steps by about as much as turns the jaw by this through the wire's elasticity: 2 mN m in the paper.
     step_jaw_turn_rad: float = 0.04
     step_rate_per_s: float = 0.3
+    # Once it has begun to step, more steps follow at this rate.
+    restep_rate_per_s: float = 5.0
     # For so long after a step its effect is told apart: some periods of the wire's mode.
-    step_memory_s: float = 0.01
+    step_memory_s: float = 0.006
     # Slow change of the load: (share of the step)² per second.
     drift_per_s: float = 2.5e-4
-    # What friction may be off by, in parts of its level, and a count's edge, in parts of a count.
-    friction_share: float = 0.1
-    count_share: float = 0.05
+    # What friction may be off by, in parts of its level, and a count's edge, in parts of a count. A pulley that sticks
+    # carries anything between minus and plus its level: 1/√3 of it is the standard deviation of that.
+    friction_share: float = 0.58
+    count_share: float = 0.15
 
 
 class Sensors(NamedTuple):
@@ -95,11 +99,10 @@ def constants(
     values[ANGLE_VAR] = sum(angle_variances)
     values[FRICTION_M] = plant.motor_coulomb_N_m
     values[FRICTION_J] = plant.jaw_coulomb_N_m
-    values[STOP_M] = (plant.motor_coulomb_N_m * sample_time_s / plant.motor_inertia_kg_m2) ** 2
-    values[STOP_J] = (plant.jaw_coulomb_N_m * sample_time_s / plant.jaw_inertia_kg_m2) ** 2
     values[DRIFT] = tuning.drift_per_s * step * step
     values[STEP_VAR] = step * step
     values[STEP_RATE] = tuning.step_rate_per_s
+    values[RESTEP_RATE] = tuning.restep_rate_per_s
     values[LEAVE_RATE] = 1.0 / tuning.step_memory_s
     values[RADIUS_M], values[RADIUS_J], values[TURN_PER_LOAD] = r_m, r_j, turn_per_load
     rates, units = balanced_rates(plant)
@@ -144,12 +147,14 @@ def stretch(c: Constants, dt_s: float) -> Matrix:
     units = c[_UNITS:_LEAD]
     rates = c[_RATES:_UNITS].copy().reshape((6, 6)) * dt_s
     count = max(halvings(rates), _STEP_HALVINGS)
-    transition = taylor_exponential(rates * 0.5**count)
-    # Mean covariance of a step within, by doubling: that of the second half, and of the first carried through it.
+    transition = taylor_exponential(rates * 0.5 ** (count + 1))
+    # Mean covariance of a step within: of one in the middle of the smallest part, then by doubling, that of the second
+    # half and that of the first carried through it.
     within = np.empty((5, 5))
     for i in range(5):
         for j in range(5):
             within[i, j] = transition[i, LOAD] * transition[j, LOAD]
+    transition = multiply(transition, transition)
     for _ in range(count):
         carried = multiply(multiply(transition[:5, :5], within), np.ascontiguousarray(transition[:5, :5].T))
         for i in range(5):
@@ -168,6 +173,18 @@ def stretch(c: Constants, dt_s: float) -> Matrix:
 
 
 @kernel
-def expected_sign(speed: float, variance: float) -> float:
-    """Return the mean of sgn(ω) over a normal distribution: ±1 when the direction is sure, near 0 at a standstill."""
-    return math.erf(speed / math.sqrt(2.0 * max(variance, 1e-30)))
+def frictions_N_m(
+    speed_m: float, speed_j: float, over: Matrix, level_m_N_m: float, level_j_N_m: float
+) -> tuple[float, float]:
+    """Return Coulomb friction of motor and jaw over a stretch that without it would end at these speeds.
+
+    What brings both speeds to zero, each limited to its level: Moreau's implicit rule for two masses, by projected
+    Gauss-Seidel.
+    """
+    motor, jaw = 0.0, 0.0
+    for _ in range(_FRICTION_SWEEPS):
+        left = speed_m - over[SPEED_M, TORQUE_COLUMN] * motor + over[SPEED_M, LOAD] * jaw
+        motor = max(-level_m_N_m, min(level_m_N_m, motor + left / over[SPEED_M, TORQUE_COLUMN]))
+        left = speed_j - over[SPEED_J, TORQUE_COLUMN] * motor + over[SPEED_J, LOAD] * jaw
+        jaw = max(-level_j_N_m, min(level_j_N_m, jaw - left / over[SPEED_J, LOAD]))
+    return motor, jaw

@@ -1,19 +1,5 @@
-"""The one way in which numeric functions are compiled here."""
+"""The compiler of the model's and the estimators' kernels."""
 
-from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
+from hil_forceps.rig.kernel import kernel_compiler
 
-import numba
-
-_P = ParamSpec("_P")
-_R = TypeVar("_R")
-
-
-def kernel(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile `function` with numba, keeping its type for the checker.
-
-    Compiled code is cached on disk (the first call of a fresh installation compiles). Division by zero gives inf or
-    NaN as in numpy instead of raising, so a kernel never raises on data: what isn't finite travels on to the gate.
-    No fast-math: the same inputs give the same bits, in a loop or one step at a time.
-    """
-    return cast(Callable[_P, _R], numba.njit(cache=True, error_model="numpy")(function))
+kernel = kernel_compiler(("hil_forceps/model", "hil_forceps/estimation", "hil_forceps/rig/plant.py"))

@@ -17,8 +17,11 @@ def timing_figure(traces: TimingTraces) -> Figure:
     with house_style():
         figure = new_figure(DOUBLE_COLUMN, 66)
         age, late = figure.subplots(1, 2, sharey=True)
-        _histogram(age, traces.age_s * 1e3, {name: value * 1e3 for name, value in traces.age_marks_s.items()}, "ms")
-        _histogram(late, traces.lateness_s * 1e6, {k: v * 1e6 for k, v in traces.lateness_marks_s.items()}, "µs")
+        highest = max(
+            _histogram(age, traces.age_s * 1e3, {k: v * 1e3 for k, v in traces.age_marks_s.items()}, "ms"),
+            _histogram(late, traces.lateness_s * 1e6, {k: v * 1e6 for k, v in traces.lateness_marks_s.items()}, "µs"),
+        )
+        age.set_ylim(0.7, 2.0 * max(highest, 1.0))
         age.set_xlabel("age of the sample when its reference is sent (ms)")
         late.set_xlabel("lateness of the tick (µs)")
         age.set_ylabel("count")
@@ -32,10 +35,11 @@ def timing_figure(traces: TimingTraces) -> Figure:
     return figure
 
 
-def _histogram(axes: Axes, values: Array, marks: dict[str, float], unit: str) -> None:
+def _histogram(axes: Axes, values: Array, marks: dict[str, float], unit: str) -> float:
+    """Draw one histogram and return its highest count."""
     if not values.size:
         axes.text(0.5, 0.5, "none measured", transform=axes.transAxes, ha="center", va="center", bbox=PAPER)
-        return
+        return 0.0
     low, high = float(values.min()), float(values.max())
     tailed = high > _LONG_TAIL * float(np.median(values)) or low <= 0
     if tailed:
@@ -44,14 +48,15 @@ def _histogram(axes: Axes, values: Array, marks: dict[str, float], unit: str) ->
         axes.set_xscale("log")
     else:
         edges = np.linspace(low - 0.02 * (high - low) - 1e-9, high + 0.02 * (high - low) + 1e-9, _BINS)
-    axes.hist(np.clip(values, edges[0], edges[-1]), bins=edges.tolist(), color="#56b4e9", edgecolor="#0072b2", lw=0.3)
+    shown = np.clip(values, edges[0], edges[-1])
+    counts, _, _ = axes.hist(shown, bins=edges.tolist(), color="#56b4e9", edgecolor="#0072b2", lw=0.3)
     axes.set_yscale("log")
-    axes.set_ylim(bottom=0.7)
     dashes = ("-", (0, (4, 1.2)), (0, (1.2, 1.2)), (0, (6, 1.2, 1, 1.2)))
     for index, (name, value) in enumerate(marks.items()):
         label = f"{name} {_short(value)} {unit}"
         axes.axvline(value, color=INK, lw=0.8, ls=dashes[index % len(dashes)], label=label)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=len(marks), handlelength=1.8)
+    return float(np.max(counts))
 
 
 def _short(value: float) -> str:

@@ -28,6 +28,7 @@ from hil_forceps.runs.recording_format import (
     BENCH,
     MESSAGE_ENCODING,
     MESSAGE_HEAD,
+    MESSAGE_START,
     METADATA_NAME,
     RECORD_HEAD,
     REFERENCE,
@@ -102,7 +103,7 @@ class Recording:
             own = sent[sent["setpoint_sequence"] == sequence]
             wanted = np.flatnonzero(samples["setpoint_sequence"] == sequence)
             if len(own):
-                index = np.searchsorted(own["sent_ns"], samples["received_ns"][wanted], side="right") - 1
+                index = np.searchsorted(own["tick_ns"], samples["received_ns"][wanted], side="right") - 1
                 result[wanted[index >= 0]] = own["passed_rad"][index[index >= 0]]
         return result
 
@@ -183,17 +184,13 @@ def _assemble(found: _Found, name: str) -> Recording:
     gaps = 0
     expected = {topic.channel: 0 for topic in TOPICS}
     sizes = {topic.channel: topic.dtype.itemsize for topic in TOPICS}
-    head_size = MESSAGE_HEAD.size - RECORD_HEAD.size
     for records in found.chunks:
-        for opcode, body in _records(records):
-            if opcode != Opcode.MESSAGE:
-                continue
-            channel, sequence = int.from_bytes(body[:2], "little"), int.from_bytes(body[2:6], "little")
-            if len(body) - head_size != sizes.get(channel):
+        for channel, sequence, body in _messages(records):
+            if len(body) != sizes.get(channel):
                 continue
             gaps += sequence - expected[channel]
             expected[channel] = sequence + 1
-            bodies[channel].append(body[head_size:])
+            bodies[channel].append(body)
             order.append(channel)
     tables = {topic.channel: np.frombuffer(b"".join(bodies[topic.channel]), dtype=topic.dtype) for topic in TOPICS}
     notes = []
@@ -225,6 +222,21 @@ def _records(data: bytes) -> Iterator[tuple[int, bytes]]:
             return
         yield opcode, data[offset : offset + length]
         offset += length
+
+
+def _messages(records: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """Yield (channel, sequence, body) of every whole message of a chunk, as `_records` does."""
+    offset, end = 0, len(records)
+    head, head_size = MESSAGE_START.unpack_from, MESSAGE_HEAD.size
+    message = int(Opcode.MESSAGE)
+    while offset + head_size <= end:
+        opcode, length, channel, sequence = head(records, offset)
+        after = offset + RECORD_HEAD.size + length
+        if after > end:
+            return
+        if opcode == message:
+            yield channel, sequence, records[offset + head_size : after]
+        offset = after
 
 
 def _stream(body: bytes) -> ReadDataStream:

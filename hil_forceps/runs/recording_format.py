@@ -27,6 +27,7 @@ COMPRESSION = "zstd"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 CDR_HEAD = b"\x00\x01\x00\x00"  # little-endian, no options
 MESSAGE_HEAD = struct.Struct("<BQHIQQ4s")  # opcode, length, channel, sequence, log and publish time; CDR head
+MESSAGE_START = struct.Struct("<BQHI")  # of these, as far as the sequence
 _STRUCT_CODE = {"int64": "q", "float64": "d", "int32": "i", "uint8": "B"}
 
 

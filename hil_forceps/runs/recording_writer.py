@@ -93,7 +93,7 @@ class Recorder:
         self._buffer = bytearray(CHUNK_BYTES)
         self._limit = CHUNK_BYTES - _LARGEST
         self._offset = 0
-        self._indexes = [array("Q") for _ in TOPICS]
+        self._indexes: list[list[int]] = [[] for _ in TOPICS]  # of each topic: log time and offset by turns
         self._counts = [0, 0, 0]
         self._overflowed = 0  # the tick's own count; what the thread could not write is counted by the thread
         self._unwritten = 0
@@ -114,7 +114,7 @@ class Recorder:
             stamp_ns, received_ns, theta_m, sample[1], current * CURRENT_LSB_A, sample[2], *estimate,
             current, sequence, setpoint_sequence, state, fault,
         )  # fmt: skip
-        self._indexes[0].extend((received_ns, offset))
+        self._indexes[0] += (received_ns, offset)
         self._counts[0] = count + 1
         self._offset = offset + _SAMPLE_SIZE
 
@@ -131,7 +131,7 @@ class Recorder:
             tick_ns, sent_ns, stamp_ns, trajectory_ns, raw or 0, theta_j_ref, elongation, requested, passed,
             verdict, outcome, sample, setpoint_sequence,
         )  # fmt: skip
-        self._indexes[1].extend((tick_ns, offset))
+        self._indexes[1] += (tick_ns, offset)
         self._counts[1] = count + 1
         self._offset = offset + _REFERENCE_SIZE
 
@@ -147,7 +147,7 @@ class Recorder:
             self._buffer, offset, MESSAGE_OPCODE, _BENCH_LENGTH, 3, count, received_ns, received_ns, CDR_HEAD,
             received_ns, theta_j * ANGLE_LSB_RAD, tau_w * BENCH_TORQUE_LSB_N_M, theta_j, tau_w, sequence,
         )  # fmt: skip
-        self._indexes[2].extend((received_ns, offset))
+        self._indexes[2] += (received_ns, offset)
         self._counts[2] = count + 1
         self._offset = offset + _BENCH_SIZE
 
@@ -171,10 +171,11 @@ class Recorder:
             return
         with memoryview(self._buffer) as view:
             records = bytes(view[: self._offset])
-        chunk = Chunk(records, {topic.channel: index[:] for topic, index in zip(TOPICS, self._indexes, strict=True)})
+        indexes = {topic.channel: array("Q", index) for topic, index in zip(TOPICS, self._indexes, strict=True)}
+        chunk = Chunk(records, indexes)
         self._offset = 0
         for index in self._indexes:
-            del index[:]
+            index.clear()
         if not self._background.put(chunk, timeout_s):
             self._overflowed += chunk.messages
 

@@ -159,6 +159,18 @@ def test_what_is_not_for_us_is_counted_apart(bus: ScriptedBus, link: PythonCanLi
     assert link.is_up()
 
 
+def test_what_an_interface_plays_back_unmarked_is_known_again(bus: ScriptedBus) -> None:
+    link = PythonCanLink(bus, MonotonicClock(), echoes=True)
+    other = Frame(0x84, b"12345678")
+    for _ in range(2):
+        link.send(FRAME)
+        echo = can.Message(arbitration_id=FRAME.arbitration_id, data=FRAME.data, is_extended_id=False)
+        theirs = can.Message(arbitration_id=other.arbitration_id, data=other.data, is_extended_id=False)
+        bus.messages = [theirs, echo, echo]
+        assert [frame for _, frame in link.receive()] == [other, FRAME], "one echo for one frame"
+    assert link.counters["own"] == 2
+
+
 def test_a_flood_is_taken_in_parts(bus: ScriptedBus, link: PythonCanLink) -> None:
     bus.messages = [can.Message(arbitration_id=0x44, is_extended_id=False)] * (can_link.MAX_DRAIN + 5)
     assert len(link.receive()) == can_link.MAX_DRAIN

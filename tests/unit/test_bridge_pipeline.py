@@ -165,6 +165,28 @@ def test_an_estimate_that_is_not_finite_lets_nothing_leave() -> None:
     assert uncompensated.reference(0).reference_raw is not None
 
 
+def test_one_reference_that_passes_ends_a_row_of_denied_ones() -> None:
+    elongation_m = [math.nan]
+    estimator = Estimator("x", lambda _: np.zeros(1), lambda s, _: s, lambda _: Estimate(0.0, elongation_m[0]))
+    line = Pipeline(estimator, lambda _: START_JAW_RAD, PLANT, Gate(LIMITS), True, 3e-3)
+    rows = []
+    for k in range(6):
+        elongation_m[0] = 1e-6 if k == 3 else math.nan
+        line.feed(raw(k))
+        line.reference(k * MS)
+        rows.append(line.denied_in_a_row)
+    assert rows == [1, 2, 3, 0, 1, 2]
+
+
+def test_a_drive_that_leaves_operation_is_held_where_it_is() -> None:
+    line = pipeline()
+    line.feed(raw(0))
+    line.reference(0)
+    line.feed(raw(1, DriveState.DISABLED, START_RAW + 999))
+    assert line.reference(MS).reference_raw == START_RAW + 999
+    assert line.zero_ns == 0
+
+
 @pytest.mark.parametrize("ahead_rad", [0.5, -0.5])
 def test_a_jaw_that_is_elsewhere_is_led_to_the_trajectory_without_a_kick(ahead_rad: float) -> None:
     speed = Approach().speed_rad_per_s
@@ -190,6 +212,15 @@ def test_a_jaw_that_is_there_has_no_approach() -> None:
     reference = line.reference(0)
     plain = PLANT.jaw_pulley_radius_m * reference.theta_j_ref_rad / PLANT.motor_pulley_radius_m
     assert reference.requested_rad == plain
+
+
+def test_warming_up_leaves_no_trace() -> None:
+    cold, warm = pipeline(), pipeline()
+    warm.warm_up()
+    for line in (cold, warm):
+        line.feed(raw(0))
+    assert cold.reference(0) == warm.reference(0)
+    assert cold.counters == warm.counters
 
 
 def test_wrong_settings_raise() -> None:

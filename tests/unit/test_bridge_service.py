@@ -40,6 +40,7 @@ class World:
     def __init__(self, delay_ns: int = 350 * US) -> None:
         self.machine = DriveMachine(DriveConfig(NODE, 77, watchdog_timeout_us=WATCHDOG_MS * 1000))
         self.time_ns = 0
+        self.attempts = 0
         self.delay_ns = delay_ns
         self.theta_raw = START_RAW
         self.result = SendResult.SENT  # of the next frames
@@ -85,6 +86,7 @@ class World:
             self._arrivals += [(self.time_ns + self.delay_ns, frame) for frame in frames]
 
     def send(self, frame: Frame) -> SendResult:
+        self.attempts += 1
         if not self.up:
             return SendResult.BUS_DOWN
         if self.result is SendResult.SENT:
@@ -254,7 +256,9 @@ def test_a_full_queue_is_counted_and_its_frames_are_never_sent_later() -> None:
     world.at(205 * MS, lambda: setattr(world, "result", SendResult.SENT))
     result = bench.service.run()
     assert result.reason is StopReason.COMPLETED
-    assert result.counters["service"]["queue_full"] in {5, 6}
+    service = result.counters["service"]
+    assert service["queue_full"] in {5, 6}
+    assert world.attempts == service["frames_sent"] + service["queue_full"], "nothing is tried twice"
     gap = [time_ns for time_ns, _ in world.setpoints() if 200 * MS <= time_ns < 205 * MS]
     assert gap == []
     assert len({time_ns for time_ns, _ in world.setpoints()}) == len(world.setpoints()), "one a tick, no burst"
@@ -352,6 +356,16 @@ def test_a_drive_that_can_not_be_enabled() -> None:
     assert safe(world)
 
 
+def test_a_motor_outside_the_limits_is_not_enabled_and_the_message_says_why() -> None:
+    world = World()
+    world.theta_raw = round(3.5 / ANGLE_LSB_RAD)
+    result = rigged(world, ServiceConfig(duration_ns=100 * MS, enable_timeout_ns=300 * MS)).service.run()
+    assert result.reason is StopReason.ENABLE_FAILED
+    assert "within `limits:`" in result.message
+    assert world.setpoints() == []
+    assert safe(world)
+
+
 class FullDisk(io.BytesIO):
     def write(self, data: object) -> int:
         if self.tell() > 100_000:
@@ -406,6 +420,11 @@ def test_samples_of_skipped_periods_still_reach_the_estimator() -> None:
     assert result.counters["host"]["lost_feedback"] == 0
 
 
+def test_a_slow_loop_has_patience_with_its_drive() -> None:
+    config = ServiceConfig(period_ns=15 * MS, phase_ns=MS, duration_ns=400 * MS, silence_timeout_ns=MS)
+    assert rigged(config=config).service.run().reason is StopReason.COMPLETED
+
+
 def test_telemetry_comes_seldom() -> None:
     bench = rigged(config=ServiceConfig(duration_ns=500 * MS, telemetry_period_ns=100 * MS))
     bench.service.run()
@@ -449,6 +468,7 @@ def test_the_recording_holds_every_sample_and_every_tick() -> None:
     assert sent["reference_raw"].tolist() == [setpoint.theta_m_ref for setpoint in wire]
     assert sent["setpoint_sequence"].tolist() == [setpoint.sequence for setpoint in wire]
     assert sent["sample_sequence"].tolist() == [setpoint.sample_sequence for setpoint in wire]
+    assert recording.references["trajectory_ns"].max() == 499 * MS, "nothing is computed once the run has ended"
     run = recording.to_run()
     assert {"theta_m_ref_rad", "theta_j_rad", "tau_w_N_m"} <= run.columns.keys()
     # this motor is at its reference by the next sample

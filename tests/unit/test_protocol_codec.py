@@ -54,7 +54,7 @@ def crc16(data: bytes) -> int:
 def decode(frame: Frame) -> tuple[Message | None, list[str]]:
     decoder = codec.Decoder()
     message = decoder.decode(frame)
-    return message, [name for name, count in decoder.counters.items() if count]
+    return message, [name for name, count in decoder.counters.items() for _ in range(count)]
 
 
 @pytest.mark.parametrize(("message", "fd"), MESSAGES)

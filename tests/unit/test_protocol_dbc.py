@@ -96,6 +96,7 @@ def test_value_tables_are_the_enumerations() -> None:
 def test_scales() -> None:
     assert pytest.approx(6.283185307179586, rel=1e-15) == 2**24 * scales.ANGLE_LSB_RAD
     assert scales.angle_raw_from_rad(scales.ANGLE_LSB_RAD * 12345) == 12345
+    assert (scales.ANGLE_MODULUS, scales.STAMP_MODULUS, scales.SEQUENCE_MODULUS) == (2**32, 2**32, 2**8)
     for raw in (-(1 << 31), -1, 0, (1 << 31) - 1):
         assert scales.wrap_int32(raw) == raw
         assert scales.wrap_int32(raw + (1 << 32)) == raw

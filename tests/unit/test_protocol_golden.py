@@ -1,6 +1,7 @@
 """The golden vectors are up to date, and reading them alone is enough to check an implementation."""
 
 import json
+import runpy
 from importlib import resources
 from typing import Any
 
@@ -25,6 +26,11 @@ def frame_of(row: dict[str, Any]) -> Frame:
 def test_the_file_is_what_the_generator_writes() -> None:
     assert golden.document() == TEXT
     assert golden.document() == golden.document()
+
+
+def test_the_command_writes_the_file(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_module("firmware_protocol.golden", run_name="__main__")
+    assert capsys.readouterr().out == TEXT
 
 
 def test_messages_replay() -> None:

@@ -192,8 +192,8 @@ def test_hfp_070_only_discover_before_an_identity() -> None:
     for _ in range(3):
         desk.drive_heartbeat()
         desk.sample()
-    desk.wait(300)
-    assert desk.sent == [Discover(NODE)] * 3
+    desk.wait(301)
+    assert desk.sent == [Discover(NODE)] * 4  # at once, and each 100 ms
     assert desk.setpoint(0) is None
     assert desk.host.take_samples() == []
     assert desk.host.counters["not_for_us"] == 9
@@ -262,6 +262,14 @@ def test_hfp_073_another_drive_later_on() -> None:
     assert desk.phase() is P.REFUSED
 
 
+@pytest.mark.parametrize("node", [1, 30])
+def test_any_node_is_any_node(node: int) -> None:
+    desk = Desk(node=0)
+    desk.host.connect(desk.now_ns)
+    desk.hear(Identity(node, 5, 1, 0))
+    assert (desk.phase(), desk.host.node) == (P.READY, node)
+
+
 def test_any_node_takes_the_first_that_answers() -> None:
     desk = Desk(node=0)
     assert desk.host.estop_frame() == codec.encode(Estop(0))
@@ -292,6 +300,54 @@ def test_hfp_074_silence(quiet_ns: int, phase: HostPhase, last: Callable[[Desk],
     desk.host.poll(heard + 250 * MS + quiet_ns)
     assert desk.host.phase is phase
     assert desk.host.counters["drive_gone"] == (phase is P.DISCONNECTED)
+
+
+def test_parameter_answers_are_signs_of_life() -> None:
+    desk = Desk()
+    desk.ready()
+    for _ in range(5):
+        desk.wait(200)
+        desk.hear(ParamResponse(NODE, ParamOp.OK, 1, 1))
+    assert desk.phase() is P.READY
+
+
+@pytest.mark.parametrize("prepare", [Desk.running, Desk.faulted])
+def test_a_session_leaves_nothing_behind(prepare: Callable[[Desk], None]) -> None:
+    """The next drive at this node may count and stamp as it likes, and has seen no heartbeat yet."""
+    desk = Desk()
+    prepare(desk)
+    desk.drive_heartbeat(lost=9)
+    desk.wait(300)
+    host = desk.host
+    assert desk.phase() is P.DISCONNECTED
+    assert (host.identity, host.drive_state, host.fault) == (None, None, FaultReason.NONE)
+    host.take_samples()
+    before = host.counters["not_for_us"]
+    desk.sample()
+    desk.drive_heartbeat()
+    assert host.counters["not_for_us"] == before + 3
+    desk.heartbeat_sequence = 100
+    desk.hear(Identity(NODE, SERIAL + 1, 1, 0))
+    desk.host.connect(desk.now_ns)
+    desk.hear(Identity(NODE, SERIAL + 1, 1, 0))
+    desk.n = 0
+    desk.sample()
+    desk.drive_heartbeat(lost=3)
+    desk.host.enable()
+    assert desk.wait(22, DriveState.DISABLED) == [0, 0, 1]
+    assert host.counters["stale_feedback"] == host.counters["stale_heartbeat"] == 0
+    assert host.counters["drive_restarted"] == host.counters["lost_setpoints"] == 0
+    assert len(host.take_samples()) == 23
+
+
+def test_connecting_anew_asks_at_once() -> None:
+    desk = Desk()
+    desk.host.connect(desk.now_ns)
+    desk.wait(1)
+    desk.hear(Identity(NODE, SERIAL, 2, 0))
+    desk.host.connect(desk.now_ns)
+    desk.wait(1)
+    assert desk.sent == [Discover(NODE)] * 2
 
 
 def test_hfp_075_a_drive_that_restarts() -> None:
@@ -433,9 +489,10 @@ def test_reset_is_one_pulse_and_ends_with_the_fault() -> None:
     desk.wait(40, DriveState.FAULT)
     desk.host.reset_fault()
     assert desk.wait(60, DriveState.FAULT) == [2, 2, 2, 0]
+    assert desk.wait(60, DriveState.FAULT) == [0, 0, 0]
     desk.host.reset_fault()
     desk.host.reset_fault()
-    assert desk.wait(30, DriveState.FAULT) == [0, 2, 2]
+    assert desk.wait(30, DriveState.FAULT) == [2, 2]
     assert desk.wait(20, DriveState.DISABLED) == [0]
     assert desk.phase() is P.READY
     assert desk.host.fault is FaultReason.NONE
@@ -446,6 +503,8 @@ def test_reset_is_one_pulse_and_ends_with_the_fault() -> None:
 def test_faults_by_name_and_by_unknown_number() -> None:
     desk = Desk()
     desk.ready()
+    desk.sample(DriveState.FAULT, FaultReason.INTERNAL)
+    assert desk.host.counters["unknown_fault"] == 0
     desk.sample(DriveState.FAULT, 15)
     assert desk.host.fault is FaultReason.INTERNAL
     assert desk.host.counters["unknown_fault"] == 1
@@ -476,8 +535,9 @@ def test_a_heartbeat_alone_tells_a_fault() -> None:
     desk.identify()
     desk.drive_heartbeat(DriveState.FAULT, FaultReason.ENCODER)
     assert (desk.host.phase, desk.host.fault) == (P.FAULT, FaultReason.ENCODER)
-    desk.drive_heartbeat(9, 0)
-    assert desk.host.counters["unknown_state"] == 1
+    for count, state in enumerate((4, 9, 15), start=1):
+        desk.drive_heartbeat(state, 0)
+        assert desk.host.counters["unknown_state"] == count
     assert desk.phase() is P.FAULT
     assert desk.setpoint(1) is None
 
@@ -536,3 +596,5 @@ def test_damaged_frames_are_counted() -> None:
 def test_config_is_checked(wrong: dict[str, int]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         HostConfig(**{"node": 1, **wrong})  # type: ignore[arg-type]
+    HostConfig(node=0, heartbeat_period_ns=1)
+    HostConfig(node=30)

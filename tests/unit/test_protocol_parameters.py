@@ -6,7 +6,7 @@ import pytest
 
 from firmware_protocol import codec
 from firmware_protocol.discovery import MAX_DELAY_US, identity_delay_us
-from firmware_protocol.drive_machine import DriveConfig
+from firmware_protocol.drive_machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import MAX_NODE, Frame
 from firmware_protocol.golden.scenarios import Script
 from firmware_protocol.messages import (
@@ -191,6 +191,24 @@ def test_config_names_every_problem() -> None:
         with pytest.raises(ValueError, match="node"):
             DriveConfig(node=node, serial_number=0)
     DriveConfig(node=30, serial_number=(1 << 48) - 1, theta_min_raw=5, theta_max_raw=5)
+
+
+@pytest.mark.parametrize("serial", [0, 1, 0xFF_FFFF, 0x100_0000, (1 << 48) - 1])
+def test_serial_number_in_two_halves(serial: int) -> None:
+    drive = DriveMachine(DriveConfig(node=NODE, serial_number=serial))
+    halves = []
+    for index in (Index.SERIAL_LOW, Index.SERIAL_HIGH):
+        (frame,) = drive.receive(codec.encode(ParamRequest(NODE, ParamOp.READ, index, 0)), 0, 0)
+        answer = codec.Decoder().decode(frame)
+        assert isinstance(answer, ParamResponse)
+        halves.append(answer.value)
+    assert halves == [serial % (1 << 24), serial // (1 << 24)]
+
+
+def test_a_serial_number_fits_48_bits() -> None:
+    for wrong in (-1, 1 << 48):
+        with pytest.raises(ValueError, match="serial_number"):
+            DriveConfig(node=1, serial_number=wrong)
 
 
 @pytest.mark.parametrize("node", [0, NODE])

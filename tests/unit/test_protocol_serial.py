@@ -30,8 +30,11 @@ def test_hfp_160_and_161_the_packet_by_hand() -> None:
 
 
 def test_all_lengths_that_can_frames_have_pass() -> None:
+    assert {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64} == FD_LENGTHS
     for length in sorted(FD_LENGTHS):
-        for frame in [Frame(0x7FF, bytes(length), True)] + [Frame(0, b"\xff" * length)] * (length <= 8):
+        for frame in [Frame(0x7FF, bytes(length), True), Frame(0, bytes(length), True)] + [
+            Frame(0, b"\xff" * length)
+        ] * (length <= 8):
             assert SerialReader().feed(encode_serial(frame)) == [frame]
 
 

@@ -174,6 +174,14 @@ def test_a_full_disk_ends_the_recording_and_never_raises(threaded: bool) -> None
         assert bool(part.notes) == (report.dropped > 0), "silent only where no message is missing"
 
 
+def test_after_a_full_disk_other_tools_still_read_the_file_by_its_index() -> None:
+    data, report = record(3000, room=60_001)
+    summary = make_reader(io.BytesIO(data), validate_crcs=True).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == report.messages - report.dropped > 0
+
+
 def test_dev_full_is_a_user_error_at_the_start() -> None:
     with pytest.raises(UserError, match=r"/dev/full: recording stopped: No space left.*choose another place"):
         open_recorder(Path("/dev/full"), METADATA, threaded=False)

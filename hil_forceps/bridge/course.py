@@ -1,0 +1,177 @@
+"""The course of a run: its stages, what moves it from one to the next, and what ends it.
+
+CONNECTING  ask who is there until the drive is ready; refuse a version that does not fit
+ENABLING    ask the drive for power; references equal the measured angle
+RUNNING     references follow the trajectory
+STOPPING    no references any more; wait until the drive says that it is disabled
+
+Whatever ends a run that asked for torque goes through STOPPING, but for a bus that is gone: there the drive's own
+watchdog stops the motor.
+"""
+
+from collections.abc import Callable
+
+from firmware_protocol.host_machine import HostMachine, HostPhase
+from firmware_protocol.messages import DriveState
+from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
+from hil_forceps.bridge.results import ServiceConfig, Stage, StopReason, fault_words
+from hil_forceps.runs.recording_writer import Recorder
+
+SETTLE_PERIODS = 5  # before the drive's word counts: what arrives first was said before the request
+SILENT_PERIODS = 20  # at least so many without a sample before a drive counts as silent, however slow the loop
+_NO_TORQUE = frozenset({DriveState.DISABLED, DriveState.FAULT})
+
+
+class Course:
+    """Where a run is and, at its end, why: `stage`, `reason`, `message`, `drive_disabled`.
+
+    `advance` looks at what the tick brought; `last_sample_ns` (host's clock) and `frames_received` are told from
+    outside.
+    """
+
+    def __init__(
+        self,
+        host: HostMachine,
+        pipeline: Pipeline,
+        config: ServiceConfig,
+        recorder: Recorder | None,
+        stop_requested: Callable[[], bool],
+    ) -> None:
+        self.stage = Stage.CONNECTING
+        self.reason: StopReason | None = None
+        self.message = ""
+        self.drive_disabled = False
+        self.last_sample_ns = 0
+        self.frames_received = 0
+        self._host = host
+        self._pipeline = pipeline
+        self._config = config
+        self._recorder = recorder
+        self._stop_requested = stop_requested
+        self._silence_ns = max(config.silence_timeout_ns, SILENT_PERIODS * config.period_ns)
+        self._steps: dict[Stage, Callable[[int], None]] = {
+            Stage.CONNECTING: self._connecting,
+            Stage.ENABLING: self._enabling,
+            Stage.RUNNING: self._running,
+            Stage.STOPPING: self._stopping,
+        }
+        self.advance: Callable[[int], None] = self._connecting  # that of the stage, looked up only when it begins
+        self._reset_asked = False
+        self._began_ns = 0
+        self._end_ns = 0
+
+    def begin(self, now_ns: int) -> None:
+        """Start to ask for the drive."""
+        self._enter(Stage.CONNECTING, now_ns, self._config.connect_timeout_ns)
+        self._host.connect(now_ns)
+
+    def sends_references(self) -> bool:
+        """Tell whether references are to be computed in this stage."""
+        return self.stage is Stage.RUNNING or self.stage is Stage.ENABLING
+
+    def bus_is_down(self) -> None:
+        """End at once: nothing can be said to the drive any more."""
+        self._end(StopReason.BUS_DOWN, "the bus is gone; the drive's own watchdog stops the motor")
+
+    def _connecting(self, now_ns: int) -> None:
+        phase = self._host.phase
+        if self._stop_requested():
+            self._end(StopReason.STOP_REQUESTED, "stopped on request before the drive was enabled")
+        elif phase is HostPhase.REFUSED:
+            self._end(StopReason.VERSION_REFUSED, self._host.refusal)
+        elif phase is HostPhase.FAULT and self._config.reset_fault and now_ns < self._end_ns:
+            if not self._reset_asked:
+                self._reset_asked = True
+                self._host.reset_fault()
+        elif phase is HostPhase.FAULT:
+            words = fault_words(self._host.fault)
+            self._end(StopReason.DRIVE_FAULT, f"the drive holds a fault from before: {words}; clear it first")
+        elif phase is HostPhase.READY:
+            self._host.enable()
+            self._enter(Stage.ENABLING, now_ns, self._config.enable_timeout_ns)
+        elif now_ns >= self._end_ns:
+            frames = self.frames_received
+            heard = f"{frames} frames came, none that fits" if frames else "nothing came over the bus"
+            self._end(StopReason.NO_DRIVE, f"no drive answered: {heard}; check node id, bit rate and wiring")
+
+    def _enabling(self, now_ns: int) -> None:
+        phase = self._host.phase
+        if phase is HostPhase.RUNNING:
+            self.last_sample_ns = now_ns
+            self._enter(Stage.RUNNING, now_ns, 0)
+        elif self._stop_requested():
+            self._stop(StopReason.STOP_REQUESTED, "stopped on request while enabling", now_ns)
+        elif phase is HostPhase.FAULT:
+            self._stop(StopReason.DRIVE_FAULT, f"fault while enabling: {fault_words(self._host.fault)}", now_ns)
+        elif phase is HostPhase.REFUSED:
+            self._stop(StopReason.VERSION_REFUSED, self._host.refusal, now_ns)
+        elif now_ns >= self._end_ns:
+            line = self._pipeline
+            why = f"{line.counters['samples']} samples seen"
+            if line.denied_in_a_row:
+                why = f"the gate denies the measured angle: {VERDICT_NAMES[line.verdict]}; is it within `limits:`?"
+            self._stop(StopReason.ENABLE_FAILED, f"the drive did not become operational: {why}", now_ns)
+
+    def _running(self, now_ns: int) -> None:
+        ended = self._trouble(now_ns) or self._enough()
+        if ended is not None:
+            self._stop(*ended, now_ns)
+
+    def _trouble(self, now_ns: int) -> tuple[StopReason, str] | None:
+        host, silent_ns = self._host, now_ns - self.last_sample_ns
+        if host.phase is HostPhase.FAULT:
+            return StopReason.DRIVE_FAULT, f"the drive latched a fault: {fault_words(host.fault)}"
+        if host.phase is HostPhase.REFUSED:
+            return StopReason.VERSION_REFUSED, host.refusal
+        if host.phase is HostPhase.DISCONNECTED or silent_ns > self._silence_ns:
+            return (
+                StopReason.DRIVE_LOST,
+                f"the drive fell silent or restarted: last sample {silent_ns / 1e6:.0f} ms ago",
+            )
+        if host.phase is not HostPhase.RUNNING:
+            return StopReason.DRIVE_STOPPED, "the drive left operation by itself, without a fault"
+        return None
+
+    def _enough(self) -> tuple[StopReason, str] | None:
+        pipeline, config = self._pipeline, self._config
+        if pipeline.denied_in_a_row >= config.max_denied_in_a_row:
+            why = VERDICT_NAMES[self._pipeline.verdict]
+            return StopReason.REFERENCE_DENIED, f"the gate denied {pipeline.denied_in_a_row} references in a row: {why}"
+        if self._recorder is not None and self._recorder.failure:
+            return StopReason.RECORDING_FAILED, self._recorder.failure
+        if self._stop_requested():
+            return StopReason.STOP_REQUESTED, "stopped on request"
+        newest, zero_ns, duration_ns = pipeline.newest, pipeline.zero_ns, config.duration_ns
+        if duration_ns is not None and newest and zero_ns is not None and newest.stamp_ns - zero_ns >= duration_ns:
+            return StopReason.COMPLETED, "completed"
+        return None
+
+    def _stopping(self, now_ns: int) -> None:
+        """Wait for the drive's own word; not at once, for what arrives first was said before the request."""
+        settled = now_ns - self._began_ns >= SETTLE_PERIODS * self._config.period_ns
+        if self._host.drive_state in _NO_TORQUE and settled:
+            self.drive_disabled = True
+            self.stage = Stage.ENDED
+        elif now_ns >= self._end_ns:
+            waited_ms = self._config.disable_timeout_ns / 1e6
+            self.message += f"; the drive did not confirm that it is disabled within {waited_ms:.0f} ms"
+            self.stage = Stage.ENDED
+
+    def _enter(self, stage: Stage, now_ns: int, timeout_ns: int) -> None:
+        self.stage = stage
+        self.advance = self._steps[stage]
+        self._began_ns = now_ns
+        self._end_ns = now_ns + timeout_ns
+
+    def _stop(self, reason: StopReason, message: str, now_ns: int) -> None:
+        self.reason, self.message = reason, message
+        self._host.disable()
+        self._enter(Stage.STOPPING, now_ns, self._config.disable_timeout_ns)
+
+    def _end(self, reason: StopReason, message: str) -> None:
+        if self.reason is None:
+            self.reason, self.message = reason, message
+        else:
+            self.message += f"; {message}"
+        self.drive_disabled = self.stage is Stage.CONNECTING or self._host.drive_state is DriveState.FAULT
+        self.stage = Stage.ENDED

@@ -1,0 +1,68 @@
+"""The one way in which numeric functions are compiled here.
+
+numba caches compiled code by the source file of each function. But a kernel holds the code of the kernels it calls and
+the values of the constants it names, from other files too; change one of those, and the cache would go on answering
+with the old. So the cache lives in a folder named after the text of every file that can end up in a kernel.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, ParamSpec, Protocol, TypeVar
+
+import numba
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_ROOT = Path(__file__).parents[2]
+
+
+class Compiler(Protocol):
+    """A decorator that compiles a function and keeps its type for the checker."""
+
+    def __call__(self, function: Callable[_P, _R], /) -> Callable[_P, _R]:
+        """Compile on the first call."""
+
+
+def kernel_compiler(sources: Sequence[str], root: Path = _ROOT) -> Compiler:
+    """Return the decorator for kernels built from `sources`, files and folders relative to `root`.
+
+    Division by zero gives inf or NaN as in numpy instead of raising, so a kernel never raises on data: what isn't
+    finite travels on to the gate. No fast-math: the same inputs give the same bits, in a loop or one step at a time.
+    """
+    folder = str(_cache_base(root) / f"kernels-{fingerprint(sources, root)}")
+
+    def compiler(function: Callable[_P, _R]) -> Callable[_P, _R]:
+        # numba asks for the folder once, when it wraps the function; other users of numba keep theirs.
+        config: Any = numba.config
+        before, config.CACHE_DIR = config.CACHE_DIR, folder
+        try:
+            compiled: Callable[_P, _R] = numba.njit(cache=True, error_model="numpy")(function)
+        finally:
+            config.CACHE_DIR = before
+        return compiled
+
+    return compiler
+
+
+def fingerprint(sources: Sequence[str], root: Path = _ROOT) -> str:
+    """Return a short name for the text of `sources`; FileNotFoundError when one is not there."""
+    digest = hashlib.blake2b(digest_size=8)
+    for source in sources:
+        path = root / source
+        for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
+            digest.update(f"{file.relative_to(root)}\0".encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def _cache_base(root: Path) -> Path:
+    """Return NUMBA_CACHE_DIR where it is set, else beside the sources where that can be written, else the user's."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if chosen:
+        return Path(chosen)
+    beside = root / "hil_forceps" / "__pycache__"
+    if os.access(beside if beside.is_dir() else beside.parent, os.W_OK):
+        return beside
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hil-forceps"

@@ -1,0 +1,51 @@
+"""The forceps without protocol and bus: for rates that no CAN carries, and for estimators fed without its rounding."""
+
+from typing import NamedTuple
+
+from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_from_rad
+from hil_forceps.rig import Rig
+from virtual_bus.drive import forceps_of
+from virtual_bus.load import paper_load
+
+
+class DirectSample(NamedTuple):
+    """What the sensors say at one instant, in SI."""
+
+    time_ns: int
+    theta_m_rad: float
+    current_A: float  # held over the interval that ended at `time_ns`
+    theta_j_rad: float
+    tau_w_N_m: float
+
+
+class DirectWorld:
+    """A simulated forceps with the rig's own position loop, stepped one drive sample at a time.
+
+    Encoder and current sensor round and scatter as the rig says; an ideal encoder and a current sensor without noise
+    are taken as they are, without the rounding of the wire. The bench's sensors are the truth.
+    """
+
+    def __init__(self, rig: Rig, simulation: int, seed: int) -> None:
+        """`simulation`: load of the paper's simulation 1 or 2, or 0 for none; it begins at time 0."""
+        self._forceps = forceps_of(rig, paper_load(simulation), seed)
+        self._forceps.start_load(0)
+        self._period_ns = round(rig.require_drive().sample_time_s * 1e9)
+        self._is_ideal_angle = rig.encoder.counts_per_rev is None
+        self._is_ideal_current = rig.noise.current_A == 0.0
+        self._theta_raw = 0
+        self._now_ns = 0
+
+    def sample(self) -> DirectSample:
+        """Latch all sensors now; once between two calls of `advance`."""
+        now_ns = self._now_ns
+        reading, truth = self._forceps.read(now_ns), self._forceps.truth(now_ns)
+        self._theta_raw = reading.theta_m
+        theta_m_rad = truth.theta_m_rad if self._is_ideal_angle else reading.theta_m * ANGLE_LSB_RAD
+        current_A = truth.current_A if self._is_ideal_current else reading.current * CURRENT_LSB_A
+        return DirectSample(now_ns, theta_m_rad, current_A, truth.theta_j_rad, truth.tau_w_N_m)
+
+    def advance(self, reference_rad: float) -> None:
+        """Run the position loop on what was latched and this reference, and move on by one sample."""
+        end_ns = self._now_ns + self._period_ns
+        self._forceps.run(self._now_ns, end_ns, self._theta_raw, angle_raw_from_rad(reference_rad))
+        self._now_ns = end_ns
