@@ -59,13 +59,31 @@ class PythonCanLink:
             bitrate_switch=frame.is_fd,
             check=False,
         )
+        result = self._put(message)
+        if self._echoes and result is SendResult.SENT:
+            self._sent.append(frame)
+        return result
+
+    def send_foreign(self, frame: Frame, remote: bool) -> SendResult:
+        """Send what is not of this protocol: a data frame with an extended id, or a remote frame of that length."""
+        if not self._up:
+            return SendResult.BUS_DOWN
+        message = can.Message(
+            arbitration_id=frame.arbitration_id,
+            data=None if remote else frame.data,
+            dlc=len(frame.data),
+            is_extended_id=not remote,
+            is_remote_frame=remote,
+            check=False,
+        )
+        return self._put(message)
+
+    def _put(self, message: can.Message) -> SendResult:
         try:
             self._bus.send(message, timeout=0)
         except ERRORS as error:
             return self._not_sent(error)
         self._strange_in_a_row = 0
-        if self._echoes:
-            self._sent.append(frame)
         return SendResult.SENT
 
     def receive(self) -> list[Received]:

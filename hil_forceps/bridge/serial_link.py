@@ -66,6 +66,17 @@ class SerialLink:
             self._torn = True
         return SendResult.QUEUE_FULL
 
+    def send_bytes(self, data: bytes) -> SendResult:
+        """Hand over bytes that may be no packet, now and whole or not: what is torn here is the caller's to mend."""
+        if not self._up:
+            return SendResult.BUS_DOWN
+        try:
+            written = self._stream.write(data)
+        except OSError:
+            self._up = False
+            return SendResult.BUS_DOWN
+        return SendResult.SENT if written == len(data) else SendResult.QUEUE_FULL
+
     def receive(self) -> list[Received]:
         """Return what has arrived since the last call, oldest first."""
         if not self._up:

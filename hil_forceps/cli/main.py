@@ -26,6 +26,7 @@ for _name, _path, _help in (
     ("bench", "bench:bench", "Run the paper's simulations through the bus; write table, figures and recordings."),
     ("run", "run:run", "Drive a motor driver, real or simulated, on any CAN interface or serial port."),
     ("drive", "drive:drive", "Start the simulated drive with its forceps as a process of its own."),
+    ("conformance", "conformance:conformance", "Run the protocol's requirements against a drive; write a certificate."),
     ("decode", "decode:decode", "Turn frames or bus logs into readable signals."),
     ("replay", "replay:replay", "Send a recording, or a measured run of a real forceps, through the estimators."),
     ("info", "info:info", "Say what is installed and reachable, and what a rig file means."),

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from can.util import cast_from_string
 from rich.console import Console
 from rich.status import Status
 
@@ -21,6 +20,7 @@ from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.results import ServiceConfig, Telemetry
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.cli.options import interface_options
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
@@ -111,7 +111,7 @@ def run(
         bitrate_bit_per_s=loaded.bench.bitrate_bit_per_s,
         data_bitrate_bit_per_s=loaded.bench.data_bitrate_bit_per_s,
         baudrate=baudrate,
-        options=_options(option),
+        options=interface_options(option),
     )
     connection = open_link(link)
     for note in connection.notes:
@@ -145,14 +145,6 @@ def read_trajectory(path: Path) -> Trajectory:
         raise UserError(f"{path}: holds no points")
     times_s, angles_rad = zip(*points, strict=True)
     return Trajectory(times_s, angles_rad)
-
-
-def _options(pairs: tuple[str, ...]) -> dict[str, object]:
-    broken = [pair for pair in pairs if "=" not in pair]
-    if broken:
-        raise UserError([f"--option {pair}: must be KEY=VALUE" for pair in broken])
-    # Python's interfaces want numbers as numbers: udp_multicast its port, for one.
-    return {key: cast_from_string(value) for key, _, value in (pair.partition("=") for pair in pairs)}
 
 
 @contextmanager

@@ -1,0 +1,54 @@
+"""A check that can't fail is no check: for every requirement tested there is a drive that breaks it, and it alone."""
+
+import pytest
+
+from firmware_protocol.conformance.catalogue import REQUIREMENTS, UNTESTABLE
+from firmware_protocol.conformance.port import VIRTUAL
+from firmware_protocol.conformance.registry import CHECKS
+from firmware_protocol.conformance.suite import Suite, Verdict
+from tests.conformance.broken import enabling, faults_and_parameters, ids_and_frames, lines, references, streams
+from tests.conformance.broken.table import BROKEN, Broken
+from tests.conformance.devices import NODE, Device, DirectPort, DirectSerialPort
+
+TABLES = (ids_and_frames, streams, enabling, references, faults_and_parameters, lines)  # each fills BROKEN
+INSEPARABLE = {frozenset({32, 161})}  # on a serial line, the payload's own check is the check
+
+
+def port_of(line: str, device: Device) -> DirectPort:
+    return DirectSerialPort(device) if line == "serial" else DirectPort(device)
+
+
+@pytest.mark.parametrize("line", ["can", "fd", "serial"])
+def test_a_whole_drive_passes(line: str) -> None:
+    suite = Suite(port_of(line, Device(line == "fd")), NODE, VIRTUAL, allow_motion=True)
+    suite.open()
+    results = suite.run(REQUIREMENTS)
+    suite.close()
+    wrong = {r.requirement.name: r.evidence for r in results if r.verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE)}
+    assert wrong == {}
+    assert sum(r.verdict is Verdict.PASS for r in results) == {"can": 76, "fd": 79, "serial": 82}[line]
+
+
+@pytest.mark.parametrize("broken", BROKEN, ids=lambda broken: broken.name)
+def test_a_broken_drive_fails_where_it_is_broken_and_nowhere_else(broken: Broken) -> None:
+    device = Device(broken.line == "fd")
+    broken.mutate(device)
+    suite = Suite(port_of(broken.line, device), NODE, VIRTUAL, allow_motion=True)
+    suite.session.thorough = False
+    suite.open()
+    results = suite.run(REQUIREMENTS)
+    wrong = {r.requirement.number: r.evidence for r in results if r.verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE)}
+    failed = {r.requirement.number for r in results if r.verdict is Verdict.FAIL}
+    assert failed == set(broken.fails), wrong
+    assert set(wrong) == failed, wrong
+    assert not suite.lost_drive
+
+
+def test_every_requirement_that_is_tested_has_a_drive_that_breaks_it() -> None:
+    assert len(TABLES) == 6
+    tested = {check.requirement for check in CHECKS}
+    assert tested == set(REQUIREMENTS) - set(UNTESTABLE)
+    assert {number for broken in BROKEN for number in broken.fails} == tested
+    assert {broken.fails for broken in BROKEN if len(broken.fails) > 1} == INSEPARABLE
+    alone = {number for broken in BROKEN if len(broken.fails) == 1 for number in broken.fails}
+    assert tested - alone == {161}
