@@ -3,11 +3,13 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from hil_forceps.report.style import DOUBLE_COLUMN, INK, PAPER, house_style, new_figure, panel_letter
 from hil_forceps.report.traces import Array, TimingTraces
 
 _BINS = 90
+_FEW_DECADES = 300.0  # largest over smallest up to which 1, 2 and 5 of a decade are written
 _LONG_TAIL = 8.0  # largest over median beyond which bins are spaced by ratio, or the body would fall into one bin
 _SMALLEST = 1e-7  # s; what is early or on time counts here on a log axis
 
@@ -46,6 +48,10 @@ def _histogram(axes: Axes, values: Array, marks: dict[str, float], unit: str) ->
         floor = max(low, _SMALLEST * (1e3 if unit == "ms" else 1e6))
         edges = np.geomspace(floor, max(high, 2 * floor) * 1.001, _BINS)
         axes.set_xscale("log")
+        few = edges[-1] < _FEW_DECADES * edges[0]
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
     else:
         edges = np.linspace(low - 0.02 * (high - low) - 1e-9, high + 0.02 * (high - low) + 1e-9, _BINS)
     shown = np.clip(values, edges[0], edges[-1])
