@@ -54,6 +54,8 @@ class Tuning(NamedTuple):
     settling_s: float = 0.012
     # Slow change of the load: (share of the step)² per second.
     drift_per_s: float = 1e-3
+    # The same where an encoder counts: what it blurs makes the filter follow slow change late, by √(blur/drift).
+    drift_with_counts_per_s: float = 1e-2
     # What friction may be off by, in parts of its level, and a count's edge, in parts of a count. A pulley that sticks
     # carries anything between minus and plus its level: 1/√3 of it is the standard deviation of that.
     friction_share: float = 0.58
@@ -100,7 +102,8 @@ def constants(
     values[ANGLE_VAR] = sum(angle_variances)
     values[FRICTION_M] = plant.motor_coulomb_N_m
     values[FRICTION_J] = plant.jaw_coulomb_N_m
-    values[DRIFT] = tuning.drift_per_s * step * step
+    drift_per_s = tuning.drift_with_counts_per_s if sensors.encoder_quantum_rad > 0.0 else tuning.drift_per_s
+    values[DRIFT] = drift_per_s * step * step
     values[STEP_VAR] = step * step
     values[STEP_RATE] = tuning.step_rate_per_s
     values[RESTEP_RATE] = tuning.restep_rate_per_s
