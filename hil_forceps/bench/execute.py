@@ -4,16 +4,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from firmware_protocol.host_machine import HostConfig
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.direct import execute_direct
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import judge
-from hil_forceps.bench.session import Plan, run_session
+from hil_forceps.bench.session import Plan, feedback_period_s, host_config, run_session, service_config
 from hil_forceps.bench.summary import RunRecord
 from hil_forceps.bench.traces import traces_of
 from hil_forceps.bridge.adapters import Connection, LinkSpec, open_link
-from hil_forceps.bridge.results import ServiceConfig, ServiceResult
+from hil_forceps.bridge.results import ServiceResult
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.report.traces import RunTraces
 from hil_forceps.rig import Rig
@@ -75,19 +74,13 @@ def run_on(
     connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path, stop_requested: Callable[[], bool] = never
 ) -> Executed:
     """Run the service on an open link, with recording and bus log, and judge what was recorded."""
-    bench = rig.bench
-    same_clock = connection.virtual_time and bench.drive_clock_ppm == 0.0
-    feedback_s = rig.require_drive().sample_time_s * bench.feedback_divider
-    settings = Settings(spec.algorithm, spec.compensated, feedback_s, PAPER_TRAJECTORY, same_clock)
+    same_clock = connection.virtual_time and rig.bench.drive_clock_ppm == 0.0
+    settings = Settings(spec.algorithm, spec.compensated, feedback_period_s(rig), PAPER_TRAJECTORY, same_clock)
     plan = Plan(
         rig,
         settings,
-        HostConfig(node=bench.node_id, fd=bench.transport == "fd"),
-        ServiceConfig(
-            period_ns=round(bench.host_period_s * 1e9),
-            phase_ns=round(bench.host_phase_s * 1e9),
-            duration_ns=round(spec.duration_s * 1e9),
-        ),
+        host_config(rig),
+        service_config(rig, spec.duration_s),
         recording=out / f"{spec.name}.mcap",
         bus_log=out / f"{spec.name}.log",
         about={"simulation": str(spec.simulation), "seed": str(seed)},

@@ -48,6 +48,26 @@ class SessionResult(NamedTuple):
         return [text for text in (self.recording.failure, self.bus_log.failure) if text] + dropped
 
 
+def feedback_period_s(rig: Rig) -> float:
+    """Return the nominal time between the samples that a rig's drive sends; UserError when its loop isn't known."""
+    return rig.require_drive().sample_time_s * rig.bench.feedback_divider
+
+
+def host_config(rig: Rig) -> HostConfig:
+    """Return the host's settings for a rig's drive."""
+    return HostConfig(node=rig.bench.node_id, fd=rig.bench.transport == "fd")
+
+
+def service_config(rig: Rig, duration_s: float, reset_fault: bool = False) -> ServiceConfig:
+    """Return the settings of a rig's loop for a run of `duration_s` from the zero on."""
+    return ServiceConfig(
+        period_ns=round(rig.bench.host_period_s * 1e9),
+        phase_ns=round(rig.bench.host_phase_s * 1e9),
+        duration_ns=round(duration_s * 1e9),
+        reset_fault=reset_fault,
+    )
+
+
 def run_session(
     connection: Connection,
     plan: Plan,

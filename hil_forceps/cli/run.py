@@ -12,12 +12,18 @@ from typing import Any, Literal
 from rich.console import Console
 from rich.status import Status
 
-from firmware_protocol.host_machine import HostConfig
 from hil_forceps.bench.assembly import Settings
-from hil_forceps.bench.session import Plan, SessionResult, run_session
+from hil_forceps.bench.session import (
+    Plan,
+    SessionResult,
+    feedback_period_s,
+    host_config,
+    run_session,
+    service_config,
+)
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.adapters import LinkSpec, open_link
-from hil_forceps.bridge.results import ServiceConfig, Telemetry
+from hil_forceps.bridge.results import Telemetry
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.options import interface_options
@@ -86,19 +92,14 @@ def run(
     if not (math.isfinite(duration_s) and duration_s > 0.0):
         raise UserError(f"--duration {duration_s}: must be a positive number of seconds")
     make_folder(out)
-    feedback_s = loaded.require_drive().sample_time_s * loaded.bench.feedback_divider
+    feedback_s = feedback_period_s(loaded)
     ready_kernels(loaded, feedback_s)
     is_fd = loaded.bench.transport == "fd"
     plan = Plan(
         loaded,
         Settings(algorithm, compensate, feedback_s, points),
-        HostConfig(node=loaded.bench.node_id, fd=is_fd),
-        ServiceConfig(
-            period_ns=round(loaded.bench.host_period_s * 1e9),
-            phase_ns=round(loaded.bench.host_phase_s * 1e9),
-            duration_ns=round(duration_s * 1e9),
-            reset_fault=reset_fault,
-        ),
+        host_config(loaded),
+        service_config(loaded, duration_s, reset_fault),
         recording=out / "run.mcap",
         bus_log=out / f"bus.{bus_log}",
         about={"interface": interface or serial, "channel": channel},
