@@ -1,0 +1,86 @@
+"""From runs and a rig to a fitting problem, and to the first guess of its noise."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.predict import ClosedLoop, make_starts
+from hil_forceps.diagnosis.problem import Mapper, Problem
+from hil_forceps.diagnosis.spectrum import make_layout, transform
+from hil_forceps.diagnosis.unknowns import Unknowns, known_parameters
+from hil_forceps.model import drive_law, parameters
+from hil_forceps.rig import Rig
+
+Vector = NDArray[np.float64]
+
+ZERO_SD_RAD = 2e-3  # of a jaw sensor's zero from run to run
+INTEGRAL_SHARE = 0.1  # of the current seen: how well the drive's integral at the start is known
+LEAST_INTEGRAL_A = 0.02
+
+
+class Setting(NamedTuple):
+    """A problem with the pieces it was made of."""
+
+    problem: Problem
+    simulator: ClosedLoop
+    floor: Vector  # least noise power of each band
+    first_power: Vector  # first guess of it
+
+
+def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknowns | None = None) -> Setting:
+    """Make the problem of fitting a rig's known parameters to runs in closed loop."""
+    law = drive_law.law_vector(rig.require_drive())
+    theta = start_vector(rig)
+    simulator = ClosedLoop(tuple(records), law, make_starts(records, theta, law), True)
+    layout = make_layout(
+        [list(record.channels) for record in records],
+        [record.weights for record in records],
+        [record.period_s for record in records],
+    )
+    current = max(float(np.sqrt(np.mean(record.channels["current_A"] ** 2))) for record in records)
+    torque = current * float(theta[parameters.index("motor.torque_constant_N_m_per_A")])
+    if shared is None:
+        shared = known_parameters(rig, torque)
+    ki = float(law[drive_law.KI])
+    problem = Problem(
+        tuple(records),
+        layout,
+        transform(layout, simulator.measured()),
+        simulator,
+        theta,
+        parameters.index,
+        shared,
+        ZERO_SD_RAD,
+        max(INTEGRAL_SHARE * current, LEAST_INTEGRAL_A) / ki if ki > 0.0 else 0.0,
+        mapper,
+    )
+    power = first_noise(simulator, layout.band_channel, rig)
+    return Setting(problem, simulator, 0.2 * power, power)
+
+
+def start_vector(rig: Rig) -> Vector:
+    """Return the model's parameters of a rig; unknown values are where they are first looked for."""
+    return parameters.vector(rig)
+
+
+def first_noise(simulator: ClosedLoop, band_channels: Sequence[str], rig: Rig) -> Vector:
+    """Return a first guess of the noise power of each band: the rig's sensors, the encoder's counts, or second differences.
+
+    Second differences see little of what moves and all of white noise: their variance is 6 times its.
+    """
+    outputs = simulator.measured()
+    guess: dict[str, float] = {}
+    for name in dict.fromkeys(band_channels):
+        values = [out[name] for out in outputs if name in out]
+        second = np.concatenate([np.diff(v[100:], n=2) for v in values])
+        guess[name] = float(np.median(np.abs(second)) / 0.6745) ** 2 / 6.0
+    if rig.encoder.counts_per_rev is not None:
+        guess["theta_m_rad"] = (2.0 * np.pi / rig.encoder.counts_per_rev) ** 2 / 12.0
+    if rig.noise.theta_j_rad > 0.0 and "theta_j_rad" in guess:
+        guess["theta_j_rad"] = rig.noise.theta_j_rad**2
+    if rig.noise.current_A > 0.0 and "current_A" in guess:
+        guess["current_A"] = rig.noise.current_A**2
+    return np.array([max(guess[name], 1e-16) for name in band_channels])

@@ -1,0 +1,272 @@
+"""Which entries of the catalogue join the model: forward by the highest gain, then backward and by exchange.
+
+Every entry is looked for at several shapes by its linear sensitivity; the best few are refitted without linearising.
+All models that come within `SET_DROP` of the best are kept: the data can't tell them apart.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.entries import Probe, Scene, free_names, probes
+from hil_forceps.diagnosis.fit import Fit, fit, gram
+from hil_forceps.diagnosis.problem import Matrix, Problem
+from hil_forceps.diagnosis.result import Candidate
+from hil_forceps.diagnosis.score import COST_PER_COLUMN, Group, Scores, score
+from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, transform, whitening
+from hil_forceps.model import parameters
+from hil_forceps.rig.catalogue import effect
+
+Vector = NDArray[np.float64]
+
+MAX_EFFECTS = 3
+SHORTLIST = 7
+SHORTLIST_DROP = 40.0  # of the linear gain below the best
+SET_DROP = 6.0
+CHANCE = 0.005  # family-wise, of naming something where nothing is
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """Effects and the fit with them."""
+
+    effects: tuple[str, ...]
+    problem: Problem
+    fit: Fit
+    at_bound: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """One look at the whole catalogue beside a model."""
+
+    probes: tuple[Probe, ...]
+    groups: tuple[Group, ...]
+    columns: Matrix
+    scores: Scores
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Choice:
+    """What was chosen, and what was looked at."""
+
+    model: Model
+    rivals: tuple[Model, ...]  # models of as many effects that the data can't tell from it, best first, itself among them
+    candidates: tuple[Candidate, ...]
+    scan: Scan  # the last one: beside the chosen model
+    whitener: Whitener
+    noise: Noise
+
+
+def probe_columns(problem: Problem, u: Vector, probe_list: Sequence[Probe]) -> tuple[Matrix, list[Group]]:
+    """Simulate every place: one column per amplitude, at the probe's size (not divided by it)."""
+    base = problem.theta(u)
+    nuisances = problem.nuisances(u)
+    before = problem.predicted(u)
+    tasks: list[Vector] = []
+    groups = []
+    for probe in probe_list:
+        first = len(tasks)
+        for name in probe.amplitudes or ("",):
+            tasks.append(_probe_theta(problem, base, probe, name))
+        groups.append(Group(first, len(tasks), probe.one_sided))
+
+    def run(theta: Vector) -> Flat:
+        return transform(problem.layout, problem.simulate_runs(theta, nuisances)) - before
+
+    columns = list(problem.mapper(run, tasks))
+    return np.nan_to_num(np.stack(columns, axis=1)), groups
+
+
+def _probe_theta(problem: Problem, base: Vector, probe: Probe, amplitude: str) -> Vector:
+    theta = base.copy()
+    for name, value in probe.start.items():
+        if name == amplitude or name not in probe.amplitudes:
+            theta[problem.index_of(f"effects.{probe.effect_id}.{name}")] = value
+    return theta
+
+
+def noise_of(model: Model, scan_columns: Matrix, whitener: Whitener, floor: Vector) -> Noise:
+    """Return the noise: what no fitted unknown and no entry of the catalogue could explain, but no less than `floor`."""
+    problem, found = model.problem, model.fit
+    columns = np.concatenate((found.jacobian, scan_columns), axis=1)
+    white = whitener.apply(columns)
+    norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30)).astype(np.float32)
+    white /= norms
+    values, vectors = np.linalg.eigh(gram(white, white))
+    kept = values > 1e-7 * float(values.max())
+    white = white @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)  # orthonormal now
+    left = whitener.apply(found.residual)
+    left -= white @ (white.T @ left)
+    leverage = np.einsum("ij,ij->i", white, white)
+    noise = measure_noise(problem.layout, whitener.undo(left), leverage)
+    return noise._replace(power=np.maximum(noise.power, floor))
+
+
+class Chooser:
+    """Chooses the effects for a problem; keeps what it has fitted."""
+
+    def __init__(
+        self, scene: Scene, without: frozenset[str], floor: Vector, seed: int, progress: Callable[[str], None]
+    ) -> None:
+        self._scene = scene
+        self._without = without
+        self._floor = floor
+        self._seed = seed
+        self._progress = progress
+        self._candidates: list[Candidate] = []
+
+    def choose(self, baseline: Model, whitener: Whitener) -> Choice:
+        """Choose from the refitted baseline on; `whitener` is a first guess of the noise."""
+        model = baseline
+        rivals: list[Model] = [baseline]
+        model, scan, whitener, noise = self._look(model, whitener)
+        for step in range(MAX_EFFECTS):
+            refined = self._refined(model, scan, whitener, step)
+            if not refined:
+                break
+            best = refined[0]
+            rivals = [m for m in refined if m.fit.chi2 - best.fit.chi2 <= SET_DROP]
+            model, scan, whitener, noise = self._look(best, whitener)
+            if step > 0:
+                model, rivals = self._exchange(model, rivals, whitener)
+        return Choice(model, tuple(rivals), tuple(self._candidates), scan, whitener, noise)
+
+    def _look(self, model: Model, whitener: Whitener) -> tuple[Model, Scan, Whitener, Noise]:
+        """Scan the catalogue beside a model; take the noise anew from what neither explains; refit with it."""
+        self._progress("looking at " + (" + ".join(model.effects) or "the known parameters"))
+        places = self._places(model)
+        columns, groups = probe_columns(model.problem, model.fit.u, places)
+        noise = noise_of(model, columns, whitener, self._floor)
+        whitener = whitening(model.problem.layout, noise)
+        model = replace(model, fit=fit(model.problem, model.fit.u, whitener, steps=3))
+        return model, self._scored(model, whitener, places, columns, groups), whitener, noise
+
+    def _refined(self, model: Model, scan: Scan, whitener: Whitener, step: int) -> list[Model]:
+        """Refit with each entry that stands out; return the models that gain enough, the best first."""
+        best: dict[str, int] = {}
+        for i, probe in enumerate(scan.probes):
+            held = best.get(probe.effect_id)
+            if held is None or scan.scores.gains[i] > scan.scores.gains[held]:
+                best[probe.effect_id] = i
+        threshold = scan.scores.threshold
+        order = sorted(best.values(), key=lambda i: -scan.scores.gains[i])
+        top = scan.scores.gains[order[0]] if order else 0.0
+        drop = max(SHORTLIST_DROP, 0.4 * top)
+        short = [i for i in order if scan.scores.gains[i] > max(threshold * 0.7, top - drop)][:SHORTLIST]
+        found = []
+        gains: dict[str, float] = {}
+        for i in short:
+            refit = self.refine(model, scan.probes[i], scan.scores.amplitudes[i], whitener)
+            extra = len(refit.problem.shared.items) - len(model.problem.shared.items)
+            gain = model.fit.chi2 - refit.fit.chi2 - COST_PER_COLUMN * (extra - 1)
+            gains[scan.probes[i].effect_id] = gain
+            if gain > threshold and not refit.at_bound:
+                found.append(refit)
+        found.sort(key=lambda m: m.fit.chi2)
+        self._note(scan, best, gains, found, step)
+        return found
+
+    def refine(self, model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, steps: int = 4) -> Model:
+        """Refit a model with an entry added, beginning where the linear look found it."""
+        self._progress(f"refitting with {probe.effect_id}")
+        entry = effect(probe.effect_id)
+        start = dict(probe.start)
+        for name, amplitude in zip(probe.amplitudes, amplitudes, strict=False):
+            start[name] *= float(amplitude)
+        for p in entry.parameters:
+            start[p.name] = float(np.clip(start.get(p.name, p.neutral or 0.0), p.minimum, p.maximum))
+        free = free_names(entry, probe)
+        count = len(model.problem.shared.items)
+        shared = model.problem.shared.with_effect(probe.effect_id, start, free)
+        base = model.problem.base.copy()
+        for name, value in start.items():
+            base[parameters.index(f"effects.{probe.effect_id}.{name}")] = value
+        problem = replace(model.problem.with_shared(shared), base=base)
+        u = np.concatenate((model.fit.u[:count], np.zeros(len(shared.items) - count), model.fit.u[count:]))
+        result = fit(problem, u, whitener, held=model.fit.jacobian, held_count=count, steps=steps)
+        return Model((*model.effects, probe.effect_id), problem, result, _at_bound(problem, result, count))
+
+    def _exchange(self, model: Model, rivals: list[Model], whitener: Whitener) -> tuple[Model, list[Model]]:
+        """Replace each effect but the last by every other that stands out in its place, where that fits better."""
+        for place in range(len(model.effects) - 1):
+            reduced = without_effect(model, place, whitener)
+            scan = self._scan(reduced, whitener, self._places(reduced))
+            for other in self._refined(reduced, scan, whitener, len(model.effects)):
+                if set(other.effects) == set(model.effects):
+                    continue
+                if other.fit.chi2 < model.fit.chi2 - 1.0:
+                    model = other
+                if other.fit.chi2 - model.fit.chi2 <= SET_DROP:
+                    rivals.append(other)
+        best = min(rivals, key=lambda m: m.fit.chi2)
+        return model, [m for m in rivals if m.fit.chi2 - best.fit.chi2 <= SET_DROP]
+
+    def _scan(self, model: Model, whitener: Whitener, places: Sequence[Probe]) -> Scan:
+        columns, groups = probe_columns(model.problem, model.fit.u, places)
+        return self._scored(model, whitener, places, columns, groups)
+
+    def _scored(
+        self, model: Model, whitener: Whitener, places: Sequence[Probe], columns: Matrix, groups: Sequence[Group]
+    ) -> Scan:
+        found = score(
+            whitener.apply(model.fit.jacobian),
+            model.problem.prior_weights(),
+            model.fit.u,
+            whitener.apply(columns),
+            groups,
+            whitener.apply(model.fit.residual),
+            CHANCE,
+            self._seed,
+        )
+        return Scan(tuple(places), tuple(groups), columns, found)
+
+    def _places(self, model: Model) -> list[Probe]:
+        return [p for p in probes(self._scene, self._without) if p.effect_id not in model.effects]
+
+    def _note(self, scan: Scan, best: dict[str, int], gains: dict[str, float], found: list[Model], step: int) -> None:
+        named = found[0].effects[-1] if found else ""
+        for effect_id, i in best.items():
+            gain = gains.get(effect_id, float(scan.scores.gains[i]))
+            if effect_id == named:
+                state = "named"
+            elif not scan.scores.informative[i]:
+                state = "not excited"
+            elif gain <= scan.scores.threshold:
+                state = "below threshold"
+            elif any(m.effects[-1] == effect_id and m.fit.chi2 - found[0].fit.chi2 <= SET_DROP for m in found):
+                state = "tied"
+            elif effect_id in gains and all(m.effects[-1] != effect_id for m in found):
+                state = "at a bound"
+            else:
+                state = "weaker"
+            self._candidates.append(Candidate(effect_id, step, gain, scan.scores.threshold, state))  # type: ignore[arg-type]
+
+
+def without_effect(model: Model, place: int, whitener: Whitener) -> Model:
+    """Return the model refitted without one of its effects."""
+    gone = model.effects[place]
+    items = model.problem.shared.items
+    keep = [i for i, item in enumerate(items) if not item.name.startswith(f"effects.{gone}.")]
+    shared = type(model.problem.shared)(tuple(items[i] for i in keep))
+    base = model.problem.base.copy()
+    for p in effect(gone).parameters:
+        name = f"effects.{gone}.{p.name}"
+        base[parameters.index(name)] = parameters.off_value(name)
+    problem = replace(model.problem.with_shared(shared), base=base)
+    count = len(items)
+    u = np.concatenate((model.fit.u[keep], model.fit.u[count:]))
+    return Model(
+        tuple(e for e in model.effects if e != gone), problem, fit(problem, u, whitener, steps=4)
+    )
+
+
+def _at_bound(problem: Problem, result: Fit, first: int) -> bool:
+    """Tell whether a parameter of the newest effect ended at the end of its physical range."""
+    low, high = problem.bounds()
+    stop = len(problem.shared.items)
+    part = slice(first, stop)
+    room = 1e-9 * np.maximum(1.0, np.abs(result.u[part]))
+    return bool(np.any((result.u[part] <= low[part] + room) | (result.u[part] >= high[part] - room)))

@@ -1,0 +1,108 @@
+"""Where to look for each entry of the catalogue: starting points that cover its shapes, from what the runs contain.
+
+An entry's effect is nearly linear in its amplitudes (parameters that have a neutral value) once its shape is fixed, so
+a handful of shapes and the linear sensitivity to the amplitudes at each of them find it.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from hil_forceps.rig.catalogue import EFFECTS, Effect
+
+DRIFT_TIMES = (0.15, 0.6, 3.0)  # of the longest run
+CREEP_TIMES_S = (0.03, 0.15, 0.7, 3.0)
+HYSTERESIS_STRETCHES = (0.03, 0.15, 0.6)  # of the stretch's range
+PRESLIDING_ANGLES = (0.003, 0.02, 0.1)  # of the angle's range
+STRIBECK_QUANTILES = (0.15, 0.4, 0.75)  # of the speed while moving
+MIN_AMPLITUDE_SHARE = 1e-6
+
+
+class Scene(NamedTuple):
+    """What the runs contain, as far as shapes and sizes depend on it; all from the simulation at the baseline."""
+
+    duration_s: float
+    angle_range_rad: float
+    speeds_rad_per_s: tuple[float, ...]  # at `STRIBECK_QUANTILES` of |ω_m| while moving
+    stretch_range_m: float
+    current_max_A: float
+    harmonics_cogging: tuple[float, ...]
+    harmonics_ripple: tuple[float, ...]
+
+
+class Probe(NamedTuple):
+    """One place to look: values of an effect's parameters, and which of them are amplitudes to be fitted."""
+
+    effect_id: str
+    start: dict[str, float]  # all parameters; amplitudes at the size for finite differences
+    amplitudes: tuple[str, ...]
+    one_sided: bool  # the (single) amplitude can't be negative
+
+
+def probes(scene: Scene, without: frozenset[str] = frozenset()) -> list[Probe]:
+    """Return the places to look for every entry, those in `without` left out."""
+    found: list[Probe] = []
+    for entry in EFFECTS:
+        if entry.id in without:
+            continue
+        for shape in _shapes(entry, scene):
+            found += _with_shape(entry, shape, scene)
+    return found
+
+
+def _with_shape(entry: Effect, shape: Mapping[str, float], scene: Scene) -> list[Probe]:
+    if entry.id == "current_saturation":
+        # Its parameter is no amplitude: the limit is lowered a little below what the runs reach.
+        return [
+            Probe(entry.id, {"limit_A": share * scene.current_max_A}, (), True) for share in (0.98, 0.85, 0.6)
+        ]
+    sizes = {p.name: _size(entry, p.name, p.typical, scene) for p in entry.parameters if p.neutral is not None}
+    if entry.id == "channel_skew":  # each channel is a place of its own
+        return [Probe(entry.id, {**dict.fromkeys(sizes, 0.0), name: sizes[name]}, (name,), False) for name in sizes]
+    first = next(p for p in entry.parameters if p.neutral is not None)
+    return [Probe(entry.id, {**shape, **sizes}, tuple(sizes), len(sizes) == 1 and first.minimum >= 0.0)]
+
+
+def _size(entry: Effect, name: str, typical: float, scene: Scene) -> float:
+    if entry.id == "wire_slack":
+        return 0.02 * scene.stretch_range_m
+    if entry.id == "wire_hardening":
+        return 0.05 / max(scene.stretch_range_m, 1e-9) ** 2
+    if entry.id == "amplifier_deadband":
+        return 0.01 * scene.current_max_A
+    return typical
+
+
+def _shapes(entry: Effect, scene: Scene) -> list[dict[str, float]]:
+    if entry.id == "stribeck_friction":
+        return [{"speed_rad_per_s": speed} for speed in scene.speeds_rad_per_s]
+    if entry.id == "presliding_friction":
+        return [{"angle_rad": share * scene.angle_range_rad} for share in PRESLIDING_ANGLES]
+    if entry.id in ("viscous_drift", "torque_constant_drift"):
+        return [{"time_constant_s": share * scene.duration_s} for share in DRIFT_TIMES]
+    if entry.id == "wire_hysteresis":
+        return [{"stretch_m": share * scene.stretch_range_m} for share in HYSTERESIS_STRETCHES]
+    if entry.id == "wire_creep":
+        return [{"time_constant_s": time} for time in CREEP_TIMES_S]
+    if entry.id == "cogging":
+        return [{"harmonic": h} for h in scene.harmonics_cogging]
+    if entry.id == "torque_ripple":
+        return [{"harmonic": h} for h in scene.harmonics_ripple]
+    return [{}]
+
+
+def free_names(entry: Effect, probe: Probe) -> tuple[str, ...]:
+    """Return the parameters to fit when this place is refined: all, but for channels without skew."""
+    if entry.id == "channel_skew":
+        return probe.amplitudes
+    return tuple(p.name for p in entry.parameters)
+
+
+def quantiles_of_speed(omega: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, ...]:
+    """Return the speeds at which friction that falls with speed is looked for."""
+    speed = np.abs(omega)
+    moving = speed[speed > 0.02 * float(speed.max(initial=0.0))]
+    if moving.size == 0:
+        return (0.1,)
+    return tuple(float(np.clip(q, 1e-3, 1e3)) for q in np.quantile(moving, STRIBECK_QUANTILES))

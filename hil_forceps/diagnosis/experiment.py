@@ -1,0 +1,130 @@
+"""Runs made ready for simulation: rows on an even grid, jumps of the load found, rows that don't count masked."""
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.smoothing import smooth_load
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+from hil_forceps.runs.table import Run
+
+Vector = NDArray[np.float64]
+Rows = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Mode = Literal["closed_loop", "driven"]
+
+MAX_ROWS = 240_000  # of all runs together; longer ones are cut, and that is said
+BURN_IN_S = 0.05  # the state before the first row is known roughly: it settles within this
+JITTER_FOR_RESAMPLING = 0.02  # of the row period
+JUMP_IN_SD = 12.0  # an increment of τ_w this far above its usual size is a step of the load
+AFTER_GAP_S = 0.05
+
+
+class Record(NamedTuple):
+    """One run on an even grid."""
+
+    name: str
+    mode: Mode
+    period_s: float
+    time_s: Vector
+    reference_rad: Vector  # zeros in mode "driven"
+    channels: dict[str, Vector]  # measured: theta_m_rad, current_A or tau_m_N_m, theta_j_rad where there
+    tau_w_N_m: Vector | None  # smoothed
+    edge_rows: Rows
+    weights: Vector  # 1 where a row counts, 0 where it doesn't (burn-in, gaps)
+    evenly_logged: bool  # no gap, no resampling: the drive's law can be followed row by row
+
+
+def prepare(runs: Sequence[Run], rig: Rig) -> tuple[list[Record], list[str]]:
+    """Make records of the runs, and notes on what was left out; UserError when a run can't serve at all."""
+    notes: list[str] = []
+    records = []
+    budget = MAX_ROWS // max(len(runs), 1)
+    for run in runs:
+        record, said = _record(run, rig, budget)
+        records.append(record)
+        notes += said
+    return records, notes
+
+
+def mode_of(run: Run, rig: Rig) -> Mode:
+    """Closed loop where the drive's law, its reference and the current are known; else θ_m as measured drives."""
+    known = rig.drive is not None and "theta_m_ref_rad" in run.columns and "current_A" in run.columns
+    return "closed_loop" if known else "driven"
+
+
+def _record(run: Run, rig: Rig, budget: int) -> tuple[Record, list[str]]:
+    notes = []
+    columns = dict(run.columns)
+    if len(run) > budget:
+        notes.append(f"{run.name}: only its first {budget} of {len(run)} rows are used")
+        columns = {name: values[:budget] for name, values in columns.items()}
+    time = columns.pop("time_s")
+    period = float(np.median(np.diff(time)))
+    if time.size < 50:
+        raise UserError(f"{run.name}: {time.size} rows are too few to diagnose; at least 50 are needed")
+    mode = mode_of(run, rig)
+    if mode == "closed_loop" and rig.drive is not None:
+        ratio = period / rig.drive.sample_time_s
+        if ratio > 0.5 and abs(ratio - round(ratio)) < 0.02:
+            period = round(ratio) * rig.drive.sample_time_s  # stamps are printed with few digits
+    rows, grid, missing = _grid(time, period)
+    uneven = bool(missing.any()) or rows.size != time.size or _jitter(time, period) > JITTER_FOR_RESAMPLING
+    if uneven:
+        columns = {name: np.interp(grid, time, values) for name, values in columns.items()}
+    weights = np.where(missing, 0.0, 1.0)
+    weights[: max(1, round(BURN_IN_S / period))] = 0.0
+    tau_w = columns.get("tau_w_N_m")
+    edges = jumps(tau_w) if tau_w is not None else np.empty(0, dtype=np.intp)
+    used = ("theta_m_rad", "tau_m_N_m" if "tau_m_N_m" in columns else "current_A", "theta_j_rad")
+    record = Record(
+        run.name,
+        mode,
+        period,
+        grid - grid[0],
+        columns.get("theta_m_ref_rad", np.zeros(grid.size)),
+        {name: columns[name] for name in used if name in columns},
+        smooth_load(tau_w, edges) if tau_w is not None else None,
+        edges,
+        weights,
+        not uneven,
+    )
+    return record, notes
+
+
+def _grid(time: Vector, period: float) -> tuple[Rows, Vector, Mask]:
+    """Return the row of the grid that each stamp falls on, the grid, and which of its rows nothing was measured at."""
+    rows = np.rint((time - time[0]) / period).astype(np.intp)
+    if np.array_equal(rows, np.arange(time.size)):
+        return rows, time[0] + period * np.arange(time.size), np.zeros(time.size, dtype=np.bool_)
+    intervals = np.maximum(np.rint(np.diff(time) / period).astype(np.intp), 1)
+    rows = np.concatenate(([0], np.cumsum(intervals)))
+    count = min(int(rows[-1]) + 1, 4 * time.size)
+    present = np.zeros(count, dtype=np.bool_)
+    present[rows[rows < count]] = True
+    missing = ~present
+    shadow = max(1, round(AFTER_GAP_S / period))
+    spread = np.convolve(missing.astype(float), np.ones(shadow))[:count] > 0.0
+    return rows, time[0] + period * np.arange(count), spread
+
+
+def _jitter(time: Vector, period: float) -> float:
+    intervals = np.diff(time)
+    regular = intervals[intervals < 1.5 * period]
+    return float(np.std(regular) / period) if regular.size > 1 else 0.0
+
+
+def jumps(tau_w: Vector) -> Rows:
+    """Return the rows after which the load jumps: single increments far above all others around them."""
+    steps = np.abs(np.diff(tau_w))
+    usual = float(np.median(steps)) / 0.6745
+    scale = max(usual, 1e-3 * float(np.ptp(tau_w)))
+    if scale <= 0.0:
+        return np.empty(0, dtype=np.intp)
+    found = np.flatnonzero(steps > JUMP_IN_SD * scale)
+    # A ramp fast against its noise has many large increments in a row; those are no jumps.
+    alone = [row for row in found if not ({row - 1, row + 1} & set(found.tolist()))]
+    return np.array(alone, dtype=np.intp)

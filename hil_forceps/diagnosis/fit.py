@@ -1,0 +1,117 @@
+"""Output-error fits: Gauss-Newton with damping, priors and bounds on whitened residuals."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.problem import Matrix, Outputs, Problem
+from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform
+
+Vector = NDArray[np.float64]
+
+MAX_STEPS = 12
+SMALL_FALL = 0.05  # of χ²: a step that gains less ends the fit
+FIRST_DAMPING = 1e-6
+MAX_DAMPINGS = 7
+
+
+class Fit(NamedTuple):
+    """Where a fit ended."""
+
+    u: Vector
+    chi2: float  # misfit plus priors
+    residual: Flat  # not whitened
+    outputs: Outputs
+    jacobian: Matrix  # not whitened; at u, or at a point near it when `fixed_columns` were given
+    covariance: Vector | NDArray[np.float64]
+    steps: int
+
+
+def chi2_of(problem: Problem, residual: Flat, whitener: Whitener, u: Vector) -> float:
+    """Return the objective: squared whitened residual plus priors."""
+    return sum_of_squares(whitener.apply(residual)) + float(np.sum(problem.prior_weights() * u * u))
+
+
+def sum_of_squares(flat: Flat) -> float:
+    """Return Σ x² in double precision."""
+    return float(np.einsum("i,i->", flat, flat, dtype=np.float64))
+
+
+def gram(left: Matrix, right: Matrix) -> NDArray[np.float64]:
+    """Return leftᵀ right, in blocks so that single precision doesn't lose the small entries."""
+    total = np.zeros((left.shape[1], right.shape[1]))
+    for start in range(0, left.shape[0], 8192):
+        total += left[start : start + 8192].T @ right[start : start + 8192]
+    return total
+
+
+def fit(
+    problem: Problem, u: Vector, whitener: Whitener, *, held: Matrix | None = None, held_count: int = 0, steps: int = MAX_STEPS
+) -> Fit:
+    """Minimise the objective from u.
+
+    `held`: sensitivities of the first `held_count` shared unknowns and of all nuisances, taken as constant; only the
+    others' are computed anew each step. Good near a fit, and many times cheaper.
+    """
+    low, high = problem.bounds()
+    weights = problem.prior_weights()
+    u = np.clip(u, low, high)
+    outputs = problem.simulate(u)
+    residual = problem.measured - transform(problem.layout, outputs)
+    chi2 = chi2_of(problem, residual, whitener, u)
+    damping = FIRST_DAMPING
+    jacobian = _jacobian(problem, u, outputs, held, held_count)
+    done = 0
+    for done in range(1, steps + 1):
+        white = whitener.apply(jacobian)
+        normal = gram(white, white)
+        slope = gram(white, whitener.apply(residual)[:, None])[:, 0] - weights * u
+        improved = False
+        for _ in range(MAX_DAMPINGS):
+            candidate = _step(normal, slope, weights, damping, u, low, high)
+            new_outputs = problem.simulate(candidate)
+            new_residual = problem.measured - transform(problem.layout, new_outputs)
+            new_chi2 = chi2_of(problem, new_residual, whitener, candidate)
+            if np.isfinite(new_chi2) and new_chi2 < chi2:
+                improved = True
+                break
+            damping = max(damping, 1e-6) * 30.0
+        if not improved:
+            break
+        fall = chi2 - new_chi2
+        u, outputs, residual, chi2 = candidate, new_outputs, new_residual, new_chi2
+        damping = max(damping / 30.0, FIRST_DAMPING)
+        if fall < SMALL_FALL:
+            break
+        jacobian = _jacobian(problem, u, outputs, held, held_count)
+    white = whitener.apply(jacobian)
+    covariance = np.linalg.pinv(gram(white, white) + np.diag(weights), hermitian=True)
+    return Fit(u, chi2, residual, outputs, jacobian, covariance, done)
+
+
+def _jacobian(problem: Problem, u: Vector, outputs: Outputs, held: Matrix | None, held_count: int) -> Matrix:
+    if held is None:
+        return problem.jacobian(u, outputs)
+    count = len(problem.shared.items)
+    fresh = problem.shared_columns(u, outputs, range(held_count, count))
+    return np.concatenate((held[:, :held_count], fresh, held[:, held_count:]), axis=1)
+
+
+def _step(
+    normal: NDArray[np.float64], slope: Vector, weights: Vector, damping: float, u: Vector, low: Vector, high: Vector
+) -> Vector:
+    """Return the next point; entries that would cross a bound stay on it and the others are solved again."""
+    system = normal + np.diag(weights)
+    system = system + damping * np.diag(np.diag(system) + 1e-12)
+    free = np.ones(u.size, dtype=np.bool_)
+    step = np.zeros(u.size)
+    for _ in range(3):
+        right = slope[free] - system[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.lstsq(system[np.ix_(free, free)], right, rcond=1e-14)[0]
+        crossing = free & ((u + step < low) | (u + step > high))
+        if not crossing.any():
+            break
+        step[crossing] = np.clip(u + step, low, high)[crossing] - u[crossing]
+        free &= ~crossing
+    return np.clip(u + step, low, high)

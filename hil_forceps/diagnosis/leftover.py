@@ -1,0 +1,215 @@
+"""What is left after naming: does it still vary with anything? Smooth curves over many variables, at every place.
+
+A catalogue can't hold everything. These curves have no physics in them but the place where they act; when they explain
+more of the residual than chance gives, something is there that no entry explains, and the best curve says over what.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from hil_forceps.diagnosis.choice import CHANCE, Model
+from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.linear import Place, Response, column, direct_column
+from hil_forceps.diagnosis.problem import Matrix
+from hil_forceps.diagnosis.score import Group, score
+from hil_forceps.diagnosis.spectrum import Flat, Whitener
+
+Vector = NDArray[np.float64]
+Signals = list[Vector]
+
+WAVES = 5
+MEMORIES_S = (0.02, 0.1, 0.5, 2.0)
+MEMORY_SHARES = (0.01, 0.05, 0.2)  # of the range: memories over a way
+
+
+class Scale(NamedTuple):
+    """Ranges over all runs."""
+
+    theta_m: tuple[float, float]
+    theta_j: tuple[float, float]
+    omega_m: float
+    omega_j: float
+    stretch_m: float
+    tension_N: float
+    current_A: float
+    duration_s: float
+
+
+class Curve(NamedTuple):
+    """A family of curves: where it acts, over which variable, and its members for a run."""
+
+    place: Place | str  # or the channel that it is added to
+    variable: str
+    members: Callable[[Course, Scale], list[Vector]]
+
+
+class Leftover(NamedTuple):
+    """What the curves found."""
+
+    gain: float  # of the best family
+    threshold: float
+    total_gain: float  # of all families together, less what chance gives
+    families: tuple[tuple[str, str, float], ...]  # place, variable, gain; the best first
+
+
+def scale_of(courses: Sequence[Course]) -> Scale:
+    """Return the ranges of all runs."""
+
+    def span(values: list[Vector]) -> tuple[float, float]:
+        low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+        return low, max(high, low + 1e-9)
+
+    def top(values: list[Vector]) -> float:
+        return max(max(float(np.abs(v).max()) for v in values), 1e-12)
+
+    return Scale(
+        span([c.theta_m for c in courses]),
+        span([c.theta_j for c in courses]),
+        top([c.omega_m for c in courses]),
+        top([c.omega_j for c in courses]),
+        top([c.stretch_m for c in courses]),
+        top([c.tension_N for c in courses]),
+        top([c.current_A for c in courses]),
+        max(float(c.time_s[-1]) for c in courses),
+    )
+
+
+def _waves(x: Vector, span: tuple[float, float]) -> list[Vector]:
+    phase = np.pi * (x - span[0]) / (span[1] - span[0])
+    return [np.cos(k * phase) for k in range(1, WAVES + 1)]
+
+
+def _sign(omega: Vector, top: float) -> Vector:
+    return np.asarray(np.tanh(omega / (0.01 * top)))
+
+
+def _memory_over_way(x: Vector, length: float) -> Vector:
+    way = np.diff(x, prepend=x[0])
+    keep = np.exp(-np.abs(way) / length)
+    z = np.zeros(x.size)
+    state = 0.0
+    signs = np.sign(way)
+    for k in range(x.size):
+        state = signs[k] + (state - signs[k]) * keep[k] if signs[k] != 0.0 else state
+        z[k] = state
+    return z
+
+
+def _slow(x: Vector, period_s: float, time_s: float) -> Vector:
+    share = -np.expm1(-period_s / time_s)
+    return np.asarray(lfilter([share], [1.0, share - 1.0], x))
+
+
+def _curves() -> tuple[Curve, ...]:
+    return (
+        Curve("motor", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),
+        Curve(
+            "motor",
+            "theta and direction",
+            lambda c, s: [w * _sign(c.omega_m, s.omega_m) for w in _waves(c.theta_m, s.theta_m)],
+        ),
+        Curve("motor", "omega", lambda c, s: _over_speed(c.omega_m, s.omega_m)),
+        Curve(
+            "motor",
+            "tension and direction",
+            lambda c, s: [np.abs(c.tension_N) ** n * _sign(c.omega_m, s.omega_m) / s.tension_N**n for n in (1, 2, 3)],
+        ),
+        Curve(
+            "motor", "time", lambda c, s: [w * v for w in _over_time(c, s) for v in (c.omega_m, c.current_A)]
+        ),
+        Curve(
+            "motor",
+            "memory of motion",
+            lambda c, s: [
+                _memory_over_way(c.theta_m, share * (s.theta_m[1] - s.theta_m[0])) for share in MEMORY_SHARES
+            ],
+        ),
+        Curve("wire", "tension", lambda c, s: [c.tension_N * np.abs(c.tension_N) ** n / s.tension_N**n for n in (1, 2, 3)]),
+        Curve("wire", "sign of tension", lambda c, s: [np.tanh(c.tension_N / (share * s.tension_N)) for share in (0.01, 0.05, 0.2)]),
+        Curve("wire", "rate of stretch", lambda c, s: [np.gradient(c.stretch_m, c.period_s) / s.stretch_m]),
+        Curve("wire", "memory of tension", lambda c, s: [_slow(c.tension_N, c.period_s, t) for t in MEMORIES_S]),
+        Curve(
+            "wire",
+            "memory of stretch",
+            lambda c, s: [_memory_over_way(c.stretch_m, share * s.stretch_m) for share in MEMORY_SHARES],
+        ),
+        Curve("wire", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),
+        Curve("jaw", "theta", lambda c, s: _waves(c.theta_j, s.theta_j)),
+        Curve(
+            "jaw",
+            "theta and direction",
+            lambda c, s: [w * _sign(c.omega_j, s.omega_j) for w in _waves(c.theta_j, s.theta_j)],
+        ),
+        Curve("jaw", "omega", lambda c, s: _over_speed(c.omega_j, s.omega_j)),
+        Curve("jaw", "load", lambda c, s: [c.load_N_m, _slow(c.load_N_m, c.period_s, 0.1)]),
+        Curve("theta_m_rad", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),
+        Curve("theta_j_rad", "theta", lambda c, s: _waves(c.theta_j, s.theta_j)),
+        Curve("theta_j_rad", "rate", lambda c, s: [c.omega_j, np.gradient(c.omega_j, c.period_s)]),
+        Curve("current_A", "current", lambda c, s: _over_current(c.current_A, s.current_A)),
+        Curve("current_A", "rate", lambda c, s: _rates(c.current_A)),
+    )
+
+
+def _over_speed(omega: Vector, top: float) -> list[Vector]:
+    sign = _sign(omega, top)
+    falling = [sign * np.exp(-((omega / (share * top)) ** 2)) for share in (0.03, 0.1, 0.3)]
+    return [sign, np.abs(sign), *falling, omega * np.abs(omega) / top]
+
+
+def _over_time(c: Course, s: Scale) -> list[Vector]:
+    return [np.cos(k * np.pi * c.time_s / s.duration_s) for k in (1, 2, 3)]
+
+
+def _over_current(i: Vector, top: float) -> list[Vector]:
+    return [np.ones_like(i), i, np.abs(i), np.tanh(i / (0.03 * top)), i**3 / top**2]
+
+
+def _rates(i: Vector) -> list[Vector]:
+    first = np.diff(i, prepend=i[0])
+    return [first, np.diff(first, prepend=0.0), np.roll(first, 1), np.roll(first, 2)]
+
+
+def leftover(
+    model: Model, whitener: Whitener, courses: Sequence[Course], responses: Sequence[Response] | None, seed: int
+) -> Leftover:
+    """Look for curves in what the model leaves; without `responses` (loop not known) only curves in the channels."""
+    scale = scale_of(courses)
+    layout = model.problem.layout
+    columns: list[Flat] = []
+    groups: list[Group] = []
+    names: list[tuple[str, str]] = []
+    channels = {part.channel for part in layout.parts}
+    for curve in _curves():
+        members = [curve.members(course, scale) for course in courses]
+        first = len(columns)
+        for signals in zip(*members, strict=True):
+            if curve.place in channels:
+                columns.append(direct_column(layout, str(curve.place), list(signals)))
+            elif responses is not None and curve.place in ("motor", "wire", "jaw"):
+                columns.append(column(layout, list(responses), curve.place, list(signals)))  # type: ignore[arg-type]
+        if len(columns) > first:
+            groups.append(Group(first, len(columns), False))
+            names.append((str(curve.place), curve.variable))
+    white: Matrix = whitener.apply(np.stack(columns, axis=1))
+    norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30))
+    white = (white / norms).astype(np.float32)
+    found = score(
+        whitener.apply(model.fit.jacobian),
+        model.problem.prior_weights(),
+        model.fit.u,
+        white,
+        groups,
+        whitener.apply(model.fit.residual),
+        CHANCE,
+        seed,
+    )
+    order = np.argsort(-found.gains)
+    families = tuple((*names[i], float(found.gains[i])) for i in order)
+    values, vectors = np.linalg.eigh(found.projected)
+    kept = values > 1e-6 * max(float(values.max()), 1e-12)
+    total = float(np.sum((vectors[:, kept].T @ found.slope) ** 2 / values[kept])) - float(kept.sum())
+    return Leftover(float(found.gains[order[0]]), found.threshold, max(total, 0.0), families)

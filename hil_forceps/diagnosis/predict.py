@@ -1,0 +1,138 @@
+"""What the model says that was measured, for any values of the unknowns: simulated channels and their transforms.
+
+In closed loop the current is compared through the drive's law: what was measured less what the law commands from the
+recorded angles. The same is done to the simulated channels. That makes the noise of the current independent of the
+encoder's, which the loop feeds into it, and shows what happens between command and current in a channel of its own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.problem import Nuisance, Outputs
+from hil_forceps.model import closed_loop, drive_law, parameters
+from hil_forceps.model.closed_loop import Channels, Inputs, Start
+from hil_forceps.model.drive_law import DriveState
+
+Vector = NDArray[np.float64]
+
+SUBSTEPS = 4  # of 250 µs in a row of 1 ms; more for longer rows
+LONGEST_SUBSTEP_S = 2.6e-4
+ROWS_FOR_SPEED = 12  # at the beginning of a run
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClosedLoop:
+    """Simulates runs whose drive law is known."""
+
+    records: tuple[Record, ...]
+    law: Vector
+    starts: tuple[Start, ...]
+    measured_tau_w: bool
+
+    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+        """Return the transformed channels of each run."""
+        return [self.outputs(k, self.raw(k, theta, nuisance)) for k, nuisance in enumerate(nuisances)]
+
+    def raw(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float = 0.0) -> Channels:
+        """Simulate a run: recorded channels and what is inside."""
+        record, start = self.records[run], self.starts[run]
+        drive = start.drive._replace(integral_rad_s=start.drive.integral_rad_s + nuisance.integral_rad_s)
+        plant = _settled(theta, start, record)
+        rows = record.time_s.size
+        tau_w = record.tau_w_N_m if record.tau_w_N_m is not None else np.zeros(rows)
+        inputs = Inputs(
+            record.time_s,
+            record.reference_rad,
+            tau_w,
+            record.edge_rows.astype(np.int64),
+            np.ascontiguousarray(nuisance.edge_fractions, dtype=np.float64),
+        )
+        samples = round(record.period_s / float(self.law[drive_law.SAMPLE_TIME]))
+        substeps = samples * max(1, int(np.ceil(record.period_s / samples / LONGEST_SUBSTEP_S)))
+        found = closed_loop.simulate(theta, self.law, quantum_rad, inputs, Start(plant, drive), substeps, samples)
+        return found._replace(theta_j_rad=found.theta_j_rad + nuisance.theta_j_zero_rad)
+
+    def outputs(self, run: int, channels: Channels) -> dict[str, Vector]:
+        """Transform simulated channels."""
+        return self.transformed(run, {name: getattr(channels, name) for name in self.records[run].channels})
+
+    def transformed(self, run: int, channels: dict[str, Vector]) -> dict[str, Vector]:
+        """Put what the law does not explain in place of the current."""
+        record = self.records[run]
+        found = dict(channels)
+        if follows_law(record, self.law):
+            command = drive_law.law_current(
+                self.law, record.reference_rad, channels["theta_m_rad"], self.starts[run].drive
+            )
+            found["current_A"] = channels["current_A"] - np.concatenate((channels["current_A"][:1], command[:-1]))
+        return found
+
+    def measured(self) -> Outputs:
+        """Return the transformed channels as measured."""
+        return [self.transformed(k, record.channels) for k, record in enumerate(self.records)]
+
+    def course(self, run: int, theta: Vector, nuisance: Nuisance) -> Course:
+        """Return what a run went through inside."""
+        record = self.records[run]
+        c = self.raw(run, theta, nuisance)
+        load = record.tau_w_N_m if record.tau_w_N_m is not None else np.zeros(record.time_s.size)
+        return Course(
+            c.theta_m_rad,
+            c.omega_m_rad_per_s,
+            c.theta_j_rad,
+            c.omega_j_rad_per_s,
+            c.elongation_m,
+            c.tension_N,
+            load,
+            c.current_A,
+            record.time_s,
+            record.period_s,
+        )
+
+
+def follows_law(record: Record, law: Vector) -> bool:
+    """Tell whether the law can be followed row by row: every sample of the drive is a row, none is missing."""
+    samples = record.period_s / float(law[drive_law.SAMPLE_TIME])
+    return record.evenly_logged and abs(samples - 1.0) < 0.02
+
+
+def make_starts(records: Sequence[Record], theta: Vector, law: Vector) -> tuple[Start, ...]:
+    """Return the state before the first row of each run, from its first rows."""
+    return tuple(_start(record, theta, law) for record in records)
+
+
+def _start(record: Record, theta: Vector, law: Vector) -> Start:
+    angle = record.channels["theta_m_rad"]
+    few = min(ROWS_FOR_SPEED, angle.size)
+    speed = float(np.polyfit(record.time_s[:few], angle[:few], 1)[0]) if few > 1 else 0.0
+    if abs(angle[few - 1] - angle[0]) < 2.5 * _quantum(angle):
+        speed = 0.0
+    load = float(record.tau_w_N_m[0]) if record.tau_w_N_m is not None else 0.0
+    at_rest = closed_loop.rest(theta, float(angle[0]), load / theta[parameters.index("forceps.jaw_pulley_radius_m")])
+    current = record.channels["current_A"]
+    error = float(record.reference_rad[0] - angle[0])
+    ki, period = float(law[drive_law.KI]), float(law[drive_law.SAMPLE_TIME])
+    first = float(np.median(current[1:4])) - law[drive_law.KP] * error + law[drive_law.KD] * speed
+    integral = float(first) / ki - error * period if ki > 0.0 else 0.0
+    ratio = theta[parameters.index("forceps.motor_pulley_radius_m")] / theta[parameters.index("forceps.jaw_pulley_radius_m")]
+    plant = at_rest.plant._replace(omega_m_rad_per_s=speed, omega_j_rad_per_s=speed * float(ratio))
+    return Start(plant, DriveState(integral, float(angle[0]) - speed * period, speed, float(current[0])))
+
+
+def _quantum(angle: Vector) -> float:
+    steps = np.abs(np.diff(angle))
+    steps = steps[steps > 1e-12]
+    return float(steps.min()) if steps.size else 0.0
+
+
+def _settled(theta: Vector, start: Start, record: Record) -> closed_loop.State:
+    """Return the start with the jaw where the wire of these parameters puts it."""
+    load = float(record.tau_w_N_m[0]) if record.tau_w_N_m is not None else 0.0
+    tension = load / float(theta[parameters.index("forceps.jaw_pulley_radius_m")])
+    at_rest = closed_loop.rest(theta, start.plant.theta_m_rad, tension)
+    return start.plant._replace(theta_j_rad=at_rest.plant.theta_j_rad)

@@ -1,0 +1,191 @@
+"""A fitting problem: measured runs, a simulator, the unknowns; residuals and their sensitivities in the flat layout."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.spectrum import Flat, Layout, fill, transform
+from hil_forceps.diagnosis.unknowns import STEP, Unknowns
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float32]
+Outputs = list[dict[str, Vector]]
+Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+
+EDGE_SD = 0.29  # of a number that is uniform between 0 and 1
+EDGE_STEP = 0.02
+RESPONSE_S = 0.2  # a jump of the load has died away after this
+
+
+class Nuisance(NamedTuple):
+    """What is unknown of one run: not of interest, and fitted along."""
+
+    theta_j_zero_rad: float
+    integral_rad_s: float
+    edge_fractions: Vector
+
+
+class Simulator(Protocol):
+    """Simulates all runs for one vector of model parameters; returns the transformed channels of each run."""
+
+    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """Everything a fit needs; vectors u are the shared unknowns, then each run's nuisances."""
+
+    records: tuple[Record, ...]
+    layout: Layout
+    measured: Flat
+    simulate_runs: Simulator
+    base: Vector  # model parameters that are not fitted (effects off)
+    index_of: Callable[[str], int]
+    shared: Unknowns
+    zero_sd_rad: float
+    integral_sd_rad_s: float
+    mapper: Mapper = map
+
+    def with_shared(self, shared: Unknowns) -> "Problem":
+        """Return the same problem with other shared unknowns."""
+        return Problem(
+            self.records,
+            self.layout,
+            self.measured,
+            self.simulate_runs,
+            self.base,
+            self.index_of,
+            shared,
+            self.zero_sd_rad,
+            self.integral_sd_rad_s,
+            self.mapper,
+        )
+
+    @property
+    def nuisance_count(self) -> int:
+        """Number of nuisances of all runs."""
+        return sum(2 + record.edge_rows.size for record in self.records)
+
+    @property
+    def size(self) -> int:
+        """Length of u."""
+        return len(self.shared.items) + self.nuisance_count
+
+    def theta(self, u: Vector) -> Vector:
+        """Return the model's parameters at u."""
+        theta = self.base.copy()
+        for item, value in zip(self.shared.items, self.shared.values(u[: len(self.shared.items)]), strict=True):
+            theta[self.index_of(item.name)] = value
+        return theta
+
+    def nuisances(self, u: Vector) -> list[Nuisance]:
+        """Return each run's nuisances at u."""
+        found = []
+        at = len(self.shared.items)
+        for record in self.records:
+            edges = record.edge_rows.size
+            fractions = np.clip(0.5 + EDGE_SD * u[at + 2 : at + 2 + edges], 0.0, 1.0)
+            found.append(Nuisance(self.zero_sd_rad * float(u[at]), self.integral_sd_rad_s * float(u[at + 1]), fractions))
+            at += 2 + edges
+        return found
+
+    def prior_weights(self) -> Vector:
+        """Return the weight of u² in the objective, entry by entry."""
+        return np.concatenate((self.shared.prior_weights(), np.ones(self.nuisance_count)))
+
+    def bounds(self) -> tuple[Vector, Vector]:
+        """Return the least and the greatest u."""
+        low, high = self.shared.bounds()
+        least, greatest = [low], [high]
+        for record in self.records:
+            edges = record.edge_rows.size
+            least.append(np.concatenate(([-np.inf, -np.inf], np.full(edges, -0.5 / EDGE_SD))))
+            greatest.append(np.concatenate(([np.inf, np.inf], np.full(edges, 0.5 / EDGE_SD))))
+        return np.concatenate(least), np.concatenate(greatest)
+
+    def simulate(self, u: Vector) -> Outputs:
+        """Return the transformed channels of each run at u."""
+        return self.simulate_runs(self.theta(u), self.nuisances(u))
+
+    def predicted(self, u: Vector) -> Flat:
+        """Return the flat vector of what the model says at u."""
+        return transform(self.layout, self.simulate(u))
+
+    def shared_columns(self, u: Vector, outputs: Outputs, which: Sequence[int]) -> Matrix:
+        """Return the sensitivities to some of the shared unknowns, one column each; one-sided differences."""
+        _, high = self.bounds()
+        steps = [STEP if u[i] + STEP <= high[i] else -STEP for i in which]
+
+        def column(task: tuple[int, float]) -> Flat:
+            i, step = task
+            moved = u.copy()
+            moved[i] += step
+            return transform(self.layout, difference(self.simulate(moved), outputs, step))
+
+        columns = list(self.mapper(column, zip(which, steps, strict=True)))
+        return np.stack(columns, axis=1) if columns else np.empty((self.layout.size, 0), dtype=np.float32)
+
+    def nuisance_columns(self, u: Vector, outputs: Outputs) -> Matrix:
+        """Return the sensitivities to all nuisances. A nuisance acts on its run alone, so runs are moved together."""
+        first = len(self.shared.items)
+        columns = np.zeros((self.layout.size, self.nuisance_count), dtype=np.float32)
+        starts = np.cumsum([0, *(2 + record.edge_rows.size for record in self.records)])
+
+        def moved(task: tuple[str, float]) -> Outputs:
+            kind, step = task
+            v = u.copy()
+            for start, record in zip(starts, self.records, strict=False):
+                offset = {"zero": 0, "integral": 1}.get(kind, 2)
+                if kind == "edges":
+                    v[first + start + 2 : first + start + 2 + record.edge_rows.size] += step
+                else:
+                    v[first + start + offset] += step
+            return difference(self.simulate(v), outputs, step)
+
+        # Away from the nearer end: fractions are clipped to 0..1.
+        tasks = [("zero", 0.1), ("integral", 0.1)]
+        if any(record.edge_rows.size for record in self.records):
+            tasks.append(("edges", EDGE_STEP / EDGE_SD))
+        results = dict(zip((kind for kind, _ in tasks), self.mapper(moved, tasks), strict=True))
+        for k, (start, record) in enumerate(zip(starts, self.records, strict=False)):
+            self._fill(columns[:, start], k, results["zero"][k])
+            self._fill(columns[:, start + 1], k, results["integral"][k])
+            for j, window in enumerate(_windows(record)):
+                part = {name: _only(values, window) for name, values in results["edges"][k].items()}
+                self._fill(columns[:, start + 2 + j], k, part)
+        return columns
+
+    def _fill(self, column: Flat, run: int, outputs: dict[str, Vector]) -> None:
+        for part in self.layout.parts:
+            if part.run == run:
+                fill(column, part, outputs[part.channel])
+
+    def jacobian(self, u: Vector, outputs: Outputs) -> Matrix:
+        """Return the sensitivities to every entry of u."""
+        shared = self.shared_columns(u, outputs, range(len(self.shared.items)))
+        return np.concatenate((shared, self.nuisance_columns(u, outputs)), axis=1)
+
+
+def difference(after: Outputs, before: Outputs, step: float) -> Outputs:
+    """Return (after − before)/step for every channel of every run."""
+    return [
+        {name: (a[name] - b[name]) / step for name in a} for a, b in zip(after, before, strict=True)
+    ]
+
+
+def _windows(record: Record) -> list[tuple[int, int]]:
+    """Return the rows that each jump of the load shows in: up to the next one, or until its response has died away."""
+    rows = record.edge_rows
+    length = round(RESPONSE_S / record.period_s)
+    ends = np.minimum(rows + length, np.append(rows[1:], record.time_s.size))
+    return [(int(a), int(b)) for a, b in zip(rows, ends, strict=True)]
+
+
+def _only(values: Vector, window: tuple[int, int]) -> Vector:
+    kept = np.zeros_like(values)
+    kept[window[0] : window[1]] = values[window[0] : window[1]]
+    return kept

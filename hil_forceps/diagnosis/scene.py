@@ -1,0 +1,76 @@
+"""What the runs contain, as far as it says where effects may be looked for."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.entries import Scene, quantiles_of_speed
+from hil_forceps.diagnosis.choice import Model
+from hil_forceps.diagnosis.linear import Response, column
+from hil_forceps.diagnosis.score import Group, score
+from hil_forceps.diagnosis.spectrum import Whitener
+
+Vector = NDArray[np.float64]
+
+HARMONICS = tuple(float(h) for h in range(1, 61))
+KEPT_HARMONICS = 3
+
+
+def scene_of(
+    courses: Sequence[Course], model: Model, whitener: Whitener, responses: Sequence[Response] | None
+) -> Scene:
+    """Return the scene of runs; the harmonics that promise most are found with the linear loop."""
+    angle = np.concatenate([c.theta_m for c in courses])
+    current = max(float(np.abs(c.current_A).max()) for c in courses)
+    stretch = max(float(np.ptp(c.stretch_m)) for c in courses)
+    if responses is None:
+        cogging: tuple[float, ...] = (1.0, 2.0, 4.0, 6.0, 7.0, 12.0, 24.0)
+        ripple = cogging
+    else:
+        ones = [np.ones_like(c.theta_m) for c in courses]
+        cogging = _harmonics(courses, ones, model, whitener, responses)
+        ripple = _harmonics(courses, [c.current_A for c in courses], model, whitener, responses)
+    return Scene(
+        max(float(c.time_s[-1]) for c in courses),
+        max(float(np.ptp(angle)), 1e-3),
+        quantiles_of_speed(np.concatenate([c.omega_m for c in courses])),
+        max(stretch, 1e-8),
+        max(current, 1e-6),
+        cogging,
+        ripple,
+    )
+
+
+def _harmonics(
+    courses: Sequence[Course],
+    scales: Sequence[Vector],
+    model: Model,
+    whitener: Whitener,
+    responses: Sequence[Response],
+) -> tuple[float, ...]:
+    """Return the harmonics of the motor's angle whose torque, in proportion to `scales`, explains most."""
+    layout = model.problem.layout
+    columns = []
+    groups = []
+    for h in HARMONICS:
+        groups.append(Group(len(columns), len(columns) + 2, False))
+        for wave in (np.sin, np.cos):
+            signals = [s * wave(h * c.theta_m) for c, s in zip(courses, scales, strict=True)]
+            columns.append(column(layout, list(responses), "motor", signals))
+    white = whitener.apply(np.stack(columns, axis=1))
+    norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30))
+    white = (white / norms).astype(np.float32)
+    found = score(
+        whitener.apply(model.fit.jacobian),
+        model.problem.prior_weights(),
+        model.fit.u,
+        white,
+        groups,
+        whitener.apply(model.fit.residual),
+        0.5,
+        0,
+    )
+    order = np.argsort(-found.gains)[:KEPT_HARMONICS]
+    return tuple(sorted(HARMONICS[i] for i in order))

@@ -1,0 +1,122 @@
+"""How much of the whitened residual each place of the catalogue would explain, what the known parameters could explain
+being taken out first; and what chance would give.
+
+Linear algebra on Gram matrices: with whitened columns J of the fitted unknowns (prior weights Λ), C of the candidates
+and residual r, the projected Gram is S = CᵀC − CᵀJ (JᵀJ + Λ)⁻¹ JᵀC, the projected slope b likewise, and a place with
+columns c gains b_cᵀ S_cc⁻¹ b_c. Under noise alone b ~ N(0, S), so chance is drawn from S without simulating anything.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.fit import gram
+from hil_forceps.diagnosis.problem import Matrix
+from hil_forceps.diagnosis.spectrum import Flat
+
+Vector = NDArray[np.float64]
+Square = NDArray[np.float64]
+
+DRAWS = 4000
+COST_PER_COLUMN = 2.0  # of a place with more columns: what χ² falls by chance, twice
+LEAST_SHARE = 1e-6  # of a column's power left after projection: below it the data hold nothing of its own
+
+
+class Group(NamedTuple):
+    """The columns of a place."""
+
+    first: int
+    stop: int
+    one_sided: bool
+
+
+class Scores(NamedTuple):
+    """What each place gains."""
+
+    gains: Vector  # fall of χ², less the cost of its columns
+    amplitudes: list[Vector]  # in units of each column's finite difference
+    informative: NDArray[np.bool_]
+    threshold: float  # of the highest gain by chance
+    projected: Square
+    slope: Vector
+
+
+def project(fitted: Matrix, weights: Vector, u: Vector, columns: Matrix, residual: Flat) -> tuple[Square, Vector]:
+    """Return S and b for whitened columns and residual."""
+    jj = gram(fitted, fitted) + np.diag(weights)
+    jc = gram(fitted, columns)
+    jr = gram(fitted, residual[:, None])[:, 0] - weights * u
+    solved = np.linalg.solve(_regular(jj), np.column_stack((jc, jr)))
+    s = gram(columns, columns) - jc.T @ solved[:, :-1]
+    b = gram(columns, residual[:, None])[:, 0] - jc.T @ solved[:, -1]
+    return 0.5 * (s + s.T), b
+
+
+def _regular(matrix: Square) -> Square:
+    return matrix + np.diag(1e-10 * np.diag(matrix) + 1e-12)
+
+
+def score(
+    fitted: Matrix,
+    weights: Vector,
+    u: Vector,
+    columns: Matrix,
+    groups: Sequence[Group],
+    residual: Flat,
+    chance: float,
+    seed: int,
+) -> Scores:
+    """Score all places; `chance` is the family-wise share of data sets without effect that may exceed the threshold."""
+    own = np.array([float(c) for c in np.einsum("ij,ij->j", columns, columns, dtype=np.float64)])
+    s, b = project(fitted, weights, u, columns, residual)
+    left = np.diag(s)
+    good = (left > LEAST_SHARE * np.maximum(own, 1e-30)) & (left > 1e-8)
+    gains, amplitudes, informative = [], [], []
+    for group in groups:
+        gain, amplitude = _gain(s, b, group, good)
+        gains.append(gain)
+        amplitudes.append(amplitude)
+        informative.append(bool(good[group.first : group.stop].any()))
+    threshold = _threshold(s, groups, good, chance, seed)
+    return Scores(np.array(gains), amplitudes, np.array(informative), threshold, s, b)
+
+
+def _gain(s: Square, b: Vector, group: Group, good: NDArray[np.bool_]) -> tuple[float, Vector]:
+    chosen = np.arange(group.first, group.stop)[good[group.first : group.stop]]
+    amplitude = np.zeros(group.stop - group.first)
+    if chosen.size == 0:
+        return 0.0, amplitude
+    solution = np.linalg.lstsq(s[np.ix_(chosen, chosen)], b[chosen], rcond=1e-9)[0]
+    if group.one_sided and solution[0] <= 0.0:
+        return 0.0, amplitude
+    amplitude[chosen - group.first] = solution
+    return float(b[chosen] @ solution) - COST_PER_COLUMN * (chosen.size - 1), amplitude
+
+
+def _threshold(s: Square, groups: Sequence[Group], good: NDArray[np.bool_], chance: float, seed: int) -> float:
+    """Return the highest gain that noise alone gives in all but `chance` of data sets."""
+    values, vectors = np.linalg.eigh(s)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    rng = np.random.default_rng(seed)
+    slopes = root @ rng.standard_normal((s.shape[0], DRAWS))
+    highest = np.zeros(DRAWS)
+    for group in groups:
+        chosen = np.arange(group.first, group.stop)[good[group.first : group.stop]]
+        if chosen.size == 0:
+            continue
+        inverse = np.linalg.pinv(s[np.ix_(chosen, chosen)], rcond=1e-9, hermitian=True)
+        here = slopes[chosen]
+        gain = np.einsum("ik,ij,jk->k", here, inverse, here) - COST_PER_COLUMN * (chosen.size - 1)
+        if group.one_sided:
+            gain = np.where(here[0] > 0.0, gain, 0.0)
+        highest = np.maximum(highest, gain)
+    return _tail(highest, chance)
+
+
+def _tail(highest: Vector, chance: float) -> float:
+    """Return the quantile 1 − chance; beyond what the draws reach, by the exponential tail of a χ²."""
+    reachable = max(chance, 20.0 / DRAWS)
+    quantile = float(np.quantile(highest, 1.0 - reachable))
+    return quantile + 2.0 * float(np.log(reachable / chance))

@@ -1,0 +1,120 @@
+"""What is fitted: known parameters with what is known of them, parameters of effects, and nuisances of each run.
+
+The optimiser sees a vector u of pure numbers: value = centre + scale · u, prior u ~ N(0, 1) where there is a prior.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.model import parameters
+from hil_forceps.rig import Parameter, Rig
+from hil_forceps.rig.catalogue import EffectParameter, effect
+
+Vector = NDArray[np.float64]
+
+FRICTION_SD_OF_TORQUE = 0.3  # a friction's prior is no tighter than this share of the torque seen
+WIDEST_UNKNOWN = 30.0  # an unknown value may be this factor away from where it is first looked for
+STEP = 1e-3  # of the scale: finite differences
+
+
+class Unknown(NamedTuple):
+    """A number that is fitted."""
+
+    name: str  # dotted, as in `model.parameters.NAMES`
+    unit: str
+    centre: float
+    scale: float
+    low: float
+    high: float
+    prior: bool  # whether u ~ N(0, 1) is known of it
+    assumed: float | None  # as the rig has it
+
+
+class Unknowns(NamedTuple):
+    """All numbers that are fitted, in their order."""
+
+    items: tuple[Unknown, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Dotted names, in order."""
+        return tuple(item.name for item in self.items)
+
+    def values(self, u: Vector) -> Vector:
+        """Return the physical values of a vector."""
+        return np.array([item.centre + item.scale * float(x) for item, x in zip(self.items, u, strict=True)])
+
+    def bounds(self) -> tuple[Vector, Vector]:
+        """Return the least and the greatest u."""
+        low = np.array([(item.low - item.centre) / item.scale for item in self.items])
+        high = np.array([(item.high - item.centre) / item.scale for item in self.items])
+        return low, high
+
+    def prior_weights(self) -> Vector:
+        """Return 1 where u has a prior, 0 elsewhere."""
+        return np.array([1.0 if item.prior else 0.0 for item in self.items])
+
+    def with_effect(self, effect_id: str, start: Mapping[str, float], free: Iterable[str]) -> "Unknowns":
+        """Return these with parameters of an effect added, centred on `start`."""
+        entry = effect(effect_id)
+        added = [_effect_unknown(effect_id, p, start[p.name]) for p in entry.parameters if p.name in set(free)]
+        return Unknowns((*self.items, *added))
+
+
+def _effect_unknown(effect_id: str, p: EffectParameter, start: float) -> Unknown:
+    scale = abs(p.typical) if p.neutral is not None else 0.3 * max(abs(start), abs(p.minimum))
+    return Unknown(f"effects.{effect_id}.{p.name}", p.unit, start, scale, p.minimum, p.maximum, False, p.neutral)
+
+
+def known_parameters(rig: Rig, torque_scale_N_m: float) -> Unknowns:
+    """Return the rig's physical parameters with their priors; `torque_scale_N_m` is what the motor gives in the data."""
+    items = []
+    for name in parameters.PLANT_NAMES:
+        section, key = name.split(".")
+        known: Parameter = getattr(getattr(rig, section), key)
+        unit = _unit_of(key)
+        items.append(_plant_unknown(name, unit, known, torque_scale_N_m))
+    return Unknowns(tuple(item for item in items if item.scale > 0.0))
+
+
+def _plant_unknown(name: str, unit: str, known: Parameter, torque_scale_N_m: float) -> Unknown:
+    friction = "coulomb" in name
+    low, high = (0.0 if friction or "viscous" in name else 1e-12), math.inf
+    if known.minimum is not None and known.maximum is not None:
+        low, high = known.minimum, known.maximum
+    value = known.value
+    if value is None:
+        value = math.sqrt(low * high) if 0.0 < low and high < math.inf else parameters.TYPICAL[name]
+        scale = 0.5 * value
+        return Unknown(name, unit, value, scale, low, high, False, None)
+    sd = known.sd if known.sd is not None else 0.0
+    if friction:
+        sd = max(sd, FRICTION_SD_OF_TORQUE * torque_scale_N_m)
+    if known.minimum is not None and known.sd is None:
+        return Unknown(name, unit, value, 0.1 * abs(value) or (high - low) / 10.0, low, high, False, value)
+    return Unknown(name, unit, value, sd, low, high, True, value)
+
+
+def _unit_of(key: str) -> str:
+    for unit in ("N_m_s_per_rad", "N_m_per_A", "N_per_m", "kg_m2", "N_m", "m"):
+        if key.endswith(f"_{unit}"):
+            return unit
+    return ""
+
+
+def run_nuisances(count: int, angle_sd_rad: float, integral_sd: float) -> Unknowns:
+    """Return the zero of the jaw sensor and the drive's integral at the start, for each of `count` runs."""
+    items: list[Unknown] = []
+    for i in range(count):
+        items.append(Unknown(f"run{i}.theta_j_zero_rad", "rad", 0.0, angle_sd_rad, -math.inf, math.inf, True, 0.0))
+        items.append(Unknown(f"run{i}.integral_rad_s", "rad_s", 0.0, integral_sd, -math.inf, math.inf, True, 0.0))
+    return Unknowns(tuple(items))
+
+
+def join(parts: Sequence[Unknowns]) -> Unknowns:
+    """Return all unknowns of the parts, in order."""
+    return Unknowns(tuple(item for part in parts for item in part.items))
