@@ -4,11 +4,11 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from hil_forceps.rig.catalogue import EFFECTS
+from hil_forceps.rig.catalogue import EFFECT_IDS, EFFECTS, Effect, effect
 from hil_forceps.rig.errors import UserError
 
 _SHAPE_WHILE_OFF = 1.0  # any length or time that can be divided by
-_NO_LIMIT_A = math.inf
+_OFF = {"current_saturation": math.inf}
 
 
 class EffectNumbers(NamedTuple):
@@ -61,31 +61,28 @@ class EffectNumbers(NamedTuple):
 
 
 def effect_numbers(effects: Mapping[str, Mapping[str, float]]) -> EffectNumbers:
-    """Make numbers of a rig's `effects`; what isn't given is neutral. UserError for a shape that isn't given."""
-    numbers: list[float] = []
-    problems: list[str] = []
-    for effect in EFFECTS:
-        given = effects.get(effect.id)
-        for parameter in effect.parameters:
-            if given is not None and parameter.name in given:
-                numbers.append(float(given[parameter.name]))
-            elif parameter.neutral is not None:
-                numbers.append(parameter.neutral)
-            elif given is None:
-                numbers.append(_NO_LIMIT_A if effect.id == "current_saturation" else _SHAPE_WHILE_OFF)
-            else:
-                problems.append(f"effects.{effect.id}: {parameter.name} is missing; give the {parameter.meaning}")
-    if problems:
+    """Make numbers of a rig's `effects`; what isn't given is neutral, and an effect that does nothing is as if absent.
+
+    UserError for a shape that isn't given and for names that the catalogue doesn't have.
+    """
+    if problems := [line for effect_id, given in effects.items() for line in _problems(effect_id, given)]:
         raise UserError(problems)
-    return EffectNumbers(*numbers)
+    return EffectNumbers(*(number for effect in EFFECTS for number in _numbers(effect, effects.get(effect.id))))
 
 
-def acting(effects: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
-    """Return the effects that do something: those with any amplitude, or any limit, that isn't neutral."""
-    by_id = {effect.id: effect for effect in EFFECTS}
-    found: dict[str, Mapping[str, float]] = {}
-    for effect_id, given in effects.items():
-        amplitudes = [p for p in by_id[effect_id].parameters if p.neutral is not None]
-        if not amplitudes or any(given.get(p.name, p.neutral) != p.neutral for p in amplitudes):
-            found[effect_id] = given
-    return found
+def _problems(effect_id: str, given: Mapping[str, float]) -> list[str]:
+    if effect_id not in EFFECT_IDS:
+        return [f"effects.{effect_id}: is no effect of the catalogue"]
+    parameters = effect(effect_id).parameters
+    unknown = set(given) - {p.name for p in parameters}
+    missing = [p for p in parameters if p.neutral is None and p.name not in given]
+    return [f"effects.{effect_id}.{name}: is no parameter of this effect" for name in sorted(unknown)] + [
+        f"effects.{effect_id}.{p.name}: is missing; give the {p.meaning}" for p in missing
+    ]
+
+
+def _numbers(entry: Effect, given: Mapping[str, float] | None) -> list[float]:
+    amplitudes = [p for p in entry.parameters if p.neutral is not None]
+    if given is None or (amplitudes and all(given.get(p.name, p.neutral) == p.neutral for p in amplitudes)):
+        return [_OFF.get(entry.id, _SHAPE_WHILE_OFF) if p.neutral is None else p.neutral for p in entry.parameters]
+    return [float(given.get(p.name, p.neutral or 0.0)) for p in entry.parameters]

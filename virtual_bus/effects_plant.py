@@ -95,6 +95,12 @@ def wave(sine: float, cosine: float, phase: float) -> float:
 
 
 @kernel
+def encoder_angle(theta_m: float, e: EffectNumbers) -> float:
+    """Return θ_enc before it is counted, rad."""
+    return theta_m * (1.0 + e.encoder_error) + wave(e.encoder_sine, e.encoder_cosine, theta_m)
+
+
+@kernel
 def pulley_radius(theta_m: float, p: TruthParameters, e: EffectNumbers) -> float:
     """Return the effective radius r(θ_m) of the motor pulley in m."""
     eccentric = 1.0 + wave(e.pulley_sine, e.pulley_cosine, theta_m)

@@ -16,11 +16,12 @@ from virtual_bus.effects_motion import (
     Queue,
     acting_command,
     advance_with_effects,
+    check_step,
     empty_queue,
     push_command,
     rest_with_effects,
 )
-from virtual_bus.effects_plant import Environment, Memory, Motion, elongation_of, jaw_load, tension_of, wave
+from virtual_bus.effects_plant import Environment, Memory, Motion, elongation_of, encoder_angle, jaw_load, tension_of
 from virtual_bus.kernel import kernel
 from virtual_bus.load import LoadProfile, load_at, segment_of
 from virtual_bus.plant import TruthParameters
@@ -37,12 +38,6 @@ class Log(NamedTuple):
     theta_j_rad: NDArray[np.float64]
     tau_w_N_m: NDArray[np.float64]
     truth: NDArray[np.float64]  # (rows, TRUTH_COLUMNS): before this sample's command
-
-
-@kernel
-def encoder_angle(theta_m: float, e: EffectNumbers) -> float:
-    """Return θ_enc before it is counted, rad."""
-    return theta_m * (1.0 + e.encoder_error) + wave(e.encoder_sine, e.encoder_cosine, theta_m)
 
 
 @kernel
@@ -147,8 +142,10 @@ def simulated_log(
     """Simulate from rest, one sample of the drive for each of `reference_rad`, and return the `rows` among them.
 
     The load's time is 0 at the first of the rows. A channel with skew T_s is what it was T_s before its row (after it,
-    where T_s is negative), so the rows must lie as far as that from both ends; ValueError where they don't.
+    where T_s is negative), so the rows must lie as far as that from both ends; ValueError where they don't, or
+    the step is too coarse.
     """
+    check_step(p, e, law.current_limit_A, max_step_s)
     samples = reference_rad.size
     first, stop, stride = rows.indices(samples)
     period_ns = round(law.sample_time_s * 1.0e9)

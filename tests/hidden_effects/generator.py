@@ -16,10 +16,10 @@ from hil_forceps.rig.schema import rig_from_data
 from hil_forceps.runs import csv_table
 from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator_scenarios import SCENARIOS, Scenario, course_of
+from virtual_bus.drive import loop_of
 from virtual_bus.effects import effect_numbers
 from virtual_bus.logs import Log, simulated_log
 from virtual_bus.plant import truth_parameters
-from virtual_bus.position_loop import LoopParameters
 
 PLANT_STEP_S = 5.0e-5
 PAD_S = 0.12  # simulated before and after the rows: a skewed channel shows up to 0.1 s from there
@@ -93,7 +93,7 @@ def simulate(
     log = simulated_log(
         truth_parameters(rig.plant(), step_s),
         effect_numbers(rig.effects),
-        LoopParameters(*(float(value) for value in law.model_dump().values())),
+        loop_of(rig),
         0.0 if ideal else quantum_rad(rig),
         reference,
         course.load,
