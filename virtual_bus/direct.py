@@ -22,7 +22,7 @@ class DirectWorld:
     """A simulated forceps with the rig's own position loop, stepped one drive sample at a time.
 
     Encoder and current sensor round and scatter as the rig says; an ideal encoder and a current sensor without noise
-    are taken as they are, without the rounding of the wire. The bench's sensors are the truth.
+    are taken as they are, without the rounding of the wire. The bench's sensors neither round nor scatter.
     """
 
     def __init__(self, rig: Rig, simulation: int, seed: int) -> None:
@@ -38,11 +38,11 @@ class DirectWorld:
     def sample(self) -> DirectSample:
         """Latch all sensors now; once between two calls of `advance`."""
         now_ns = self._now_ns
-        reading, truth = self._forceps.read(now_ns), self._forceps.truth(now_ns)
+        reading, sensed = self._forceps.read(now_ns), self._forceps.sensed(now_ns)
         self._theta_raw = reading.theta_m
-        theta_m_rad = truth.theta_m_rad if self._is_ideal_angle else reading.theta_m * ANGLE_LSB_RAD
-        current_A = truth.current_A if self._is_ideal_current else reading.current * CURRENT_LSB_A
-        return DirectSample(now_ns, theta_m_rad, current_A, truth.theta_j_rad, truth.tau_w_N_m)
+        theta_m_rad = sensed.theta_m_rad if self._is_ideal_angle else reading.theta_m * ANGLE_LSB_RAD
+        current_A = sensed.current_A if self._is_ideal_current else reading.current * CURRENT_LSB_A
+        return DirectSample(now_ns, theta_m_rad, current_A, sensed.theta_j_rad, sensed.tau_w_N_m)
 
     def advance(self, reference_rad: float) -> None:
         """Run the position loop on what was latched and this reference, and move on by one sample."""

@@ -10,6 +10,9 @@ from firmware_protocol.parameters import INT32_MAX, INT32_MIN
 from firmware_protocol.scales import ANGLE_LSB_PER_REV, ANGLE_LSB_RAD, SEQUENCE_MODULUS, STAMP_LSB_NS
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
+from virtual_bus.effects import effect_numbers
+from virtual_bus.effects_forceps import ForcepsWithEffects
+from virtual_bus.effects_motion import check_step
 from virtual_bus.forceps import SimulatedForceps
 from virtual_bus.load import LoadProfile
 from virtual_bus.plant import truth_parameters
@@ -27,15 +30,10 @@ WATCHDOG_HOST_PERIODS = 5  # a slow host gets a slower watchdog
 _OPERATIONAL = DriveState.OPERATIONAL  # looked up for every sample
 
 
-def forceps_of(rig: Rig, load: LoadProfile, seed: int, jaw_start_rad: float = PAPER_JAW_START_RAD) -> SimulatedForceps:
-    """Build the forceps that a rig describes; UserError when the rig does not say enough, or asks for what can't be."""
-    rig.require_no_effects()
+def loop_of(rig: Rig) -> LoopParameters:
+    """Return the numbers of a rig's position loop; UserError when it has none."""
     law = rig.require_drive()
-    try:
-        plant = truth_parameters(rig.plant(), rig.bench.plant_step_s)
-    except ValueError as error:
-        raise UserError(f"bench.plant_step_s: {error}") from error
-    loop = LoopParameters(
+    return LoopParameters(
         law.sample_time_s,
         law.kp_A_per_rad,
         law.ki_A_per_rad_s,
@@ -43,6 +41,19 @@ def forceps_of(rig: Rig, load: LoadProfile, seed: int, jaw_start_rad: float = PA
         law.derivative_cutoff_Hz,
         law.current_limit_A,
     )
+
+
+def forceps_of(
+    rig: Rig, load: LoadProfile, seed: int, jaw_start_rad: float = PAPER_JAW_START_RAD
+) -> SimulatedForceps | ForcepsWithEffects:
+    """Build the forceps that a rig describes; UserError when the rig does not say enough, or asks for what can't be."""
+    loop, step_s = loop_of(rig), rig.bench.plant_step_s
+    effects = effect_numbers(rig.effects)
+    try:
+        plant = truth_parameters(rig.plant(), step_s)
+        check_step(plant, effects, loop.current_limit_A, step_s)
+    except ValueError as error:
+        raise UserError(f"bench.plant_step_s: {error}") from error
     counts = rig.encoder.counts_per_rev
     sensors = SensorParameters(
         IDEAL_ENCODER if counts is None else float(counts),
@@ -50,7 +61,9 @@ def forceps_of(rig: Rig, load: LoadProfile, seed: int, jaw_start_rad: float = PA
         rig.noise.theta_j_rad,
         rig.noise.tau_w_N_m,
     )
-    return SimulatedForceps(plant, loop, sensors, load, rig.bench.plant_step_s, jaw_start_rad, seed)
+    if effects == effect_numbers({}):
+        return SimulatedForceps(plant, loop, sensors, load, step_s, jaw_start_rad, seed)
+    return ForcepsWithEffects(plant, effects, loop, sensors, load, step_s, jaw_start_rad, seed)
 
 
 def drive_config_of(rig: Rig, node: int, fd: bool) -> DriveConfig:

@@ -24,6 +24,15 @@ class Truth(NamedTuple):
     current_A: float
 
 
+class Sensed(NamedTuple):
+    """What sensors without noise and rounding say at one instant."""
+
+    theta_m_rad: float
+    current_A: float
+    theta_j_rad: float
+    tau_w_N_m: float
+
+
 @kernel
 def unpacked_plant(v: NDArray[np.float64]) -> TruthParameters:
     """Give an array the names of `TruthParameters`, in its order."""
@@ -233,3 +242,8 @@ class SimulatedForceps:
             now_ns - self._zero_ns,
             self._plant_numbers,
         )
+
+    def sensed(self, now_ns: int) -> Sensed:
+        """Return what sensors without noise and rounding would say now: the truth."""
+        truth = self.truth(now_ns)
+        return Sensed(truth.theta_m_rad, truth.current_A, truth.theta_j_rad, truth.tau_w_N_m)

@@ -100,16 +100,6 @@ class Rig(Section):
             raise UserError([f"{key}: its value isn't known and is needed here; give a value" for key in unknown])
         return PlantParameters(**{key.partition(".")[2]: parameter.value for key, parameter in named.items()})
 
-    def require_no_effects(self) -> None:
-        """UserError when the rig has effects: for callers that can't simulate them and must not pass them over."""
-        if self.effects:
-            raise UserError(
-                [
-                    f"effects.{name}: can't be simulated by this version; remove it to run without"
-                    for name in self.effects
-                ]
-            )
-
     def require_drive(self) -> DriveLaw:
         """Return the drive's law; UserError when the rig has none."""
         if self.drive is None:
@@ -117,12 +107,12 @@ class Rig(Section):
         return self.drive
 
     def require_bench(self) -> None:
-        """UserError with all that keeps a bench from running this rig: no drive, effects, unknown values, no time.
+        """UserError with all that keeps a bench from running this rig: no drive, unknown values, no time.
 
         A rig needs none of this to be a rig: a file without `bench:` may have a drive too fast for the default bus.
         """
         problems: list[str] = []
-        for need in (self.plant, self.require_drive, self.require_no_effects):
+        for need in (self.plant, self.require_drive):
             try:
                 need()
             except UserError as error:

@@ -125,15 +125,12 @@ def test_plant_names_every_value_that_is_not_known() -> None:
     )
 
 
-def test_a_rig_with_effects_loads_and_no_bench_passes_them_over() -> None:
-    rig = parse_rig(CONTRACT.replace("effects: {}", "effects:\n  wire_slack: {half_gap_m: 1e-5}\n  wire_creep: {}"))
-    assert rig.effects == {"wire_slack": {"half_gap_m": 1e-5}, "wire_creep": {}}
-    for require in (rig.require_no_effects, rig.require_bench):
-        with pytest.raises(UserError) as caught:
-            require()
-        assert [line.split(":")[0] for line in caught.value.problems] == ["effects.wire_slack", "effects.wire_creep"]
+def test_a_rig_with_effects_loads_and_a_bench_takes_it() -> None:
+    given = "effects:\n  wire_slack: {half_width_m: 1e-5}\n  wire_creep: {time_constant_s: 2.0}"
+    rig = parse_rig(CONTRACT.replace("effects: {}", given))
+    assert rig.effects == {"wire_slack": {"half_width_m": 1e-5}, "wire_creep": {"time_constant_s": 2.0}}
+    rig.require_bench()
     assert parse_rig(dump_rig(rig)) == rig
-    rig.with_changes({"effects": None}).require_no_effects()
 
 
 def test_a_rig_without_a_drive_loads_and_has_no_loop() -> None:
@@ -147,13 +144,12 @@ def test_a_rig_without_a_drive_loads_and_has_no_loop() -> None:
 
 
 def test_all_that_keeps_a_bench_from_running_is_told_at_once() -> None:
-    text = CONTRACT.replace("2.6e4", "unknown").replace("effects: {}", "effects: {cogging: {amplitude_N_m: 1e-5}}")
+    text = CONTRACT.replace("2.6e4", "unknown")
     with pytest.raises(UserError) as caught:
         parse_rig(text.replace("sample_time_s: 1.0e-3", "sample_time_s: 1.3e-4")).require_bench()
     keys = [line.split(":")[0] for line in caught.value.problems]
     assert keys == [
         "forceps.wire_stiffness_N_per_m",
-        "effects.cogging",
         "bench.plant_step_s",
         "bench.bitrate_bit_per_s",
     ]

@@ -1,0 +1,300 @@
+"""The truth plant with effects in time: friction that holds and lets go, commands that arrive late, edges of the load.
+
+The numbers of one forceps live in two arrays that `advance_with_effects` changes in place: `state`, in the order of
+`STATE`, and the queue of commands under way.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from virtual_bus.effects import EffectNumbers
+from virtual_bus.effects_plant import (
+    Environment,
+    Inputs,
+    Memory,
+    Motion,
+    current_at,
+    elongation_of,
+    jaw_drive,
+    jaw_level,
+    motor_drive,
+    motor_level,
+    runge_kutta,
+    slipped,
+    tension_of,
+)
+from virtual_bus.kernel import kernel
+from virtual_bus.load import load_at, segment_of
+from virtual_bus.plant import MAX_POLE_TIMES_STEP, TruthParameters, smooth_dynamics
+
+STATE = (
+    "theta_m", "omega_m", "theta_j", "omega_j", "creep", "presliding", "hysteresis", "side_m", "side_j",
+    "target_A", "current_A",
+)  # fmt: skip
+MAX_EVENTS = 4  # of friction in one step; a body that changes its mind more often is held for the rest of it
+ROOT_ITERATIONS = 4
+
+
+class Queue(NamedTuple):
+    """Commands on their way to the motor, oldest at `tally[1]`; times on a clock of their own, `tally[0]`."""
+
+    tally: NDArray[np.int64]  # clock in ns, index of the oldest, how many
+    due_ns: NDArray[np.int64]
+    command_A: NDArray[np.float64]
+
+
+def empty_queue(delay_s: float, sample_time_s: float) -> Queue:
+    """Return a queue with room for every command that can be under way."""
+    room = math.ceil(delay_s / sample_time_s) + 2
+    return Queue(np.zeros(3, dtype=np.int64), np.zeros(room, dtype=np.int64), np.zeros(room))
+
+
+def rest_with_effects(p: TruthParameters, e: EffectNumbers, theta_j_rad: float) -> NDArray[np.float64]:
+    """Return the state at rest, the jaw at `theta_j_rad`, the wire without tension, nothing remembered."""
+    theta_m = (p.jaw_pulley_radius_m * theta_j_rad + e.stretch) / p.motor_pulley_radius_m
+    for _ in range(50):  # the radius varies by far less than itself, so this converges
+        theta_m -= (elongation_of(theta_m, theta_j_rad, p, e) - e.stretch) / p.motor_pulley_radius_m
+    state = np.zeros(len(STATE))
+    state[0], state[2] = theta_m, theta_j_rad
+    return state
+
+
+def check_step(p: TruthParameters, e: EffectNumbers, current_limit_A: float, step_s: float) -> None:
+    """ValueError when a step is too coarse for what effects add to stiffness and damping, up to the drive's limit.
+
+    Memories and the lag of the current are exact at any step; what has a time constant of 10 ms or more is no matter.
+    """
+    force = p.torque_constant_N_m_per_A * current_limit_A / p.motor_pulley_radius_m
+    linear = force / p.wire_stiffness_N_per_m
+    stretches = np.roots([e.beta, 0.0, 1.0, -linear]) if e.beta > 0.0 else np.array([linear])
+    stretch = float(np.abs(stretches[np.abs(stretches.imag).argmin()]))
+    stiffness = p.wire_stiffness_N_per_m * (1.0 + 3.0 * e.beta * stretch**2)
+    stiffness += e.hysteresis_force / e.hysteresis_stretch
+    matrix = smooth_dynamics(p._replace(wire_stiffness_N_per_m=stiffness))
+    matrix[1, 0] -= e.presliding_level / e.presliding_angle / p.motor_inertia_kg_m2
+    ways = np.array([p.motor_pulley_radius_m, -p.jaw_pulley_radius_m])
+    inertias = np.array([p.motor_inertia_kg_m2, p.jaw_inertia_kg_m2])
+    matrix[np.ix_([1, 3], [1, 3])] -= e.damping * np.outer(ways, ways) / inertias[:, np.newaxis]
+    fastest = float(np.abs(np.linalg.eigvals(matrix)).max())
+    if fastest * step_s > MAX_POLE_TIMES_STEP:
+        raise ValueError(
+            f"a plant step of {step_s:g} s is too coarse for the effects, which make a mode at {fastest:.4g} 1/s; "
+            f"use {MAX_POLE_TIMES_STEP / fastest:.2g} s or less"
+        )
+
+
+@kernel
+def side_of(drive_N_m: float, forward_N_m: float, backward_N_m: float) -> float:
+    """Return where a body at rest goes under a torque: ±1, or 0 while friction holds it."""
+    if drive_N_m > forward_N_m:
+        return 1.0
+    if drive_N_m < -backward_N_m:
+        return -1.0
+    return 0.0
+
+
+@kernel
+def released(
+    m: Motion,
+    memory: Memory,
+    u: Inputs,
+    offset_s: float,
+    holds_m: bool,
+    holds_j: bool,
+    p: TruthParameters,
+    e: EffectNumbers,
+    env: Environment,
+) -> Memory:
+    """Let go of each body at rest that is driven by more than its friction, unless it is to be held."""
+    side_m, side_j = memory.side_m, memory.side_j
+    if side_m != 0.0 and side_j != 0.0:
+        return memory
+    tension = tension_of(m, memory, p, e)
+    if side_m == 0.0 and not holds_m:
+        drive = motor_drive(m, memory, current_at(u, offset_s), u.time_s + offset_s, tension, p, e)
+        side_m = side_of(drive, motor_level(1.0, 0.0, tension, p, e), motor_level(-1.0, 0.0, tension, p, e))
+    if side_j == 0.0 and not holds_j:
+        drive = jaw_drive(m.theta_j, tension, u.load_N_m + u.load_slope * offset_s, p, e, env)
+        level = jaw_level(m.theta_j, p, e)
+        side_j = side_of(drive, level, level)
+    return Memory(memory.theta_m, memory.elongation, memory.presliding, memory.hysteresis, side_m, side_j)
+
+
+@kernel
+def remembered(m: Motion, memory: Memory, side_m: float, side_j: float, p: TruthParameters, e: EffectNumbers) -> Memory:
+    """Return the memory at the end of a way."""
+    x = elongation_of(m.theta_m, m.theta_j, p, e)
+    presliding, hysteresis = 0.0, 0.0
+    if e.presliding_level != 0.0:
+        presliding = slipped(memory.presliding, m.theta_m - memory.theta_m, e.presliding_angle)
+    if e.hysteresis_force != 0.0:
+        hysteresis = slipped(memory.hysteresis, x - memory.elongation, e.hysteresis_stretch)
+    return Memory(m.theta_m, x, presliding, hysteresis, side_m, side_j)
+
+
+@kernel
+def forward_speed(m: Motion, memory: Memory, first: bool) -> float:
+    """Return the speed of the motor (`first`) or jaw to the side on which friction brakes it."""
+    return memory.side_m * m.omega_m if first else memory.side_j * m.omega_j
+
+
+@kernel
+def time_to_rest(
+    m: Motion,
+    memory: Memory,
+    u: Inputs,
+    offset_s: float,
+    step_s: float,
+    end: Motion,
+    first: bool,
+    p: TruthParameters,
+    e: EffectNumbers,
+    env: Environment,
+) -> float:
+    """Return when, within the step that ends at `end`, a body comes to rest: false position (Illinois)."""
+    low, high = 0.0, step_s
+    speed_low, speed_high = forward_speed(m, memory, first), forward_speed(end, memory, first)
+    for _ in range(ROOT_ITERATIONS):
+        middle = (low * speed_high - high * speed_low) / (speed_high - speed_low)
+        speed = forward_speed(runge_kutta(m, memory, u, offset_s, middle, p, e, env), memory, first)
+        if speed > 0.0:
+            low, speed_low, speed_high = middle, speed, 0.5 * speed_high
+        elif speed < 0.0:
+            high, speed_high, speed_low = middle, speed, 0.5 * speed_low
+        else:
+            return middle
+    return (low * speed_high - high * speed_low) / (speed_high - speed_low)
+
+
+@kernel
+def glide(
+    m: Motion,
+    memory: Memory,
+    u: Inputs,
+    offset_s: float,
+    step_s: float,
+    p: TruthParameters,
+    e: EffectNumbers,
+    env: Environment,
+) -> tuple[Motion, Memory]:
+    """One step, cut where a body comes to rest: there it stays, or turns round."""
+    left, holds_m, holds_j = step_s, False, False
+    for event in range(MAX_EVENTS + 1):
+        memory = released(m, memory, u, offset_s, holds_m, holds_j, p, e, env)
+        end = runge_kutta(m, memory, u, offset_s, left, p, e, env)
+        stops_m, stops_j = forward_speed(end, memory, True) < 0.0, forward_speed(end, memory, False) < 0.0
+        if not (stops_m or stops_j):
+            break
+        # A body that was just let go and comes back at once was let go for nothing.
+        holds_m = holds_m or (stops_m and (m.omega_m == 0.0 or event == MAX_EVENTS - 1))
+        holds_j = holds_j or (stops_j and (m.omega_j == 0.0 or event == MAX_EVENTS - 1))
+        time_m = time_to_rest(m, memory, u, offset_s, left, end, True, p, e, env) if stops_m else left
+        time_j = time_to_rest(m, memory, u, offset_s, left, end, False, p, e, env) if stops_j else left
+        part = min(time_m, time_j)
+        m = runge_kutta(m, memory, u, offset_s, part, p, e, env)
+        rests_m, rests_j = stops_m and time_m <= part, stops_j and time_j <= part
+        m = Motion(m.theta_m, 0.0 if rests_m else m.omega_m, m.theta_j, 0.0 if rests_j else m.omega_j, m.creep)
+        memory = remembered(m, memory, 0.0 if rests_m else memory.side_m, 0.0 if rests_j else memory.side_j, p, e)
+        offset_s += part
+        left -= part
+        end = m
+    return end, remembered(end, memory, memory.side_m, memory.side_j, p, e)
+
+
+@kernel
+def between(left: float, left_rate: float, right: float, right_rate: float, share: float, step_s: float) -> float:
+    """Return the cubic through both ends of a step with their rates, at a share of it."""
+    if share >= 1.0:
+        return right
+    rest = 1.0 - share
+    rise = right - left
+    bend = share * rest * (rest * (left_rate * step_s - rise) - share * (right_rate * step_s - rise))
+    return left + share * rise + bend
+
+
+@kernel
+def acting_command(command_A: float, e: EffectNumbers) -> float:
+    """Return what the amplifier makes of a command: dead zone, then its limit; A."""
+    if command_A > e.deadband:
+        beyond = command_A - e.deadband
+    elif command_A < -e.deadband:
+        beyond = command_A + e.deadband
+    else:
+        beyond = 0.0
+    return min(max(beyond, -e.saturation), e.saturation)
+
+
+@kernel
+def push_command(queue: Queue, command_A: float, delay_ns: int) -> None:
+    """Send a command on its way; the oldest is forgotten when there is no room."""
+    tally, room = queue.tally, queue.due_ns.size
+    if tally[2] == room:
+        tally[1], tally[2] = (tally[1] + 1) % room, room - 1
+    last = (tally[1] + tally[2]) % room
+    queue.due_ns[last], queue.command_A[last] = tally[0] + delay_ns, command_A
+    tally[2] += 1
+
+
+@kernel
+def advance_with_effects(
+    state: NDArray[np.float64],
+    queue: Queue,
+    p: TruthParameters,
+    e: EffectNumbers,
+    env: Environment,
+    load_time_ns: NDArray[np.int64],
+    load_N_m: NDArray[np.float64],
+    start_ns: int,
+    end_ns: int,
+    max_step_s: float,
+    tap_ns: NDArray[np.int64],
+    taps: NDArray[np.float64],
+) -> None:
+    """Move `state` and `queue` in place from `start_ns` to `end_ns` of the load's time.
+
+    Steps are cut at edges of the load and where a command arrives. `taps` gets θ_m, i, θ_j and again θ_j as they
+    were at the times `tap_ns` (in `start_ns` < t <= `end_ns`; the current from before a change at that time).
+    """
+    m = Motion(state[0], state[1], state[2], state[3], state[4])
+    x = elongation_of(m.theta_m, m.theta_j, p, e)
+    memory = Memory(m.theta_m, x, state[5], state[6], state[7], state[8])
+    target, current = state[9], state[10]
+    tally, room = queue.tally, queue.due_ns.size
+    left_ns = start_ns
+    while left_ns < end_ns:
+        right_ns = end_ns
+        while tally[2] > 0 and queue.due_ns[tally[1]] <= tally[0]:
+            target = queue.command_A[tally[1]]
+            tally[1], tally[2] = (tally[1] + 1) % room, tally[2] - 1
+        if tally[2] > 0:
+            right_ns = min(right_ns, left_ns + queue.due_ns[tally[1]] - tally[0])
+        segment = segment_of(load_time_ns, left_ns)
+        if segment < load_time_ns.size:
+            right_ns = min(right_ns, load_time_ns[segment])
+        span_s = (right_ns - left_ns) * 1.0e-9
+        load = load_at(load_time_ns, load_N_m, segment, left_ns)
+        slope = (load_at(load_time_ns, load_N_m, segment, right_ns) - load) / span_s
+        u = Inputs(target, current, e.lag, load, slope, max(left_ns, -1_000_000_000_000) * 1.0e-9)
+        steps = max(math.ceil(span_s / max_step_s - 1.0e-6), 1)
+        step_s = span_s / steps
+        for i in range(steps):
+            before = m
+            m, memory = glide(m, memory, u, i * step_s, step_s, p, e, env)
+            for c in range(4):
+                share = ((tap_ns[c] - left_ns) * 1.0e-9 - i * step_s) / step_s
+                if tap_ns[c] > left_ns and tap_ns[c] <= right_ns and abs(share - 0.5) <= 0.5 + 1.0e-9:
+                    if c == 0:
+                        taps[0] = between(before.theta_m, before.omega_m, m.theta_m, m.omega_m, share, step_s)
+                    elif c == 1:
+                        taps[1] = current_at(u, (i + share) * step_s)
+                    else:
+                        taps[c] = between(before.theta_j, before.omega_j, m.theta_j, m.omega_j, share, step_s)
+        current = current_at(u, span_s)
+        tally[0] += right_ns - left_ns
+        left_ns = right_ns
+    state[0], state[1], state[2], state[3], state[4] = m.theta_m, m.omega_m, m.theta_j, m.omega_j, m.creep
+    state[5], state[6], state[7], state[8] = memory.presliding, memory.hysteresis, memory.side_m, memory.side_j
+    state[9], state[10] = target, current
