@@ -21,6 +21,8 @@ from hil_forceps.model.physics import (
     motor_level_N_m,
     ripple,
     slide,
+    torque_constant,
+    viscosity,
     wire,
 )
 from hil_forceps.model.sensors import late
@@ -144,13 +146,12 @@ def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: boo
             if p.presliding_level != 0.0:
                 presliding = slide(presliding, theta_m - c.motor.angle_rad[n - 1], p.presliding_angle)
         wound0 = w.elongation_m
-        viscosity = p.D_m * (1.0 + p.viscous_change * (1.0 - np.exp(-time_s / p.viscous_time)))
-        constant = p.K_t * (1.0 + p.constant_change * (1.0 - np.exp(-time_s / p.constant_time)))
+        constant = torque_constant(p, time_s)
         level = motor_level_N_m(p, omega_m, w.tension_N) + abs(p.asymmetry) * (
             1.0 if p.asymmetry * omega_m > 0.0 else 0.0
         )
         sign = max(-1.0, min(1.0, omega_m / still)) if still > 0.0 else np.sign(omega_m)
-        torque = p.I_m * c.motor.acceleration_rad_per_s2[n] + viscosity * omega_m + level * sign
+        torque = p.I_m * c.motor.acceleration_rad_per_s2[n] + viscosity(p, time_s) * omega_m + level * sign
         torque += p.presliding_level * presliding + w.radius_m * w.tension_N - cogging_N_m(p, theta_m)
         out[0, n] = torque / (constant * (1.0 + ripple(p, theta_m)))
         out[1, n] = theta_j
@@ -199,8 +200,8 @@ def simulate(
     """Predict current, motor torque, and the jaw's angle or the load, from the measured motion of the motor.
 
     `theta`: `parameters.NAMES`. Angles are smoothed to `bandwidth_Hz` (`smoothing`). Below `still_rad_per_s` the
-    motor's dry friction goes through zero along a line: at rest a motion doesn't tell it. ValueError when neither load nor jaw
-    angle is there, or shapes don't fit.
+    motor's dry friction goes through zero along a line: at rest a motion doesn't tell it. ValueError when neither
+    load nor jaw angle is there, or shapes don't fit.
     """
     rows = inputs.time_s.shape[0]
     columns = (inputs.theta_m_rad, inputs.tau_w_N_m, inputs.theta_j_rad)
