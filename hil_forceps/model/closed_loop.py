@@ -13,17 +13,27 @@ from numpy.typing import NDArray
 from hil_forceps.model import drive_law
 from hil_forceps.model.current import current_over, current_step
 from hil_forceps.model.drive_law import DriveState, drive_sample, law_current, law_vector, quantise
-from hil_forceps.model.gains import SIZE, SLACK, TAUT, Gains, fill_gains
-from hil_forceps.model.kernel import kernel
+from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all
+from hil_forceps.model.kernel import inlined, kernel
 from hil_forceps.model.parameters import Vector
-from hil_forceps.model.physics import Physics, State, dead_zone, encoder_rad, wire, wound_m
+from hil_forceps.model.physics import (
+    Physics,
+    State,
+    dead_zone,
+    encoder_rad,
+    state_dependent,
+    torque_constant,
+    viscosity,
+    wire,
+    wound_m,
+)
 from hil_forceps.model.sensors import late, late_load
-from hil_forceps.model.step import Drift, Torques, full_step, plain_step
+from hil_forceps.model.step import Drive, plain_step, refined_step
 
 __all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", "law_vector", "rest", "simulate"]
 
 _DRIFT_STEP = 0.02  # of D_m: further away, the linear plant is made anew
-_ROWS = 8
+_CHANNELS = 8
 
 
 class Inputs(NamedTuple):
@@ -73,18 +83,7 @@ def rest(theta: Vector, theta_m_rad: float, tension_N: float = 0.0, current_A: f
     return Start(plant, DriveState(0.0, encoder_rad(p, theta_m_rad), 0.0, current_A))
 
 
-@kernel
-def _state_dependent(p: Physics) -> bool:
-    """Whether anything beyond the linear plant with constant friction is on."""
-    motor = abs(p.stribeck_rise) + abs(p.presliding_level) + abs(p.load_mu) + abs(p.viscous_change)
-    motor += abs(p.cogging_sine) + abs(p.cogging_cosine) + abs(p.ripple_sine) + abs(p.ripple_cosine)
-    jaw = abs(p.jaw_slope) + abs(p.jaw_curvature) + abs(p.gravity_sine) + abs(p.gravity_cosine)
-    of_wire = abs(p.slack) + abs(p.hardening) + abs(p.loop_force) + abs(p.creep_share) + abs(p.zero_stretch)
-    of_wire += abs(p.pulley_sine) + abs(p.pulley_cosine) + abs(p.pitch)
-    return motor + jaw + of_wire != 0.0
-
-
-@kernel
+@inlined
 def _load(first: float, last: float, step: int, steps: int, edge: float) -> tuple[float, float]:
     """Return mean and slope of the load over a step of a row; `edge` < 0: a ramp, else where in the row it jumps."""
     if edge < 0.0:
@@ -94,86 +93,76 @@ def _load(first: float, last: float, step: int, steps: int, edge: float) -> tupl
     return first * share + last * (1.0 - share), 6.0 * (last - first) * share * (1.0 - share)
 
 
+@inlined
+def _record(out: Vector, row: int, p: Physics, x: State, tau_w_N_m: float) -> None:
+    """Write a row: all as it is, before the sensors' channels are made of it."""
+    w = wire(p, x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s, x.creep_m, x.loop)
+    out[0, row] = encoder_rad(p, x.theta_m_rad)
+    out[1, row] = x.current_A
+    out[2, row] = x.theta_j_rad
+    out[3, row] = tau_w_N_m
+    out[4, row] = w.tension_N
+    out[5, row] = w.elongation_m
+    out[6, row] = x.omega_m_rad_per_s
+    out[7, row] = x.omega_j_rad_per_s
+
+
+@kernel
+def _edges(rows: int, edge_rows: NDArray[np.int64], edge_fractions: Vector) -> Vector:
+    """Return for each row where in it the load jumps; below 0 where it doesn't."""
+    edges = np.full(rows, -1.0)
+    for k in range(edge_rows.shape[0]):
+        edges[edge_rows[k]] = edge_fractions[k]
+    return edges
+
+
+@inlined
+def _behind(commands: Vector, place: int, samples: int) -> float:
+    """Return the command that came `samples` samples before the one at `place` of the ring."""
+    at = place - samples
+    value: float = commands[at if at >= 0 else at + commands.shape[0]]
+    return value
+
+
 @kernel
 def _rollout(
-    p: Physics,
-    law: Vector,
-    quantum_rad: float,
-    row_s: float,
-    inputs: Inputs,
-    plant: State,
-    drive: DriveState,
-    substeps: int,
-    samples: int,
-) -> Gains:
-    rows = inputs.reference_rad.shape[0]
-    steps = substeps // samples
-    step_s = row_s / substeps
-    out = np.empty((_ROWS, rows))
-    full = _state_dependent(p)
-    gains = np.empty((2, SIZE))
-    viscosity = p.D_m
-    fill_gains(gains[TAUT], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.k, p.damping, step_s)
-    fill_gains(gains[SLACK], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, 0.0, 0.0, step_s)
+    p: Physics, law: Vector, quantum_rad: float, row_s: float, inputs: Inputs, start: Start, substeps: int, samples: int
+) -> Vector:
+    rows, steps, step_s = inputs.reference_rad.shape[0], substeps // samples, row_s / substeps
+    x, drive = start
+    out = np.empty((_CHANNELS, rows))
+    edges = _edges(rows, inputs.edge_rows, inputs.edge_fractions)
+    full = state_dependent(p)
+    gains = np.empty((SHORT + 2, SIZE))
+    fill_all(gains, p, p.D_m, step_s)
+    inertia = (p.I_m / step_s, p.I_j / step_s)
+    kept = (math.exp(-step_s / p.creep_time), math.exp(-step_s / PIECES / p.creep_time))
     c = current_step(step_s, steps, p.delay, p.lag)
-    commands = np.full(c.whole_samples + 2, plant.current_A)
-    places = commands.shape[0]
+    commands = np.full(c.whole_samples + 2, x.current_A)
     place = 0
-    creep_kept = math.exp(-step_s / p.creep_time)
-    constant_fade, constant_kept = math.exp(-0.5 * step_s / p.constant_time), math.exp(-step_s / p.constant_time)
-    viscous_fade, viscous_kept = math.exp(-0.5 * step_s / p.viscous_time), math.exp(-step_s / p.viscous_time)
-    edge_at, edges = 0, inputs.edge_rows.shape[0]
     for row in range(rows):
-        w = wire(
-            p,
-            plant.theta_m_rad,
-            plant.omega_m_rad_per_s,
-            plant.theta_j_rad,
-            plant.omega_j_rad_per_s,
-            plant.creep_m,
-            plant.loop,
-        )
-        out[0, row] = encoder_rad(p, plant.theta_m_rad)
-        out[1, row] = plant.current_A
-        out[2, row] = plant.theta_j_rad
-        out[3, row] = inputs.tau_w_N_m[row]
-        out[4, row] = w.tension_N
-        out[5, row] = w.elongation_m
-        out[6, row] = plant.omega_m_rad_per_s
-        out[7, row] = plant.omega_j_rad_per_s
+        _record(out, row, p, x, inputs.tau_w_N_m[row])
         if row == rows - 1:
             break
         first, last = inputs.tau_w_N_m[row], inputs.tau_w_N_m[row + 1]
-        edge = -1.0
-        while edge_at < edges and inputs.edge_rows[edge_at] < row:
-            edge_at += 1
-        if edge_at < edges and inputs.edge_rows[edge_at] == row:
-            edge = inputs.edge_fractions[edge_at]
-        for sample in range(samples):
-            angle = quantise(encoder_rad(p, plant.theta_m_rad), quantum_rad)
-            drive = drive_sample(law, drive, inputs.reference_rad[row], angle)
-            place = place + 1 if place + 1 < places else 0
-            commands[place] = max(-p.limit, min(p.limit, dead_zone(drive.current_A, p.deadband)))
-            new = commands[place - c.whole_samples if place >= c.whole_samples else place - c.whole_samples + places]
-            before = place - c.whole_samples - 1
-            old = commands[before if before >= 0 else before + places]
-            for step in range(steps):
-                mean, slope, end = current_over(c, step, plant.current_A, old, new)
-                constant = p.K_t * (1.0 + p.constant_change * (1.0 - constant_fade))
-                load, load_slope = _load(first, last, sample * steps + step, substeps, edge)
-                u = Torques(constant * mean, constant * slope, -load, -load_slope)
-                if full:
-                    wanted = p.D_m * (1.0 + p.viscous_change * (1.0 - viscous_fade))
-                    if abs(wanted - viscosity) > _DRIFT_STEP * p.D_m:
-                        viscosity = wanted
-                        fill_gains(gains[TAUT], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.k, p.damping, step_s)
-                        fill_gains(gains[SLACK], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, 0.0, 0.0, step_s)
-                    drift = Drift(constant, wanted - viscosity)
-                    plant = full_step(p, gains, step_s, plant, u, drift, (mean, slope, end), creep_kept)
-                else:
-                    plant = plain_step(p, gains, step_s, plant, u, end)
-                constant_fade *= constant_kept
-                viscous_fade *= viscous_kept
+        for step in range(substeps):
+            into = step % steps
+            if into == 0:
+                angle = quantise(encoder_rad(p, x.theta_m_rad), quantum_rad)
+                drive = drive_sample(law, drive, inputs.reference_rad[row], angle)
+                place = place + 1 if place + 1 < commands.shape[0] else 0
+                commands[place] = max(-p.limit, min(p.limit, dead_zone(drive.current_A, p.deadband)))
+            old, new = _behind(commands, place, c.whole_samples + 1), _behind(commands, place, c.whole_samples)
+            mean, slope, end = current_over(c, into, x.current_A, old, new)
+            load, load_slope = _load(first, last, step, substeps, edges[row])
+            time_s = (row * substeps + step + 0.5) * step_s
+            d = Drive(mean, slope, end, torque_constant(p, time_s), viscosity(p, time_s), load, load_slope)
+            if full:
+                if abs(d.viscosity - gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
+                    fill_all(gains, p, d.viscosity, step_s)
+                x = refined_step(p, gains, inertia, kept, x, d)
+            else:
+                x = plain_step(p, gains, inertia, x, d)
     return out
 
 
@@ -209,7 +198,7 @@ def simulate(
             inputs.tau_w_N_m, inputs.edge_rows, inputs.edge_fractions, -p.skew_tau_w / row_s
         )
         inputs = inputs._replace(tau_w_N_m=tau_w, edge_rows=edge_rows, edge_fractions=fractions)
-    out = _rollout(p, law, quantum_rad, row_s, inputs, start.plant, start.drive, substeps, drive_samples_per_row)
+    out = _rollout(p, law, quantum_rad, row_s, inputs, start, substeps, drive_samples_per_row)
     theta_m = late(out[0], p.skew_theta_m / row_s)
     if quantum_rad > 0.0:
         theta_m = np.floor(theta_m / quantum_rad + 0.5) * quantum_rad

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from hil_forceps.model.kernel import kernel
+from hil_forceps.model.kernel import inlined, kernel
 
 _SERIES = 1e-3  # below: the series, whose first term left out is 1e-9 of the result
 
@@ -54,7 +54,7 @@ def current_step(step_s: float, steps: int, delay_s: float, lag_s: float) -> Cur
     return CurrentStep(whole, switch, mean, slope, end, arrival_mean, arrival_slope, arrival_end)
 
 
-@kernel
+@inlined
 def current_over(c: CurrentStep, step: int, current_A: float, old_A: float, new_A: float) -> tuple[float, float, float]:
     """Return mean, slope and end of the current over step `step` of a sample.
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.model.kernel import kernel
+from hil_forceps.model.kernel import inlined, kernel
 from hil_forceps.rig.sections import DriveLaw
 
 Vector = NDArray[np.float64]
@@ -36,7 +36,7 @@ def law_vector(drive: DriveLaw, *, backward_euler: bool = False, error_first: bo
     return np.array([*gains, share, drive.current_limit_A, float(error_first)])
 
 
-@kernel
+@inlined
 def quantise(value: float, quantum: float) -> float:
     """Return `value` rounded to a whole number of quanta, or itself when the quantum is 0."""
     if quantum <= 0.0:
@@ -44,7 +44,7 @@ def quantise(value: float, quantum: float) -> float:
     return math.floor(value / quantum + 0.5) * quantum
 
 
-@kernel
+@inlined
 def drive_sample(law: Vector, state: DriveState, reference_rad: float, theta_enc_rad: float) -> DriveState:
     """Return the drive's state after a sample; its current is held until the next."""
     period, ki, limit = law[SAMPLE_TIME], law[KI], law[LIMIT]

@@ -8,7 +8,7 @@ torque that is a over the share s of the step and c from there on has the mean a
 import math
 from typing import NamedTuple
 
-from hil_forceps.model.kernel import kernel
+from hil_forceps.model.kernel import inlined
 
 MOVING, STOPPED, STUCK = 0, 1, 2
 
@@ -32,7 +32,7 @@ class Levels(NamedTuple):
     backward: float  # above these for a negative speed
 
 
-@kernel
+@inlined
 def friction(
     speed: float, free_speed: float, free_way: float, push: float, inertia_per_step: float, r: Response, levels: Levels
 ) -> tuple[float, float, int]:
@@ -72,7 +72,7 @@ def friction(
     return sign * mean, sign * slope, fate
 
 
-@kernel
+@inlined
 def _held(free_speed: float, free_way: float, r: Response, levels: Levels) -> tuple[float, float, int]:
     """Return the friction that keeps it where it is, or the level once that isn't enough."""
     scale = r.way_of_mean * r.speed_of_slope - r.way_of_slope * r.speed_of_mean

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.model.kernel import kernel
+from hil_forceps.model.physics import Physics
 from hil_forceps.model.two_inertia import expm
 
 Gains = NDArray[np.float64]
 
-TAUT, SLACK = 0, 1
+TAUT, SLACK = 0, 1  # rows: the wire's state, ...
+SHORT = 2  # ... and added to them, for a piece of a step
+PIECES = 8  # of a step
 MOTOR_WAY, MOTOR_SPEED, JAW_WAY, JAW_SPEED = 0, 7, 14, 21  # where the rows begin
 FROM_STRETCH, FROM_MOTOR, FROM_JAW, MOTOR_MEAN, MOTOR_SLOPE, JAW_MEAN, JAW_SLOPE = range(7)
 VISCOSITY, STIFFNESS, DAMPING = 28, 29, 30  # of the plant that the row is for
@@ -50,3 +53,11 @@ def fill_gains(
         row[at + JAW_MEAN] = after[i, 5] * unit / jaw_unit
         row[at + JAW_SLOPE] = (after[i, 7] - 0.5 * after[i, 5]) * unit / jaw_unit
     row[VISCOSITY], row[STIFFNESS], row[DAMPING] = D_m, k, c
+
+
+@kernel
+def fill_all(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
+    """Fill the table (4×`SIZE`): a step and a piece of it, taut and slack."""
+    for base, length in ((0, step_s), (SHORT, step_s / PIECES)):
+        fill_gains(gains[base + TAUT], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.k, p.damping, length)
+        fill_gains(gains[base + SLACK], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, 0.0, 0.0, length)

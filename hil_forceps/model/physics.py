@@ -6,7 +6,7 @@ The equations are those at the head of `hil_forceps/rig/catalogue.py`.
 import math
 from typing import NamedTuple
 
-from hil_forceps.model.kernel import kernel
+from hil_forceps.model.kernel import inlined
 
 _TURN = 2.0 * math.pi
 
@@ -91,13 +91,13 @@ class Wire(NamedTuple):
     slack: bool
 
 
-@kernel
+@inlined
 def dead_zone(value: float, half_width: float) -> float:
     """Return what of `value` lies beyond ±half_width."""
     return value - max(-half_width, min(half_width, value))
 
 
-@kernel
+@inlined
 def slide(state: float, way: float, length: float) -> float:
     """Return z after sliding `way`: z' = 1 − z sgn over way/length, exact."""
     if way > 0.0:
@@ -107,7 +107,7 @@ def slide(state: float, way: float, length: float) -> float:
     return state
 
 
-@kernel
+@inlined
 def wound_m(p: Physics, theta_m: float) -> float:
     """Return the length of wire wound up from θ_m = 0 on, the integral of the radius."""
     wound = p.r_m * theta_m
@@ -116,7 +116,7 @@ def wound_m(p: Physics, theta_m: float) -> float:
     return wound + p.pitch * theta_m * theta_m / (2.0 * _TURN)
 
 
-@kernel
+@inlined
 def radius_m(p: Physics, theta_m: float) -> float:
     """Return the effective radius of the motor pulley."""
     radius = p.r_m
@@ -125,7 +125,7 @@ def radius_m(p: Physics, theta_m: float) -> float:
     return radius + p.pitch * theta_m / _TURN
 
 
-@kernel
+@inlined
 def wire(
     p: Physics, theta_m: float, omega_m: float, theta_j: float, omega_j: float, creep_m: float, loop: float
 ) -> Wire:
@@ -140,7 +140,7 @@ def wire(
     return Wire(elongation, tension, radius, slack)
 
 
-@kernel
+@inlined
 def gravity_N_m(p: Physics, theta_j: float) -> float:
     """Return the load of the jaw's weight."""
     if p.gravity_cosine == 0.0 and p.gravity_sine == 0.0:
@@ -148,7 +148,7 @@ def gravity_N_m(p: Physics, theta_j: float) -> float:
     return p.gravity_cosine * math.cos(theta_j) + p.gravity_sine * math.sin(theta_j)
 
 
-@kernel
+@inlined
 def ripple(p: Physics, theta_m: float) -> float:
     """Return the relative change of the motor's torque with its angle."""
     if p.ripple_sine == 0.0 and p.ripple_cosine == 0.0:
@@ -157,7 +157,7 @@ def ripple(p: Physics, theta_m: float) -> float:
     return p.ripple_sine * math.sin(phase) + p.ripple_cosine * math.cos(phase)
 
 
-@kernel
+@inlined
 def cogging_N_m(p: Physics, theta_m: float) -> float:
     """Return the torque that the motor's angle makes without current."""
     if p.cogging_sine == 0.0 and p.cogging_cosine == 0.0:
@@ -166,7 +166,7 @@ def cogging_N_m(p: Physics, theta_m: float) -> float:
     return p.cogging_sine * math.sin(phase) + p.cogging_cosine * math.cos(phase)
 
 
-@kernel
+@inlined
 def motor_level_N_m(p: Physics, omega_m: float, tension_N: float) -> float:
     """Return the level of the motor's friction, the same in both directions."""
     level = p.motor_coulomb + p.load_mu * p.r_m * abs(tension_N)
@@ -176,16 +176,43 @@ def motor_level_N_m(p: Physics, omega_m: float, tension_N: float) -> float:
     return level
 
 
-@kernel
+@inlined
 def jaw_level_N_m(p: Physics, theta_j: float) -> float:
     """Return the level of the jaw's friction."""
     return max(0.0, p.jaw_coulomb + (p.jaw_slope + p.jaw_curvature * theta_j) * theta_j)
 
 
-@kernel
+@inlined
 def encoder_rad(p: Physics, theta_m: float) -> float:
     """Return the angle that the encoder shows, before it counts."""
     angle = (1.0 + p.encoder_scale) * theta_m
     if p.encoder_sine != 0.0 or p.encoder_cosine != 0.0:
         angle += p.encoder_sine * math.sin(theta_m) + p.encoder_cosine * math.cos(theta_m)
     return angle
+
+
+@inlined
+def torque_constant(p: Physics, time_s: float) -> float:
+    """Return K_t at a time."""
+    if p.constant_change == 0.0:
+        return p.K_t
+    return p.K_t * (1.0 + p.constant_change * (1.0 - math.exp(-time_s / p.constant_time)))
+
+
+@inlined
+def viscosity(p: Physics, time_s: float) -> float:
+    """Return D at a time."""
+    if p.viscous_change == 0.0:
+        return p.D_m
+    return p.D_m * (1.0 + p.viscous_change * (1.0 - math.exp(-time_s / p.viscous_time)))
+
+
+@inlined
+def state_dependent(p: Physics) -> bool:
+    """Whether anything beyond the linear plant with constant friction is on."""
+    motor = abs(p.stribeck_rise) + abs(p.presliding_level) + abs(p.load_mu) + abs(p.viscous_change)
+    motor += abs(p.cogging_sine) + abs(p.cogging_cosine) + abs(p.ripple_sine) + abs(p.ripple_cosine)
+    jaw = abs(p.jaw_slope) + abs(p.jaw_curvature) + abs(p.gravity_sine) + abs(p.gravity_cosine)
+    of_wire = abs(p.slack) + abs(p.hardening) + abs(p.loop_force) + abs(p.creep_share) + abs(p.zero_stretch)
+    of_wire += abs(p.pulley_sine) + abs(p.pulley_cosine) + abs(p.pitch)
+    return motor + jaw + of_wire != 0.0

@@ -3,7 +3,8 @@
 The linear plant answers exactly to what the step brings (`gains`); what the effects add to it is evaluated at the start
 and at the end that follows from its value at the start, and put in as a line between. Stiff additions of the wire and
 of presliding are held back by their own stiffness, so that no size of an effect makes the step unstable. Dry friction
-has its own rule (`friction`).
+has its own rule (`friction`). A step in which the wire comes taut or slack, or the motor passes the speeds at which its
+friction falls, is taken again in short pieces.
 """
 
 from typing import NamedTuple
@@ -22,13 +23,15 @@ from hil_forceps.model.gains import (
     MOTOR_SLOPE,
     MOTOR_SPEED,
     MOTOR_WAY,
+    PIECES,
+    SHORT,
     SLACK,
     STIFFNESS,
     TAUT,
     VISCOSITY,
     Gains,
 )
-from hil_forceps.model.kernel import kernel
+from hil_forceps.model.kernel import inlined, kernel
 from hil_forceps.model.physics import (
     Physics,
     State,
@@ -42,6 +45,8 @@ from hil_forceps.model.physics import (
     wire,
 )
 
+_FALLEN = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
+
 
 class Torques(NamedTuple):
     """What acts on the pulleys over a step: mean and slope of each."""
@@ -50,13 +55,6 @@ class Torques(NamedTuple):
     motor_slope: float
     jaw: float
     jaw_slope: float
-
-
-class Drift(NamedTuple):
-    """What time does to the plant, at the middle of the step."""
-
-    torque_constant: float  # K_t(t)
-    viscous_extra: float  # D(t) less the viscosity in the gains
 
 
 class Motion(NamedTuple):
@@ -68,6 +66,18 @@ class Motion(NamedTuple):
     omega_j: float
 
 
+class Drive(NamedTuple):
+    """What drives a step from outside."""
+
+    current: float  # mean over the step
+    current_slope: float
+    current_end: float
+    torque_constant: float  # K_t at the time
+    viscosity: float  # D at the time
+    load: float  # τ_w, mean over the step
+    load_slope: float
+
+
 class Excess(NamedTuple):
     """What the effects add to the linear plant at an instant."""
 
@@ -76,89 +86,106 @@ class Excess(NamedTuple):
     jaw: float  # torque on the jaw, without the wire's
 
 
-@kernel
-def _free(g: Gains, s: int, row: int, stretch: float, omega_m: float, omega_j: float, u: Torques) -> float:
+@inlined
+def _row(g: Gains, s: int, row: int, stretch: float, omega_m: float, omega_j: float, u: Torques) -> float:
     """Return what a row of the gains makes of a state and of torques."""
-    total: float = (
-        g[s, row + FROM_STRETCH] * stretch
-        + g[s, row + FROM_MOTOR] * omega_m
-        + g[s, row + FROM_JAW] * omega_j
-        + g[s, row + MOTOR_MEAN] * u.motor
-        + g[s, row + MOTOR_SLOPE] * u.motor_slope
-        + g[s, row + JAW_MEAN] * u.jaw
-        + g[s, row + JAW_SLOPE] * u.jaw_slope
-    )
+    total: float = g[s, row + FROM_STRETCH] * stretch
+    total += g[s, row + FROM_MOTOR] * omega_m + g[s, row + FROM_JAW] * omega_j
+    return total + _response(g, s, row, u)
+
+
+@inlined
+def _response(g: Gains, s: int, row: int, u: Torques) -> float:
+    total: float = g[s, row + MOTOR_MEAN] * u.motor + g[s, row + MOTOR_SLOPE] * u.motor_slope
+    total += g[s, row + JAW_MEAN] * u.jaw + g[s, row + JAW_SLOPE] * u.jaw_slope
     return total
 
 
-@kernel
-def _jaw_guess(omega_j: float, push_j: float, level: float) -> float:
-    """Return the jaw's friction as it is at the start of the step."""
-    if omega_j == 0.0:
-        return max(-level, min(level, push_j))
-    return level if omega_j > 0.0 else -level
+@inlined
+def free_motion(p: Physics, g: Gains, s: int, x: State, u: Torques) -> Motion:
+    """Return ways and end speeds of a step without dry friction."""
+    omega_m, omega_j = x.omega_m_rad_per_s, x.omega_j_rad_per_s
+    stretch = p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad
+    return Motion(
+        _row(g, s, MOTOR_WAY, stretch, omega_m, omega_j, u),
+        _row(g, s, MOTOR_SPEED, stretch, omega_m, omega_j, u),
+        _row(g, s, JAW_WAY, stretch, omega_m, omega_j, u),
+        _row(g, s, JAW_SPEED, stretch, omega_m, omega_j, u),
+    )
 
 
-@kernel
-def linear_step(
-    p: Physics, g: Gains, s: int, step_s: float, state: State, u: Torques, motor: Levels, jaw: Levels
+@inlined
+def added(g: Gains, s: int, m: Motion, u: Torques) -> Motion:
+    """Return ways and end speeds with more torques."""
+    return Motion(
+        m.theta_m + _response(g, s, MOTOR_WAY, u),
+        m.omega_m + _response(g, s, MOTOR_SPEED, u),
+        m.theta_j + _response(g, s, JAW_WAY, u),
+        m.omega_j + _response(g, s, JAW_SPEED, u),
+    )
+
+
+@inlined
+def settled(
+    g: Gains,
+    s: int,
+    x: State,
+    free: Motion,
+    push: tuple[float, float],
+    inertia: tuple[float, float],
+    motor: Levels,
+    jaw: Levels,
 ) -> Motion:
-    """Return the motion at the end of a step under given torques and levels of friction."""
-    omega_m, omega_j = state.omega_m_rad_per_s, state.omega_j_rad_per_s
-    stretch = p.r_m * state.theta_m_rad - p.r_j * state.theta_j_rad
-    way_m = _free(g, s, MOTOR_WAY, stretch, omega_m, omega_j, u)
-    speed_m = _free(g, s, MOTOR_SPEED, stretch, omega_m, omega_j, u)
-    way_j = _free(g, s, JAW_WAY, stretch, omega_m, omega_j, u)
-    speed_j = _free(g, s, JAW_SPEED, stretch, omega_m, omega_j, u)
-    pull = g[s, STIFFNESS] * stretch + g[s, DAMPING] * (p.r_m * omega_m - p.r_j * omega_j)
+    """Return the motion at the end of a step with dry friction.
 
-    push_j = u.jaw - 0.5 * u.jaw_slope + p.r_j * pull
-    guess = _jaw_guess(omega_j, push_j, jaw.rest)
-    push_m = u.motor - 0.5 * u.motor_slope - p.r_m * pull - g[s, VISCOSITY] * omega_m
+    `push`: torques at the start, motor and jaw, without dry friction; `inertia`: I/h of motor and jaw.
+    """
+    omega_j = x.omega_j_rad_per_s
+    guess = max(-jaw.rest, min(jaw.rest, push[1])) if omega_j == 0.0 else (jaw.start if omega_j > 0.0 else -jaw.start)
     response = Response(
         g[s, MOTOR_SPEED + MOTOR_MEAN],
         g[s, MOTOR_SPEED + MOTOR_SLOPE],
         g[s, MOTOR_WAY + MOTOR_MEAN],
         g[s, MOTOR_WAY + MOTOR_SLOPE],
     )
-    free_speed = speed_m - g[s, MOTOR_SPEED + JAW_MEAN] * guess
-    free_way = way_m - g[s, MOTOR_WAY + JAW_MEAN] * guess
-    mean, slope, fate_m = friction(omega_m, free_speed, free_way, push_m, p.I_m / step_s, response, motor)
-    way_m -= g[s, MOTOR_WAY + MOTOR_MEAN] * mean + g[s, MOTOR_WAY + MOTOR_SLOPE] * slope
-    speed_m -= g[s, MOTOR_SPEED + MOTOR_MEAN] * mean + g[s, MOTOR_SPEED + MOTOR_SLOPE] * slope
-    way_j -= g[s, JAW_WAY + MOTOR_MEAN] * mean + g[s, JAW_WAY + MOTOR_SLOPE] * slope
-    speed_j -= g[s, JAW_SPEED + MOTOR_MEAN] * mean + g[s, JAW_SPEED + MOTOR_SLOPE] * slope
-
+    free_speed = free.omega_m - g[s, MOTOR_SPEED + JAW_MEAN] * guess
+    free_way = free.theta_m - g[s, MOTOR_WAY + JAW_MEAN] * guess
+    mean, slope, fate_m = friction(x.omega_m_rad_per_s, free_speed, free_way, push[0], inertia[0], response, motor)
+    way_j = free.theta_j - g[s, JAW_WAY + MOTOR_MEAN] * mean - g[s, JAW_WAY + MOTOR_SLOPE] * slope
+    speed_j = free.omega_j - g[s, JAW_SPEED + MOTOR_MEAN] * mean - g[s, JAW_SPEED + MOTOR_SLOPE] * slope
     response = Response(
         g[s, JAW_SPEED + JAW_MEAN], g[s, JAW_SPEED + JAW_SLOPE], g[s, JAW_WAY + JAW_MEAN], g[s, JAW_WAY + JAW_SLOPE]
     )
-    mean, slope, fate_j = friction(omega_j, speed_j, way_j, push_j, p.I_j / step_s, response, jaw)
-    way_m -= g[s, MOTOR_WAY + JAW_MEAN] * mean + g[s, MOTOR_WAY + JAW_SLOPE] * slope
-    speed_m -= g[s, MOTOR_SPEED + JAW_MEAN] * mean + g[s, MOTOR_SPEED + JAW_SLOPE] * slope
-    way_j -= g[s, JAW_WAY + JAW_MEAN] * mean + g[s, JAW_WAY + JAW_SLOPE] * slope
-    speed_j -= g[s, JAW_SPEED + JAW_MEAN] * mean + g[s, JAW_SPEED + JAW_SLOPE] * slope
-    if fate_m >= STOPPED:
-        speed_m = 0.0
-        if fate_m == STUCK:
-            way_m = 0.0
-    if fate_j >= STOPPED:
-        speed_j = 0.0
-        if fate_j == STUCK:
-            way_j = 0.0
-    return Motion(state.theta_m_rad + way_m, speed_m, state.theta_j_rad + way_j, speed_j)
+    mean_j, slope_j, fate_j = friction(omega_j, speed_j, way_j, push[1], inertia[1], response, jaw)
+    end = added(g, s, free, Torques(-mean, -slope, -mean_j, -slope_j))
+    return Motion(
+        x.theta_m_rad + (0.0 if fate_m == STUCK else end.theta_m),
+        0.0 if fate_m >= STOPPED else end.omega_m,
+        x.theta_j_rad + (0.0 if fate_j == STUCK else end.theta_j),
+        0.0 if fate_j >= STOPPED else end.omega_j,
+    )
 
 
-@kernel
-def _excess(p: Physics, g: Gains, s: int, m: Motion, w: Wire, drift: Drift, current_A: float) -> Excess:
+@inlined
+def _push(p: Physics, g: Gains, s: int, x: State, u: Torques) -> tuple[float, float]:
+    """Return the torques at the start of the step, motor and jaw, without dry friction."""
+    pull = g[s, STIFFNESS] * (p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad)
+    pull += g[s, DAMPING] * (p.r_m * x.omega_m_rad_per_s - p.r_j * x.omega_j_rad_per_s)
+    motor = u.motor - 0.5 * u.motor_slope - p.r_m * pull - g[s, VISCOSITY] * x.omega_m_rad_per_s
+    return motor, u.jaw - 0.5 * u.jaw_slope + p.r_j * pull
+
+
+@inlined
+def _excess(p: Physics, g: Gains, s: int, m: Motion, w: Wire, d: Drive, current_A: float) -> Excess:
     """Return what the effects add at an instant."""
     linear = g[s, STIFFNESS] * (p.r_m * m.theta_m - p.r_j * m.theta_j)
     linear += g[s, DAMPING] * (p.r_m * m.omega_m - p.r_j * m.omega_j)
-    motor = drift.torque_constant * current_A * ripple(p, m.theta_m) + cogging_N_m(p, m.theta_m)
-    motor -= drift.viscous_extra * m.omega_m + (w.radius_m - p.r_m) * w.tension_N
+    motor = d.torque_constant * current_A * ripple(p, m.theta_m) + cogging_N_m(p, m.theta_m)
+    motor -= (d.viscosity - g[s, VISCOSITY]) * m.omega_m + (w.radius_m - p.r_m) * w.tension_N
     return Excess(w.tension_N - linear, motor, -gravity_N_m(p, m.theta_j))
 
 
-@kernel
+@inlined
 def held_back(change: float, way: float, way_of_mean: float, way_of_slope: float) -> tuple[float, float]:
     """Return how much of a force's change over a step is put in: (mean, slope).
 
@@ -175,85 +202,132 @@ def held_back(change: float, way: float, way_of_mean: float, way_of_slope: float
     return mean * change, blend * change
 
 
-@kernel
-def full_step(
-    p: Physics,
-    g: Gains,
-    step_s: float,
-    state: State,
-    u: Torques,
-    drift: Drift,
-    current: tuple[float, float, float],
-    kept: float,
-) -> State:
+@inlined
+def _wire_of(p: Physics, m: Motion, creep_m: float, loop: float) -> Wire:
+    return wire(p, m.theta_m, m.omega_m, m.theta_j, m.omega_j, creep_m, loop)
+
+
+@inlined
+def _corrections(
+    p: Physics, g: Gains, s: int, x: State, end: Motion, ways: tuple[float, float], first: Excess, last: Excess
+) -> Torques:
+    """Return what the change of the effects over the step adds to the torques at its start, held.
+
+    `ways`: of the wire (its elongation) and of presliding's z.
+    """
+    by_mean = p.r_m * p.r_m * g[s, MOTOR_WAY + MOTOR_MEAN] + p.r_j * p.r_j * g[s, JAW_WAY + JAW_MEAN]
+    by_mean -= p.r_m * p.r_j * (g[s, MOTOR_WAY + JAW_MEAN] + g[s, JAW_WAY + MOTOR_MEAN])
+    by_slope = p.r_m * p.r_m * g[s, MOTOR_WAY + MOTOR_SLOPE] + p.r_j * p.r_j * g[s, JAW_WAY + JAW_SLOPE]
+    by_slope -= p.r_m * p.r_j * (g[s, MOTOR_WAY + JAW_SLOPE] + g[s, JAW_WAY + MOTOR_SLOPE])
+    pull, pull_slope = held_back(last.wire - first.wire, ways[0], by_mean, by_slope)
+    rub, rub_slope = 0.0, 0.0
+    if p.presliding_level != 0.0:
+        change, way = p.presliding_level * ways[1], end.theta_m - x.theta_m_rad
+        rub, rub_slope = held_back(change, way, g[s, MOTOR_WAY + MOTOR_MEAN], g[s, MOTOR_WAY + MOTOR_SLOPE])
+    motor, jaw = last.motor - first.motor, last.jaw - first.jaw
+    return Torques(
+        0.5 * motor - p.r_m * pull - rub,
+        motor - p.r_m * pull_slope - rub_slope,
+        0.5 * jaw + p.r_j * pull,
+        jaw + p.r_j * pull_slope,
+    )
+
+
+@inlined
+def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kept: float, x: State, d: Drive) -> State:
     """Return the plant's state a step on with every effect that hangs on the state.
 
-    `u`: torques of current and load; `current`: mean, slope and end of the current; `kept`: what creep keeps of itself.
+    `base`: where the gains for a step of this length begin; `inertia`: I/h of motor and jaw; `kept`: what creep keeps.
     """
-    now = Motion(state.theta_m_rad, state.omega_m_rad_per_s, state.theta_j_rad, state.omega_j_rad_per_s)
-    w0 = wire(p, now.theta_m, now.omega_m, now.theta_j, now.omega_j, state.creep_m, state.loop)
-    s = SLACK if w0.slack else TAUT
-    first = _excess(p, g, s, now, w0, drift, current[0] - 0.5 * current[1])
-    rub = p.presliding_level * state.presliding
-    held = Torques(
-        u.motor + first.motor - rub - p.r_m * first.wire,
-        u.motor_slope,
-        u.jaw + first.jaw + p.r_j * first.wire,
-        u.jaw_slope,
+    now = Motion(x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s)
+    w0 = _wire_of(p, now, x.creep_m, x.loop)
+    s = base + (SLACK if w0.slack else TAUT)
+    first = _excess(p, g, s, now, w0, d, d.current - 0.5 * d.current_slope)
+    u = Torques(
+        d.torque_constant * d.current + first.motor - p.presliding_level * x.presliding - p.r_m * first.wire,
+        d.torque_constant * d.current_slope,
+        first.jaw + p.r_j * first.wire - d.load,
+        -d.load_slope,
     )
-    level = motor_level_N_m(p, now.omega_m, w0.tension_N)
-    rest = motor_level_N_m(p, 0.0, w0.tension_N)
+    free, push = free_motion(p, g, s, x, u), _push(p, g, s, x, u)
+    level, rest = motor_level_N_m(p, now.omega_m, w0.tension_N), motor_level_N_m(p, 0.0, w0.tension_N)
     forward, backward = max(0.0, p.asymmetry), max(0.0, -p.asymmetry)
     level_j = jaw_level_N_m(p, now.theta_j)
-    motor, jaw = Levels(level, level, rest, forward, backward), Levels(level_j, level_j, level_j, 0.0, 0.0)
-    end = linear_step(p, g, s, step_s, state, held, motor, jaw)
+    jaw = Levels(level_j, level_j, level_j, 0.0, 0.0)
+    end = settled(g, s, x, free, push, inertia, Levels(level, level, rest, forward, backward), jaw)
 
-    creep = kept * state.creep_m + (1.0 - kept) * p.creep_share * w0.tension_N / p.k
-    wound0, loop = w0.elongation_m, state.loop
-    w1 = wire(p, end.theta_m, end.omega_m, end.theta_j, end.omega_j, creep, loop)
+    creep = kept * x.creep_m + (1.0 - kept) * p.creep_share * w0.tension_N / p.k
+    w1 = _wire_of(p, end, creep, x.loop)
     if p.loop_force != 0.0:
-        loop = slide(state.loop, w1.elongation_m - wound0, p.loop_stretch)
-        w1 = wire(p, end.theta_m, end.omega_m, end.theta_j, end.omega_j, creep, loop)
-    last = _excess(p, g, s, end, w1, drift, current[0] + 0.5 * current[1])
-    compliance = p.r_m * p.r_m * g[s, MOTOR_WAY + MOTOR_MEAN] + p.r_j * p.r_j * g[s, JAW_WAY + JAW_MEAN]
-    compliance -= p.r_m * p.r_j * (g[s, MOTOR_WAY + JAW_MEAN] + g[s, JAW_WAY + MOTOR_MEAN])
-    compliance_slope = p.r_m * p.r_m * g[s, MOTOR_WAY + MOTOR_SLOPE] + p.r_j * p.r_j * g[s, JAW_WAY + JAW_SLOPE]
-    compliance_slope -= p.r_m * p.r_j * (g[s, MOTOR_WAY + JAW_SLOPE] + g[s, JAW_WAY + MOTOR_SLOPE])
-    pull, pull_slope = held_back(last.wire - first.wire, w1.elongation_m - wound0, compliance, compliance_slope)
-    more_rub, rub_slope = 0.0, 0.0
-    if p.presliding_level != 0.0:
-        way = end.theta_m - now.theta_m
-        change = p.presliding_level * (slide(state.presliding, way, p.presliding_angle) - state.presliding)
-        more_rub, rub_slope = held_back(change, way, g[s, MOTOR_WAY + MOTOR_MEAN], g[s, MOTOR_WAY + MOTOR_SLOPE])
-    more_m, more_j = last.motor - first.motor, last.jaw - first.jaw
-    u2 = Torques(
-        held.motor + 0.5 * more_m - p.r_m * pull - more_rub,
-        held.motor_slope + more_m - p.r_m * pull_slope - rub_slope,
-        held.jaw + 0.5 * more_j + p.r_j * pull,
-        held.jaw_slope + more_j + p.r_j * pull_slope,
-    )
+        w1 = _wire_of(p, end, creep, slide(x.loop, w1.elongation_m - w0.elongation_m, p.loop_stretch))
+    last = _excess(p, g, s, end, w1, d, d.current + 0.5 * d.current_slope)
+    slipped = slide(x.presliding, end.theta_m - now.theta_m, p.presliding_angle) if p.presliding_level != 0.0 else 0.0
+    ways = (w1.elongation_m - w0.elongation_m, slipped - x.presliding)
+    free = added(g, s, free, _corrections(p, g, s, x, end, ways, first, last))
     motor = Levels(level, motor_level_N_m(p, end.omega_m, w1.tension_N), rest, forward, backward)
     jaw = Levels(level_j, jaw_level_N_m(p, end.theta_j), level_j, 0.0, 0.0)
-    end = linear_step(p, g, s, step_s, state, u2, motor, jaw)
+    end = settled(g, s, x, free, push, inertia, motor, jaw)
+    return _remembered(p, x, end, w0, w1, kept, d.current_end)
 
-    creep, presliding = state.creep_m, state.presliding
+
+@inlined
+def _remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: float, current_A: float) -> State:
+    """Return the state at the end of a step, with what wire and friction remember of it."""
+    creep, loop, presliding = x.creep_m, x.loop, x.presliding
     if p.creep_share != 0.0:
         creep = kept * creep + (1.0 - kept) * p.creep_share * 0.5 * (w0.tension_N + w1.tension_N) / p.k
     if p.presliding_level != 0.0:
-        presliding = slide(presliding, end.theta_m - now.theta_m, p.presliding_angle)
-    loop = state.loop
+        presliding = slide(presliding, end.theta_m - x.theta_m_rad, p.presliding_angle)
     if p.loop_force != 0.0:
-        after = wire(p, end.theta_m, end.omega_m, end.theta_j, end.omega_j, creep, loop)
-        loop = slide(loop, after.elongation_m - wound0, p.loop_stretch)
-    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, creep, loop, presliding, current[2])
+        loop = slide(loop, _wire_of(p, end, creep, loop).elongation_m - w0.elongation_m, p.loop_stretch)
+    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, creep, loop, presliding, current_A)
+
+
+@inlined
+def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: Drive) -> State:
+    """Return the plant's state a step on, without an effect that hangs on the state."""
+    forward, backward = max(0.0, p.asymmetry), max(0.0, -p.asymmetry)
+    motor = Levels(p.motor_coulomb, p.motor_coulomb, p.motor_coulomb, forward, backward)
+    jaw = Levels(p.jaw_coulomb, p.jaw_coulomb, p.jaw_coulomb, 0.0, 0.0)
+    u = Torques(d.torque_constant * d.current, d.torque_constant * d.current_slope, -d.load, -d.load_slope)
+    free, push = free_motion(p, g, TAUT, x, u), _push(p, g, TAUT, x, u)
+    end = settled(g, TAUT, x, free, push, inertia, motor, jaw)
+    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep_m, x.loop, x.presliding, d.current_end)
+
+
+@inlined
+def _sudden(p: Physics, x: State, end: State) -> bool:
+    """Whether something happened in a step that wants shorter ones."""
+    if p.slack > 0.0:
+        before = _wire_of(p, Motion(x.theta_m_rad, 0.0, x.theta_j_rad, 0.0), x.creep_m, x.loop)
+        after = _wire_of(p, Motion(end.theta_m_rad, 0.0, end.theta_j_rad, 0.0), end.creep_m, end.loop)
+        if before.slack != after.slack or before.tension_N * after.tension_N < 0.0:
+            return True
+    if p.stribeck_rise == 0.0:
+        return False
+    first, last = abs(x.omega_m_rad_per_s), abs(end.omega_m_rad_per_s)
+    return min(first, last) < _FALLEN * p.stribeck_speed and max(first, last) > 0.0
 
 
 @kernel
-def plain_step(p: Physics, g: Gains, step_s: float, state: State, u: Torques, current_A: float) -> State:
-    """Return the plant's state a step on, without an effect that hangs on the state; `current_A` is the end's."""
-    motor = Levels(p.motor_coulomb, p.motor_coulomb, p.motor_coulomb, max(0.0, p.asymmetry), max(0.0, -p.asymmetry))
-    jaw = Levels(p.jaw_coulomb, p.jaw_coulomb, p.jaw_coulomb, 0.0, 0.0)
-    end = linear_step(p, g, TAUT, step_s, state, u, motor, jaw)
-    return State(
-        end.theta_m, end.omega_m, end.theta_j, end.omega_j, state.creep_m, state.loop, state.presliding, current_A
-    )
+def _in_pieces(p: Physics, g: Gains, inertia: tuple[float, float], kept: float, x: State, d: Drive) -> State:
+    """Return the state after a step taken in `PIECES`; `kept`: what creep keeps over a piece."""
+    scale = 1.0 / PIECES
+    for piece in range(PIECES):
+        at = (piece + 0.5) * scale - 0.5
+        current, load = d.current + at * d.current_slope, d.load + at * d.load_slope
+        slopes = (d.current_slope * scale, d.load_slope * scale)
+        part = Drive(current, slopes[0], d.current_end, d.torque_constant, d.viscosity, load, slopes[1])
+        x = full_step(p, g, SHORT, (inertia[0] * PIECES, inertia[1] * PIECES), kept, x, part)
+    return x
+
+
+@inlined
+def refined_step(
+    p: Physics, g: Gains, inertia: tuple[float, float], kept: tuple[float, float], x: State, d: Drive
+) -> State:
+    """Return `full_step`, in pieces where it has to be; `kept`: what creep keeps over a step and over a piece."""
+    end = full_step(p, g, TAUT, inertia, kept[0], x, d)
+    if _sudden(p, x, end):
+        return _in_pieces(p, g, inertia, kept[1], x, d)
+    return end
