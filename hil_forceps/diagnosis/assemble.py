@@ -34,7 +34,7 @@ def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknow
     """Make the problem of fitting a rig's known parameters to runs in closed loop."""
     law = drive_law.law_vector(rig.require_drive())
     theta = start_vector(rig)
-    simulator = ClosedLoop(tuple(records), law, make_starts(records, theta, law), True)
+    simulator = ClosedLoop(tuple(records), law, make_starts(records, theta, law), (np.empty(0),) * len(records))
     layout = make_layout(
         [list(record.channels) for record in records],
         [record.weights for record in records],

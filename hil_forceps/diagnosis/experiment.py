@@ -17,7 +17,7 @@ Mask = NDArray[np.bool_]
 Mode = Literal["closed_loop", "driven"]
 
 MAX_ROWS = 240_000  # of all runs together; longer ones are cut, and that is said
-BURN_IN_S = 0.05  # the state before the first row is known roughly: it settles within this
+BURN_IN_S = 0.15  # the state before the first row is known roughly: it settles within this
 JITTER_FOR_RESAMPLING = 0.02  # of the row period
 JUMP_IN_SD = 12.0  # an increment of τ_w this far above its usual size is a step of the load
 AFTER_GAP_S = 0.05

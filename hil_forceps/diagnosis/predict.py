@@ -6,10 +6,11 @@ encoder's, which the loop feeds into it, and shows what happens between command 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.course import Course
@@ -22,6 +23,7 @@ Vector = NDArray[np.float64]
 
 SUBSTEPS = 4  # of 250 µs in a row of 1 ms; more for longer rows
 LONGEST_SUBSTEP_S = 2.6e-4
+SLOWEST_SHAKE_HZ = 25.0
 ROWS_FOR_SPEED = 12  # at the beginning of a run
 
 
@@ -32,7 +34,7 @@ class ClosedLoop:
     records: tuple[Record, ...]
     law: Vector
     starts: tuple[Start, ...]
-    measured_tau_w: bool
+    encoder_error_rad: tuple[Vector, ...]  # of each run; empty: none
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
         """Return the transformed channels of each run."""
@@ -51,6 +53,7 @@ class ClosedLoop:
             tau_w,
             record.edge_rows.astype(np.int64),
             np.ascontiguousarray(nuisance.edge_fractions, dtype=np.float64),
+            self.encoder_error_rad[run],
         )
         samples = round(record.period_s / float(self.law[drive_law.SAMPLE_TIME]))
         substeps = samples * max(1, int(np.ceil(record.period_s / samples / LONGEST_SUBSTEP_S)))
@@ -59,22 +62,33 @@ class ClosedLoop:
 
     def outputs(self, run: int, channels: Channels) -> dict[str, Vector]:
         """Transform simulated channels."""
-        return self.transformed(run, {name: getattr(channels, name) for name in self.records[run].channels})
+        angle = channels.theta_m_rad
+        error = self.encoder_error_rad[run]
+        seen = angle + error if error.size else angle
+        return self.transformed(run, {name: getattr(channels, name) for name in self.records[run].channels}, seen)
 
-    def transformed(self, run: int, channels: dict[str, Vector]) -> dict[str, Vector]:
-        """Put what the law does not explain in place of the current."""
+    def transformed(self, run: int, channels: dict[str, Vector], seen_rad: Vector) -> dict[str, Vector]:
+        """Put what the law does not explain in place of the current; `seen_rad`: angle with the encoder's rounding."""
         record = self.records[run]
         found = dict(channels)
         if follows_law(record, self.law):
-            command = drive_law.law_current(
-                self.law, record.reference_rad, channels["theta_m_rad"], self.starts[run].drive
-            )
+            command = drive_law.law_current(self.law, record.reference_rad, seen_rad, self.starts[run].drive)
             found["current_A"] = channels["current_A"] - np.concatenate((channels["current_A"][:1], command[:-1]))
         return found
 
     def measured(self) -> Outputs:
         """Return the transformed channels as measured."""
-        return [self.transformed(k, record.channels) for k, record in enumerate(self.records)]
+        return [self.transformed(k, r.channels, r.channels["theta_m_rad"]) for k, r in enumerate(self.records)]
+
+    def with_encoder_errors(self, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float) -> "ClosedLoop":
+        """Return the same with the encoder's rounding as it happened: the fast part of what a fit leaves in θ_m."""
+        errors = []
+        for k, (record, nuisance) in enumerate(zip(self.records, nuisances, strict=True)):
+            left = record.channels["theta_m_rad"] - self.raw(k, theta, nuisance).theta_m_rad
+            width = max(3, round(1.0 / (SLOWEST_SHAKE_HZ * record.period_s)) | 1)
+            fast = left - uniform_filter1d(uniform_filter1d(left, width), width)
+            errors.append(np.clip(fast, -0.75 * quantum_rad, 0.75 * quantum_rad))
+        return replace(self, encoder_error_rad=tuple(errors))
 
     def course(self, run: int, theta: Vector, nuisance: Nuisance) -> Course:
         """Return what a run went through inside."""

@@ -36,6 +36,9 @@ _DRIFT_STEP = 0.02  # of D_m: further away, the linear plant is made anew
 _CHANNELS = 8
 
 
+_NO_ERROR: Vector = np.empty(0)
+
+
 class Inputs(NamedTuple):
     """What a run was driven with. `tau_w_N_m` is as recorded: a skewed channel is set right for the plant."""
 
@@ -44,6 +47,9 @@ class Inputs(NamedTuple):
     tau_w_N_m: Vector  # n, linear in between
     edge_rows: NDArray[np.int64]  # m, increasing: between row k and k + 1 the load jumps ...
     edge_fractions: Vector  # m: ... at this fraction of the interval, instead of a ramp
+    # n, or empty for none: what the drive's encoder shows beyond the angle, its rounding as it happened. The loop makes
+    # currents of it that shake the motor, and shaken friction is another friction. Not in the recorded angle.
+    encoder_error_rad: Vector = _NO_ERROR
 
 
 class Start(NamedTuple):
@@ -149,6 +155,8 @@ def _rollout(
             into = step % steps
             if into == 0:
                 angle = quantise(encoder_rad(p, x.theta_m_rad), quantum_rad)
+                if row < inputs.encoder_error_rad.shape[0]:
+                    angle += inputs.encoder_error_rad[row]
                 drive = drive_sample(law, drive, inputs.reference_rad[row], angle)
                 place = place + 1 if place + 1 < commands.shape[0] else 0
                 commands[place] = max(-p.limit, min(p.limit, dead_zone(drive.current_A, p.deadband)))
