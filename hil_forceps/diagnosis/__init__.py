@@ -1,0 +1,1 @@
+"""Diagnosis: what the simulation gets wrong, why, and what mending it gains."""
