@@ -1,1 +1,1 @@
-"""Diagnosis: what the simulation gets wrong, why, and what mending it gains."""
+"""Diagnosis: what a simulation gets wrong about measured runs, why, and what mending it gains. No IO, no clock."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.audit import Finding, audit
-from hil_forceps.model.closed_loop import DriveParameters, make_loop, rest_state, rollout
+from hil_forceps.model.linear_loop import DriveParameters, make_loop, rest_state, rollout
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.runs.table import Column, Run
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from hil_forceps.model import closed_loop
-from hil_forceps.model.closed_loop import DriveParameters, make_loop, rest_state, rollout
+from hil_forceps.model import linear_loop
+from hil_forceps.model.linear_loop import DriveParameters, make_loop, rest_state, rollout
 from hil_forceps.model.two_inertia import continuous
 from hil_forceps.rig.plant import PlantParameters
 
@@ -20,13 +20,13 @@ DRIVE = DriveParameters(1e-3, 1.2, 15.0, 0.006, 150.0, 1.0)
 def test_drive_law_by_hand() -> None:
     loop = make_loop(PAPER, DRIVE)
     share = 1.0 - math.exp(-2.0 * math.pi * 150.0 * 1e-3)
-    first = closed_loop.drive_step(np.zeros(5), 0.1, 0.02, loop.drive)
-    assert first[closed_loop.DRIVE_VELOCITY] == 0.0  # nothing to take a difference with
-    assert first[closed_loop.DRIVE_CURRENT] == pytest.approx(1.2 * 0.08 + 15.0 * 0.08e-3)
-    second = closed_loop.drive_step(first, 0.1, 0.03, loop.drive)
+    first = linear_loop.drive_step(np.zeros(5), 0.1, 0.02, loop.drive)
+    assert first[linear_loop.DRIVE_VELOCITY] == 0.0  # nothing to take a difference with
+    assert first[linear_loop.DRIVE_CURRENT] == pytest.approx(1.2 * 0.08 + 15.0 * 0.08e-3)
+    second = linear_loop.drive_step(first, 0.1, 0.03, loop.drive)
     velocity = share * 0.01 / 1e-3
-    assert second[closed_loop.DRIVE_VELOCITY] == pytest.approx(velocity)
-    assert second[closed_loop.DRIVE_CURRENT] == pytest.approx(1.2 * 0.07 + 15.0 * 0.15e-3 - 0.006 * velocity)
+    assert second[linear_loop.DRIVE_VELOCITY] == pytest.approx(velocity)
+    assert second[linear_loop.DRIVE_CURRENT] == pytest.approx(1.2 * 0.07 + 15.0 * 0.15e-3 - 0.006 * velocity)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -34,25 +34,25 @@ def test_drive_limits_current_and_integral(sign: float) -> None:
     loop = make_loop(PAPER, DRIVE)
     state = np.zeros(5)
     for _ in range(1000):
-        state = closed_loop.drive_step(state, sign * 10.0, 0.0, loop.drive)
-        assert state[closed_loop.DRIVE_CURRENT] == sign * 1.0
-    assert state[closed_loop.DRIVE_INTEGRAL] * 15.0 == pytest.approx(sign * 1.0)
+        state = linear_loop.drive_step(state, sign * 10.0, 0.0, loop.drive)
+        assert state[linear_loop.DRIVE_CURRENT] == sign * 1.0
+    assert state[linear_loop.DRIVE_INTEGRAL] * 15.0 == pytest.approx(sign * 1.0)
 
 
 def test_drive_without_integral_gain() -> None:
     loop = make_loop(PAPER, DRIVE._replace(ki_A_per_rad_s=0.0))
-    assert closed_loop.drive_step(np.zeros(5), 0.1, 0.0, loop.drive)[closed_loop.DRIVE_CURRENT] == pytest.approx(0.12)
+    assert linear_loop.drive_step(np.zeros(5), 0.1, 0.0, loop.drive)[linear_loop.DRIVE_CURRENT] == pytest.approx(0.12)
 
 
 @pytest.mark.parametrize(("value", "expected"), [(0.24, 0.2), (0.251, 0.3), (-0.24, -0.2), (-0.26, -0.3), (0.0, 0.0)])
 def test_rounding_to_quanta(value: float, expected: float) -> None:
-    assert closed_loop.quantise(value, 0.1) == pytest.approx(expected)
-    assert closed_loop.quantise(value, 0.0) == value
+    assert linear_loop.quantise(value, 0.1) == pytest.approx(expected)
+    assert linear_loop.quantise(value, 0.0) == value
 
 
 def _open_loop(plant: PlantParameters, steps: int, step_s: float) -> NDArray[np.float64]:
     loop = make_loop(plant, DRIVE._replace(sample_time_s=step_s * steps), plant_step_s=step_s)
-    return closed_loop.interval(rest_state(plant, 0.5), 0.3, np.full(steps, 1e-3), loop)
+    return linear_loop.interval(rest_state(plant, 0.5), 0.3, np.full(steps, 1e-3), loop)
 
 
 def test_plant_is_that_of_another_integrator() -> None:
@@ -71,7 +71,7 @@ def test_friction_converges_as_the_step_shrinks() -> None:
 
     def rung(steps: int) -> NDArray[np.float64]:
         loop = make_loop(sticky, DRIVE._replace(sample_time_s=5e-3), plant_step_s=5e-3 / steps)
-        return closed_loop.interval(np.array([0.0, 5.0, 0.0, -5.0]), 0.0, np.zeros(steps), loop)
+        return linear_loop.interval(np.array([0.0, 5.0, 0.0, -5.0]), 0.0, np.zeros(steps), loop)
 
     fine = rung(64_000)
     errors = [np.max(np.abs(rung(steps) - fine)[[0, 2]]) for steps in (100, 800, 6400)]
@@ -84,7 +84,7 @@ def test_friction_holds_what_is_below_its_level_and_lets_go_above() -> None:
     loop = make_loop(sticky, DRIVE)
     start = rest_state(sticky, 0.5)
     for torque_N_m, moves in ((0.99e-3, False), (-0.99e-3, False), (1.2e-3, True)):
-        state = closed_loop.interval(start, torque_N_m / sticky.torque_constant_N_m_per_A, np.zeros(20), loop)
+        state = linear_loop.interval(start, torque_N_m / sticky.torque_constant_N_m_per_A, np.zeros(20), loop)
         assert bool(abs(state[0] - start[0]) > 1e-4) == moves, torque_N_m
 
 
