@@ -16,12 +16,13 @@ __all__ = ["Finding", "Severity", "audit"]
 _ORDER: tuple[Severity, ...] = ("problem", "warning", "note")
 
 
-def audit(runs: Sequence[Run], rig: Rig) -> list[Finding]:
+def audit(runs: Sequence[Run], rig: Rig | None) -> list[Finding]:
     """Return what the runs show by themselves, against each other and against the rig; problems first.
 
     Looks at stamps, quanta, stuck and clipped channels, noise, spikes, shifts, signs, units, the drive's law, the
-    pulleys' ratio, duplicates, and what the runs excite. Nothing is changed in the runs. Takes the time of some FFTs
-    and sorts over the rows. A channel that gives one finding of a kind gives no second of it.
+    pulleys' ratio, duplicates, and what the runs excite; without a rig, at what needs none. Nothing is changed in the
+    runs. Takes the time of some FFTs and sorts over the rows. A channel that gives one finding of a kind gives no
+    second of it.
     """
     views = [View(run) for run in runs]
     found: dict[tuple[str, str, str], Finding] = {}
@@ -31,14 +32,14 @@ def audit(runs: Sequence[Run], rig: Rig) -> list[Finding]:
     return sorted(found.values(), key=lambda finding: _ORDER.index(finding.severity))
 
 
-def _findings(views: Sequence[View], rig: Rig) -> Iterator[Finding]:
+def _findings(views: Sequence[View], rig: Rig | None) -> Iterator[Finding]:
     for view in views:
         yield from audit_stamps(view, rig)
         yield from audit_channels(view, rig)
         yield from audit_kinematics(view, rig)
-        law = list(audit_law(view, rig))
-        yield from law
-        has_law = rig.drive is not None and {"theta_m_ref_rad", "current_A"} <= view.columns.keys()
-        yield from audit_torque(view, rig, has_law)
+        yield from audit_law(view, rig)
+        if rig is not None:
+            has_law = rig.drive is not None and {"theta_m_ref_rad", "current_A"} <= view.columns.keys()
+            yield from audit_torque(view, rig, has_law)
         yield from audit_excitation(view)
     yield from audit_together(views)

@@ -24,7 +24,7 @@ _STEP_ROWS = 5
 _VELOCITY_TRUST = 0.8
 
 
-def audit_kinematics(view: View, rig: Rig) -> Iterator[Finding]:
+def audit_kinematics(view: View, rig: Rig | None) -> Iterator[Finding]:
     """Yield what reference, motor angle and jaw angle say of each other."""
     if len(view.piece("time_s")) < FEWEST_ROWS or view.is_constant["theta_m_rad"]:
         return
@@ -88,7 +88,7 @@ def _degrees(view: View, factor: float, pair: tuple[str, str], figures: dict[str
             yield view.finding("unit", channel, "problem", text, figures)
 
 
-def _jaw(view: View, rig: Rig) -> Iterator[Finding]:
+def _jaw(view: View, rig: Rig | None) -> Iterator[Finding]:
     ratio, share = jaw_ratio(view)
     figures = {"ratio": ratio, "explained_share": share}
     if share < _BELIEVED:
@@ -101,7 +101,7 @@ def _jaw(view: View, rig: Rig) -> Iterator[Finding]:
     if ratio < 0.0:
         text = "theta_j_rad falls where theta_m_rad rises: one of them has the wrong sign"
         yield view.finding("sign", "theta_j_rad", "problem", text, figures)
-    expected = _ratio(rig)
+    expected = None if rig is None else _ratio(rig)
     if expected is not None:
         factor = abs(ratio) / expected
         found = list(_degrees(view, factor, ("theta_m_rad", "theta_j_rad"), figures | {"expected": expected}))

@@ -24,7 +24,7 @@ _SURELY_OTHER = 1.5  # a wrong scale of some percent is for the diagnosis
 _FINEST_COUNTS = 1 << 20
 
 
-def audit_channels(view: View, rig: Rig) -> Iterator[Finding]:
+def audit_channels(view: View, rig: Rig | None) -> Iterator[Finding]:
     """Yield what each channel of one run shows by itself."""
     for channel, values in view.channels.items():
         if view.is_constant[channel]:
@@ -101,8 +101,8 @@ def _spikes(view: View, channel: str) -> Iterator[Finding]:
         yield view.finding("outliers", channel, "warning", text, figures)
 
 
-def _noise(view: View, channel: str, rig: Rig) -> Iterator[Finding]:
-    expected = float(getattr(rig.noise, channel, 0.0))
+def _noise(view: View, channel: str, rig: Rig | None) -> Iterator[Finding]:
+    expected = 0.0 if rig is None else float(getattr(rig.noise, channel, 0.0))
     if expected <= 0.0 or channel == "current_A":  # what the drive makes of counts is no noise: see the drive's law
         return
     yield from noise_finding(view, channel, view.noise_sd[channel], expected)
@@ -115,17 +115,20 @@ def noise_finding(view: View, channel: str, seen: float, expected: float) -> Ite
     if seen > _NOISE_FACTOR * counted:
         text = f"{channel}: noise of {seen:.3g}, {seen / counted:.3g} times what the rig's `noise` says"
         yield view.finding("noise", channel, "warning", text, figures)
-    elif seen < expected / _NOISE_FACTOR:
+    elif (
+        seen < expected / _NOISE_FACTOR and expected > 1.1 * view.quanta[channel]
+    ):  # counts while it stands have no noise
         text = (
             f"{channel}: noise of {seen:.3g} only, the rig's `noise` says {expected:.3g}: filtered, or another sensor"
         )
         yield view.finding("noise", channel, "warning", text, figures)
 
 
-def _quantum(view: View, channel: str, rig: Rig) -> Iterator[Finding]:
+def _quantum(view: View, channel: str, rig: Rig | None) -> Iterator[Finding]:
     quantum = view.quanta[channel]
     if channel == "theta_m_rad":
-        yield from _encoder(view, quantum, rig.encoder.counts_per_rev)
+        if rig is not None:
+            yield from _encoder(view, quantum, rig.encoder.counts_per_rev)
     elif quantum > 0.0:
         steps = float(np.ptp(view.columns[channel])) / quantum
         if steps < _COARSE_STEPS:

@@ -5,10 +5,11 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import correlate, lfilter
+from scipy.signal import correlate
 
 from hil_forceps.diagnosis.audit_channels import noise_finding
 from hil_forceps.diagnosis.audit_finding import Finding, View
+from hil_forceps.model.drive_law import DriveState, law_current, law_vector
 from hil_forceps.rig.schema import Rig
 from hil_forceps.rig.sections import DriveLaw
 from hil_forceps.runs.table import Column
@@ -54,32 +55,16 @@ def best_match(x: Column, y: Column, expected_lag: int) -> Match:
 
 
 def commanded(theta_ref: Column, theta: Column, interval_s: float, law: DriveLaw) -> Column:
-    """Return what the law commands at each row, before its last clip, the integral starting at 0."""
-    error = theta_ref - theta
-    share = 1.0 - math.exp(-2.0 * math.pi * law.derivative_cutoff_Hz * interval_s)
-    raw = np.diff(theta, prepend=theta[:1]) / interval_s
-    velocity = lfilter([share], [1.0, share - 1.0], raw)
-    proportional = law.kp_A_per_rad * error - law.kd_A_s_per_rad * velocity
-    integral = law.ki_A_per_rad_s * interval_s * np.cumsum(error)
-    if np.max(np.abs(integral)) > law.current_limit_A:
-        integral = _clamped(law.ki_A_per_rad_s * interval_s * error, law.current_limit_A)
-    result: Column = proportional + integral
-    return result
+    """Return what the law commands at each row, taken as its samples, the integral starting at 0."""
+    numbers = law_vector(law.model_copy(update={"sample_time_s": interval_s}))
+    return law_current(numbers, theta_ref, theta, DriveState(0.0, math.nan, 0.0, 0.0))
 
 
-def _clamped(steps: Column, limit: float) -> Column:
-    total, totals = 0.0, []
-    for step in steps.tolist():
-        total = max(-limit, min(limit, total + step))
-        totals.append(total)
-    return np.array(totals)
-
-
-def audit_law(view: View, rig: Rig) -> Iterator[Finding]:
+def audit_law(view: View, rig: Rig | None) -> Iterator[Finding]:
     """Yield what current and law say of each other; nothing without a law, a reference or a current."""
-    law = rig.drive
+    law = None if rig is None else rig.drive
     needed = ("theta_m_ref_rad", "current_A")
-    if law is None or any(name not in view.columns for name in needed):
+    if rig is None or law is None or any(name not in view.columns for name in needed):
         yield from _clipped_without_law(view)
         return
     current, theta = view.piece("current_A"), view.piece("theta_m_rad")
@@ -90,7 +75,7 @@ def audit_law(view: View, rig: Rig) -> Iterator[Finding]:
     noise = view.noise_sd["current_A"]
     if np.std(current) < 4.0 * max(noise, rig.noise.current_A):
         return
-    match = best_match(np.clip(command, -law.current_limit_A, law.current_limit_A), current, 1)
+    match = best_match(command, current, 1)
     figures = {"slope": match.slope, "explained_share": match.share, "lag_rows": float(match.lag_rows)}
     ratio = view.interval_s / law.sample_time_s
     if match.share < _IS_LAW_AT_ALL:
@@ -110,7 +95,7 @@ def audit_law(view: View, rig: Rig) -> Iterator[Finding]:
         text = f"the rig's drive law explains only {100 * match.share:.0f} % of current_A: check its gains"
         yield view.finding("drive_law", "current_A", "warning", text, figures)
     if rig.noise.current_A > 0.0 and ratio < 1.5 and match.share > 0.99:
-        left = current[1:] - match.slope * np.clip(command[:-1], -law.current_limit_A, law.current_limit_A)
+        left = current[1:] - match.slope * command[:-1]
         seen = float(np.std(np.diff(left)) / math.sqrt(2.0))
         yield from noise_finding(view, "current_A", seen, rig.noise.current_A)
 
@@ -131,9 +116,7 @@ def _clipped(view: View, command: Column, current: Column, law: DriveLaw) -> Ite
     top = float(np.quantile(np.abs(current), 0.999))
     width = max(_PLATEAU_SD * view.noise_sd["current_A"], 1e-3 * top)
     at_top = np.abs(current[1:]) > top - width
-    # Asked: what the row before commanded, bounded as the drive does it.
-    asked = np.minimum(np.abs(command[:-1]), law.current_limit_A)
-    is_flat = at_top & (asked > top + 2.0 * width) & (np.sign(command[:-1]) == np.sign(current[1:]))
+    is_flat = at_top & (np.abs(command[:-1]) > top + 2.0 * width) & (np.sign(command[:-1]) == np.sign(current[1:]))
     at_limit = np.abs(current[1:]) > law.current_limit_A - width
     figures = {"level_A": top, "limit_A": law.current_limit_A}
     if _longest(at_limit) >= _CLIPPED_ROWS:

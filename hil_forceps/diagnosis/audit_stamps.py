@@ -16,7 +16,7 @@ _DRIFT_WORTH_TELLING = 1e-4
 _RATE_TOLERANCE = 0.01
 
 
-def audit_stamps(view: View, rig: Rig) -> Iterator[Finding]:
+def audit_stamps(view: View, rig: Rig | None) -> Iterator[Finding]:
     """Yield what the stamps of one run show."""
     intervals = np.diff(view.time_s)
     usual = view.interval_s
@@ -68,8 +68,8 @@ def _drift(view: View, regular: Column) -> Iterator[Finding]:
         yield view.finding("clock_drift", "time_s", "warning", text, {"relative_change": change})
 
 
-def _rate(view: View, rig: Rig) -> Iterator[Finding]:
-    if rig.drive is None:
+def _rate(view: View, rig: Rig | None) -> Iterator[Finding]:
+    if rig is None or rig.drive is None:
         return
     ratio = view.interval_s / rig.drive.sample_time_s
     whole = max(round(ratio), 1)

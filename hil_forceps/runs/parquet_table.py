@@ -44,6 +44,11 @@ def write_parquet(run: Run, path: str | Path) -> None:
     parquet.write_table(arrow.table({name: run.columns[name] for name in names}), path, compression="zstd")
 
 
+def require_parquet() -> None:
+    """UserError where pyarrow is missing."""
+    _pyarrow("pyarrow.parquet")
+
+
 def _columns(path: Path, arrow: Any, file: Any) -> tuple[dict[str, Column], list[str]]:
     names = list(file.schema_arrow.names)
     errors, notes = name_problems(names)

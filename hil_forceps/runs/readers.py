@@ -8,7 +8,7 @@ from pathlib import Path
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs import surgical_files
 from hil_forceps.runs.bus_frames import LOG_SUFFIXES
-from hil_forceps.runs.csv_table import read_csv
+from hil_forceps.runs.csv_table import Progress, read_csv
 from hil_forceps.runs.surgical_tool import COLUMN_COUNT, iter_surgical_tool, jaw_side, parse_table, to_run
 from hil_forceps.runs.table import Run
 
@@ -26,18 +26,19 @@ _CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]{3,8}#")
 _NEEDS_MAGIC = frozenset({".mcap", ".parquet", ".zip", ".blf", ".mat"})
 
 
-def read_run(path: str | Path) -> list[Run]:
+def read_run(path: str | Path, progress: Progress | None = None) -> list[Run]:
     """Return every run in a file or folder, at least one.
 
     A file is a CSV, a Parquet file, a recording of the service (MCAP), a bus log (candump, ASC, BLF, TRC), a text of
     the surgical tool or a zip of them, or an EMPS `.mat`. A folder is a data set of the surgical tool, or holds any
     of these; its bus logs are read only when nothing else in it is a run, for the service writes both of one run.
-    Raises UserError, with the place in the file where there is one, for whatever can't be used.
+    `progress` is told bytes read and bytes in all, of each CSV. Raises UserError, with the place in the file where
+    there is one, for whatever can't be used.
     """
     path = Path(path)
     try:
         if path.is_dir():
-            return _folder(path)
+            return _folder(path, progress)
         if not path.is_file():
             raise UserError(f"{path}: {'neither file nor folder' if path.exists() else 'no such file or folder'}")
         with path.open("rb") as file:
@@ -47,6 +48,8 @@ def read_run(path: str | Path) -> list[Run]:
     if not head:
         raise UserError(f"{path}: is empty; nothing was written to it")
     kind = kind_of(path, head)
+    if kind == ".csv":
+        return [read_csv(path, progress)]
     reader = _READERS.get(kind)
     if reader is None:
         raise UserError(f"{path}: {kind} files are not read; give CSV, Parquet, MCAP, a bus log or a MATLAB 5 file")
@@ -112,7 +115,6 @@ def _emps(path: Path) -> list[Run]:
 
 
 _READERS: dict[str, Callable[[Path], list[Run]]] = {
-    ".csv": lambda path: [read_csv(path)],
     ".parquet": _parquet,
     ".mcap": _recording,
     ".zip": lambda path: list(iter_surgical_tool(path)),
@@ -120,24 +122,24 @@ _READERS: dict[str, Callable[[Path], list[Run]]] = {
     ".mat": _emps,
     **dict.fromkeys(LOG_SUFFIXES, _bus_log),
 }
-RUN_SUFFIXES = frozenset(_READERS)
+RUN_SUFFIXES = frozenset({".csv", *_READERS})
 
 
-def _folder(path: Path) -> list[Run]:
+def _folder(path: Path, progress: Progress | None) -> list[Run]:
     files = sorted(file for file in path.iterdir() if file.suffix.lower() in RUN_SUFFIXES and file.is_file())
     plain = [file for file in files if file.suffix.lower() not in LOG_SUFFIXES | {".txt"}]
     if plain:
-        return _all(plain)
+        return _all(plain, progress)
     logs = [file for file in files if file.suffix.lower() in LOG_SUFFIXES]
-    return _all(logs) if logs else list(iter_surgical_tool(path))
+    return _all(logs, progress) if logs else list(iter_surgical_tool(path))
 
 
-def _all(files: Iterable[Path]) -> list[Run]:
+def _all(files: Iterable[Path], progress: Progress | None) -> list[Run]:
     runs: list[Run] = []
     problems: list[str] = []
     for file in files:
         try:
-            runs += read_run(file)
+            runs += read_run(file, progress)
         except UserError as error:
             problems += error.problems
     if problems:
