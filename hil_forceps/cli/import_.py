@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.reading import bar, read_sources, show_audit
 from hil_forceps.diagnosis.audit import audit
 from hil_forceps.rig import load_rig
@@ -44,7 +45,7 @@ def import_(
     known = None if rig is None else load_rig(rig)
     if form == "parquet":
         require_parquet()
-    with bar() as progress:
+    with telling_when_compiling(), bar() as progress:
         found = read_sources(source, progress)
         make_folder(out)
         paths = _paths(found, out, form)

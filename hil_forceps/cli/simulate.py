@@ -11,6 +11,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.reading import bar, read_sources
 from hil_forceps.diagnosis.beside import Beside, simulate_beside
 from hil_forceps.report.beside import SHOWN, beside_figure
@@ -37,7 +38,7 @@ def simulate(rig: Path, *, like: Path, out: Path | None = None) -> int:
     known = load_rig(rig)
     if out is not None:
         make_folder(out)
-    with bar() as progress:
+    with telling_when_compiling(), bar() as progress:
         runs = [run for _, run in read_sources([like], progress)]
         task = progress.add_task("simulating", total=len(runs))
         results = []
@@ -85,8 +86,8 @@ def _print(results: list[Beside]) -> None:
             errors = [f"{shown.error_scale * error:.4g}" for error in (result.rmse(channel), result.scatter(channel))]
             table.add_row(result.name, channel, *errors, share, shown.error_unit)
     Console().print(table)
-    loops = {"closed loop" if result.is_closed_loop else "driven by the measured motion" for result in results}
-    sys.stdout.write(f"simulated in {' and '.join(sorted(loops))}\n")
+    loops = {"in closed loop" if result.is_closed_loop else "driven by the measured motion" for result in results}
+    sys.stdout.write(f"simulated: {', '.join(sorted(loops))}\n")
     for result in results:
         for note in result.notes:
             sys.stdout.write(f"{result.name}: {note}\n")

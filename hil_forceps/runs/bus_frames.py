@@ -17,31 +17,31 @@ class Stamped(NamedTuple):
     frame: Frame
 
 
-def read_frames(path: Path) -> Iterator[Stamped]:
+def read_frames(path: Path, kind: str = "") -> Iterator[Stamped]:
     """Yield the data frames with 11-bit ids; others on the same bus are passed over.
 
-    The suffix says the format. UserError when there is no such file or it can't be read as that.
+    `kind`, one of `LOG_SUFFIXES`, says the format, else the suffix does. UserError when there is no such file or it can't be read as that.
     """
     import can  # noqa: PLC0415 - a third of a second that only this branch needs
 
+    kind = kind or path.suffix.lower()
     try:
         # Opened here: a reader of python-can that refuses a file's head leaves the file open.
-        with _open(path) as file:
-            for message in _reader(can, path)(file):
+        with _open(path, kind) as file:
+            for message in _reader(can, kind)(file):
                 if message.is_error_frame or message.is_remote_frame or message.is_extended_id:
                     continue
                 yield Stamped(message.timestamp, Frame(message.arbitration_id, bytes(message.data), message.is_fd))
     except OSError as error:
-        raise UserError(f"{path}: not readable as a {path.suffix} log: {error.strerror or error}") from error
+        raise UserError(f"{path}: not readable as a {kind} log: {error.strerror or error}") from error
     except Exception as error:  # python-can's readers raise whatever their parsers raise on a broken file
-        raise UserError(f"{path}: not readable as a {path.suffix} log: {error}") from error
+        raise UserError(f"{path}: not readable as a {kind} log: {error}") from error
 
 
-def _open(path: Path) -> IO[Any]:
-    is_binary = path.suffix.lower() == ".blf"
-    return path.open("rb") if is_binary else path.open(encoding="utf-8")
+def _open(path: Path, kind: str) -> IO[Any]:
+    return path.open("rb") if kind == ".blf" else path.open(encoding="utf-8")
 
 
-def _reader(can: Any, path: Path) -> Any:
+def _reader(can: Any, kind: str) -> Any:
     readers = {".log": can.CanutilsLogReader, ".asc": can.ASCReader, ".blf": can.BLFReader, ".trc": can.TRCReader}
-    return readers[path.suffix.lower()]
+    return readers[kind]

@@ -94,17 +94,17 @@ class _Drive:
         return (*notes, f"{refused} frames of the log are not of this protocol") if refused else tuple(notes)
 
 
-def read_bus_log(path: str | Path) -> list[Run]:
+def read_bus_log(path: str | Path, kind: str = "") -> list[Run]:
     """Return a run for each drive in the log, and for each time it was switched on and became operational.
 
-    Raises UserError when the log can't be read or no drive in it ever became operational.
+    `kind` as for `read_frames`. Raises UserError when the log can't be read or no drive in it ever became operational.
     """
     path = Path(path)
     decoder = Decoder()
     drives: dict[int, list[_Drive]] = {}
     begin_s: float | None = None
     count = 0
-    for stamped in read_frames(path):
+    for stamped in read_frames(path, kind):
         message = decoder.decode(stamped.frame)
         if message is None:
             continue

@@ -102,10 +102,13 @@ def _parquet(path: Path) -> list[Run]:
     return [read_parquet(path)]
 
 
-def _bus_log(path: Path) -> list[Run]:
-    from hil_forceps.runs.bus_run import read_bus_log  # noqa: PLC0415 - as above
+def _bus_log(kind: str) -> Callable[[Path], list[Run]]:
+    def read(path: Path) -> list[Run]:
+        from hil_forceps.runs.bus_run import read_bus_log  # noqa: PLC0415 - as above
 
-    return read_bus_log(path)
+        return read_bus_log(path, kind)
+
+    return read
 
 
 def _emps(path: Path) -> list[Run]:
@@ -120,7 +123,7 @@ _READERS: dict[str, Callable[[Path], list[Run]]] = {
     ".zip": lambda path: list(iter_surgical_tool(path)),
     ".txt": _surgical_text,
     ".mat": _emps,
-    **dict.fromkeys(LOG_SUFFIXES, _bus_log),
+    **{kind: _bus_log(kind) for kind in LOG_SUFFIXES},
 }
 RUN_SUFFIXES = frozenset({".csv", *_READERS})
 
