@@ -20,7 +20,8 @@ class Stamped(NamedTuple):
 def read_frames(path: Path, kind: str = "") -> Iterator[Stamped]:
     """Yield the data frames with 11-bit ids; others on the same bus are passed over.
 
-    `kind`, one of `LOG_SUFFIXES`, says the format, else the suffix does. UserError when there is no such file or it can't be read as that.
+    `kind`, one of `LOG_SUFFIXES`, says the format, else the suffix does. UserError when there is no such file or it
+    can't be read as that.
     """
     import can  # noqa: PLC0415 - a third of a second that only this branch needs
 

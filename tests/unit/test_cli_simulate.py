@@ -30,7 +30,7 @@ def a_run(rig: Rig, name: str = "a", scale: float = 1.0) -> Run:
     """Simulate finely from rest, with the load in steps between rows, and keep what a bench records."""
     theta = vector(rig)
     theta[0] *= scale
-    time_s: Column = np.arange(COUNT) * 1e-3
+    time_s: Column = np.arange(COUNT, dtype=np.float64) / 1000
     reference: Column = 0.6 + 0.3 * np.sin(3 * time_s)
     load: Column = 1e-3 * (1 - np.cos(4 * time_s))
     inputs = closed_loop.Inputs(time_s, reference, load, np.empty(0, np.int64), np.empty(0))
