@@ -7,7 +7,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
 from cyclopts import Parameter
 
@@ -17,6 +17,7 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.messages import Control, DriveState, FaultReason, Message, ParamOp
 from firmware_protocol.serial_framing import SerialReader
 from hil_forceps.rig.errors import UserError
+from hil_forceps.runs.bus_frames import LOG_SUFFIXES, Stamped, read_frames
 
 # One field of a message in SI: its name there and the size of a wire unit.
 _IN_SI = {
@@ -33,17 +34,9 @@ _CANDUMP = re.compile(
     r"(?P<id>[0-9A-Fa-f]{8}|[0-9A-Fa-f]{3})#(?:(?P<remote>R\d?)|(?P<fd>#[0-9A-Fa-f])?(?P<data>(?:[0-9A-Fa-f]{2})*))"
     r"(?:\s+[RT])?"
 )
-_LOG_SUFFIXES = {".log", ".asc", ".blf", ".trc"}
 _SERIAL_SUFFIXES = {".bin"}
 _CHUNK_BYTES = 1 << 16
 _STANDARD_ID_DIGITS = 3
-
-
-class Stamped(NamedTuple):
-    """A frame and when it was on the bus; None where nobody said."""
-
-    time_s: float | None
-    frame: Frame
 
 
 class Printer(Protocol):
@@ -141,10 +134,10 @@ def _file(path: Path, torn: Counter[str]) -> Iterator[Stamped]:
     suffix = path.suffix.lower()
     if suffix in _SERIAL_SUFFIXES:
         yield from _serial_capture(path, torn)
-    elif suffix in _LOG_SUFFIXES:
-        yield from _bus_log(path)
+    elif suffix in LOG_SUFFIXES:
+        yield from read_frames(path)
     else:
-        known = " ".join(sorted(_LOG_SUFFIXES | _SERIAL_SUFFIXES))
+        known = " ".join(sorted(LOG_SUFFIXES | _SERIAL_SUFFIXES))
         raise UserError(f"{path}: unknown kind of log '{path.suffix}'; known are {known}")
 
 
@@ -155,19 +148,6 @@ def _serial_capture(path: Path, torn: Counter[str]) -> Iterator[Stamped]:
             for frame in reader.feed(chunk):
                 yield Stamped(None, frame)
     torn.update({name: count for name, count in reader.counters.items() if count})
-
-
-def _bus_log(path: Path) -> Iterator[Stamped]:
-    import can  # noqa: PLC0415 - a third of a second that only this branch needs
-
-    try:
-        with can.LogReader(path) as reader:
-            for message in reader:
-                if message.is_error_frame or message.is_remote_frame or message.is_extended_id:
-                    continue
-                yield Stamped(message.timestamp, Frame(message.arbitration_id, bytes(message.data), message.is_fd))
-    except Exception as error:  # python-can's readers raise whatever their parsers raise on a broken file
-        raise UserError(f"{path}: not readable as a {path.suffix} log: {error}") from error
 
 
 def _label(message: Message | None, reason: str) -> str:

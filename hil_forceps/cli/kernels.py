@@ -1,6 +1,8 @@
 """Compiled kernels made ready before anything is timed, and said so when that means compiling."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from numba.core import event
 
@@ -27,9 +29,16 @@ class _Announcer(event.Listener):
         """Nothing to say."""
 
 
+@contextmanager
+def telling_when_compiling() -> Iterator[None]:
+    """Tell the user on standard error when something inside has to be compiled."""
+    with event.install_listener("numba:compile", _Announcer()):
+        yield
+
+
 def ready_kernels(rig: Rig, sample_time_s: float) -> None:
     """Call every kernel of the estimators once; tell the user on standard error when that means compiling."""
-    with event.install_listener("numba:compile", _Announcer()):
+    with telling_when_compiling():
         for name in ESTIMATOR_IDS:
             estimator = make_estimator(name, rig, sample_time_s)
             state = estimator.start(Sample(0, 0.0, 0.0))

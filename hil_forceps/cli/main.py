@@ -29,6 +29,8 @@ for _name, _path, _help in (
     ("conformance", "conformance:conformance", "Run the protocol's requirements against a drive; write a certificate."),
     ("decode", "decode:decode", "Turn frames or bus logs into readable signals."),
     ("replay", "replay:replay", "Send a recording, or a measured run of a real forceps, through the estimators."),
+    ("import", "import_:import_", "Turn measured runs of any known format into the project's own; audit them."),
+    ("simulate", "simulate:simulate", "Simulate beside a measured run, as it was driven; compare channel by channel."),
     ("info", "info:info", "Say what is installed and reachable, and what a rig file means."),
 ):
     # `drive` hands its whole line on, the call for help too: only the drive itself knows its options.

@@ -1,0 +1,48 @@
+"""Frames out of the bus logs that python-can reads: candump, ASC, BLF, TRC."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+from firmware_protocol.frames import Frame
+from hil_forceps.rig.errors import UserError
+
+LOG_SUFFIXES = frozenset({".log", ".asc", ".blf", ".trc"})
+
+
+class Stamped(NamedTuple):
+    """A frame and when it was on the bus; None where nobody said."""
+
+    time_s: float | None
+    frame: Frame
+
+
+def read_frames(path: Path, kind: str = "") -> Iterator[Stamped]:
+    """Yield the data frames with 11-bit ids; others on the same bus are passed over.
+
+    `kind`, one of `LOG_SUFFIXES`, says the format, else the suffix does. UserError when there is no such file or it
+    can't be read as that.
+    """
+    import can  # noqa: PLC0415 - a third of a second that only this branch needs
+
+    kind = kind or path.suffix.lower()
+    try:
+        # Opened here: a reader of python-can that refuses a file's head leaves the file open.
+        with _open(path, kind) as file:
+            for message in _reader(can, kind)(file):
+                if message.is_error_frame or message.is_remote_frame or message.is_extended_id:
+                    continue
+                yield Stamped(message.timestamp, Frame(message.arbitration_id, bytes(message.data), message.is_fd))
+    except OSError as error:
+        raise UserError(f"{path}: not readable as a {kind} log: {error.strerror or error}") from error
+    except Exception as error:  # python-can's readers raise whatever their parsers raise on a broken file
+        raise UserError(f"{path}: not readable as a {kind} log: {error}") from error
+
+
+def _open(path: Path, kind: str) -> IO[Any]:
+    return path.open("rb") if kind == ".blf" else path.open(encoding="utf-8")
+
+
+def _reader(can: Any, kind: str) -> Any:
+    readers = {".log": can.CanutilsLogReader, ".asc": can.ASCReader, ".blf": can.BLFReader, ".trc": can.TRCReader}
+    return readers[kind]
