@@ -1,0 +1,238 @@
+"""Figures of residuals over what drives them: variables, loops, spectra."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from hil_forceps.diagnosis.result import Diagnosis, RunEvidence
+from hil_forceps.report.diagnosis_bins import MOST_ROWS, binned, edges_of, spectrum, strided
+from hil_forceps.report.diagnosis_names import (
+    axis_label,
+    quantity,
+    scale_for,
+)
+from hil_forceps.report.diagnosis_traces import LETTERS, legend
+from hil_forceps.report.diagnosis_view import (
+    FLOOR,
+    LOOKS,
+    MEASURED,
+    channels,
+    floor_of,
+    residual,
+    simulated,
+    stages,
+    telling_window,
+)
+from hil_forceps.report.style import DOUBLE_COLUMN, REFERENCE, house_style, new_figure, panel_letter
+from hil_forceps.report.traces import Array
+
+ORDER = ("theta", "omega", "tension", "time_since_reversal", "load", "acceleration", "elongation", "time")
+MOST_PANELS = 6
+LOGARITHMIC = ("time_since_reversal",)
+LEVELS = 40  # of the density, up the residual's axis
+MOST_LOOP_POINTS = 3000
+LOOP_ROWS = 20_000  # longer runs: only that many rows round the worst place
+
+
+def variables_figure(diagnosis: Diagnosis, channel: str) -> Figure | None:
+    """Residual of a channel over each variable, all runs: density, and mean with its 95 % interval, before and after.
+
+    The variables over which the residual varies most come first where that is known. None when there is none.
+    """
+    names = _variables(diagnosis, channel)[:MOST_PANELS]
+    pooled = {name: _pooled(diagnosis, channel, name) for name in names}
+    names = [name for name in names if edges_of(pooled[name][0], logarithmic=name in LOGARITHMIC) is not None]
+    if not names:
+        return None
+    before, after = stages(diagnosis)[0], stages(diagnosis)[-1]
+    everything = np.concatenate([pooled[name][1][stage] for name in names[:1] for stage in (before, after)])
+    finite = everything[np.isfinite(everything)]
+    low, high = np.quantile(finite, [0.002, 0.998]) if finite.size else (-1.0, 1.0)
+    scale = scale_for(quantity(channel).unit, [low, high])
+    with house_style():
+        columns = min(len(names), 3)
+        lines = -(-len(names) // columns)
+        figure = new_figure(DOUBLE_COLUMN, 14 + 44 * lines)
+        grid = figure.subplots(lines, columns, sharey=True, squeeze=False)
+        for axes, name, letter in zip(grid.flat, names, LETTERS, strict=False):
+            variable, values = pooled[name]
+            _over(axes, name, variable, {stage: part * scale.factor for stage, part in values.items()})
+            panel_letter(axes, letter)
+        for axes in list(grid.flat)[len(names) :]:
+            axes.set_visible(False)
+        margin = 0.05 * (high - low) or 1.0
+        grid[0, 0].set_ylim((low - margin) * scale.factor, (high + margin) * scale.factor)
+        for axes in grid[:, 0]:
+            axes.set_ylabel(f"residual of {axis_label(channel, scale)}")
+        legend(figure)
+    return figure
+
+
+def loops_figure(diagnosis: Diagnosis, run: RunEvidence) -> Figure | None:
+    """Current or torque over the motor's angle, and angle over load, measured and simulated; None without either."""
+    pairs = _loops(run)
+    if not pairs:
+        return None
+    window = telling_window(diagnosis, run)
+    middle = (window.start + window.stop) // 2
+    first = max(min(middle - LOOP_ROWS // 2, len(run.time_s) - LOOP_ROWS), 0)
+    part = slice(first, min(first + LOOP_ROWS, len(run.time_s)))
+    with house_style():
+        figure = new_figure(DOUBLE_COLUMN, 66 if len(pairs) < 3 else 56)
+        for axes, (over, name), letter in zip(
+            figure.subplots(1, len(pairs), squeeze=False)[0], pairs, LETTERS, strict=False
+        ):
+            _loop(axes, diagnosis, run, over, name, part)
+            panel_letter(axes, letter)
+        legend(figure)
+    return figure
+
+
+def spectra_figure(diagnosis: Diagnosis) -> Figure | None:
+    """Amplitude density of the residual of every channel, the runs' mean, against the floor of white noise."""
+    names = [name for name in channels(diagnosis) if _spectra(diagnosis, name, stages(diagnosis)[0])]
+    if not names:
+        return None
+    with house_style():
+        columns = min(len(names), 3)
+        lines = -(-len(names) // columns)
+        figure = new_figure(DOUBLE_COLUMN, 14 + 50 * lines)
+        grid = figure.subplots(lines, columns, squeeze=False)
+        for axes, name, letter in zip(grid.flat, names, LETTERS, strict=False):
+            _spectrum(axes, diagnosis, name)
+            panel_letter(axes, letter)
+        for axes in list(grid.flat)[len(names) :]:
+            axes.set_visible(False)
+        legend(figure)
+    return figure
+
+
+def _variables(diagnosis: Diagnosis, channel: str) -> list[str]:
+    known = dict.fromkeys(name for run in diagnosis.runs for name in run.variables)
+    known.setdefault("time", None)
+    share = {trend.variable: trend.before for trend in diagnosis.trends if trend.channel == channel}
+    order = {name: place for place, name in enumerate(ORDER)}
+    return sorted(known, key=lambda name: (-share.get(name, -1.0), order.get(name, len(order))))
+
+
+def _pooled(diagnosis: Diagnosis, channel: str, variable: str) -> tuple[Array, dict[str, Array]]:
+    """Rows of all runs that have both, thinned to what scatter can show; runs are kept apart by a row of NaN."""
+    rows = sum(len(run.time_s) for run in diagnosis.runs)
+    names = stages(diagnosis)
+    over: list[Array] = []
+    values: dict[str, list[Array]] = {stage: [] for stage in names}
+    gap = np.array([np.nan])
+    for run in diagnosis.runs:
+        column = run.time_s - run.time_s[0] if variable == "time" and len(run.time_s) else run.variables.get(variable)
+        parts = {stage: residual(run, stage, channel) for stage in names}
+        if column is None or any(part is None for part in parts.values()):
+            continue
+        stride = strided(rows, MOST_ROWS)
+        over += [column[stride], gap]
+        for stage, part in parts.items():
+            if part is not None:
+                values[stage] += [part[stride], gap]
+    if not over:
+        return np.zeros(0), {stage: np.zeros(0) for stage in names}
+    return np.concatenate(over), {stage: np.concatenate(parts) for stage, parts in values.items()}
+
+
+def _over(axes: Axes, name: str, variable: Array, values: dict[str, Array]) -> None:
+    logarithmic = name in LOGARITHMIC
+    edges = edges_of(variable, logarithmic=logarithmic)
+    if edges is None:
+        return
+    scale = scale_for(quantity(name).unit, [] if logarithmic else edges)
+    fine = edges_of(variable, logarithmic=logarithmic, bins=60)
+    first, last = next(iter(values)), list(values)[-1]
+    _density(axes, variable, values[first], fine if fine is not None else edges, scale.factor)
+    for stage in dict.fromkeys((first, last)):
+        mean = binned(variable, values[stage], edges)
+        look = LOOKS[stage]
+        axes.fill_between(mean.centre * scale.factor, mean.low, mean.high, color=look.color, alpha=0.3, lw=0)
+        axes.plot(
+            mean.centre * scale.factor, mean.mean, color=look.color, lw=1.1, marker=look.marker, ms=2, label=look.label
+        )
+    axes.axhline(0, color=REFERENCE, lw=0.4)
+    if logarithmic:
+        axes.set_xscale("log")
+    axes.set_xlim(edges[0] * scale.factor, edges[-1] * scale.factor)
+    axes.set_xlabel(axis_label(name, scale))
+
+
+def _density(axes: Axes, variable: Array, values: Array, edges: Array, factor: float) -> None:
+    good = np.isfinite(variable) & np.isfinite(values)
+    if not good.any():
+        return
+    low, high = np.quantile(values[good], [0.001, 0.999])
+    levels = np.linspace(low, high if high > low else low + 1.0, LEVELS + 1)
+    counts = np.histogram2d(variable[good], values[good], [edges, levels])[0].T
+    if counts.max() > 0:
+        shown = np.ma.masked_equal(counts, 0)
+        axes.pcolormesh(
+            edges * factor, levels, shown, cmap="Greys", norm=LogNorm(0.3, 3 * counts.max()), rasterized=True
+        )
+
+
+def _loops(run: RunEvidence) -> list[tuple[str, str]]:
+    drive = next((name for name in ("tau_m_N_m", "current_A") if name in run.measured), None)
+    pairs = []
+    if drive and "theta_m_rad" in run.measured:
+        pairs.append(("theta_m_rad", drive))
+    if "tau_w_N_m" in run.measured:
+        pairs += [("tau_w_N_m", name) for name in ("theta_j_rad", "theta_m_rad") if name in run.measured][:1]
+        if drive:
+            pairs.append(("tau_w_N_m", drive))
+    return pairs
+
+
+def _loop(axes: Axes, diagnosis: Diagnosis, run: RunEvidence, over: str, name: str, part: slice) -> None:
+    x_scale = scale_for(quantity(over).unit, run.measured[over][part])
+    y_scale = scale_for(quantity(name).unit, run.measured[name][part])
+    thin = strided(part.stop - part.start, MOST_LOOP_POINTS)
+    shown = {"measured": (MEASURED, run.measured[over], run.measured[name])}
+    for stage in stages(diagnosis):
+        columns = simulated(run, stage)
+        if over in columns or name in columns:
+            x, y = columns.get(over, run.measured[over]), columns.get(name, run.measured[name])
+            shown[stage] = (LOOKS[stage], x, y)
+    for look, x, y in shown.values():
+        width = 2.0 if look is MEASURED else 0.7
+        xs, ys = x[part][thin] * x_scale.factor, y[part][thin] * y_scale.factor
+        axes.plot(xs, ys, color=look.color, ls=look.dash, lw=width, label=look.label)
+    axes.set_xlabel(axis_label(over, x_scale))
+    axes.set_ylabel(axis_label(name, y_scale))
+
+
+def _spectra(diagnosis: Diagnosis, channel: str, stage: str) -> list[tuple[Array, Array]]:
+    found = []
+    for run in diagnosis.runs:
+        left = residual(run, stage, channel)
+        here = None if left is None else spectrum(run.time_s, left)
+        if here is not None:
+            found.append(here)
+    return found
+
+
+def _spectrum(axes: Axes, diagnosis: Diagnosis, channel: str) -> None:
+    means = {}
+    for stage in stages(diagnosis):
+        parts = _spectra(diagnosis, channel, stage)
+        grid = max((part[0] for part in parts), key=len)
+        power = np.mean([np.interp(grid, part[0], part[1] ** 2) for part in parts], axis=0)
+        means[stage] = (grid, np.sqrt(power))
+    scale = scale_for(quantity(channel).unit, np.concatenate([part[1] for part in means.values()]))
+    for stage, (grid, density) in means.items():
+        look = LOOKS[stage]
+        shown = density * scale.factor
+        axes.plot(grid, np.where(shown > 0, shown, np.nan), color=look.color, lw=0.8, label=look.label)
+    floor = floor_of(diagnosis, channel)
+    if floor is not None:
+        interval_s = float(np.median(np.diff(max((run.time_s for run in diagnosis.runs), key=len)[:10_000])))
+        level = floor * np.sqrt(2 * interval_s) * scale.factor
+        axes.axhline(level, color=FLOOR.color, ls=FLOOR.dash, lw=0.9, label="white noise of the floor")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("frequency (Hz)")
+    axes.set_ylabel(f"{quantity(channel).words}: residual ({scale.unit}/√Hz)")
