@@ -22,18 +22,15 @@ class Binned(NamedTuple):
     high: Array
 
 
-def edges_of(variable: Array, *, logarithmic: bool = False, bins: int = BINS) -> Array | None:
+def edges_of(variable: Array, *, bins: int = BINS) -> Array | None:
     """Return edges of equal bins over the middle 99 % of the finite values; None when they don't vary."""
     finite = variable[np.isfinite(variable)]
-    if logarithmic:
-        finite = np.log10(finite[finite > 0])
     if finite.size < bins:
         return None
     low, high = np.quantile(finite, [0.005, 0.995])
     if not high - low > 1e-9 * max(abs(low), abs(high)):
         return None
-    edges = np.linspace(low, high, bins + 1)
-    return 10.0**edges if logarithmic else edges
+    return np.linspace(low, high, bins + 1)
 
 
 def binned(variable: Array, values: Array, edges: Array) -> Binned:

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hil_forceps.diagnosis.result import Candidate, Diagnosis, Gain
+from hil_forceps.report.diagnosis_layout import LETTERS, legend
 from hil_forceps.report.diagnosis_names import parameter_words, quantity
-from hil_forceps.report.diagnosis_traces import LETTERS, legend
 from hil_forceps.report.diagnosis_view import BASELINE, EXTENDED, FLOOR
 from hil_forceps.report.style import (
     DOUBLE_COLUMN,

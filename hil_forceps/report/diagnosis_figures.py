@@ -79,9 +79,10 @@ def svg_image(figure: Figure, caption: str) -> str:
     stream = io.BytesIO()
     with house_style():
         mpl.rcParams["svg.hashsalt"] = "hil-forceps"
-        # lay out once and keep it: left on, the engine draws everything once more
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        if figure.get_layout_engine() is not None:
+            # lay out once and keep it: left on, the engine draws everything once more
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     data = base64.b64encode(stream.getvalue()).decode("ascii")
     return f'<img alt="{caption}" src="data:image/svg+xml;base64,{data}">'

@@ -19,7 +19,7 @@ class Quantity(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """A prefix that keeps the numbers on an axis between 1 and 1000."""
+    """A prefix that keeps the largest number on an axis between 0.1 and 1000."""
 
     factor: float
     unit: str
@@ -72,7 +72,9 @@ def scale_for(unit: str, values: Array | Sequence[float]) -> Scale:
     largest = float(finite.max()) if finite.size else 0.0
     if not unit or largest == 0:
         return Scale(1.0, unit)
-    thousands = max(min(math.floor(math.log10(largest) / 3 + 1e-9), 2), -3)
+    power = math.log10(largest) + 1e-9
+    thousands = math.floor(power / 3) if power >= 3 else min(math.floor((power + 1) / 3), 0)
+    thousands = max(min(thousands, 2), -3)
     if thousands > 0 and unit in _UNPREFIXED_ABOVE:
         thousands = 0
     return Scale(10.0 ** (-3 * thousands), _PREFIXES[thousands] + unit)

@@ -1,18 +1,21 @@
 """Figures of residuals over what drives them: variables, loops, spectra."""
 
+from typing import NamedTuple
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from hil_forceps.diagnosis.result import Diagnosis, RunEvidence
-from hil_forceps.report.diagnosis_bins import MOST_ROWS, binned, edges_of, spectrum, strided
+from hil_forceps.report.diagnosis_bins import MOST_ROWS, Binned, binned, edges_of, spectrum, strided
+from hil_forceps.report.diagnosis_layout import legend, letters, panels
 from hil_forceps.report.diagnosis_names import (
     axis_label,
     quantity,
     scale_for,
 )
-from hil_forceps.report.diagnosis_traces import LETTERS, legend
 from hil_forceps.report.diagnosis_view import (
     FLOOR,
     LOOKS,
@@ -24,7 +27,7 @@ from hil_forceps.report.diagnosis_view import (
     stages,
     telling_window,
 )
-from hil_forceps.report.style import DOUBLE_COLUMN, REFERENCE, house_style, new_figure, panel_letter
+from hil_forceps.report.style import REFERENCE, Look, house_style
 from hil_forceps.report.traces import Array
 
 ORDER = ("theta", "omega", "tension", "time_since_reversal", "load", "acceleration", "elongation", "time")
@@ -32,7 +35,14 @@ MOST_PANELS = 6
 LOGARITHMIC = ("time_since_reversal",)
 LEVELS = 40  # of the density, up the residual's axis
 MOST_LOOP_POINTS = 3000
+FINE_BINS = 60  # of the density, along the variable
 LOOP_ROWS = 20_000  # longer runs: only that many rows round the worst place
+
+
+class _Pooled(NamedTuple):
+    over: Array
+    values: dict[str, Array]  # residual by stage
+    direction: Array  # sign of the motor's speed, 0 where it isn't known
 
 
 def variables_figure(diagnosis: Diagnosis, channel: str) -> Figure | None:
@@ -42,31 +52,29 @@ def variables_figure(diagnosis: Diagnosis, channel: str) -> Figure | None:
     """
     names = _variables(diagnosis, channel)[:MOST_PANELS]
     pooled = {name: _pooled(diagnosis, channel, name) for name in names}
-    names = [name for name in names if edges_of(pooled[name][0], logarithmic=name in LOGARITHMIC) is not None]
+    names = [name for name in names if edges_of(_on_axis(name, pooled[name].over)) is not None]
     if not names:
         return None
     before, after = stages(diagnosis)[0], stages(diagnosis)[-1]
-    everything = np.concatenate([pooled[name][1][stage] for name in names[:1] for stage in (before, after)])
+    everything = np.concatenate([pooled[name].values[stage] for name in names[:1] for stage in (before, after)])
     finite = everything[np.isfinite(everything)]
     low, high = np.quantile(finite, [0.002, 0.998]) if finite.size else (-1.0, 1.0)
     scale = scale_for(quantity(channel).unit, [low, high])
     with house_style():
         columns = min(len(names), 3)
-        lines = -(-len(names) // columns)
-        figure = new_figure(DOUBLE_COLUMN, 14 + 44 * lines)
-        grid = figure.subplots(lines, columns, sharey=True, squeeze=False)
-        for axes, name, letter in zip(grid.flat, names, LETTERS, strict=False):
-            variable, values = pooled[name]
-            _over(axes, name, variable, {stage: part * scale.factor for stage, part in values.items()})
-            panel_letter(axes, letter)
-        for axes in list(grid.flat)[len(names) :]:
+        grid = panels([38.0] * -(-len(names) // columns), columns, gap_x_mm=5, gap_y_mm=13, sharey=True)
+        for axes, name in zip(grid.flat(), names, strict=False):
+            variable, values, direction = pooled[name]
+            _over(axes, name, variable, {stage: part * scale.factor for stage, part in values.items()}, direction)
+        for axes in grid.flat()[len(names) :]:
             axes.set_visible(False)
         margin = 0.05 * (high - low) or 1.0
-        grid[0, 0].set_ylim((low - margin) * scale.factor, (high + margin) * scale.factor)
-        for axes in grid[:, 0]:
-            axes.set_ylabel(f"residual of {axis_label(channel, scale)}")
-        legend(figure)
-    return figure
+        grid.axes[0][0].set_ylim((low - margin) * scale.factor, (high + margin) * scale.factor)
+        for axes in grid.column(0):
+            axes.set_ylabel(f"{quantity(channel).words}\nresidual ({scale.unit})")
+        letters(grid.flat()[: len(names)])
+        legend(grid.figure)
+    return grid.figure
 
 
 def loops_figure(diagnosis: Diagnosis, run: RunEvidence) -> Figure | None:
@@ -79,14 +87,12 @@ def loops_figure(diagnosis: Diagnosis, run: RunEvidence) -> Figure | None:
     first = max(min(middle - LOOP_ROWS // 2, len(run.time_s) - LOOP_ROWS), 0)
     part = slice(first, min(first + LOOP_ROWS, len(run.time_s)))
     with house_style():
-        figure = new_figure(DOUBLE_COLUMN, 66 if len(pairs) < 3 else 56)
-        for axes, (over, name), letter in zip(
-            figure.subplots(1, len(pairs), squeeze=False)[0], pairs, LETTERS, strict=False
-        ):
+        grid = panels([50.0], len(pairs), gap_x_mm=17)
+        for axes, (over, name) in zip(grid.flat(), pairs, strict=True):
             _loop(axes, diagnosis, run, over, name, part)
-            panel_letter(axes, letter)
-        legend(figure)
-    return figure
+        letters(grid.flat())
+        legend(grid.figure)
+    return grid.figure
 
 
 def spectra_figure(diagnosis: Diagnosis) -> Figure | None:
@@ -96,16 +102,14 @@ def spectra_figure(diagnosis: Diagnosis) -> Figure | None:
         return None
     with house_style():
         columns = min(len(names), 3)
-        lines = -(-len(names) // columns)
-        figure = new_figure(DOUBLE_COLUMN, 14 + 50 * lines)
-        grid = figure.subplots(lines, columns, squeeze=False)
-        for axes, name, letter in zip(grid.flat, names, LETTERS, strict=False):
+        grid = panels([44.0] * -(-len(names) // columns), columns, gap_x_mm=16, gap_y_mm=13)
+        for axes, name in zip(grid.flat(), names, strict=False):
             _spectrum(axes, diagnosis, name)
-            panel_letter(axes, letter)
-        for axes in list(grid.flat)[len(names) :]:
+        for axes in grid.flat()[len(names) :]:
             axes.set_visible(False)
-        legend(figure)
-    return figure
+        letters(grid.flat()[: len(names)])
+        legend(grid.figure)
+    return grid.figure
 
 
 def _variables(diagnosis: Diagnosis, channel: str) -> list[str]:
@@ -116,63 +120,80 @@ def _variables(diagnosis: Diagnosis, channel: str) -> list[str]:
     return sorted(known, key=lambda name: (-share.get(name, -1.0), order.get(name, len(order))))
 
 
-def _pooled(diagnosis: Diagnosis, channel: str, variable: str) -> tuple[Array, dict[str, Array]]:
+def _pooled(diagnosis: Diagnosis, channel: str, variable: str) -> _Pooled:
     """Rows of all runs that have both, thinned to what scatter can show; runs are kept apart by a row of NaN."""
     rows = sum(len(run.time_s) for run in diagnosis.runs)
-    names = stages(diagnosis)
-    over: list[Array] = []
-    values: dict[str, list[Array]] = {stage: [] for stage in names}
+    stride = strided(rows, MOST_ROWS)
     gap = np.array([np.nan])
+    over, direction = [np.zeros(0)], [np.zeros(0)]
+    values: dict[str, list[Array]] = {stage: [np.zeros(0)] for stage in stages(diagnosis)}
     for run in diagnosis.runs:
         column = run.time_s - run.time_s[0] if variable == "time" and len(run.time_s) else run.variables.get(variable)
-        parts = {stage: residual(run, stage, channel) for stage in names}
+        parts = {stage: residual(run, stage, channel) for stage in values}
         if column is None or any(part is None for part in parts.values()):
             continue
-        stride = strided(rows, MOST_ROWS)
         over += [column[stride], gap]
+        direction += [np.sign(run.variables.get("omega", np.zeros(len(column)))[stride]), gap]
         for stage, part in parts.items():
             if part is not None:
                 values[stage] += [part[stride], gap]
-    if not over:
-        return np.zeros(0), {stage: np.zeros(0) for stage in names}
-    return np.concatenate(over), {stage: np.concatenate(parts) for stage, parts in values.items()}
+    joined = {stage: np.concatenate(parts) for stage, parts in values.items()}
+    return _Pooled(np.concatenate(over), joined, np.concatenate(direction))
 
 
-def _over(axes: Axes, name: str, variable: Array, values: dict[str, Array]) -> None:
-    logarithmic = name in LOGARITHMIC
-    edges = edges_of(variable, logarithmic=logarithmic)
-    if edges is None:
+def _over(axes: Axes, name: str, variable: Array, values: dict[str, Array], direction: Array) -> None:
+    """Density before, means by direction before (friction hides in their average), mean after."""
+    scale = scale_for(quantity(name).unit, [] if name in LOGARITHMIC else variable)
+    shown = _on_axis(name, variable) * scale.factor
+    edges, fine = edges_of(shown), edges_of(shown, bins=FINE_BINS)
+    if edges is None or fine is None:
         return
-    scale = scale_for(quantity(name).unit, [] if logarithmic else edges)
-    fine = edges_of(variable, logarithmic=logarithmic, bins=60)
     first, last = next(iter(values)), list(values)[-1]
-    _density(axes, variable, values[first], fine if fine is not None else edges, scale.factor)
-    for stage in dict.fromkeys((first, last)):
-        mean = binned(variable, values[stage], edges)
-        look = LOOKS[stage]
-        axes.fill_between(mean.centre * scale.factor, mean.low, mean.high, color=look.color, alpha=0.3, lw=0)
-        axes.plot(
-            mean.centre * scale.factor, mean.mean, color=look.color, lw=1.1, marker=look.marker, ms=2, label=look.label
-        )
+    _density(axes, shown, values[first], fine)
     axes.axhline(0, color=REFERENCE, lw=0.4)
-    if logarithmic:
-        axes.set_xscale("log")
-    axes.set_xlim(edges[0] * scale.factor, edges[-1] * scale.factor)
+    look = LOOKS[first]
+    if name == "omega" or not np.any(direction > 0) or not np.any(direction < 0):
+        _mean(axes, binned(shown, values[first], edges), look)
+    else:
+        for sign, marker, word in ((1, "^", "forward"), (-1, "v", "backward")):
+            here = np.where(direction == sign, values[first], np.nan)
+            _mean(axes, binned(shown, here, edges), look._replace(marker=marker, label=f"{look.label}, {word}"))
+    if last != first:
+        _mean(axes, binned(shown, values[last], edges), LOOKS[last])
+    if name in LOGARITHMIC:
+        axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+        axes.xaxis.set_major_formatter(lambda power, _: f"$10^{{{power:.0f}}}$")
+    axes.set_xlim(edges[0], edges[-1])
     axes.set_xlabel(axis_label(name, scale))
 
 
-def _density(axes: Axes, variable: Array, values: Array, edges: Array, factor: float) -> None:
+def _on_axis(name: str, variable: Array) -> Array:
+    if name not in LOGARITHMIC:
+        return variable
+    return np.log10(variable, out=np.full(len(variable), np.nan), where=variable > 0)
+
+
+def _mean(axes: Axes, mean: Binned, look: Look) -> None:
+    axes.fill_between(mean.centre, mean.low, mean.high, color=look.color, alpha=0.3, lw=0)
+    axes.plot(mean.centre, mean.mean, color=look.color, lw=1.1, marker=look.marker, ms=2.4, label=look.label)
+
+
+def _density(axes: Axes, variable: Array, values: Array, edges: Array) -> None:
     good = np.isfinite(variable) & np.isfinite(values)
-    if not good.any():
+    low, high = np.quantile(values[good], [0.001, 0.999]) if good.any() else (0.0, 0.0)
+    if not high > low:
         return
-    low, high = np.quantile(values[good], [0.001, 0.999])
-    levels = np.linspace(low, high if high > low else low + 1.0, LEVELS + 1)
-    counts = np.histogram2d(variable[good], values[good], [edges, levels])[0].T
-    if counts.max() > 0:
-        shown = np.ma.masked_equal(counts, 0)
-        axes.pcolormesh(
-            edges * factor, levels, shown, cmap="Greys", norm=LogNorm(0.3, 3 * counts.max()), rasterized=True
-        )
+    counts = np.histogram2d(variable[good], values[good], (FINE_BINS, LEVELS), ((edges[0], edges[-1]), (low, high)))[0]
+    shown = np.ma.masked_equal(counts.T, 0)
+    axes.imshow(
+        shown,
+        extent=(edges[0], edges[-1], low, high),
+        origin="lower",
+        aspect="auto",
+        cmap="Greys",
+        norm=LogNorm(0.3, 4 * max(float(counts.max()), 1.0)),
+        interpolation="none",
+    )
 
 
 def _loops(run: RunEvidence) -> list[tuple[str, str]]:

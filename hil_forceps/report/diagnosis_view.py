@@ -51,7 +51,7 @@ def residual(run: RunEvidence, stage: str, channel: str) -> Array | None:
 def rms(values: Array) -> float:
     """Root mean square of what is finite, 0 when nothing is."""
     finite = values[np.isfinite(values)]
-    return math.sqrt(float(np.dot(finite, finite)) / finite.size) if finite.size else 0.0
+    return math.sqrt(float(np.mean(np.square(finite)))) if finite.size else 0.0
 
 
 def floor_of(diagnosis: Diagnosis, channel: str) -> float | None:

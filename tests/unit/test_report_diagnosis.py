@@ -1,8 +1,11 @@
 """The page of a diagnosis: every verdict gives one that makes sense, offline, small, and the same bytes again."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.result import (
@@ -20,7 +23,9 @@ from hil_forceps.diagnosis.result import (
     Trend,
     Verdict,
 )
+from hil_forceps.report.diagnosis import write_report
 
+State = Literal["named", "tied", "weaker", "below threshold", "at a bound", "not excited", "nuisance"]
 Vector = NDArray[np.float64]
 NOISE = {"theta_m_rad": 2e-4, "current_A": 1e-3, "theta_j_rad": 2e-4}
 
@@ -86,10 +91,9 @@ def wire_slack(*, runs: int = 6, jaw: bool = True) -> Diagnosis:
            "stribeck_friction", "presliding_friction", "encoder_scale", "current_offset", "wire_creep", "viscous_drift",
            "torque_ripple", "actuation_delay", "pulley_eccentricity")  # fmt: skip
     first = tuple(
-        Candidate(one, 0, 4200.0 / 2.1**place, 14.0, ("named", *["weaker"] * 7, *["below threshold"] * 7)[place])
-        for place, one in enumerate(ids)
+        Candidate(one, 0, 4200.0 / 2.1**place, 14.0, "weaker" if place else "named") for place, one in enumerate(ids)
     )
-    states = ("named", "tied", "weaker", "nuisance", "at a bound", "not excited")
+    states: tuple[State, ...] = ("named", "tied", "weaker", "nuisance", "at a bound", "not excited")
     second = tuple(
         Candidate(one, 1, 310.0 / 2.6**place, 14.0, state)
         for place, (one, state) in enumerate(zip(ids[1:], states, strict=False))
