@@ -81,6 +81,16 @@ def spectrum(time_s: Array, values: Array) -> tuple[Array, Array] | None:
     return np.asarray(frequency[2:], dtype=np.float64), np.sqrt(power[2:])  # the first two belong to the mean taken out
 
 
+def smoothed(frequency: Array, density: Array, bins: int = 150) -> tuple[Array, Array]:
+    """Average power in bins of equal ratio, so that a logarithmic axis isn't black at its right end."""
+    edges = np.geomspace(frequency[0], frequency[-1] * (1 + 1e-9), bins + 1)
+    place = np.searchsorted(edges, frequency, side="right") - 1
+    rows = np.bincount(place, minlength=bins)
+    full = rows > 0
+    power = np.bincount(place, weights=density**2, minlength=bins)[full] / rows[full]
+    return np.bincount(place, weights=frequency, minlength=bins)[full] / rows[full], np.sqrt(power)
+
+
 def strided(rows: int, most: int) -> slice:
     """Return a stride that keeps at most about `most` of so many rows."""
     return slice(None, None, max(-(-rows // most), 1))

@@ -4,11 +4,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from hil_forceps.diagnosis.result import Candidate, Diagnosis, Gain
-from hil_forceps.report.diagnosis_layout import LETTERS, legend
+from hil_forceps.report.diagnosis_layout import legend, letters, panels
 from hil_forceps.report.diagnosis_names import parameter_words, quantity
 from hil_forceps.report.diagnosis_view import BASELINE, EXTENDED, FLOOR
 from hil_forceps.report.style import (
@@ -33,7 +36,8 @@ STATE_COLORS = {
     "below threshold": "#c8c8c8",
     "not excited": "#ececec",
 }
-ROW_MM = 5.0
+ROW_MM = 4.2
+LABELS_MM = 36.0  # room for the longest id
 
 
 def balances_figure(diagnosis: Diagnosis) -> Figure:
@@ -67,22 +71,22 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
     """Score of every entry of the catalogue against what chance gives, one panel per step of the choice."""
     steps = sorted({candidate.step for candidate in diagnosis.candidates})[:4]
     groups = [_best([c for c in diagnosis.candidates if c.step == step]) for step in steps]
-    most = max(len(group) for group in groups)
     with house_style():
         columns = min(len(steps), 2)
-        lines = -(-len(steps) // columns)
-        figure = new_figure(DOUBLE_COLUMN, (18 + ROW_MM * most) * lines)
-        panels = figure.subplots(lines, columns, squeeze=False)
+        rows = [max(len(group) for group in groups[at : at + columns]) for at in range(0, len(groups), columns)]
+        heights = [ROW_MM * most for most in rows]
+        grid = panels(heights, columns, left_mm=LABELS_MM, gap_x_mm=LABELS_MM, gap_y_mm=16)
         named: list[str] = []
-        for axes, step, group, letter in zip(panels.flat, steps, groups, LETTERS, strict=False):
-            _candidates(axes, group)
-            panel_letter(axes, letter)
-            axes.set_title("beside the refitted rig" if step == 0 else f"once {' and '.join(named) or 'more'} joined")
+        for place, (axes, step, group) in enumerate(zip(grid.flat(), steps, groups, strict=False)):
+            _candidates(axes, group, rows[place // columns])
+            added = named[0] if len(named) == 1 else f"{len(named)} effects"
+            axes.set_title("beside the refitted rig" if step == 0 else f"beside the rig with {added}")
             named += [c.id.replace("_", " ") for c in group if c.state == "named"]
-        for axes in list(panels.flat)[len(steps) :]:
+        for axes in grid.flat()[len(steps) :]:
             axes.set_visible(False)
-        legend(figure)
-    return figure
+        letters(grid.flat()[: len(steps)])
+        _legend_of_states(grid.figure, {candidate.state for group in groups for candidate in group})
+    return grid.figure
 
 
 def shifts_figure(diagnosis: Diagnosis) -> Figure | None:
@@ -154,22 +158,29 @@ def _best(group: Sequence[Candidate]) -> list[Candidate]:
     return sorted(group, key=lambda c: -(c.score if math.isfinite(c.score) else -math.inf))[:MOST_CANDIDATES]
 
 
-def _candidates(axes: Axes, group: Sequence[Candidate]) -> None:
-    rows = range(len(group))
+def _candidates(axes: Axes, group: Sequence[Candidate], rows: int) -> None:
     scores = [max(c.score, 0.0) if math.isfinite(c.score) else 0.0 for c in group]
-    for state, color in STATE_COLORS.items():
-        here = [row for row in rows if group[row].state == state]
-        if here:
-            axes.barh(here, [scores[row] for row in here], color=color, edgecolor=INK, lw=0.3, height=0.7, label=state)
+    colors = [STATE_COLORS[c.state] for c in group]
+    axes.barh(range(len(group)), scores, color=colors, edgecolor=INK, lw=0.3, height=0.7)
     for row, candidate in enumerate(group):
         if math.isfinite(candidate.threshold):
-            label = "chance, 1 % of data sets" if row == 0 else "_again"
-            axes.plot([candidate.threshold] * 2, [row - 0.45, row + 0.45], color=INK, lw=1.2, label=label)
+            axes.plot([candidate.threshold] * 2, [row - 0.45, row + 0.45], color=INK, lw=1.2)
     axes.set_xscale("symlog", linthresh=10)
     thresholds = [c.threshold for c in group if math.isfinite(c.threshold)]
     axes.set_xlim(0, 2 * max([*scores, *thresholds, 1.0]))
     _rows(axes, [c.id.replace("_", " ") for c in group])
+    axes.set_ylim(rows - 0.4, -0.6)
     axes.set_xlabel(r"fall of the misfit, $\Delta\chi^2$")
+
+
+def _legend_of_states(figure: Figure, states: set[str]) -> None:
+    handles: list[Artist] = [
+        Patch(facecolor=color, edgecolor=INK, lw=0.3, label=state)
+        for state, color in STATE_COLORS.items()
+        if state in states
+    ]
+    handles.append(Line2D([], [], color=INK, lw=1.2, label="chance"))
+    figure.legend(handles=handles, loc="upper center", ncols=len(handles), columnspacing=1.0)
 
 
 def _error(axes: Axes, row: int, gain: Gain) -> None:

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from hil_forceps.report.style import DOUBLE_COLUMN, MM, panel_letter
 
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
-LABEL_MM = 9.0  # from an axis to its label: five figures and a sign
-LEFT_MM = 17.0  # two lines of label left of that
+LABEL_MM = 8.0  # from an axis to its label: five figures and a sign
+LEFT_MM = 17.5  # two lines of label left of that
 TOP_MM = 12.0  # legend and titles
 BOTTOM_MM = 9.5
 RIGHT_MM = 2.5
@@ -43,6 +43,7 @@ def panels(
     columns: int = 1,
     *,
     widths: Sequence[float] | None = None,
+    left_mm: float = LEFT_MM,
     gap_x_mm: float = 12.0,
     gap_y_mm: float = 3.5,
     sharex: Share = False,
@@ -52,12 +53,12 @@ def panels(
     rows = len(heights_mm)
     width_mm = DOUBLE_COLUMN / MM
     height_mm = TOP_MM + sum(heights_mm) + gap_y_mm * (rows - 1) + BOTTOM_MM
-    inner_mm = width_mm - LEFT_MM - RIGHT_MM - gap_x_mm * (columns - 1)
+    inner_mm = width_mm - left_mm - RIGHT_MM - gap_x_mm * (columns - 1)
     figure = Figure(figsize=(DOUBLE_COLUMN, height_mm * MM))
     grid = figure.add_gridspec(
         rows,
         columns,
-        left=LEFT_MM / width_mm,
+        left=left_mm / width_mm,
         right=1 - RIGHT_MM / width_mm,
         top=1 - TOP_MM / height_mm,
         bottom=BOTTOM_MM / height_mm,

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from hil_forceps.diagnosis.result import Diagnosis, RunEvidence
-from hil_forceps.report.diagnosis_bins import MOST_ROWS, Binned, binned, edges_of, spectrum, strided
+from hil_forceps.report.diagnosis_bins import MOST_ROWS, Binned, binned, edges_of, smoothed, spectrum, strided
 from hil_forceps.report.diagnosis_layout import legend, letters, panels
 from hil_forceps.report.diagnosis_names import (
     axis_label,
@@ -153,11 +153,12 @@ def _over(axes: Axes, name: str, variable: Array, values: dict[str, Array], dire
     axes.axhline(0, color=REFERENCE, lw=0.4)
     look = LOOKS[first]
     if name == "omega" or not np.any(direction > 0) or not np.any(direction < 0):
-        _mean(axes, binned(shown, values[first], edges), look)
+        _mean(axes, binned(shown, values[first], edges), look._replace(dash="-"))
     else:
-        for sign, marker, word in ((1, "^", "forward"), (-1, "v", "backward")):
+        for sign, marker, dash, word in ((1, "^", "-", "forward"), (-1, "v", (0, (3, 1)), "backward")):
             here = np.where(direction == sign, values[first], np.nan)
-            _mean(axes, binned(shown, here, edges), look._replace(marker=marker, label=f"{look.label}, {word}"))
+            style = Look(f"{look.label}, {word}", look.color, dash, marker)
+            _mean(axes, binned(shown, here, edges), style)
     if last != first:
         _mean(axes, binned(shown, values[last], edges), LOOKS[last])
     if name in LOGARITHMIC:
@@ -175,7 +176,9 @@ def _on_axis(name: str, variable: Array) -> Array:
 
 def _mean(axes: Axes, mean: Binned, look: Look) -> None:
     axes.fill_between(mean.centre, mean.low, mean.high, color=look.color, alpha=0.3, lw=0)
-    axes.plot(mean.centre, mean.mean, color=look.color, lw=1.1, marker=look.marker, ms=2.4, label=look.label)
+    axes.plot(
+        mean.centre, mean.mean, color=look.color, ls=look.dash, lw=1.1, marker=look.marker, ms=2.4, label=look.label
+    )
 
 
 def _density(axes: Axes, variable: Array, values: Array, edges: Array) -> None:
@@ -185,6 +188,7 @@ def _density(axes: Axes, variable: Array, values: Array, edges: Array) -> None:
         return
     counts = np.histogram2d(variable[good], values[good], (FINE_BINS, LEVELS), ((edges[0], edges[-1]), (low, high)))[0]
     shown = np.ma.masked_equal(counts.T, 0)
+    axes.grid(visible=False)
     axes.imshow(
         shown,
         extent=(edges[0], edges[-1], low, high),
@@ -202,28 +206,32 @@ def _loops(run: RunEvidence) -> list[tuple[str, str]]:
     if drive and "theta_m_rad" in run.measured:
         pairs.append(("theta_m_rad", drive))
     if "tau_w_N_m" in run.measured:
-        pairs += [("tau_w_N_m", name) for name in ("theta_j_rad", "theta_m_rad") if name in run.measured][:1]
+        angle = "theta_j_rad" if "theta_j_rad" in run.measured else "theta_m_rad"
+        pairs.append(("tau_w_N_m", angle))
         if drive:
             pairs.append(("tau_w_N_m", drive))
     return pairs
 
 
 def _loop(axes: Axes, diagnosis: Diagnosis, run: RunEvidence, over: str, name: str, part: slice) -> None:
-    x_scale = scale_for(quantity(over).unit, run.measured[over][part])
-    y_scale = scale_for(quantity(name).unit, run.measured[name][part])
     thin = strided(part.stop - part.start, MOST_LOOP_POINTS)
-    shown = {"measured": (MEASURED, run.measured[over], run.measured[name])}
-    for stage in stages(diagnosis):
-        columns = simulated(run, stage)
-        if over in columns or name in columns:
-            x, y = columns.get(over, run.measured[over]), columns.get(name, run.measured[name])
-            shown[stage] = (LOOKS[stage], x, y)
-    for look, x, y in shown.values():
+    columns = {"measured": (MEASURED, run.measured)}
+    columns |= {stage: (LOOKS[stage], {**run.measured, **simulated(run, stage)}) for stage in stages(diagnosis)}
+    relative = name == "theta_j_rad" and np.ptp(run.measured["theta_m_rad"][part]) > 0
+    # the jaw goes along with the motor; what the load does to it shows once that is taken out
+    line = np.polyfit(run.measured["theta_m_rad"][part], run.measured[name][part], 1) if relative else np.zeros(2)
+    shown = [
+        (look, here[over][part][thin], here[name][part][thin] - np.polyval(line, here["theta_m_rad"][part][thin]))
+        for look, here in columns.values()
+    ]
+    x_scale = scale_for(quantity(over).unit, shown[0][1])
+    y_scale = scale_for(quantity(name).unit, shown[0][2])
+    for look, x, y in shown:
         width = 2.0 if look is MEASURED else 0.7
-        xs, ys = x[part][thin] * x_scale.factor, y[part][thin] * y_scale.factor
-        axes.plot(xs, ys, color=look.color, ls=look.dash, lw=width, label=look.label)
+        axes.plot(x * x_scale.factor, y * y_scale.factor, color=look.color, ls=look.dash, lw=width, label=look.label)
     axes.set_xlabel(axis_label(over, x_scale))
-    axes.set_ylabel(axis_label(name, y_scale))
+    relation = f"jaw angle less its share\nof the motor's ({y_scale.unit})"
+    axes.set_ylabel(relation if relative else axis_label(name, y_scale))
 
 
 def _spectra(diagnosis: Diagnosis, channel: str, stage: str) -> list[tuple[Array, Array]]:
@@ -242,7 +250,7 @@ def _spectrum(axes: Axes, diagnosis: Diagnosis, channel: str) -> None:
         parts = _spectra(diagnosis, channel, stage)
         grid = max((part[0] for part in parts), key=len)
         power = np.mean([np.interp(grid, part[0], part[1] ** 2) for part in parts], axis=0)
-        means[stage] = (grid, np.sqrt(power))
+        means[stage] = smoothed(grid, np.sqrt(power))
     scale = scale_for(quantity(channel).unit, np.concatenate([part[1] for part in means.values()]))
     for stage, (grid, density) in means.items():
         look = LOOKS[stage]

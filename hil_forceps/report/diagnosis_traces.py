@@ -14,6 +14,7 @@ from hil_forceps.report.diagnosis_names import (
 from hil_forceps.report.diagnosis_view import (
     BASELINE,
     EXTENDED,
+    FLOOR,
     LOOKS,
     MEASURED,
     channels,
@@ -71,12 +72,12 @@ def residual_time_figure(diagnosis: Diagnosis) -> Figure:
     space = 0.01 * sum(spans)
     starts = np.concatenate([[0.0], np.cumsum(np.array(spans) + space)])
     with house_style():
-        grid = panels([24.0] * len(names), sharex=True)
+        grid = panels([24.0] * len(names), sharex=True, gap_y_mm=6)
         rows = grid.column(0)
         for axes, name in zip(rows, names, strict=True):
             _residual_of_all(axes, diagnosis, runs, name, starts)
         for run, start, span in zip(runs, starts, spans, strict=False):
-            title = _fitting(_title(run), 110 * span / sum(spans))
+            title = _fitting(run.name, 110 * span / sum(spans))
             rows[0].text(start + span / 2, 1.04, title, transform=rows[0].get_xaxis_transform(), ha="center", size=7)
         rows[-1].set_xlim(0, starts[-1] - space)
         rows[-1].set_xlabel("time, runs one after the other (s)" if len(runs) > 1 else "time (s)")
@@ -190,7 +191,7 @@ def _residual_of_all(axes: Axes, diagnosis: Diagnosis, runs: list[RunEvidence], 
                 line(axes, shifted, values * scale.factor, _solid(stage), bins=bins)
     for run, start, end in zip(runs, starts, starts[1:], strict=False):
         if run.held_out:
-            axes.axvspan(start, end, color="#56b4e9", alpha=0.15, lw=0)
+            axes.axvspan(start, end, color="#56b4e9", alpha=0.2, lw=0, label="held out")
         axes.axvline(end, color="#888888", lw=0.5)
     axes.set_ylim(*_limits([part * scale.factor for part in pooled]))
     _noise_band(axes, diagnosis, name, scale)
@@ -238,15 +239,18 @@ def _two_lines(name: str, scale: Scale) -> str:
 def _noise_band(axes: Axes, diagnosis: Diagnosis, name: str, scale: Scale) -> None:
     floor = floor_of(diagnosis, name)
     if floor is not None:
-        band = 1.96 * floor * scale.factor
-        axes.axhspan(-band, band, color="#009e73", alpha=0.18, lw=0, label="95 % of the noise", zorder=0.5)
+        for side, label in ((1, "95 % of the noise"), (-1, "_again")):  # on top: dense residuals hide a band
+            level = side * 1.96 * floor * scale.factor
+            axes.axhline(level, color=FLOOR.color, ls=FLOOR.dash, lw=0.8, label=label, zorder=3)
 
 
 def _middle(values: Array) -> Array:
+    """Return the ends of what is worth showing: all, but for single values far outside the rest."""
     finite = values[np.isfinite(values)]
     if finite.size < 100:
         return finite
-    return np.asarray(np.quantile(finite[:: max(finite.size // 100_000, 1)], [0.001, 0.999]))
+    low, high = np.quantile(finite[:: max(finite.size // 100_000, 1)], [0.001, 0.999])
+    return np.asarray(np.clip([finite.min(), finite.max()], 2 * low - high, 2 * high - low), dtype=np.float64)
 
 
 def _limits(parts: list[Array]) -> tuple[float, float]:
