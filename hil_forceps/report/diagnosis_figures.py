@@ -92,13 +92,15 @@ def _of_runs(diagnosis: Diagnosis, run: RunEvidence, names: tuple[str, ...]) -> 
     shown = stages(diagnosis)
     words = [f"{LOOKS[stage].label} ({word})" for stage, word in zip(shown, ("before", "after"), strict=False)]
     compared = " and ".join(words) if len(shown) > 1 else LOOKS[shown[0]].label
+    given = "" if "nominal" in shown else "the rig as given, "
+    density = "density before" if len(shown) > 1 else "density"
     traces = (
-        f"Run {run.name}, the one with the largest misfit: measured, the rig as given, and {compared}. Below each "
+        f"Run {run.name}, the one with the largest misfit: measured, {given}{compared}. Below each "
         "channel its residual, measured less simulated. The right column magnifies the part marked yellow on the left."
     )
-    over_time = f"Residuals of all runs over time, {compared}. Runs held out are shaded blue."
+    over_time = f"Residuals of all runs over time, {compared}. Dotted: where 95 % of mere noise lies."
     over = (
-        f"over what may drive it, all runs: {compared}. Grey: density before; lines: mean with its 95 % interval. "
+        f"over what may drive it, all runs: {compared}. Grey: {density}; lines: mean with its 95 % interval. "
         "What is only noise scatters round zero everywhere."
     )
     spectra = f"Amplitude density of the residuals, {compared}; a residual that is white noise lies on the floor."

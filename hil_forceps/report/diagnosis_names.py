@@ -60,9 +60,10 @@ def quantity(name: str) -> Quantity:
         return known
     for suffix in _UNIT_SUFFIXES:
         if name.endswith(f"_{suffix}"):
-            words = name.removesuffix(f"_{suffix}").replace("_", " ")
+            words = plain(name.removesuffix(f"_{suffix}").replace("_", " "))
             return Quantity(words, words, show_unit(suffix))
-    return Quantity(name.replace("_", " "), name.replace("_", " "), "")
+    words = plain(name.replace("_", " "))
+    return Quantity(words, words, "")
 
 
 def scale_for(unit: str, values: Array | Sequence[float]) -> Scale:
@@ -87,10 +88,22 @@ def axis_label(name: str, scale: Scale, *, words: bool = True) -> str:
     return f"{text} ({scale.unit})" if scale.unit else text
 
 
+_PARAMETERS = {
+    "motor_viscous_N_m_s_per_rad": "viscous friction, motor",
+    "motor_coulomb_N_m": "Coulomb friction, motor",
+    "jaw_coulomb_N_m": "Coulomb friction, jaw",
+}
+
+
+def plain(text: str) -> str:
+    """Return text from outside for a figure: on one line, no mathematics."""
+    return " ".join(text.split()).replace("$", r"\$")
+
+
 def parameter_words(name: str) -> str:
     """Write `forceps.wire_stiffness_N_per_m` as `wire stiffness`, what it belongs to in front where that says more."""
     section, _, key = name.rpartition(".")
-    words = key
+    words = _PARAMETERS.get(key, key)
     for suffix in _UNITS:
         words = words.removesuffix(suffix)
     words = words.replace("_", " ")

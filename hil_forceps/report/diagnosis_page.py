@@ -83,6 +83,8 @@ figcaption{font-size:.85rem;color:var(--soft);margin-top:.3rem;max-width:50rem}
 table{border-collapse:collapse;font-size:.85rem;margin:.6rem 0;min-width:50%}
 th,td{text-align:left;padding:.25rem .8rem .25rem 0;border-bottom:1px solid var(--line);vertical-align:top}
 th{font-weight:600}
+sub,sup{line-height:0}
+.chain{padding-left:1.2rem}
 .r{text-align:right;font-variant-numeric:tabular-nums}
 .n{white-space:nowrap}
 .problem{color:#c0392b;font-weight:600}.warning{color:#b7791f;font-weight:600}

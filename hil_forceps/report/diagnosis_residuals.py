@@ -262,6 +262,7 @@ def _spectrum(axes: Axes, diagnosis: Diagnosis, channel: str) -> None:
         level = floor * np.sqrt(2 * interval_s) * scale.factor
         axes.axhline(level, color=FLOOR.color, ls=FLOOR.dash, lw=0.9, label="white noise of the floor")
     axes.set_xscale("log")
-    axes.set_yscale("log")
+    if any(np.any(part[1] > 0) for part in means.values()):
+        axes.set_yscale("log")
     axes.set_xlabel("frequency (Hz)")
     axes.set_ylabel(f"{quantity(channel).words}: residual ({scale.unit}/√Hz)")

@@ -2,7 +2,7 @@
 
 import math
 
-from hil_forceps.diagnosis.result import Diagnosis, Gain, NamedEffect
+from hil_forceps.diagnosis.result import Diagnosis, Gain, NamedEffect, Shift
 from hil_forceps.report.diagnosis_names import parameter_words, quantity
 from hil_forceps.report.diagnosis_words import (
     DASH,
@@ -18,6 +18,7 @@ from hil_forceps.report.diagnosis_words import (
     unit_words,
     with_interval,
 )
+from hil_forceps.rig import catalogue
 from hil_forceps.rig.catalogue import EFFECT_IDS, effect
 
 SEVERITIES = ("problem", "warning", "note")
@@ -67,7 +68,9 @@ def candidates(diagnosis: Diagnosis) -> str:
     if not diagnosis.candidates:
         return ""
     ranked = sorted(diagnosis.candidates, key=lambda c: (c.step, -c.score if math.isfinite(c.score) else math.inf))
-    rows = ((effect_words(c.id), escaped(c.state), str(c.step), number(c.score), number(c.threshold)) for c in ranked)
+    rows = (
+        (effect_words(c.id), escaped(c.state), str(c.step + 1), number(c.score), number(c.threshold)) for c in ranked
+    )
     head = ("entry", "judged", "step", "fall of χ²", "chance, 1 %")
     return f"<details><summary>All entries in numbers</summary>{table(head, rows, numbers_from=2)}</details>"
 
@@ -77,7 +80,7 @@ def shifts(diagnosis: Diagnosis) -> str:
     rows = (
         (
             escaped(parameter_words(name)),
-            number(shift.assumed) if shift.assumed is not None else "unknown",
+            _assumed(shift),
             with_interval(shift.fitted),
             percent(shift.fitted.value / shift.assumed - 1) if shift.assumed else DASH,
         )
@@ -104,7 +107,8 @@ def gains(diagnosis: Diagnosis, image: str) -> str:
     """Tabulate what extending the model gains on runs never used to fit or to choose."""
     if not diagnosis.gain:
         return ""
-    held_out = ", ".join(escaped(name) for name in diagnosis.held_out) or "none"
+    names = ", ".join(escaped(name) for name in diagnosis.held_out)
+    used = f"Held out: {names}." if names else "No run was held out: these figures are of the runs fitted to."
     rows = []
     for name, gain in diagnosis.gain.items():
         here = quantity(name)
@@ -112,7 +116,7 @@ def gains(diagnosis: Diagnosis, image: str) -> str:
         numbers = (gain.baseline_rmse, gain.extended_rmse, gain.floor_rmse)
         rows.append((escaped(here.words) + unit, *(number(value) for value in numbers), _share(gain)))
     head = ("channel", "RMSE before", "RMSE after", "noise floor", "share explained (95 % interval)")
-    return f"<p>Held out: {held_out}.</p>{image}{table(head, rows)}"
+    return f"<p>{used}</p>{image}{table(head, rows)}"
 
 
 def minimum_detectable(diagnosis: Diagnosis) -> str:
@@ -181,7 +185,9 @@ def next_experiment(diagnosis: Diagnosis) -> str:
 
 
 def how() -> str:
-    """Say in short how a diagnosis is made."""
+    """Say in short how a diagnosis is made, and write the chain of equations as the catalogue has it."""
+    lines = [line.strip() for line in (catalogue.__doc__ or "").splitlines() if line.startswith("    ")]
+    chain = "".join(f"<li>{equation(line)}</li>" for line in lines)
     return (
         "<p>The data are audited before any physics. The known parameters are refitted to all channels at once, with "
         "priors from the rig, the closed loop simulated where its law is known; what is left over is held against the "
@@ -190,6 +196,7 @@ def how() -> str:
         "together. Entries join one by one or in pairs as long as they pass, and models that lie too close to the best "
         "are kept as a set. The gain is counted on runs used neither to fit nor to choose. "
         "Residuals are measured less simulated.</p>"
+        f'<h3>Where the equations belong</h3><ul class="chain">{chain}</ul>'
     )
 
 
@@ -214,6 +221,12 @@ def _parameters(named: NamedEffect) -> str:
     return table(("parameter", "", "value (95 % interval)"), rows, numbers_from=2) if named.parameters else ""
 
 
+def _assumed(shift: Shift) -> str:
+    if shift.assumed is None:
+        return "unknown"
+    return f'<span class="n">{number(shift.assumed)} {unit_words(shift.fitted.unit)}</span>'
+
+
 def _share(gain: Gain) -> str:
     if not math.isfinite(gain.explained_share):
         return DASH
@@ -226,7 +239,8 @@ def _short_gain(diagnosis: Diagnosis) -> str:
         for name, gain in diagnosis.gain.items()
         if math.isfinite(gain.explained_share)
     ]
-    return f"<p>Explained on held-out runs: {', '.join(parts)}.</p>" if parts else ""
+    where = "on held-out runs" if diagnosis.held_out else "(no run was held out)"
+    return f"<p>Explained {where}: {', '.join(parts)}.</p>" if parts else ""
 
 
 def _short_next(diagnosis: Diagnosis) -> str:

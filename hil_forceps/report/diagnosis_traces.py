@@ -8,6 +8,7 @@ from hil_forceps.diagnosis.result import Diagnosis, RunEvidence
 from hil_forceps.report.diagnosis_layout import Panels, legend, letters, panels
 from hil_forceps.report.diagnosis_names import (
     Scale,
+    plain,
     quantity,
     scale_for,
 )
@@ -77,7 +78,7 @@ def residual_time_figure(diagnosis: Diagnosis) -> Figure:
         for axes, name in zip(rows, names, strict=True):
             _residual_of_all(axes, diagnosis, runs, name, starts)
         for run, start, span in zip(runs, starts, spans, strict=False):
-            title = _fitting(run.name, 110 * span / sum(spans))
+            title = _fitting(plain(run.name), 110 * span / sum(spans))
             rows[0].text(start + span / 2, 1.04, title, transform=rows[0].get_xaxis_transform(), ha="center", size=7)
         rows[-1].set_xlim(0, starts[-1] - space)
         rows[-1].set_xlabel("time, runs one after the other (s)" if len(runs) > 1 else "time (s)")
@@ -138,7 +139,7 @@ def line(axes: Axes, time: Array, values: Array, style: Look, *, label: str = ""
 
 
 def _title(run: RunEvidence) -> str:
-    return f"{run.name}, held out" if run.held_out else run.name
+    return f"{plain(run.name)}, held out" if run.held_out else plain(run.name)
 
 
 def _input(axes: Axes, run: RunEvidence, name: str, part: slice) -> None:

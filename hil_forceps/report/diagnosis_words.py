@@ -12,7 +12,7 @@ from hil_forceps.rig.units import show_unit
 VERDICTS = {
     "consistent": ("✓", "Nothing beyond noise: the simulation agrees with the measurement."),
     "parameters": ("≈", "Known parameters differ from what the rig says; refitting them explains all of it."),
-    "effects": ("▲", "The simulation lacks an effect, and it is named."),
+    "effects": ("▲", "The simulation lacks what is named here; with it, it agrees with the measurement."),
     "unnamed": ("?", "Something is there that no entry of the catalogue explains."),
     "undetermined": ("–", "These data can't tell."),
 }
