@@ -141,7 +141,7 @@ def gain_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def _bars(axes: Axes, rows: np.ndarray, values: np.ndarray, color: str, label: str) -> None:
-    axes.barh(rows, np.nan_to_num(values), height=0.36, color=color, label=label)
+    axes.barh(rows, np.where(np.isfinite(values), values, 0.0), height=0.36, color=color, label=label)
     for row, value in zip(rows, values, strict=True):
         text = f"{value:.3g}" if math.isfinite(value) else "none"
         place = value if math.isfinite(value) else 0.0

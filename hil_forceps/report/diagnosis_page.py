@@ -32,7 +32,7 @@ def page(diagnosis: Diagnosis, images: Images) -> str:
         ("Candidates and their evidence", images.get("candidates", "") + candidates(diagnosis)),
         ("Parameters", images.get("parameters", "") + shifts(diagnosis)),
         ("What can't be told apart", tied(diagnosis)),
-        ("Gain on held-out runs", gains(diagnosis, images.get("gain", "")) + images.get("held_out", "")),
+        ("Before and after on held-out runs", gains(diagnosis, images.get("gain", "")) + images.get("held_out", "")),
         ("Estimates before and after", images.get("estimates", "")),
         ("What these data would have shown", minimum_detectable(diagnosis)),
         ("The data", audit(diagnosis)),

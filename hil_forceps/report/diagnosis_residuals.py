@@ -261,6 +261,7 @@ def _spectrum(axes: Axes, diagnosis: Diagnosis, channel: str) -> None:
         interval_s = float(np.median(np.diff(max((run.time_s for run in diagnosis.runs), key=len)[:10_000])))
         level = floor * np.sqrt(2 * interval_s) * scale.factor
         axes.axhline(level, color=FLOOR.color, ls=FLOOR.dash, lw=0.9, label="white noise of the floor")
+    axes.set_xlim(min(part[0][0] for part in means.values()), max(part[0][-1] for part in means.values()))
     axes.set_xscale("log")
     if any(np.any(part[1] > 0) for part in means.values()):
         axes.set_yscale("log")
