@@ -28,6 +28,7 @@ for _name, _path, _help in (
     ("drive", "drive:drive", "Start the simulated drive with its forceps as a process of its own."),
     ("conformance", "conformance:conformance", "Run the protocol's requirements against a drive; write a certificate."),
     ("decode", "decode:decode", "Turn frames or bus logs into readable signals."),
+    ("diagnose", "diagnose:diagnose", "Show what a simulation gets wrong about measured runs, and name the cause."),
     ("replay", "replay:replay", "Send a recording, or a measured run of a real forceps, through the estimators."),
     ("import", "import_:import_", "Turn measured runs of any known format into the project's own; audit them."),
     ("simulate", "simulate:simulate", "Simulate beside a measured run, as it was driven; compare channel by channel."),

@@ -33,7 +33,7 @@ class Setting(NamedTuple):
 def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknowns | None = None) -> Setting:
     """Make the problem of fitting a rig's known parameters to runs in closed loop."""
     law = drive_law.law_vector(rig.require_drive())
-    theta = start_vector(rig)
+    theta = parameters.vector(rig)
     simulator = ClosedLoop(tuple(records), law, make_starts(records, theta, law), (np.empty(0),) * len(records))
     layout = make_layout(
         [list(record.channels) for record in records],
@@ -61,13 +61,8 @@ def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknow
     return Setting(problem, simulator, 0.2 * power, power)
 
 
-def start_vector(rig: Rig) -> Vector:
-    """Return the model's parameters of a rig; unknown values are where they are first looked for."""
-    return parameters.vector(rig)
-
-
 def first_noise(simulator: ClosedLoop, band_channels: Sequence[str], rig: Rig) -> Vector:
-    """Return a first guess of the noise power of each band: the rig's sensors, the encoder's counts, or second differences.
+    """Return a first guess of the noise power of each band: what the rig says, counts, or second differences.
 
     Second differences see little of what moves and all of white noise: their variance is 6 times its.
     """

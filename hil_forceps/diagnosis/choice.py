@@ -53,7 +53,9 @@ class Choice:
     """What was chosen, and what was looked at."""
 
     model: Model
-    rivals: tuple[Model, ...]  # models of as many effects that the data can't tell from it, best first, itself among them
+    rivals: tuple[
+        Model, ...
+    ]  # models of as many effects that the data can't tell from it, best first, itself among them
     candidates: tuple[Candidate, ...]
     scan: Scan  # the last one: beside the chosen model
     whitener: Whitener
@@ -69,8 +71,7 @@ def probe_columns(problem: Problem, u: Vector, probe_list: Sequence[Probe]) -> t
     groups = []
     for probe in probe_list:
         first = len(tasks)
-        for name in probe.amplitudes or ("",):
-            tasks.append(_probe_theta(problem, base, probe, name))
+        tasks += [_probe_theta(problem, base, probe, name) for name in probe.amplitudes or ("",)]
         groups.append(Group(first, len(tasks), probe.one_sided))
 
     def run(theta: Vector) -> Flat:
@@ -89,7 +90,7 @@ def _probe_theta(problem: Problem, base: Vector, probe: Probe, amplitude: str) -
 
 
 def noise_of(model: Model, scan_columns: Matrix, whitener: Whitener, floor: Vector) -> Noise:
-    """Return the noise: what no fitted unknown and no entry of the catalogue could explain, but no less than `floor`."""
+    """Return the noise: what no fitted unknown and no entry of the catalogue explains, no less than `floor`."""
     problem, found = model.problem, model.fit
     columns = np.concatenate((found.jacobian, scan_columns), axis=1)
     white = whitener.apply(columns)
@@ -258,9 +259,7 @@ def without_effect(model: Model, place: int, whitener: Whitener) -> Model:
     problem = replace(model.problem.with_shared(shared), base=base)
     count = len(items)
     u = np.concatenate((model.fit.u[keep], model.fit.u[count:]))
-    return Model(
-        tuple(e for e in model.effects if e != gone), problem, fit(problem, u, whitener, steps=4)
-    )
+    return Model(tuple(e for e in model.effects if e != gone), problem, fit(problem, u, whitener, steps=4))
 
 
 def _at_bound(problem: Problem, result: Fit, first: int) -> bool:

@@ -4,7 +4,7 @@ An entry's effect is nearly linear in its amplitudes (parameters that have a neu
 a handful of shapes and the linear sensitivity to the amplitudes at each of them find it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -54,17 +54,15 @@ def probes(scene: Scene, without: frozenset[str] = frozenset()) -> list[Probe]:
 def _with_shape(entry: Effect, shape: Mapping[str, float], scene: Scene) -> list[Probe]:
     if entry.id == "current_saturation":
         # Its parameter is no amplitude: the limit is lowered a little below what the runs reach.
-        return [
-            Probe(entry.id, {"limit_A": share * scene.current_max_A}, (), True) for share in (0.98, 0.85, 0.6)
-        ]
-    sizes = {p.name: _size(entry, p.name, p.typical, scene) for p in entry.parameters if p.neutral is not None}
+        return [Probe(entry.id, {"limit_A": share * scene.current_max_A}, (), True) for share in (0.98, 0.85, 0.6)]
+    sizes = {p.name: _size(entry, p.typical, scene) for p in entry.parameters if p.neutral is not None}
     if entry.id == "channel_skew":  # each channel is a place of its own
         return [Probe(entry.id, {**dict.fromkeys(sizes, 0.0), name: sizes[name]}, (name,), False) for name in sizes]
     first = next(p for p in entry.parameters if p.neutral is not None)
     return [Probe(entry.id, {**shape, **sizes}, tuple(sizes), len(sizes) == 1 and first.minimum >= 0.0)]
 
 
-def _size(entry: Effect, name: str, typical: float, scene: Scene) -> float:
+def _size(entry: Effect, typical: float, scene: Scene) -> float:
     if entry.id == "wire_slack":
         return 0.02 * scene.stretch_range_m
     if entry.id == "wire_hardening":
@@ -75,21 +73,21 @@ def _size(entry: Effect, name: str, typical: float, scene: Scene) -> float:
 
 
 def _shapes(entry: Effect, scene: Scene) -> list[dict[str, float]]:
-    if entry.id == "stribeck_friction":
-        return [{"speed_rad_per_s": speed} for speed in scene.speeds_rad_per_s]
-    if entry.id == "presliding_friction":
-        return [{"angle_rad": share * scene.angle_range_rad} for share in PRESLIDING_ANGLES]
-    if entry.id in ("viscous_drift", "torque_constant_drift"):
-        return [{"time_constant_s": share * scene.duration_s} for share in DRIFT_TIMES]
-    if entry.id == "wire_hysteresis":
-        return [{"stretch_m": share * scene.stretch_range_m} for share in HYSTERESIS_STRETCHES]
-    if entry.id == "wire_creep":
-        return [{"time_constant_s": time} for time in CREEP_TIMES_S]
-    if entry.id == "cogging":
-        return [{"harmonic": h} for h in scene.harmonics_cogging]
-    if entry.id == "torque_ripple":
-        return [{"harmonic": h} for h in scene.harmonics_ripple]
-    return [{}]
+    """Return values of the parameters that are no amplitudes, one mapping per place to look."""
+    looked_at: dict[str, tuple[str, Sequence[float]]] = {
+        "stribeck_friction": ("speed_rad_per_s", scene.speeds_rad_per_s),
+        "presliding_friction": ("angle_rad", [share * scene.angle_range_rad for share in PRESLIDING_ANGLES]),
+        "viscous_drift": ("time_constant_s", [share * scene.duration_s for share in DRIFT_TIMES]),
+        "torque_constant_drift": ("time_constant_s", [share * scene.duration_s for share in DRIFT_TIMES]),
+        "wire_hysteresis": ("stretch_m", [share * scene.stretch_range_m for share in HYSTERESIS_STRETCHES]),
+        "wire_creep": ("time_constant_s", CREEP_TIMES_S),
+        "cogging": ("harmonic", scene.harmonics_cogging),
+        "torque_ripple": ("harmonic", scene.harmonics_ripple),
+    }
+    if entry.id not in looked_at:
+        return [{}]
+    name, values = looked_at[entry.id]
+    return [{name: value} for value in values]
 
 
 def free_names(entry: Effect, probe: Probe) -> tuple[str, ...]:

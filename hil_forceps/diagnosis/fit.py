@@ -24,7 +24,7 @@ class Fit(NamedTuple):
     residual: Flat  # not whitened
     outputs: Outputs
     jacobian: Matrix  # not whitened; at u, or at a point near it when `fixed_columns` were given
-    covariance: Vector | NDArray[np.float64]
+    covariance: NDArray[np.float64]
     steps: int
 
 
@@ -47,7 +47,13 @@ def gram(left: Matrix, right: Matrix) -> NDArray[np.float64]:
 
 
 def fit(
-    problem: Problem, u: Vector, whitener: Whitener, *, held: Matrix | None = None, held_count: int = 0, steps: int = MAX_STEPS
+    problem: Problem,
+    u: Vector,
+    whitener: Whitener,
+    *,
+    held: Matrix | None = None,
+    held_count: int = 0,
+    steps: int = MAX_STEPS,
 ) -> Fit:
     """Minimise the objective from u.
 
@@ -63,7 +69,8 @@ def fit(
     damping = FIRST_DAMPING
     jacobian = _jacobian(problem, u, outputs, held, held_count)
     done = 0
-    for done in range(1, steps + 1):
+    while done < steps:
+        done += 1
         white = whitener.apply(jacobian)
         normal = gram(white, white)
         slope = gram(white, whitener.apply(residual)[:, None])[:, 0] - weights * u
@@ -86,7 +93,7 @@ def fit(
             break
         jacobian = _jacobian(problem, u, outputs, held, held_count)
     white = whitener.apply(jacobian)
-    covariance = np.linalg.pinv(gram(white, white) + np.diag(weights), hermitian=True)
+    covariance = np.asarray(np.linalg.pinv(gram(white, white) + np.diag(weights), hermitian=True), dtype=np.float64)
     return Fit(u, chi2, residual, outputs, jacobian, covariance, done)
 
 

@@ -64,7 +64,7 @@ def scale_of(courses: Sequence[Course]) -> Scale:
         return low, max(high, low + 1e-9)
 
     def top(values: list[Vector]) -> float:
-        return max(max(float(np.abs(v).max()) for v in values), 1e-12)
+        return max([1e-12, *(float(np.abs(v).max()) for v in values)])
 
     return Scale(
         span([c.theta_m for c in courses]),
@@ -118,9 +118,7 @@ def _curves() -> tuple[Curve, ...]:
             "tension and direction",
             lambda c, s: [np.abs(c.tension_N) ** n * _sign(c.omega_m, s.omega_m) / s.tension_N**n for n in (1, 2, 3)],
         ),
-        Curve(
-            "motor", "time", lambda c, s: [w * v for w in _over_time(c, s) for v in (c.omega_m, c.current_A)]
-        ),
+        Curve("motor", "time", lambda c, s: [w * v for w in _over_time(c, s) for v in (c.omega_m, c.current_A)]),
         Curve(
             "motor",
             "memory of motion",
@@ -128,10 +126,16 @@ def _curves() -> tuple[Curve, ...]:
                 _memory_over_way(c.theta_m, share * (s.theta_m[1] - s.theta_m[0])) for share in MEMORY_SHARES
             ],
         ),
-        Curve("wire", "tension", lambda c, s: [c.tension_N * np.abs(c.tension_N) ** n / s.tension_N**n for n in (1, 2, 3)]),
-        Curve("wire", "sign of tension", lambda c, s: [np.tanh(c.tension_N / (share * s.tension_N)) for share in (0.01, 0.05, 0.2)]),
+        Curve(
+            "wire", "tension", lambda c, s: [c.tension_N * np.abs(c.tension_N) ** n / s.tension_N**n for n in (1, 2, 3)]
+        ),
+        Curve(
+            "wire",
+            "sign of tension",
+            lambda c, s: [np.tanh(c.tension_N / (share * s.tension_N)) for share in (0.01, 0.05, 0.2)],
+        ),
         Curve("wire", "rate of stretch", lambda c, s: [np.gradient(c.stretch_m, c.period_s) / s.stretch_m]),
-        Curve("wire", "memory of tension", lambda c, s: [_slow(c.tension_N, c.period_s, t) for t in MEMORIES_S]),
+        Curve("wire", "memory of tension", lambda c, _: [_slow(c.tension_N, c.period_s, t) for t in MEMORIES_S]),
         Curve(
             "wire",
             "memory of stretch",
@@ -145,12 +149,12 @@ def _curves() -> tuple[Curve, ...]:
             lambda c, s: [w * _sign(c.omega_j, s.omega_j) for w in _waves(c.theta_j, s.theta_j)],
         ),
         Curve("jaw", "omega", lambda c, s: _over_speed(c.omega_j, s.omega_j)),
-        Curve("jaw", "load", lambda c, s: [c.load_N_m, _slow(c.load_N_m, c.period_s, 0.1)]),
+        Curve("jaw", "load", lambda c, _: [c.load_N_m, _slow(c.load_N_m, c.period_s, 0.1)]),
         Curve("theta_m_rad", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),
         Curve("theta_j_rad", "theta", lambda c, s: _waves(c.theta_j, s.theta_j)),
-        Curve("theta_j_rad", "rate", lambda c, s: [c.omega_j, np.gradient(c.omega_j, c.period_s)]),
+        Curve("theta_j_rad", "rate", lambda c, _: [c.omega_j, np.gradient(c.omega_j, c.period_s)]),
         Curve("current_A", "current", lambda c, s: _over_current(c.current_A, s.current_A)),
-        Curve("current_A", "rate", lambda c, s: _rates(c.current_A)),
+        Curve("current_A", "rate", lambda c, _: _rates(c.current_A)),
     )
 
 

@@ -32,7 +32,9 @@ def responses(plant: PlantParameters, law: DriveLaw, rows: int, period_s: float)
     frequency = fft.rfftfreq(rows, period_s)
     omega = 2.0 * np.pi * np.maximum(frequency, 1e-3)
     a, b = continuous(plant)
-    inputs = np.column_stack((b[:, 0], b[:, 1], -plant.motor_pulley_radius_m * b[:, 0] - plant.jaw_pulley_radius_m * b[:, 1]))
+    inputs = np.column_stack(
+        (b[:, 0], b[:, 1], -plant.motor_pulley_radius_m * b[:, 0] - plant.jaw_pulley_radius_m * b[:, 1])
+    )
     states = np.linalg.solve(1j * omega[:, None, None] * np.eye(4) - a, np.broadcast_to(inputs, (omega.size, 4, 3)))
     motor, jaw = states[:, 0, :], states[:, 2, :]
     loop = plant.torque_constant_N_m_per_A * _controller(law, omega)
@@ -40,9 +42,7 @@ def responses(plant: PlantParameters, law: DriveLaw, rows: int, period_s: float)
     torque = -loop[:, None] * closed
     jaw = jaw + jaw[:, :1] * torque
     places: tuple[Place, ...] = ("motor", "jaw", "wire")
-    return Response(
-        {place: {"theta_m_rad": closed[:, k], "theta_j_rad": jaw[:, k]} for k, place in enumerate(places)}
-    )
+    return Response({place: {"theta_m_rad": closed[:, k], "theta_j_rad": jaw[:, k]} for k, place in enumerate(places)})
 
 
 def _controller(law: DriveLaw, omega: Vector) -> Complex:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.problem import Nuisance, Outputs
 from hil_forceps.model import closed_loop, drive_law, parameters
 from hil_forceps.model.closed_loop import Channels, Inputs, Start
@@ -133,7 +133,10 @@ def _start(record: Record, theta: Vector, law: Vector) -> Start:
     ki, period = float(law[drive_law.KI]), float(law[drive_law.SAMPLE_TIME])
     first = float(np.median(current[1:4])) - law[drive_law.KP] * error + law[drive_law.KD] * speed
     integral = float(first) / ki - error * period if ki > 0.0 else 0.0
-    ratio = theta[parameters.index("forceps.motor_pulley_radius_m")] / theta[parameters.index("forceps.jaw_pulley_radius_m")]
+    ratio = (
+        theta[parameters.index("forceps.motor_pulley_radius_m")]
+        / theta[parameters.index("forceps.jaw_pulley_radius_m")]
+    )
     plant = at_rest.plant._replace(omega_m_rad_per_s=speed, omega_j_rad_per_s=speed * float(ratio))
     return Start(plant, DriveState(integral, float(angle[0]) - speed * period, speed, float(current[0])))
 

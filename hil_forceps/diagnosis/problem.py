@@ -32,7 +32,8 @@ class Nuisance(NamedTuple):
 class Simulator(Protocol):
     """Simulates all runs for one vector of model parameters; returns the transformed channels of each run."""
 
-    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs: ...
+    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+        """Return one mapping of channels per run."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +90,9 @@ class Problem:
         for record in self.records:
             edges = record.edge_rows.size
             fractions = np.clip(0.5 + EDGE_SD * u[at + 2 : at + 2 + edges], 0.0, 1.0)
-            found.append(Nuisance(self.zero_sd_rad * float(u[at]), self.integral_sd_rad_s * float(u[at + 1]), fractions))
+            found.append(
+                Nuisance(self.zero_sd_rad * float(u[at]), self.integral_sd_rad_s * float(u[at + 1]), fractions)
+            )
             at += 2 + edges
         return found
 
@@ -172,9 +175,7 @@ class Problem:
 
 def difference(after: Outputs, before: Outputs, step: float) -> Outputs:
     """Return (after − before)/step for every channel of every run."""
-    return [
-        {name: (a[name] - b[name]) / step for name in a} for a, b in zip(after, before, strict=True)
-    ]
+    return [{name: (a[name] - b[name]) / step for name in a} for a, b in zip(after, before, strict=True)]
 
 
 def _windows(record: Record) -> list[tuple[int, int]]:

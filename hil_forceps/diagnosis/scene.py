@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.choice import Model
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.entries import Scene, quantiles_of_speed
-from hil_forceps.diagnosis.choice import Model
 from hil_forceps.diagnosis.linear import Response, column
 from hil_forceps.diagnosis.score import Group, score
-from hil_forceps.diagnosis.spectrum import Whitener
+from hil_forceps.diagnosis.spectrum import Flat, Whitener
 
 Vector = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ def _harmonics(
 ) -> tuple[float, ...]:
     """Return the harmonics of the motor's angle whose torque, in proportion to `scales`, explains most."""
     layout = model.problem.layout
-    columns = []
+    columns: list[Flat] = []
     groups = []
     for h in HARMONICS:
         groups.append(Group(len(columns), len(columns) + 2, False))

@@ -1,5 +1,6 @@
-"""How much of the whitened residual each place of the catalogue would explain, what the known parameters could explain
-being taken out first; and what chance would give.
+"""How much of the whitened residual each place of the catalogue would explain, and what chance would give.
+
+What the known parameters could explain is taken out first.
 
 Linear algebra on Gram matrices: with whitened columns J of the fitted unknowns (prior weights Λ), C of the candidates
 and residual r, the projected Gram is S = CᵀC − CᵀJ (JᵀJ + Λ)⁻¹ JᵀC, the projected slope b likewise, and a place with

@@ -126,7 +126,6 @@ class Whitener(NamedTuple):
         mixed *= self.factor if entries.ndim == 1 else self.factor[:, None]
         return mixed
 
-
     def undo(self, white: Flat) -> Flat:
         """Return the flat vector that `apply` made white."""
         entries = white / self.factor

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from hil_forceps.model import parameters
 from hil_forceps.rig import Parameter, Rig
 from hil_forceps.rig.catalogue import EffectParameter, effect
+from hil_forceps.rig.errors import UserError
 
 Vector = NDArray[np.float64]
 
 FRICTION_SD_OF_TORQUE = 0.3  # a friction's prior is no tighter than this share of the torque seen
-WIDEST_UNKNOWN = 30.0  # an unknown value may be this factor away from where it is first looked for
 STEP = 1e-3  # of the scale: finite differences
 
 
@@ -71,7 +71,7 @@ def _effect_unknown(effect_id: str, p: EffectParameter, start: float) -> Unknown
 
 
 def known_parameters(rig: Rig, torque_scale_N_m: float) -> Unknowns:
-    """Return the rig's physical parameters with their priors; `torque_scale_N_m` is what the motor gives in the data."""
+    """Return the rig's physical parameters with their priors; `torque_scale_N_m`: what the motor gives in the data."""
     items = []
     for name in parameters.PLANT_NAMES:
         section, key = name.split(".")
@@ -88,7 +88,9 @@ def _plant_unknown(name: str, unit: str, known: Parameter, torque_scale_N_m: flo
         low, high = known.minimum, known.maximum
     value = known.value
     if value is None:
-        value = math.sqrt(low * high) if 0.0 < low and high < math.inf else parameters.TYPICAL[name]
+        if not (0.0 < low and high < math.inf):
+            raise UserError(f"{name}: is unknown and has no bounds; give {{min, max}} for the diagnosis to search in")
+        value = math.sqrt(low * high)
         scale = 0.5 * value
         return Unknown(name, unit, value, scale, low, high, False, None)
     sd = known.sd if known.sd is not None else 0.0

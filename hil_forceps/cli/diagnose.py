@@ -1,0 +1,136 @@
+"""`hil-forceps diagnose`: what the simulation gets wrong about measured runs, why, and what mending it gains."""
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from hil_forceps.cli.files import make_folder
+from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs
+from hil_forceps.diagnosis.diagnose import Options
+from hil_forceps.diagnosis.result import Diagnosis, to_json
+from hil_forceps.report.diagnosis import write_figures, write_report
+from hil_forceps.rig import load_rig
+from hil_forceps.rig.catalogue import EFFECT_IDS
+from hil_forceps.rig.errors import UserError
+from hil_forceps.rig.loading import dump_rig
+from hil_forceps.runs.readers import read_run
+from hil_forceps.runs.table import Run
+
+
+def diagnose(
+    runs: Annotated[list[Path], Parameter(consume_multiple=True)],
+    /,
+    *,
+    rig: Path,
+    out: Path,
+    jobs: int | None = None,
+    seed: int = 0,
+    hold_out: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
+    without: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
+    figures: bool = False,
+) -> int:
+    """Show what a rig's simulation gets wrong about measured runs, name the cause, extend the rig, measure the gain.
+
+    Writes diagnosis.json, report.html (opens offline) and extended.yaml.
+
+    Parameters
+    ----------
+    runs
+        Measured runs: CSV, Parquet, recordings (.mcap), bus logs, surgical-tool text or zip, EMPS .mat.
+    rig
+        The rig file to simulate with.
+    out
+        Folder for the results.
+    jobs
+        Threads; all processors by default.
+    seed
+        Of bootstraps; the same seed gives the same bytes.
+    hold_out
+        Names of runs that are neither fitted nor chosen by; the last third by default.
+    without
+        Entries of the catalogue to leave out.
+    figures
+        Write the figures as files, too.
+    """
+    if unknown := [name for name in without if name not in EFFECT_IDS]:
+        raise UserError(f"--without {unknown[0]}: is no effect of the catalogue; see docs/diagnosis.md")
+    if jobs is not None and jobs < 1:
+        raise UserError(f"--jobs {jobs}: must be 1 or more")
+    known = load_rig(rig)
+    read = _read(runs)
+    make_folder(out)
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with (
+        ThreadPoolExecutor(jobs or os.cpu_count() or 1) as pool,
+        Progress(*columns, console=console, disable=not console.is_terminal) as bar,
+    ):
+        task = bar.add_task("reading", total=None)
+
+        def mapper(work: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterable[Any]:
+            return pool.map(work, tasks)
+
+        options = Options(
+            frozenset(without), tuple(hold_out), seed, mapper, lambda text: bar.update(task, description=text)
+        )
+        diagnosis, extended = diagnose_runs(read, known, options)
+        bar.update(task, description="drawing")
+        write_report(diagnosis, out / "report.html")
+        if figures:
+            write_figures(diagnosis, out / "figures")
+    (out / "diagnosis.json").write_text(json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n")
+    (out / "extended.yaml").write_text(dump_rig(extended))
+    _print(diagnosis, out)
+    return 0
+
+
+def _read(paths: Sequence[Path]) -> list[Run]:
+    read = [run for path in paths for run in read_run(path)]
+    if not read:
+        raise UserError("no runs were given")
+    names = [run.name for run in read]
+    doubled = {name for name in names if names.count(name) > 1}
+    counters: dict[str, int] = {}
+    result = []
+    for run in read:
+        if run.name in doubled:
+            counters[run.name] = counters.get(run.name, 0) + 1
+            result.append(Run(f"{run.name}#{counters[run.name]}", run.columns, run.notes))
+        else:
+            result.append(run)
+    return result
+
+
+def _print(diagnosis: Diagnosis, out: Path) -> None:
+    lines = [f"{diagnosis.verdict}: {diagnosis.sentence}"]
+    for effect in diagnosis.effects:
+        values = ", ".join(
+            f"{name} = {p.value:.4g} {p.unit} [{p.low:.4g}, {p.high:.4g}]".replace("  ", " ")
+            for name, p in effect.parameters.items()
+        )
+        lines.append(f"  {effect.id} ({effect.location}), confidence {effect.confidence:.2f}: {values}")
+    if len(diagnosis.candidate_sets) > 1:
+        lines.append("  as good: " + "; ".join(" + ".join(ids) for ids in diagnosis.candidate_sets[1:]))
+    for name, shift in diagnosis.parameter_shifts.items():
+        fitted = shift.fitted
+        assumed = "unknown" if shift.assumed is None else f"{shift.assumed:.4g}"
+        lines.append(f"  {name}: {assumed} -> {fitted.value:.4g} [{fitted.low:.4g}, {fitted.high:.4g}] {fitted.unit}")
+    for name, gain in diagnosis.gain.items():
+        lines.append(
+            f"  held out, {name}: RMSE {gain.baseline_rmse:.4g} -> {gain.extended_rmse:.4g} "
+            f"(noise {gain.floor_rmse:.4g}), explained {100 * gain.explained_share:.0f} % "
+            f"[{100 * gain.low:.0f}, {100 * gain.high:.0f}]"
+        )
+    problems = [f for f in diagnosis.data_audit if f.severity != "note"]
+    lines += [f"  data, {f.run or 'all runs'}: {f.text}" for f in problems]
+    lines += [f"  because {reason}" for reason in diagnosis.reasons]
+    lines.append(f"  report.html, diagnosis.json and extended.yaml are in {out}/")
+    sys.stdout.write("\n".join(lines) + "\n")

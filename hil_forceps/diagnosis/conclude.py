@@ -1,0 +1,99 @@
+"""The one call: runs and a rig in, a whole diagnosis out, and the rig with what was found in it."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hil_forceps.diagnosis.audit import audit
+from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
+from hil_forceps.diagnosis.experiment import mode_of
+from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, play
+from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, trends
+from hil_forceps.diagnosis.result import AuditFinding, Diagnosis
+from hil_forceps.model import parameters
+from hil_forceps.rig import Rig
+from hil_forceps.runs.table import Run
+
+FEWEST_QUANTA = 20  # an angle that moves over fewer counts has not moved
+
+
+class Conclusion(NamedTuple):
+    """A diagnosis and the rig as extended by it."""
+
+    diagnosis: Diagnosis
+    extended: Rig
+
+
+def diagnose(runs: Sequence[Run], rig: Rig, options: Options) -> Conclusion:
+    """Diagnose runs; UserError when they can't be used at all, verdict `undetermined` when they say nothing."""
+    if reasons := silent(runs, rig):
+        findings = tuple(AuditFinding(f.kind, f.severity, f.run, f.channel, f.text) for f in audit(runs, rig))
+        said = "These data cannot tell: " + reasons[0] + "."
+        return Conclusion(Diagnosis("undetermined", said, data_audit=findings, reasons=reasons), rig)
+    found = investigate(runs, rig, options)
+    return _conclude(found, rig, options)
+
+
+def silent(runs: Sequence[Run], rig: Rig) -> tuple[str, ...]:
+    """Return why runs can't show anything; empty when they can."""
+    reasons = []
+    quantum = 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 1e-6
+    if all(float(np.ptp(run.columns["theta_m_rad"])) < FEWEST_QUANTA * quantum for run in runs):
+        reasons.append("the motor does not move in any run; move the jaw over its range, both ways, at several speeds")
+    if not any("theta_j_rad" in run.columns or "tau_w_N_m" in run.columns for run in runs):
+        reasons.append(
+            "neither the jaw's angle nor its load was measured, so whatever is seen at the motor may be load; "
+            "measure one of them, or leave the jaw free and give tau_w_N_m as 0"
+        )
+    if any(mode_of(run, rig) == "driven" for run in runs):
+        reasons.append(
+            "the drive's law, its reference or the current is missing, so the closed loop can't be simulated"
+        )
+    return tuple(reasons)
+
+
+def _conclude(found: Findings, rig: Rig, options: Options) -> Conclusion:
+    verdict = judge(found)
+    model, baseline = found.choice.model, found.baseline
+    theta_before = baseline.problem.theta(baseline.fit.u)
+    theta_after = theta_before if verdict.verdict != "effects" else model.problem.theta(model.fit.u)
+    theta_nominal = parameters.vector(rig)
+    quantum = 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
+    layout = model.problem.layout
+    counts = np.bincount(layout.band_of, minlength=len(layout.band_channel)).astype(float)
+    floors = floors_of(found.choice.noise, layout.band_channel, counts)
+    options.progress("playing the models beside the runs")
+    gain = {}
+    runs = []
+    for records, held in ((found.records, False), (found.held_out, True)):
+        if not records:
+            continue
+        played: list[Played] = [
+            play(records, rig, theta, quantum, options.mapper) for theta in (theta_nominal, theta_before, theta_after)
+        ]
+        runs += evidence(records, held, *played)
+        if held:
+            gain = gains(records, played[1], played[2], floors, options.seed)
+    named = [effect.id for effect in verdict.effects]
+    extended = parameters.rig_with(rig, theta_after if verdict.verdict != "consistent" else theta_nominal, named)
+    diagnosis = Diagnosis(
+        verdict.verdict,
+        verdict.sentence,
+        verdict.effects,
+        verdict.sets,
+        verdict.shifts,
+        gain,
+        tuple(record.name for record in found.held_out),
+        audit_findings(found),
+        detectable(found),
+        None,
+        verdict.varies_over,
+        verdict.reasons,
+        found.choice.candidates,
+        balances(found.before, found.after),
+        trends(tuple(floors), found.before, found.after),
+        floors,
+        tuple(runs),
+    )
+    return Conclusion(diagnosis, extended)

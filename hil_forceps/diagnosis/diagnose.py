@@ -1,0 +1,153 @@
+"""From runs and a rig to a diagnosis: audit, baseline, noise, choice, what is left, gain on runs never used."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis import linear
+from hil_forceps.diagnosis.assemble import Setting, assemble
+from hil_forceps.diagnosis.audit import Finding, audit
+from hil_forceps.diagnosis.choice import Choice, Chooser, Model
+from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.experiment import Record, prepare
+from hil_forceps.diagnosis.fit import fit
+from hil_forceps.diagnosis.leftover import Leftover, leftover
+from hil_forceps.diagnosis.problem import Mapper
+from hil_forceps.diagnosis.scene import scene_of
+from hil_forceps.diagnosis.spectrum import Whitener, measure_noise, white_noise, whitening
+from hil_forceps.diagnosis.unknowns import Unknowns
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+from hil_forceps.rig.plant import PlantParameters
+from hil_forceps.runs.table import Run
+
+Vector = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+HELD_OUT_SHARE = 3  # one run in three is held out
+BASELINE_STEPS = 10
+
+
+def no_progress(_: str) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Options:
+    """How to diagnose; the defaults are what the published figures were made with."""
+
+    without: frozenset[str] = frozenset()  # entries of the catalogue that are left out
+    hold_out: tuple[str, ...] = ()  # names of runs to hold out; none: chosen here
+    seed: int = 0
+    mapper: Mapper = map
+    progress: Progress = no_progress
+
+
+class Findings(NamedTuple):
+    """Everything that the steps found, before it is put into words and numbers for the user."""
+
+    rig: Rig
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+    records: tuple[Record, ...]
+    held_out: tuple[Record, ...]
+    setting: Setting
+    nominal: Model
+    baseline: Model
+    choice: Choice
+    before: Leftover  # beside the baseline
+    after: Leftover  # beside the chosen model
+    first_whitener: Whitener
+
+
+def split_runs(runs: Sequence[Run], wanted: Sequence[str]) -> tuple[list[Run], list[Run]]:
+    """Return the runs to fit and those to hold out: those wanted, else the last third, but none of a single run."""
+    names = [run.name for run in runs]
+    if unknown := [name for name in wanted if name not in names]:
+        raise UserError(f"--hold-out {unknown[0]}: no such run; the runs are {', '.join(names)}")
+    if wanted:
+        held = [run for run in runs if run.name in wanted]
+        fitted = [run for run in runs if run.name not in wanted]
+        if not fitted:
+            raise UserError("--hold-out: every run is held out; leave one at least to fit")
+        return fitted, held
+    count = len(runs) // HELD_OUT_SHARE if len(runs) > 2 else len(runs) - 1
+    split = len(runs) - max(count, 0)
+    return list(runs[:split]), list(runs[split:])
+
+
+def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
+    """Run all steps on runs whose drive law is known."""
+    options.progress("auditing the data")
+    findings = tuple(audit(runs, rig))
+    fitted, held = split_runs(runs, options.hold_out)
+    records, notes = prepare(fitted, rig)
+    held_records, held_notes = prepare(held, rig)
+    options.progress("fitting the known parameters")
+    setting, nominal, baseline, whitener = fit_baseline(records, rig, options)
+    responses = _responses(setting, baseline, rig)
+    courses = courses_of(setting, baseline)
+    scene = scene_of(courses, baseline, whitener, responses)
+    chooser = Chooser(scene, options.without, setting.floor, options.seed, options.progress)
+    choice = chooser.choose(baseline, whitener)
+    options.progress("looking at what is left")
+    after = leftover(choice.model, choice.whitener, courses_of(setting, choice.model), responses, options.seed)
+    baseline = replace(baseline, fit=fit(baseline.problem, baseline.fit.u, choice.whitener, steps=3))
+    before = leftover(baseline, choice.whitener, courses, responses, options.seed)
+    nominal = replace(nominal, fit=fit(nominal.problem, nominal.fit.u, choice.whitener, steps=3))
+    return Findings(
+        rig,
+        findings,
+        (*notes, *held_notes),
+        tuple(records),
+        tuple(held_records),
+        setting,
+        nominal,
+        baseline,
+        choice,
+        before,
+        after,
+        whitener,
+    )
+
+
+def fit_baseline(records: Sequence[Record], rig: Rig, options: Options) -> tuple[Setting, Model, Model, Whitener]:
+    """Fit the known parameters, first with guessed noise, then with what that leaves; also the rig as it is given."""
+    setting = assemble(records, rig, options.mapper)
+    problem = setting.problem
+    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
+    rough = fit(problem, np.zeros(problem.size), whitener, steps=BASELINE_STEPS)
+    quantum = 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
+    if quantum > 0.0:
+        simulator = setting.simulator.with_encoder_errors(problem.theta(rough.u), problem.nuisances(rough.u), quantum)
+        problem = replace(problem, simulate_runs=simulator)
+        setting = setting._replace(problem=problem, simulator=simulator)
+    noise = measure_noise(problem.layout, rough.residual)
+    noise = noise._replace(power=np.maximum(noise.power, setting.floor))
+    whitener = whitening(problem.layout, noise)
+    baseline = Model((), problem, fit(problem, rough.u, whitener, steps=4))
+    bare = problem.with_shared(Unknowns(()))
+    count = len(problem.shared.items)
+    nominal = Model((), bare, fit(bare, baseline.fit.u[count:], whitener, steps=4))
+    return setting, nominal, baseline, whitener
+
+
+def courses_of(setting: Setting, model: Model) -> list[Course]:
+    """Return what each run went through, without the encoder's shaking."""
+    still = replace(setting.simulator, encoder_error_rad=(np.empty(0),) * len(setting.simulator.records))
+    theta = model.problem.theta(model.fit.u)
+    nuisances = model.problem.nuisances(model.fit.u)
+    return [still.course(k, theta, nuisance) for k, nuisance in enumerate(nuisances)]
+
+
+def _responses(setting: Setting, baseline: Model, rig: Rig) -> list[linear.Response]:
+    theta = baseline.problem.theta(baseline.fit.u)
+    plant = PlantParameters(*(float(value) for value in theta[: len(PlantParameters._fields)]))
+    law = rig.require_drive()
+    return [linear.responses(plant, law, r.time_s.size, r.period_s) for r in setting.simulator.records]
+
+
+__all__ = ["Findings", "Options", "courses_of", "fit_baseline", "investigate", "split_runs"]

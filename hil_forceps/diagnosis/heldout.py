@@ -1,0 +1,153 @@
+"""Models on runs: what each says beside what was measured, and what extending gained on runs that were never used."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.assemble import assemble
+from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.fit import fit
+from hil_forceps.diagnosis.problem import Mapper
+from hil_forceps.diagnosis.result import Gain, RunEvidence
+from hil_forceps.diagnosis.spectrum import Noise, measure_noise, white_noise, whitening
+from hil_forceps.diagnosis.unknowns import Unknowns
+from hil_forceps.rig import Rig
+
+Vector = NDArray[np.float64]
+
+BLOCK_S = 0.5  # of the bootstrap: longer than residuals remember
+DRAWS = 1000
+NUISANCE_STEPS = 4
+
+
+class Played(NamedTuple):
+    """A model played beside runs: simulated channels and courses of each."""
+
+    channels: list[dict[str, Vector]]
+    courses: list[Course]
+
+
+def play(records: Sequence[Record], rig: Rig, theta: Vector, quantum_rad: float, mapper: Mapper) -> Played:
+    """Simulate runs with given parameters; only what belongs to each run (zeros, start) is fitted to it."""
+    setting = assemble(records, rig, mapper, Unknowns(()))
+    problem = replace(setting.problem, base=theta)
+    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
+    found = fit(problem, np.zeros(problem.size), whitener, steps=NUISANCE_STEPS)
+    simulator = setting.simulator
+    if quantum_rad > 0.0:
+        simulator = simulator.with_encoder_errors(theta, problem.nuisances(found.u), quantum_rad)
+        problem = replace(problem, simulate_runs=simulator)
+    noise = measure_noise(problem.layout, found.residual)
+    noise = noise._replace(power=np.maximum(noise.power, setting.floor))
+    found = fit(problem, found.u, whitening(problem.layout, noise), steps=NUISANCE_STEPS)
+    still = replace(simulator, encoder_error_rad=(np.empty(0),) * len(records))
+    channels, courses = [], []
+    for k, nuisance in enumerate(problem.nuisances(found.u)):
+        raw = simulator.raw(k, theta, nuisance)
+        channels.append({name: np.asarray(getattr(raw, name)) for name in records[k].channels})
+        courses.append(still.course(k, theta, nuisance))
+    return Played(channels, courses)
+
+
+def gains(
+    records: Sequence[Record], before: Played, after: Played, floors: dict[str, float], seed: int
+) -> dict[str, Gain]:
+    """Return what the extension gained, channel by channel, with a block bootstrap."""
+    rng = np.random.default_rng(seed)
+    found = {}
+    for name in dict.fromkeys(name for record in records for name in record.channels):
+        first, second = [], []
+        for k, record in enumerate(records):
+            if name in record.channels:
+                first += _blocks(record, record.channels[name] - before.channels[k][name])
+                second += _blocks(record, record.channels[name] - after.channels[k][name])
+        found[name] = _gain(np.array(first), np.array(second), floors.get(name, 0.0), rng)
+    return found
+
+
+def _blocks(record: Record, residual: Vector) -> list[tuple[float, float]]:
+    rows = max(1, round(BLOCK_S / record.period_s))
+    squares = residual**2 * record.weights
+    starts = np.arange(0, residual.size, rows)
+    return list(zip(np.add.reduceat(squares, starts), np.add.reduceat(record.weights, starts), strict=True))
+
+
+def _gain(first: Vector, second: Vector, floor: float, rng: np.random.Generator) -> Gain:
+    def share(picked: NDArray[np.intp]) -> tuple[float, float, float]:
+        count = max(float(first[picked, 1].sum()), 1.0)
+        e0, e1 = float(first[picked, 0].sum()) / count, float(second[picked, 0].sum()) / count
+        room = e0 - min(floor**2, e0, e1)
+        return e0, e1, (e0 - e1) / room if room > 1e-12 * e0 and e0 > 0.0 else 0.0
+
+    whole = np.arange(first.shape[0])
+    e0, e1, value = share(whole)
+    drawn = [share(rng.choice(whole, whole.size))[2] for _ in range(DRAWS)]
+    low, high = np.quantile(drawn, (0.025, 0.975))
+    least = float(np.sqrt(min(floor**2, e0, e1)))
+    return Gain(float(np.sqrt(e0)), float(np.sqrt(e1)), least, value, float(low), float(high))
+
+
+def floors_of(noise: Noise, channels: Sequence[str], counts: Vector) -> dict[str, float]:
+    """Return the rms of the noise of each channel, over all frequencies; `counts`: entries of each band.
+
+    For the current this is the noise of what the drive's law does not explain: the sensor's alone.
+    """
+    power = noise.power.copy()
+    motor = np.array([name == "theta_m_rad" for name in channels])
+    jaw = np.array([name == "theta_j_rad" for name in channels])
+    if motor.any() and jaw.any() and motor.sum() == jaw.sum():
+        power[jaw] += np.abs(noise.mix[jaw]) ** 2 * power[motor]
+    return {
+        name: float(
+            np.sqrt(np.average(power[[c == name for c in channels]], weights=counts[[c == name for c in channels]]))
+        )
+        for name in dict.fromkeys(channels)
+    }
+
+
+def evidence(
+    records: Sequence[Record], held_out: bool, nominal: Played, before: Played, after: Played
+) -> list[RunEvidence]:
+    """Return the runs for the figures."""
+    return [
+        RunEvidence(
+            record.name,
+            held_out,
+            record.time_s,
+            dict(record.channels) | ({"tau_w_N_m": record.tau_w_N_m} if record.tau_w_N_m is not None else {}),
+            before.channels[k],
+            after.channels[k],
+            nominal.channels[k],
+            variables_of(after.courses[k]),
+            {},
+        )
+        for k, record in enumerate(records)
+    ]
+
+
+def variables_of(course: Course) -> dict[str, Vector]:
+    """Return the variables over which residuals are shown."""
+    return {
+        "theta": course.theta_m,
+        "omega": course.omega_m,
+        "tension": course.tension_N,
+        "time": course.time_s,
+        "time_since_reversal": _since_reversal(course.omega_m, course.period_s),
+        "load": course.load_N_m,
+        "acceleration": np.gradient(course.omega_m, course.period_s),
+    }
+
+
+def _since_reversal(omega: Vector, period_s: float) -> Vector:
+    moving = np.abs(omega) > 0.02 * max(float(np.abs(omega).max()), 1e-9)
+    sign = np.where(moving, np.sign(omega), 0.0)
+    held = np.maximum.accumulate(np.where(moving, np.arange(omega.size), 0))
+    sign = sign[held]
+    turned = np.concatenate(([0], np.flatnonzero(np.diff(sign) != 0.0) + 1))
+    last = np.zeros(omega.size, dtype=np.intp)
+    last[turned] = turned
+    return np.asarray((np.arange(omega.size) - np.maximum.accumulate(last)) * period_s)

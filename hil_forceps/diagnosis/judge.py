@@ -1,0 +1,199 @@
+"""What the findings amount to: the verdict, its words, and every number of the result."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from hil_forceps.diagnosis.choice import CHANCE, SET_DROP, Model
+from hil_forceps.diagnosis.diagnose import Findings
+from hil_forceps.diagnosis.leftover import Leftover
+from hil_forceps.diagnosis.result import (
+    AuditFinding,
+    Balance,
+    Detectable,
+    Estimate,
+    NamedEffect,
+    Shift,
+    Trend,
+    Verdict,
+)
+from hil_forceps.rig.catalogue import EFFECTS, Location, effect
+
+Vector = NDArray[np.float64]
+
+TWO_SIDED_95 = 1.959964
+SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assumed: 1 in 1000 by chance
+POWER_80 = 0.8416
+UNEXPLAINED_SHARE = 0.03  # of the misfit: what may be left beside named effects without doubting them
+
+
+class Judgement(NamedTuple):
+    """The verdict and why."""
+
+    verdict: Verdict
+    sentence: str
+    effects: tuple[NamedEffect, ...]
+    sets: tuple[tuple[str, ...], ...]
+    shifts: dict[str, Shift]
+    varies_over: tuple[str, ...]
+    reasons: tuple[str, ...]
+
+
+def judge(found: Findings) -> Judgement:
+    """Return the verdict on runs that could be simulated."""
+    choice, model = found.choice, found.choice.model
+    shifts = parameter_shifts(model)
+    explained = found.baseline.fit.chi2 - model.fit.chi2
+    unexplained = found.after.total_gain if found.after.gain > found.after.threshold else 0.0
+    doubtful = unexplained > UNEXPLAINED_SHARE * (unexplained + explained)
+    sets = tuple(dict.fromkeys(rival.effects for rival in choice.rivals if rival.effects))
+    if unexplained > 0.0 and (doubtful or not model.effects):
+        place, variable, _ = found.after.families[0]
+        said = f"Something is there that no entry of the catalogue explains; at {place}, it varies over {variable}."
+        reasons = _unnamed_reasons(model)
+        over = tuple(
+            dict.fromkeys(f"{p}: {v}" for p, v, gain in found.after.families[:4] if gain > found.after.threshold)
+        )
+        return Judgement("unnamed", said, (), sets, shifts, over, reasons)
+    if model.effects:
+        named = named_effects(found)
+        reasons = tuple(
+            "these data can't tell " + " from ".join(" + ".join(ids) for ids in sets) + " apart"
+            for _ in range(len(sets) > 1)
+        )
+        return Judgement("effects", _effects_sentence(named, sets), named, sets, shifts, (), reasons)
+    moved = found.nominal.fit.chi2 - found.baseline.fit.chi2
+    limit = float(stats.chi2.isf(CHANCE, len(found.baseline.problem.shared.items)))
+    if moved > limit and shifts:
+        names = ", ".join(shifts)
+        return Judgement(
+            "parameters", f"Other values of known parameters explain all: {names}.", (), (), shifts, (), ()
+        )
+    return Judgement("consistent", "The simulation agrees with the data to within their noise.", (), (), {}, (), ())
+
+
+def _unnamed_reasons(model: Model) -> tuple[str, ...]:
+    if not model.effects:
+        return ()
+    return (f"the nearest of the catalogue, {' + '.join(model.effects)}, leaves too much unexplained",)
+
+
+def _effects_sentence(named: Sequence[NamedEffect], sets: Sequence[tuple[str, ...]]) -> str:
+    words = " and ".join(effect(e.id).summary for e in named)
+    said = f"The data show: {words}."
+    return said + (" Other entries explain them as well." if len(sets) > 1 else "")
+
+
+def named_effects(found: Findings) -> tuple[NamedEffect, ...]:
+    """Return the named effects with intervals of their parameters."""
+    model = found.choice.model
+    items = model.problem.shared.items
+    values = model.problem.shared.values(model.fit.u[: len(items)])
+    sd = np.sqrt(np.maximum(np.diag(model.fit.covariance)[: len(items)], 0.0))
+    named = []
+    for effect_id in model.effects:
+        parameters = {}
+        for item, value, deviation in zip(items, values, sd, strict=True):
+            if item.name.startswith(f"effects.{effect_id}."):
+                half = TWO_SIDED_95 * float(deviation) * item.scale
+                parameters[item.name.rsplit(".", 1)[1]] = Estimate(
+                    float(value), float(value) - half, float(value) + half, item.unit
+                )
+        named.append(NamedEffect(effect_id, effect(effect_id).location, _confidence(found, effect_id), parameters))
+    return tuple(named)
+
+
+def _confidence(found: Findings, effect_id: str) -> float:
+    """Return the share of the weight of all models within reach that name the effect."""
+    rivals = found.choice.rivals
+    best = min(rival.fit.chi2 for rival in rivals)
+    # Errors of the noise's colour make χ² differences less telling than they look: half their weight.
+    weights = np.array([np.exp(-0.25 * (rival.fit.chi2 - best)) for rival in rivals])
+    has = np.array([effect_id in rival.effects for rival in rivals])
+    return float(weights[has].sum() / weights.sum())
+
+
+def parameter_shifts(model: Model) -> dict[str, Shift]:
+    """Return the known parameters that are not what was assumed."""
+    items = model.problem.shared.items
+    values = model.problem.shared.values(model.fit.u[: len(items)])
+    sd = np.sqrt(np.maximum(np.diag(model.fit.covariance)[: len(items)], 0.0))
+    shifts = {}
+    for item, value, deviation in zip(items, values, sd, strict=True):
+        if item.name.startswith("effects."):
+            continue
+        spread = float(deviation) * item.scale
+        if item.assumed is None or abs(float(value) - item.assumed) > SHIFT_SD * max(spread, 1e-30):
+            half = TWO_SIDED_95 * spread
+            shifts[item.name] = Shift(
+                item.assumed, Estimate(float(value), float(value) - half, float(value) + half, item.unit)
+            )
+    return shifts
+
+
+def detectable(found: Findings) -> dict[str, Detectable]:
+    """Return the smallest amplitude of each entry that these data would show in 80 % of cases."""
+    scan = found.choice.scan
+    needed = float(np.sqrt(scan.scores.threshold)) + POWER_80
+    least: dict[str, Detectable] = {}
+    for probe, group in zip(scan.probes, scan.groups, strict=True):
+        entry = effect(probe.effect_id)
+        for offset, name in enumerate(probe.amplitudes):
+            own = float(scan.scores.projected[group.first + offset, group.first + offset])
+            if own <= 1e-6:
+                continue
+            value = abs(probe.start[name]) * needed / float(np.sqrt(own))
+            parameter = next(p for p in entry.parameters if p.name == name)
+            held = least.get(entry.id)
+            if value <= parameter.maximum and (held is None or value < held.value):
+                least[entry.id] = Detectable(name, value, parameter.unit)
+    return {entry.id: least[entry.id] for entry in EFFECTS if entry.id in least}
+
+
+_PLACES: Mapping[str, tuple[Location, str]] = {
+    "motor": ("motor", "theta_m_rad"),
+    "wire": ("wire", "theta_j_rad"),
+    "jaw": ("jaw", "theta_j_rad"),
+    "theta_m_rad": ("sensor", "theta_m_rad"),
+    "theta_j_rad": ("sensor", "theta_j_rad"),
+    "current_A": ("timing", "current_A"),
+}
+
+
+def balances(before: Leftover, after: Leftover) -> tuple[Balance, ...]:
+    """Return how badly each balance fails: the best curve at each place, over what chance allows; 1 is that."""
+    found = []
+    for place, (location, channel) in _PLACES.items():
+        first = [gain for p, _, gain in before.families if p == place]
+        second = [gain for p, _, gain in after.families if p == place]
+        if first:
+            found.append(
+                Balance(
+                    location,
+                    channel,
+                    float(np.sqrt(max(*first, 0.0) / before.threshold)),
+                    float(np.sqrt(max(*second, 0.0) / after.threshold)),
+                )
+            )
+    return tuple(found)
+
+
+def trends(channels: Sequence[str], before: Leftover, after: Leftover) -> tuple[Trend, ...]:
+    """Return over what the residual varies, before and after: each family's gain over what chance allows."""
+    later = {(place, variable): gain for place, variable, gain in after.families}
+    return tuple(
+        Trend(place, variable, gain / before.threshold, later.get((place, variable), 0.0) / after.threshold)
+        for place, variable, gain in before.families[: 2 * len(channels) + 4]
+    )
+
+
+def audit_findings(found: Findings) -> tuple[AuditFinding, ...]:
+    """Return the audit as the result has it, notes of the preparation behind it."""
+    findings = [AuditFinding(f.kind, f.severity, f.run, f.channel, f.text) for f in found.findings]
+    return (*findings, *(AuditFinding("preparation", "note", "", "", note) for note in found.notes))
+
+
+__all__ = ["SET_DROP", "Judgement", "audit_findings", "balances", "detectable", "judge", "named_effects", "trends"]
