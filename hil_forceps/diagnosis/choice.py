@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.entries import Probe, Scene, free_names, probes
-from hil_forceps.diagnosis.fit import Fit, fit, gram
+from hil_forceps.diagnosis.fit import Fit, Held, fit, gram, hold
 from hil_forceps.diagnosis.problem import Matrix, Problem
 from hil_forceps.diagnosis.result import Candidate
 from hil_forceps.diagnosis.score import COST_PER_COLUMN, Group, Scores, score
@@ -25,6 +25,7 @@ MAX_EFFECTS = 3
 SHORTLIST = 7
 SHORTLIST_DROP = 40.0  # of the linear gain below the best
 SET_DROP = 6.0
+ACCURACY = 0.004  # of the misfit already explained: a further effect must gain more than numerics and smoothing leave
 CHANCE = 0.005  # family-wise, of naming something where nothing is
 
 
@@ -118,12 +119,14 @@ class Chooser:
         self._seed = seed
         self._progress = progress
         self._candidates: list[Candidate] = []
+        self._first_chi2 = 0.0
 
     def choose(self, baseline: Model, whitener: Whitener) -> Choice:
         """Choose from the refitted baseline on; `whitener` is a first guess of the noise."""
         model = baseline
         rivals: list[Model] = [baseline]
         model, scan, whitener, noise = self._look(model, whitener)
+        self._first_chi2 = model.fit.chi2
         for step in range(MAX_EFFECTS):
             refined = self._refined(model, scan, whitener, step)
             if not refined:
@@ -149,18 +152,19 @@ class Chooser:
         """Refit with each entry that stands out; return the models that gain enough, the best first."""
         best: dict[str, int] = {}
         for i, probe in enumerate(scan.probes):
-            held = best.get(probe.effect_id)
-            if held is None or scan.scores.gains[i] > scan.scores.gains[held]:
+            so_far = best.get(probe.effect_id)
+            if so_far is None or scan.scores.gains[i] > scan.scores.gains[so_far]:
                 best[probe.effect_id] = i
-        threshold = scan.scores.threshold
+        threshold = max(scan.scores.threshold, ACCURACY * (self._first_chi2 - model.fit.chi2))
         order = sorted(best.values(), key=lambda i: -scan.scores.gains[i])
         top = scan.scores.gains[order[0]] if order else 0.0
         drop = max(SHORTLIST_DROP, 0.4 * top)
         short = [i for i in order if scan.scores.gains[i] > max(threshold * 0.7, top - drop)][:SHORTLIST]
         found = []
         gains: dict[str, float] = {}
+        held = hold(model.fit.jacobian, len(model.problem.shared.items), whitener)
         for i in short:
-            refit = self.refine(model, scan.probes[i], scan.scores.amplitudes[i], whitener)
+            refit = self.refine(model, scan.probes[i], scan.scores.amplitudes[i], whitener, held)
             extra = len(refit.problem.shared.items) - len(model.problem.shared.items)
             gain = model.fit.chi2 - refit.fit.chi2 - COST_PER_COLUMN * (extra - 1)
             gains[scan.probes[i].effect_id] = gain
@@ -170,7 +174,9 @@ class Chooser:
         self._note(scan, best, gains, found, step)
         return found
 
-    def refine(self, model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, steps: int = 4) -> Model:
+    def refine(
+        self, model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, held: Held, steps: int = 4
+    ) -> Model:
         """Refit a model with an entry added, beginning where the linear look found it."""
         self._progress(f"refitting with {probe.effect_id}")
         entry = effect(probe.effect_id)
@@ -187,7 +193,7 @@ class Chooser:
             base[parameters.index(f"effects.{probe.effect_id}.{name}")] = value
         problem = replace(model.problem.with_shared(shared), base=base)
         u = np.concatenate((model.fit.u[:count], np.zeros(len(shared.items) - count), model.fit.u[count:]))
-        result = fit(problem, u, whitener, held=model.fit.jacobian, held_count=count, steps=steps)
+        result = fit(problem, u, whitener, held=held, steps=steps)
         return Model((*model.effects, probe.effect_id), problem, result, _at_bound(problem, result, count))
 
     def _exchange(self, model: Model, rivals: list[Model], whitener: Whitener) -> tuple[Model, list[Model]]:

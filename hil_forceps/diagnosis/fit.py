@@ -14,6 +14,7 @@ MAX_STEPS = 12
 SMALL_FALL = 0.05  # of χ²: a step that gains less ends the fit
 FIRST_DAMPING = 1e-6
 MAX_DAMPINGS = 7
+BLOCK = 1 << 16  # rows of a product in single precision
 
 
 class Fit(NamedTuple):
@@ -41,24 +42,39 @@ def sum_of_squares(flat: Flat) -> float:
 def gram(left: Matrix, right: Matrix) -> NDArray[np.float64]:
     """Return leftᵀ right, in blocks so that single precision doesn't lose the small entries."""
     total = np.zeros((left.shape[1], right.shape[1]))
-    for start in range(0, left.shape[0], 8192):
-        total += left[start : start + 8192].T @ right[start : start + 8192]
+    for start in range(0, left.shape[0], BLOCK):
+        total += left[start : start + BLOCK].T @ right[start : start + BLOCK]
     return total
 
 
-def fit(
-    problem: Problem,
-    u: Vector,
-    whitener: Whitener,
-    *,
-    held: Matrix | None = None,
-    held_count: int = 0,
-    steps: int = MAX_STEPS,
-) -> Fit:
+class Held(NamedTuple):
+    """Sensitivities that a fit takes as constant: of the first shared unknowns, and of all nuisances behind them."""
+
+    columns: Matrix
+    white: Matrix
+    gram: NDArray[np.float64]
+    shared: int  # how many of the columns belong to shared unknowns
+
+
+def hold(jacobian: Matrix, shared: int, whitener: Whitener) -> Held:
+    """Prepare the sensitivities of a fit for others that begin at it."""
+    white = whitener.apply(jacobian)
+    return Held(jacobian, white, gram(white, white), shared)
+
+
+class Sensitivity(NamedTuple):
+    """Sensitivities at a point, whitened products ready."""
+
+    columns: Matrix
+    white: Matrix
+    gram: NDArray[np.float64]
+
+
+def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = None, steps: int = MAX_STEPS) -> Fit:
     """Minimise the objective from u.
 
-    `held`: sensitivities of the first `held_count` shared unknowns and of all nuisances, taken as constant; only the
-    others' are computed anew each step. Good near a fit, and many times cheaper.
+    `held`: sensitivities taken as constant, so that only those of the other shared unknowns are computed anew each
+    step. Good near a fit, and many times cheaper.
     """
     low, high = problem.bounds()
     weights = problem.prior_weights()
@@ -67,16 +83,14 @@ def fit(
     residual = problem.measured - transform(problem.layout, outputs)
     chi2 = chi2_of(problem, residual, whitener, u)
     damping = FIRST_DAMPING
-    jacobian = _jacobian(problem, u, outputs, held, held_count)
+    at = _sensitivity(problem, u, outputs, whitener, held)
     done = 0
     while done < steps:
         done += 1
-        white = whitener.apply(jacobian)
-        normal = gram(white, white)
-        slope = gram(white, whitener.apply(residual)[:, None])[:, 0] - weights * u
+        slope = gram(at.white, whitener.apply(residual)[:, None])[:, 0] - weights * u
         improved = False
         for _ in range(MAX_DAMPINGS):
-            candidate = _step(normal, slope, weights, damping, u, low, high)
+            candidate = _step(at.gram, slope, weights, damping, u, low, high)
             new_outputs = problem.simulate(candidate)
             new_residual = problem.measured - transform(problem.layout, new_outputs)
             new_chi2 = chi2_of(problem, new_residual, whitener, candidate)
@@ -91,18 +105,33 @@ def fit(
         damping = max(damping / 30.0, FIRST_DAMPING)
         if fall < SMALL_FALL:
             break
-        jacobian = _jacobian(problem, u, outputs, held, held_count)
-    white = whitener.apply(jacobian)
-    covariance = np.asarray(np.linalg.pinv(gram(white, white) + np.diag(weights), hermitian=True), dtype=np.float64)
-    return Fit(u, chi2, residual, outputs, jacobian, covariance, done)
+        at = _sensitivity(problem, u, outputs, whitener, held)
+    covariance = np.asarray(np.linalg.pinv(at.gram + np.diag(weights), hermitian=True), dtype=np.float64)
+    return Fit(u, chi2, residual, outputs, at.columns, covariance, done)
 
 
-def _jacobian(problem: Problem, u: Vector, outputs: Outputs, held: Matrix | None, held_count: int) -> Matrix:
+def _sensitivity(problem: Problem, u: Vector, outputs: Outputs, whitener: Whitener, held: Held | None) -> Sensitivity:
     if held is None:
-        return problem.jacobian(u, outputs)
-    count = len(problem.shared.items)
-    fresh = problem.shared_columns(u, outputs, range(held_count, count))
-    return np.concatenate((held[:, :held_count], fresh, held[:, held_count:]), axis=1)
+        columns = problem.jacobian(u, outputs)
+        white = whitener.apply(columns)
+        return Sensitivity(columns, white, gram(white, white))
+    first, count = held.shared, len(problem.shared.items)
+    fresh = problem.shared_columns(u, outputs, range(first, count))
+    white = whitener.apply(fresh)
+    cross, own = gram(held.white, white), gram(white, white)
+    old = held.gram
+    products = np.block(
+        [
+            [old[:first, :first], cross[:first], old[:first, first:]],
+            [cross[:first].T, own, cross[first:].T],
+            [old[first:, :first], cross[first:], old[first:, first:]],
+        ]
+    )
+    return Sensitivity(
+        np.concatenate((held.columns[:, :first], fresh, held.columns[:, first:]), axis=1),
+        np.concatenate((held.white[:, :first], white, held.white[:, first:]), axis=1),
+        products,
+    )
 
 
 def _step(

@@ -26,6 +26,7 @@ Vector = NDArray[np.float64]
 
 TWO_SIDED_95 = 1.959964
 SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assumed: 1 in 1000 by chance
+LEAST_SHIFT = 0.1  # of what was known: less is no shift, however well it is measured
 POWER_80 = 0.8416
 UNEXPLAINED_SHARE = 0.03  # of the misfit: what may be left beside named effects without doubting them
 
@@ -126,7 +127,8 @@ def parameter_shifts(model: Model) -> dict[str, Shift]:
         if item.name.startswith("effects."):
             continue
         spread = float(deviation) * item.scale
-        if item.assumed is None or abs(float(value) - item.assumed) > SHIFT_SD * max(spread, 1e-30):
+        least = max(SHIFT_SD * spread, LEAST_SHIFT * (0.3 if "coulomb" in item.name else 1.0) * item.scale)
+        if item.assumed is None or abs(float(value) - item.assumed) > least:
             half = TWO_SIDED_95 * spread
             shifts[item.name] = Shift(
                 item.assumed, Estimate(float(value), float(value) - half, float(value) + half, item.unit)

@@ -23,7 +23,8 @@ Vector = NDArray[np.float64]
 
 SUBSTEPS = 4  # of 250 µs in a row of 1 ms; more for longer rows
 LONGEST_SUBSTEP_S = 2.6e-4
-SLOWEST_SHAKE_HZ = 25.0
+SLOWEST_SHAKE_HZ = 60.0  # below, what is left is misfit rather than rounding
+SHAKE_PASSES = 5
 ROWS_FOR_SPEED = 12  # at the beginning of a run
 
 
@@ -82,13 +83,17 @@ class ClosedLoop:
 
     def with_encoder_errors(self, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float) -> "ClosedLoop":
         """Return the same with the encoder's rounding as it happened: the fast part of what a fit leaves in θ_m."""
-        errors = []
-        for k, (record, nuisance) in enumerate(zip(self.records, nuisances, strict=True)):
-            left = record.channels["theta_m_rad"] - self.raw(k, theta, nuisance).theta_m_rad
-            width = max(3, round(1.0 / (SLOWEST_SHAKE_HZ * record.period_s)) | 1)
-            fast = left - uniform_filter1d(uniform_filter1d(left, width), width)
-            errors.append(np.clip(fast, -0.75 * quantum_rad, 0.75 * quantum_rad))
-        return replace(self, encoder_error_rad=tuple(errors))
+        found = self
+        for _ in range(SHAKE_PASSES):
+            # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
+            errors = []
+            for k, (record, nuisance) in enumerate(zip(self.records, nuisances, strict=True)):
+                left = record.channels["theta_m_rad"] - found.raw(k, theta, nuisance).theta_m_rad
+                width = max(3, round(1.0 / (SLOWEST_SHAKE_HZ * record.period_s)) | 1)
+                fast = left - uniform_filter1d(uniform_filter1d(left, width), width)
+                errors.append(np.clip(fast, -0.75 * quantum_rad, 0.75 * quantum_rad))
+            found = replace(self, encoder_error_rad=tuple(errors))
+        return found
 
     def course(self, run: int, theta: Vector, nuisance: Nuisance) -> Course:
         """Return what a run went through inside."""

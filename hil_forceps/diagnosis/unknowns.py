@@ -88,7 +88,7 @@ def _plant_unknown(name: str, unit: str, known: Parameter, torque_scale_N_m: flo
         low, high = known.minimum, known.maximum
     value = known.value
     if value is None:
-        if not (0.0 < low and high < math.inf):
+        if not (low > 0.0 and high < math.inf):
             raise UserError(f"{name}: is unknown and has no bounds; give {{min, max}} for the diagnosis to search in")
         value = math.sqrt(low * high)
         scale = 0.5 * value
