@@ -126,7 +126,11 @@ def test_plant_names_every_value_that_is_not_known() -> None:
 
 
 def test_a_rig_with_effects_loads_and_no_bench_passes_them_over() -> None:
-    rig = parse_rig(CONTRACT.replace("effects: {}", "effects:\n  wire_slack: {half_width_m: 1e-5}\n  wire_creep: {time_constant_s: 2.0}"))
+    rig = parse_rig(
+        CONTRACT.replace(
+            "effects: {}", "effects:\n  wire_slack: {half_width_m: 1e-5}\n  wire_creep: {time_constant_s: 2.0}"
+        )
+    )
     assert rig.effects == {"wire_slack": {"half_width_m": 1e-5}, "wire_creep": {"time_constant_s": 2.0}}
     for require in (rig.require_no_effects, rig.require_bench):
         with pytest.raises(UserError) as caught:
@@ -147,7 +151,9 @@ def test_a_rig_without_a_drive_loads_and_has_no_loop() -> None:
 
 
 def test_all_that_keeps_a_bench_from_running_is_told_at_once() -> None:
-    text = CONTRACT.replace("2.6e4", "unknown").replace("effects: {}", "effects: {cogging: {sine_N_m: 1e-5, harmonic: 6.0}}")
+    text = CONTRACT.replace("2.6e4", "unknown").replace(
+        "effects: {}", "effects: {cogging: {sine_N_m: 1e-5, harmonic: 6.0}}"
+    )
     with pytest.raises(UserError) as caught:
         parse_rig(text.replace("sample_time_s: 1.0e-3", "sample_time_s: 1.3e-4")).require_bench()
     keys = [line.split(":")[0] for line in caught.value.problems]
