@@ -74,10 +74,22 @@ def friction(
 
 @inlined
 def _held(free_speed: float, free_way: float, r: Response, levels: Levels) -> tuple[float, float, int]:
-    """Return the friction that keeps it where it is, or the level once that isn't enough."""
+    """Return the friction that keeps it where it is, as far as the level lets it.
+
+    What would hold it is a line over the step; where that line leaves the level, it breaks away.
+    """
     scale = r.way_of_mean * r.speed_of_slope - r.way_of_slope * r.speed_of_mean
     mean = (free_way * r.speed_of_slope - free_speed * r.way_of_slope) / scale
+    slope = (free_speed * r.way_of_mean - free_way * r.speed_of_mean) / scale
+    last = mean + 0.5 * slope
+    sign = 1.0 if last > 0.0 else -1.0
+    level = levels.rest + (levels.forward if last > 0.0 else levels.backward)
+    first, rise = sign * (mean - 0.5 * slope), sign * slope
+    if sign * last > level >= first:
+        rest = 1.0 - (level - first) / rise  # share of the step after breakaway
+        over, moment = 0.5 * rise * rest * rest, rise * rest * rest * (0.25 - rest / 6.0)
+        return mean - sign * over, slope - sign * 12.0 * moment, MOVING
     level = levels.rest + (levels.forward if mean > 0.0 else levels.backward)
     if abs(mean) <= level:
-        return mean, (free_speed * r.way_of_mean - free_way * r.speed_of_mean) / scale, STUCK
+        return mean, slope, STUCK
     return (level if mean > 0.0 else -level), 0.0, MOVING
