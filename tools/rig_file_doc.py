@@ -8,8 +8,9 @@ from typing import Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from hil_forceps.rig import UserError, consistency, load_rig, units
-from hil_forceps.rig.catalogue import EFFECT_IDS
+from hil_forceps.rig import UserError, catalogue, consistency, load_rig, units
+from hil_forceps.rig.catalogue import EFFECTS, Effect
+from hil_forceps.rig.effects import quantity_of as effect_quantity
 from hil_forceps.rig.problems import show_number
 from hil_forceps.rig.quantities import Parameter, Quantity
 from hil_forceps.rig.schema import Rig
@@ -41,7 +42,8 @@ def render() -> str:
         "sections": "\n".join(sections()),
         "rules": "\n".join(rules(consistency.RULES)),
         "bench_rules": "\n".join(rules(consistency.BENCH_RULES)),
-        "effects": ", ".join(f"`{name}`" for name in EFFECT_IDS),
+        "equations": equations(),
+        "effects": "\n".join(line for entry in EFFECTS for line in effect_rows(entry)),
         "errors": "\n".join(errors()),
     }
     for name, text in parts.items():
@@ -112,6 +114,24 @@ def show_default(value: object) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(show_default(item) for item in value)}]"
     return show_number(value) if isinstance(value, int | float) else str(value)
+
+
+def equations() -> str:
+    """Return how the effects act together: the indented part of the catalogue's docstring."""
+    lines = (catalogue.__doc__ or "").splitlines()
+    return "\n".join(line.removeprefix("    ") for line in lines if line.startswith("    "))
+
+
+def effect_rows(entry: Effect) -> Iterator[str]:
+    """Yield the table rows of one effect: one for each parameter."""
+    head = f"| `{entry.id}`: {entry.summary} | {entry.location} | {entry.equation.replace('|', chr(92) + '|')} |"
+    for parameter in entry.parameters:
+        quantity = effect_quantity(parameter)
+        unit = units.show_unit(parameter.unit) or "–"
+        reach = quantity.range_text().removesuffix(units.show_unit(quantity.unit)).strip()
+        shape = " (*shape*)" if parameter.neutral is None else ""
+        yield f"{head} `{parameter.name}`{shape} | {unit} | {reach} | {parameter.meaning} |"
+        head = "| | | |"
 
 
 def rules(table: consistency.Rules) -> Iterator[str]:

@@ -108,9 +108,12 @@ def released(
     e: EffectNumbers,
     env: Environment,
 ) -> Memory:
-    """Let go of each body at rest that is driven by more than its friction, unless it is to be held."""
+    """Let go of each body at rest that is driven by more than its friction, unless it is to be held.
+
+    A body that moves is braked on the side to which it moves: without friction it turns round with no event.
+    """
     side_m, side_j = memory.side_m, memory.side_j
-    if side_m != 0.0 and side_j != 0.0:
+    if m.omega_m * side_m > 0.0 and m.omega_j * side_j > 0.0:
         return memory
     tension = tension_of(m, memory, p, e)
     if m.omega_m != 0.0:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from hil_forceps.estimation.batch import start_kind, step_kind
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Estimator
 from hil_forceps.estimation.registry import WIRE_ANGLE_RAD, WIRE_CURRENT_A
-from hil_forceps.model.closed_loop import (
+from hil_forceps.model.kernel import kernel
+from hil_forceps.model.linear_loop import (
     DRIVE_CURRENT,
     DriveParameters,
     Loop,
@@ -23,7 +24,6 @@ from hil_forceps.model.closed_loop import (
     make_loop,
     quantise,
 )
-from hil_forceps.model.kernel import kernel
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.schema import Rig
 

@@ -1,10 +1,7 @@
-"""The mind's own simulation of the closed loop: exact steps of the linear plant, implicit friction, the drive's law.
+"""The mind's own simulation of the closed loop, with every effect of the catalogue.
 
-The simulated world (another package) integrates its own equations with another method and a smoothed friction; a test
-compares the two. Here the plant is stepped by its exact discretisation with inputs held, and Coulomb friction is what
-brings the velocity at the end of the step to zero, limited to its level: it can stop a mass but never drive it.
-
-Plant state (4): θ_m, ω_m, θ_j, ω_j. Drive state (5): ∫e dt, last θ_enc, filtered velocity, current held, samples seen.
+The simulated world (another package) integrates the same equations with another method; a test compares the two.
+Rows are what a log has: all as it is at the instant of the row, so the current is the one commanded a sample earlier.
 """
 
 import math
@@ -13,166 +10,198 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.model.kernel import kernel
-from hil_forceps.model.two_inertia import Matrix, discretise
-from hil_forceps.rig.plant import PlantParameters
+from hil_forceps.model import drive_law
+from hil_forceps.model.current import current_over, current_step
+from hil_forceps.model.drive_law import DriveState, drive_sample, law_current, law_vector, quantise
+from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all
+from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.model.parameters import Vector
+from hil_forceps.model.physics import (
+    Physics,
+    State,
+    dead_zone,
+    encoder_rad,
+    state_dependent,
+    torque_constant,
+    viscosity,
+    wire,
+    wound_m,
+)
+from hil_forceps.model.sensors import late, late_load
+from hil_forceps.model.step import Drive, plain_step, refined_step
 
-Vector = NDArray[np.float64]
+__all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", "law_vector", "rest", "simulate"]
 
-DRIVE_INTEGRAL, DRIVE_ANGLE, DRIVE_VELOCITY, DRIVE_CURRENT, DRIVE_SAMPLES = range(5)
-
-
-class DriveParameters(NamedTuple):
-    """The position loop that the drive closes."""
-
-    sample_time_s: float
-    kp_A_per_rad: float
-    ki_A_per_rad_s: float
-    kd_A_s_per_rad: float
-    derivative_cutoff_Hz: float
-    current_limit_A: float
-
-
-class Loop(NamedTuple):
-    """Plant and drive, prepared for the kernels; make it with `make_loop`."""
-
-    transition: Matrix  # Φ of one plant step
-    input_gain: Matrix  # Γ of one plant step
-    frictions_N_m: Vector  # τ_Fm, τ_Fj
-    drive: Vector  # T, kp, ki, kd, velocity filter's share of the new value, limit
-    torque_constant_N_m_per_A: float
-    encoder_quantum_rad: float  # 0: not quantised
-    steps_per_sample: int
+_DRIFT_STEP = 0.02  # of D_m: further away, the linear plant is made anew
+_CHANNELS = 8
 
 
-class Rollout(NamedTuple):
-    """What `rollout` returns, one row per drive sample: all as they are at the instant of the sample."""
+class Inputs(NamedTuple):
+    """What a run was driven with. `tau_w_N_m` is as recorded: a skewed channel is set right for the plant."""
 
-    states: Matrix  # n×4 plant states
-    theta_m_rad: Vector  # encoder angle
-    current_A: Vector  # current held over the interval that ended at the sample
-
-
-def make_loop(
-    plant: PlantParameters, drive: DriveParameters, counts_per_rev: int | None = None, plant_step_s: float = 5e-5
-) -> Loop:
-    """Prepare a loop; ValueError unless the drive's sample time is a whole number of plant steps."""
-    steps = round(drive.sample_time_s / plant_step_s)
-    if steps < 1 or not math.isclose(steps * plant_step_s, drive.sample_time_s, rel_tol=1e-9):
-        raise ValueError(
-            f"drive sample time {drive.sample_time_s} s must be a whole number of plant steps of {plant_step_s} s"
-        )
-    transition, input_gain = discretise(plant, drive.sample_time_s / steps)
-    share = 1.0 - math.exp(-2.0 * math.pi * drive.derivative_cutoff_Hz * drive.sample_time_s)
-    law = [drive.sample_time_s, drive.kp_A_per_rad, drive.ki_A_per_rad_s, drive.kd_A_s_per_rad]
-    return Loop(
-        transition,
-        input_gain,
-        np.array([plant.motor_coulomb_N_m, plant.jaw_coulomb_N_m]),
-        np.array([*law, share, drive.current_limit_A]),
-        plant.torque_constant_N_m_per_A,
-        0.0 if counts_per_rev is None else 2.0 * math.pi / counts_per_rev,
-        steps,
-    )
+    time_s: Vector  # n, equally spaced
+    reference_rad: Vector  # n; held until the next row
+    tau_w_N_m: Vector  # n, linear in between
+    edge_rows: NDArray[np.int64]  # m, increasing: between row k and k + 1 the load jumps ...
+    edge_fractions: Vector  # m: ... at this fraction of the interval, instead of a ramp
 
 
-def rest_state(plant: PlantParameters, theta_j_rad: float) -> Vector:
-    """Return the plant at rest with a slack wire (x = 0) at jaw angle `theta_j_rad`."""
-    ratio = plant.jaw_pulley_radius_m / plant.motor_pulley_radius_m
-    return np.array([ratio * theta_j_rad, 0.0, theta_j_rad, 0.0])
+class Start(NamedTuple):
+    """State at the first row."""
+
+    plant: State
+    drive: DriveState
 
 
-@kernel
-def friction_N_m(free_velocity: float, velocity_per_torque: float, level_N_m: float) -> float:
-    """Return the friction torque of a step that would end at `free_velocity` without it (Moreau's implicit rule)."""
-    return max(-level_N_m, min(level_N_m, free_velocity / velocity_per_torque))
+class Channels(NamedTuple):
+    """A run as simulated, n each: the first four as the sensors give them, the rest as it is."""
+
+    theta_m_rad: Vector
+    current_A: Vector
+    theta_j_rad: Vector
+    tau_w_N_m: Vector
+    tension_N: Vector
+    elongation_m: Vector
+    omega_m_rad_per_s: Vector
+    omega_j_rad_per_s: Vector
 
 
-@kernel
-def plant_step(
-    state: Vector, torque_N_m: float, load_N_m: float, transition: Matrix, input_gain: Matrix, frictions_N_m: Vector
-) -> Vector:
-    """Return the plant state one step on, motor torque and jaw load held."""
-    after = np.empty(4)
-    for i in range(4):
-        total = input_gain[i, 0] * torque_N_m + input_gain[i, 1] * load_N_m
-        for j in range(4):
-            total += transition[i, j] * state[j]
-        after[i] = total
-    motor = friction_N_m(after[1], input_gain[1, 0], frictions_N_m[0])
-    # The jaw's load counts positive against the motion, so its column is negative.
-    jaw = friction_N_m(after[3], -input_gain[3, 1], frictions_N_m[1])
-    for i in range(4):
-        after[i] += input_gain[i, 1] * jaw - input_gain[i, 0] * motor
-    return after
+def rest(theta: Vector, theta_m_rad: float, tension_N: float = 0.0, current_A: float = 0.0) -> Start:
+    """Return the start of a forceps at rest with the motor at `theta_m_rad` (true) and `tension_N` in the wire.
 
-
-@kernel
-def quantise(value: float, quantum: float) -> float:
-    """Return `value` rounded to a whole number of quanta, or itself when the quantum is 0."""
-    if quantum <= 0.0:
-        return value
-    return math.floor(value / quantum + 0.5) * quantum
-
-
-@kernel
-def drive_step(state: Vector, reference_rad: float, theta_enc_rad: float, drive: Vector) -> Vector:
-    """Return the drive's state after a sample; entry `DRIVE_CURRENT` is what it holds until the next."""
-    period, kp, ki, kd, share, limit = drive[0], drive[1], drive[2], drive[3], drive[4], drive[5]
-    error = reference_rad - theta_enc_rad
-    integral = state[DRIVE_INTEGRAL] + error * period
-    if ki > 0.0:
-        integral = max(-limit / ki, min(limit / ki, integral))
-    velocity = 0.0
-    if state[DRIVE_SAMPLES] > 0.0:
-        raw = (theta_enc_rad - state[DRIVE_ANGLE]) / period
-        velocity = state[DRIVE_VELOCITY] + share * (raw - state[DRIVE_VELOCITY])
-    current = max(-limit, min(limit, kp * error + ki * integral - kd * velocity))
-    return np.array([integral, theta_enc_rad, velocity, current, state[DRIVE_SAMPLES] + 1.0])
-
-
-@kernel
-def interval(state: Vector, current_A: float, load_N_m: Vector, loop: Loop) -> Vector:
-    """Return the plant state one drive interval on; `load_N_m` has τ_w for each plant step of it."""
-    for i in range(loop.steps_per_sample):
-        state = plant_step(
-            state,
-            loop.torque_constant_N_m_per_A * current_A,
-            load_N_m[i],
-            loop.transition,
-            loop.input_gain,
-            loop.frictions_N_m,
-        )
-    return state
-
-
-@kernel
-def _rollout(state: Vector, references_rad: Vector, load_N_m: Vector, loop: Loop) -> tuple[Matrix, Vector, Vector]:
-    samples = references_rad.shape[0]
-    states = np.empty((samples, 4))
-    angles = np.empty(samples)
-    currents = np.empty(samples)
-    drive = np.zeros(5)
-    for n in range(samples):
-        states[n] = state
-        angles[n] = quantise(state[0], loop.encoder_quantum_rad)
-        currents[n] = drive[DRIVE_CURRENT]
-        drive = drive_step(drive, references_rad[n], angles[n], loop.drive)
-        first = n * loop.steps_per_sample
-        state = interval(state, drive[DRIVE_CURRENT], load_N_m[first : first + loop.steps_per_sample], loop)
-    return states, angles, currents
-
-
-def rollout(loop: Loop, state: Vector, references_rad: Vector, tau_w_N_m: Vector) -> Rollout:
-    """Simulate the loop from `state` with the drive at rest.
-
-    `references_rad` (n): the θ_m^ref that the drive's law uses at each sample. `tau_w_N_m` (n·steps_per_sample): load
-    on the jaw over each plant step. ValueError when the shapes don't fit.
+    Creep and hysteresis are relaxed; the drive has the angle as it is, no quantisation, and holds `current_A`.
     """
-    samples = references_rad.shape[0]
-    if tau_w_N_m.shape != (samples * loop.steps_per_sample,) or state.shape != (4,):
-        raise ValueError(
-            f"tau_w_N_m must have {samples * loop.steps_per_sample} values, got {tau_w_N_m.shape}; "
-            f"state must have 4, got {state.shape}"
+    p = Physics(*theta.tolist())
+    stretch = tension_N / p.k
+    for _ in range(50):  # the cubic's one real root by Newton's method
+        slope = 1.0 + 3.0 * p.hardening * stretch * stretch
+        stretch -= (stretch + p.hardening * stretch**3 - tension_N / p.k) / slope
+    if tension_N != 0.0:
+        stretch += math.copysign(p.slack, tension_N)
+    theta_j = (wound_m(p, theta_m_rad) - p.zero_stretch - stretch) / p.r_j
+    plant = State(theta_m_rad, 0.0, theta_j, 0.0, 0.0, 0.0, 0.0, current_A)
+    return Start(plant, DriveState(0.0, encoder_rad(p, theta_m_rad), 0.0, current_A))
+
+
+@inlined
+def _load(first: float, last: float, step: int, steps: int, edge: float) -> tuple[float, float]:
+    """Return mean and slope of the load over a step of a row; `edge` < 0: a ramp, else where in the row it jumps."""
+    if edge < 0.0:
+        rise = (last - first) / steps
+        return first + rise * (step + 0.5), rise
+    share = max(0.0, min(1.0, edge * steps - step))
+    return first * share + last * (1.0 - share), 6.0 * (last - first) * share * (1.0 - share)
+
+
+@inlined
+def _record(out: Vector, row: int, p: Physics, x: State, tau_w_N_m: float) -> None:
+    """Write a row: all as it is, before the sensors' channels are made of it."""
+    w = wire(p, x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s, x.creep_m, x.loop)
+    out[0, row] = encoder_rad(p, x.theta_m_rad)
+    out[1, row] = x.current_A
+    out[2, row] = x.theta_j_rad
+    out[3, row] = tau_w_N_m
+    out[4, row] = w.tension_N
+    out[5, row] = w.elongation_m
+    out[6, row] = x.omega_m_rad_per_s
+    out[7, row] = x.omega_j_rad_per_s
+
+
+@kernel
+def _edges(rows: int, edge_rows: NDArray[np.int64], edge_fractions: Vector) -> Vector:
+    """Return for each row where in it the load jumps; below 0 where it doesn't."""
+    edges = np.full(rows, -1.0)
+    for k in range(edge_rows.shape[0]):
+        edges[edge_rows[k]] = edge_fractions[k]
+    return edges
+
+
+@inlined
+def _behind(commands: Vector, place: int, samples: int) -> float:
+    """Return the command that came `samples` samples before the one at `place` of the ring."""
+    at = place - samples
+    value: float = commands[at if at >= 0 else at + commands.shape[0]]
+    return value
+
+
+@kernel
+def _rollout(
+    p: Physics, law: Vector, quantum_rad: float, row_s: float, inputs: Inputs, start: Start, substeps: int, samples: int
+) -> Vector:
+    rows, steps, step_s = inputs.reference_rad.shape[0], substeps // samples, row_s / substeps
+    x, drive = start
+    out = np.empty((_CHANNELS, rows))
+    edges = _edges(rows, inputs.edge_rows, inputs.edge_fractions)
+    full = state_dependent(p)
+    gains = np.empty((SHORT + 2, SIZE))
+    fill_all(gains, p, p.D_m, step_s)
+    inertia = (p.I_m / step_s, p.I_j / step_s)
+    kept = (math.exp(-step_s / p.creep_time), math.exp(-step_s / PIECES / p.creep_time))
+    c = current_step(step_s, steps, p.delay, p.lag)
+    commands = np.full(c.whole_samples + 2, x.current_A)
+    place = 0
+    for row in range(rows):
+        _record(out, row, p, x, inputs.tau_w_N_m[row])
+        if row == rows - 1:
+            break
+        first, last = inputs.tau_w_N_m[row], inputs.tau_w_N_m[row + 1]
+        for step in range(substeps):
+            into = step % steps
+            if into == 0:
+                angle = quantise(encoder_rad(p, x.theta_m_rad), quantum_rad)
+                drive = drive_sample(law, drive, inputs.reference_rad[row], angle)
+                place = place + 1 if place + 1 < commands.shape[0] else 0
+                commands[place] = max(-p.limit, min(p.limit, dead_zone(drive.current_A, p.deadband)))
+            old, new = _behind(commands, place, c.whole_samples + 1), _behind(commands, place, c.whole_samples)
+            mean, slope, end = current_over(c, into, x.current_A, old, new)
+            load, load_slope = _load(first, last, step, substeps, edges[row])
+            time_s = (row * substeps + step + 0.5) * step_s
+            d = Drive(mean, slope, end, torque_constant(p, time_s), viscosity(p, time_s), load, load_slope)
+            if full:
+                if abs(d.viscosity - gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
+                    fill_all(gains, p, d.viscosity, step_s)
+                x = refined_step(p, gains, inertia, kept, x, d)
+            else:
+                x = plain_step(p, gains, inertia, x, d)
+    return out
+
+
+def simulate(
+    theta: Vector,
+    law: Vector,
+    quantum_rad: float,
+    inputs: Inputs,
+    start: Start,
+    substeps: int = 4,
+    drive_samples_per_row: int = 1,
+) -> Channels:
+    """Simulate a run. The GIL is released for all of it but a few tens of µs.
+
+    `theta`: `parameters.NAMES`. `law`: `law_vector`. `quantum_rad`: of the encoder, 0 for none. `substeps` of the plant
+    a row, a multiple of `drive_samples_per_row`. ValueError when shapes or counts don't fit.
+    """
+    rows = inputs.time_s.shape[0]
+    if rows < 2 or any(column.shape != (rows,) for column in (inputs.reference_rad, inputs.tau_w_N_m)):
+        raise ValueError("time_s, reference_rad and tau_w_N_m must have the same length, 2 at least")
+    if inputs.edge_rows.shape != inputs.edge_fractions.shape:
+        raise ValueError("edge_rows and edge_fractions must have the same length")
+    if drive_samples_per_row < 1 or substeps < 1 or substeps % drive_samples_per_row:
+        raise ValueError(f"{substeps} substeps are no multiple of {drive_samples_per_row} samples of the drive")
+    row_s = float(inputs.time_s[-1] - inputs.time_s[0]) / (rows - 1)
+    sample_s = row_s / drive_samples_per_row
+    if not math.isclose(law[drive_law.SAMPLE_TIME], sample_s, rel_tol=1e-3):
+        raise ValueError(f"the law's sample time is {law[drive_law.SAMPLE_TIME]} s, the rows make it {sample_s} s")
+    p = Physics(*theta.tolist())
+    recorded = inputs.tau_w_N_m
+    if p.skew_tau_w != 0.0:
+        tau_w, edge_rows, fractions = late_load(
+            inputs.tau_w_N_m, inputs.edge_rows, inputs.edge_fractions, -p.skew_tau_w / row_s
         )
-    return Rollout(*_rollout(state, references_rad, tau_w_N_m, loop))
+        inputs = inputs._replace(tau_w_N_m=tau_w, edge_rows=edge_rows, edge_fractions=fractions)
+    out = _rollout(p, law, quantum_rad, row_s, inputs, start, substeps, drive_samples_per_row)
+    theta_m = late(out[0], p.skew_theta_m / row_s)
+    if quantum_rad > 0.0:
+        theta_m = np.floor(theta_m / quantum_rad + 0.5) * quantum_rad
+    current = (1.0 + p.current_gain) * late(out[1], p.skew_current / row_s, linear=True) + p.current_offset
+    theta_j = late(out[2], p.skew_theta_j / row_s)
+    return Channels(theta_m, current, theta_j, recorded, *out[4:])

@@ -25,11 +25,12 @@ class Compiler(Protocol):
         """Compile on the first call."""
 
 
-def kernel_compiler(sources: Sequence[str], root: Path = _ROOT) -> Compiler:
+def kernel_compiler(sources: Sequence[str], root: Path = _ROOT, *, inline: bool = False) -> Compiler:
     """Return the decorator for kernels built from `sources`, files and folders relative to `root`.
 
     Division by zero gives inf or NaN as in numpy instead of raising, so a kernel never raises on data: what isn't
-    finite travels on to the gate. No fast-math: the same inputs give the same bits, in a loop or one step at a time.
+    finite travels on to the gate. Kernels release the GIL. No fast-math: the same inputs give the same bits, in a loop
+    or one step at a time. `inline`: every call of it is replaced by its code, for small pieces of an inner loop.
     """
     folder = str(_cache_base(root) / f"kernels-{fingerprint(sources, root)}")
 
@@ -38,7 +39,7 @@ def kernel_compiler(sources: Sequence[str], root: Path = _ROOT) -> Compiler:
         config: Any = numba.config
         before, config.CACHE_DIR = config.CACHE_DIR, folder
         try:
-            compiled: Callable[_P, _R] = numba.njit(cache=True, error_model="numpy")(function)
+            compiled: Callable[_P, _R] = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=inline)(function)
         finally:
             config.CACHE_DIR = before
         return compiled

@@ -9,20 +9,19 @@ from hil_forceps.rig import consistency
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.problems import Problem, problems_error, show_path
-from hil_forceps.rig.quantities import Number, Parameter
+from hil_forceps.rig.quantities import Parameter
 from hil_forceps.rig.sections import (
     ALGORITHM_IDS,
     AlgorithmId,
     BenchSettings,
     DriveLaw,
-    EffectId,
+    Effects,
     Encoder,
     EstimatorSettings,
     Forceps,
     Limits,
     Motor,
     Noise,
-    ParameterName,
     Section,
 )
 from hil_forceps.rig.translation import problems_of
@@ -53,7 +52,7 @@ class Rig(Section):
     encoder: Encoder
     drive: DriveLaw | None = None
     noise: Noise = Noise()
-    effects: dict[EffectId, dict[ParameterName, Number]] = Field(default_factory=dict)
+    effects: Effects = Field(default_factory=dict)
     bench: BenchSettings = BenchSettings()
     limits: Limits = Limits()
     estimators: EstimatorSettings = EstimatorSettings()

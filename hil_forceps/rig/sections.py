@@ -14,8 +14,8 @@ from pydantic import (
     field_serializer,
 )
 
-from hil_forceps.rig.catalogue import EFFECT_IDS
-from hil_forceps.rig.problems import nearest, show_value, text_error
+from hil_forceps.rig.effects import check_effects
+from hil_forceps.rig.problems import show_value, text_error
 from hil_forceps.rig.quantities import STRICT, Number, Parameter, Quantity, Whole
 
 AlgorithmId = Literal["previous", "improved_as_published", "improved", "kalman"]
@@ -188,14 +188,4 @@ class EstimatorSettings(Section):
     )
 
 
-def _check_effect_id(given: str) -> str:
-    if given not in EFFECT_IDS:
-        guess = nearest(given, EFFECT_IDS)
-        remedy = f"did you mean {guess}?" if guess else "see docs/rig-file.md for the ids"
-        text = f"is no effect of the catalogue; {remedy}"
-        raise text_error(text)
-    return given
-
-
-EffectId = Annotated[str, AfterValidator(_check_effect_id)]
-ParameterName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,79}$")]
+Effects = Annotated[dict[str, dict[str, Number]], BeforeValidator(check_effects)]

@@ -97,7 +97,7 @@ def _unknown_key(path: Path, model: type[BaseModel] | None) -> tuple[str, str | 
     fields = model.model_fields if model else {}
     for key, info in fields.items():
         unit = unit_of(info)
-        if unit and (text := _unit_mix_up(given, key, unit)):
+        if unit and (text := unit_mix_up(given, key, unit)):
             return text, key
     names = [info.alias or key for key, info in fields.items()]
     if guess := nearest(given, names):
@@ -112,7 +112,8 @@ def unit_of(info: FieldInfo) -> str | None:
     return next((item.unit for item in info.metadata if isinstance(item, Quantity)), None)
 
 
-def _unit_mix_up(given: str, key: str, unit: str) -> str | None:
+def unit_mix_up(given: str, key: str, unit: str) -> str | None:
+    """Say what is wrong with a key that lacks the unit of `key`, or has another; None when it is something else."""
     base = key.removesuffix(f"_{unit}")
     if given == base:
         return f"lacks its unit; write {key} and give it in {units.show_unit(unit)}"

@@ -22,6 +22,7 @@ _SYMBOLS = {
     "rad": _Scale(1.0, (0, 0, 0, 0)),
     "deg": _Scale(math.pi / 180.0, (0, 0, 0, 0)),
     "rev": _Scale(2.0 * math.pi, (0, 0, 0, 0)),
+    "turn": _Scale(2.0 * math.pi, (0, 0, 0, 0)),
     "bit": _Scale(1.0, (0, 0, 0, 0)),
     "ppm": _Scale(1.0, (0, 0, 0, 0)),
 }
@@ -53,9 +54,10 @@ _MIX_UPS = {
 
 def show_unit(unit: str) -> str:
     """Write `N_m_s_per_rad` as `N m s/rad`."""
-    above, _, below = unit.replace("2", "²").partition("_per_")
+    above, _, below = _parts(unit.replace("2", "²"))
     shown = above.replace("_", " ")
     if below:
+        shown = shown or "1"
         shown += f"/({below.replace('_', ' ')})" if "_" in below else f"/{below}"
     return shown
 
@@ -75,8 +77,12 @@ def mix_ups(unit: str) -> tuple[str, ...]:
     return _MIX_UPS.get(unit, ())
 
 
+def _parts(unit: str) -> tuple[str, str, str]:
+    return ("", "", unit.removeprefix("per_")) if unit.startswith("per_") else unit.partition("_per_")
+
+
 def _parse(unit: str) -> _Scale | None:
-    above, _, below = unit.partition("_per_")
+    above, _, below = _parts(unit)
     size = 1.0
     dimension = (0, 0, 0, 0)
     for part, sign in ((above, 1), (below, -1)):

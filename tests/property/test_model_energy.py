@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hil_forceps.model import closed_loop, two_inertia
+from hil_forceps.model import linear_loop, two_inertia
 from hil_forceps.rig.plant import PlantParameters
 
 PAPER = PlantParameters(2.0e-3, 1.4e-3, 3.18e-8, 6.85e-8, 1.16e-4, 4.62e-7, 4.62e-9, 2.6e4, 1.35e-2)
@@ -42,7 +42,7 @@ def test_friction_takes_energy_until_all_is_at_rest(
     begin = last = energy_J(state)
     for _ in range(400):
         before = state
-        state = closed_loop.plant_step(state, 0.0, 0.0, transition, gain, np.array([motor_N_m, jaw_N_m]))
+        state = linear_loop.plant_step(state, 0.0, 0.0, transition, gain, np.array([motor_N_m, jaw_N_m]))
         now = energy_J(state)
         # Within a step friction is that of its end, so its work may be off by what it could do over the step.
         work = motor_N_m * abs(state[0] - before[0]) + jaw_N_m * abs(state[2] - before[2])
@@ -53,7 +53,7 @@ def test_friction_takes_energy_until_all_is_at_rest(
 
 @given(speeds, st.floats(1e-9, 1e6), levels)
 def test_friction_opposes_and_never_turns_motion_about(speed: float, gain: float, level: float) -> None:
-    friction = closed_loop.friction_N_m(speed, gain, level)
+    friction = linear_loop.friction_N_m(speed, gain, level)
     assert abs(friction) <= level
     assert friction * speed >= 0.0
     after = speed - gain * friction

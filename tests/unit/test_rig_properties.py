@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_forceps.rig import Rig, UserError, dump_rig, load_rig, parse_rig
-from hil_forceps.rig.catalogue import EFFECT_IDS
+from hil_forceps.rig.catalogue import EFFECT_IDS, EFFECTS, Effect
 from hil_forceps.rig.quantities import Quantity
 from hil_forceps.rig.schema import rig_from_data
 from hil_forceps.rig.sections import ALGORITHM_IDS, DriveLaw, Forceps, Limits, Motor, Noise
@@ -54,13 +54,15 @@ def settings(model: type[DriveLaw | Noise | Limits], *required: str) -> st.Searc
     )
 
 
-EFFECTS = st.dictionaries(
-    st.sampled_from(EFFECT_IDS),
-    st.dictionaries(
-        st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,12}", fullmatch=True), st.floats(allow_nan=False, allow_infinity=False)
-    ),
-    max_size=3,
-)
+def effects() -> st.SearchStrategy[dict[str, dict[str, float]]]:
+    def values(entry: Effect) -> st.SearchStrategy[dict[str, float]]:
+        numbers_of = {item.name: st.floats(item.minimum, item.maximum) for item in entry.parameters}
+        shapes = {item.name: numbers_of.pop(item.name) for item in entry.parameters if item.neutral is None}
+        return st.fixed_dictionaries(shapes, optional=numbers_of)
+
+    return st.fixed_dictionaries({}, optional={entry.id: values(entry) for entry in EFFECTS})
+
+
 BENCH = st.fixed_dictionaries(
     {},
     optional={
@@ -85,7 +87,7 @@ RIGS = st.fixed_dictionaries(
         "limits": settings(Limits).filter(
             lambda given: given.get("position_min_rad", -3.0) < given.get("position_max_rad", 3.0)
         ),
-        "effects": EFFECTS,
+        "effects": effects(),
         "bench": BENCH,
     },
 )

@@ -1,0 +1,71 @@
+"""The current of the motor between the drive's samples: dead time and lag, exact, with the instant of the change."""
+
+import math
+from typing import NamedTuple
+
+from hil_forceps.model.kernel import inlined, kernel
+
+_SERIES = 1e-3  # below: the series, whose first term left out is 1e-9 of the result
+
+
+class CurrentStep(NamedTuple):
+    """What makes the current of one step: prepared once for all steps of a sample."""
+
+    whole_samples: int  # of dead time
+    switch_step: int  # the step of a sample in which the delayed command arrives
+    mean: float  # share of the deviation from the command in the step's mean
+    slope: float
+    end: float
+    arrival_mean: float  # share of a command that arrives in the step
+    arrival_slope: float
+    arrival_end: float
+
+
+@kernel
+def _decay(a: float) -> tuple[float, float, float]:
+    """Return mean, slope and end of exp(−a τ), τ from 0 to 1."""
+    if a < _SERIES:
+        return 1.0 - 0.5 * a + a * a / 6.0, -a + 0.5 * a * a, math.exp(-a)
+    end = math.exp(-a)
+    mean = (1.0 - end) / a
+    return mean, 12.0 * ((1.0 - end * (1.0 + a)) / (a * a) - 0.5 * mean), end
+
+
+@kernel
+def current_step(step_s: float, steps: int, delay_s: float, lag_s: float) -> CurrentStep:
+    """Prepare for a dead time and a time constant, `steps` steps a sample of the drive."""
+    samples = delay_s / (step_s * steps)
+    whole = math.floor(samples + 1e-9)
+    into = max(0.0, samples - whole) * steps
+    switch = min(steps - 1, math.floor(into))
+    share = min(1.0, into - switch)
+    rest = 1.0 - share
+    mean, slope, end = 0.0, 0.0, 0.0
+    arrival_mean, arrival_slope, arrival_end = rest, 6.0 * share * rest, 1.0
+    if lag_s > 0.0:
+        a = step_s / lag_s
+        mean, slope, end = _decay(a)
+        # 1 − exp over the rest of the step: its decay has the mean m and the slope n over that rest.
+        m, n, last = _decay(a * rest)
+        arrival_mean = rest * (1.0 - m)
+        first_moment = 0.5 * share * rest * (1.0 - m) - rest * rest * n / 12.0
+        arrival_slope = 12.0 * first_moment
+        arrival_end = 1.0 - last
+    return CurrentStep(whole, switch, mean, slope, end, arrival_mean, arrival_slope, arrival_end)
+
+
+@inlined
+def current_over(c: CurrentStep, step: int, current_A: float, old_A: float, new_A: float) -> tuple[float, float, float]:
+    """Return mean, slope and end of the current over step `step` of a sample.
+
+    `current_A` is it at the start, `old_A` and `new_A` the delayed commands before and after the one that arrives.
+    """
+    command, arriving = (old_A, new_A - old_A) if step <= c.switch_step else (new_A, 0.0)
+    if step < c.switch_step:
+        arriving = 0.0
+    away = current_A - command
+    return (
+        command + away * c.mean + arriving * c.arrival_mean,
+        away * c.slope + arriving * c.arrival_slope,
+        command + away * c.end + arriving * c.arrival_end,
+    )

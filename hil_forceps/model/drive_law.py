@@ -1,0 +1,79 @@
+"""The law of the drive's position loop, as the rig file states it."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.rig.sections import DriveLaw
+
+Vector = NDArray[np.float64]
+
+# Places in the vector of a law.
+SAMPLE_TIME, KP, KI, KD, SHARE, LIMIT, ERROR_FIRST = range(7)
+
+
+class DriveState(NamedTuple):
+    """What the drive remembers between samples."""
+
+    integral_rad_s: float
+    theta_enc_rad: float  # of the last sample; NaN before the first: nothing to take a difference with
+    velocity_rad_per_s: float  # filtered
+    current_A: float  # commanded
+
+
+def law_vector(drive: DriveLaw, *, backward_euler: bool = False, error_first: bool = True) -> Vector:
+    """Return a law's numbers: sample time, kp, ki, kd, filter's share of a new velocity, limit, order of the integral.
+
+    `backward_euler`: the share of that discretisation of the filter, else the exact one. `error_first`: the error of a
+    sample is in the integral before the current of that sample is made (1), or after (0).
+    """
+    angle = 2.0 * math.pi * drive.derivative_cutoff_Hz * drive.sample_time_s
+    share = angle / (1.0 + angle) if backward_euler else -math.expm1(-angle)
+    gains = [drive.sample_time_s, drive.kp_A_per_rad, drive.ki_A_per_rad_s, drive.kd_A_s_per_rad]
+    return np.array([*gains, share, drive.current_limit_A, float(error_first)])
+
+
+@inlined
+def quantise(value: float, quantum: float) -> float:
+    """Return `value` rounded to a whole number of quanta, or itself when the quantum is 0."""
+    if quantum <= 0.0:
+        return value
+    return math.floor(value / quantum + 0.5) * quantum
+
+
+@inlined
+def drive_sample(law: Vector, state: DriveState, reference_rad: float, theta_enc_rad: float) -> DriveState:
+    """Return the drive's state after a sample; its current is held until the next."""
+    period, ki, limit = law[SAMPLE_TIME], law[KI], law[LIMIT]
+    error = reference_rad - theta_enc_rad
+    integral = state.integral_rad_s + error * period
+    if ki > 0.0:
+        integral = max(-limit / ki, min(limit / ki, integral))
+    used = integral if law[ERROR_FIRST] != 0.0 else state.integral_rad_s
+    velocity = state.velocity_rad_per_s
+    if not math.isnan(state.theta_enc_rad):
+        velocity += law[SHARE] * ((theta_enc_rad - state.theta_enc_rad) / period - velocity)
+    current = max(-limit, min(limit, law[KP] * error + ki * used - law[KD] * velocity))
+    return DriveState(integral, theta_enc_rad, velocity, current)
+
+
+@kernel
+def _commands(law: Vector, state: DriveState, references_rad: Vector, theta_enc_rad: Vector) -> Vector:
+    commands = np.empty(references_rad.shape[0])
+    for n in range(references_rad.shape[0]):
+        state = drive_sample(law, state, references_rad[n], theta_enc_rad[n])
+        commands[n] = state.current_A
+    return commands
+
+
+def law_current(law: Vector, reference_rad: Vector, theta_enc_rad: Vector, start: DriveState) -> Vector:
+    """Return what the law commands from recorded angles: (n) [A], that of row k being measured at row k + 1.
+
+    ValueError when the lengths differ.
+    """
+    if reference_rad.shape != theta_enc_rad.shape or reference_rad.ndim != 1:
+        raise ValueError(f"{reference_rad.shape} references for {theta_enc_rad.shape} angles")
+    return _commands(law, start, reference_rad, theta_enc_rad)

@@ -1,0 +1,227 @@
+"""The simulation of a rig whose drive isn't known: the measured motion of the motor is prescribed.
+
+With the load known, the jaw follows through the wire, and the motor's torque is what its balance asks for. With the
+jaw's angle measured instead, the wire's tension follows from the angles, and the load is what closes the jaw's balance.
+The jaw is stepped implicitly (backward Euler): with the motor held to its motion nothing else damps the wire's mode,
+and what it does above the bandwidth of the smoothed motion is not of interest here.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hil_forceps.model.kernel import kernel
+from hil_forceps.model.parameters import Vector
+from hil_forceps.model.physics import (
+    Physics,
+    cogging_N_m,
+    dead_zone,
+    gravity_N_m,
+    jaw_level_N_m,
+    motor_level_N_m,
+    ripple,
+    slide,
+    torque_constant,
+    viscosity,
+    wire,
+)
+from hil_forceps.model.sensors import late
+from hil_forceps.model.smoothing import Smooth, smooth
+
+_ROWS = 6
+_NEWTON = 12
+DEFAULT_BANDWIDTH_HZ = 30.0
+
+
+class Inputs(NamedTuple):
+    """Columns of a run as recorded, n each; `tau_w_N_m` or `theta_j_rad` may be None where not measured, not both."""
+
+    time_s: Vector  # equally spaced
+    theta_m_rad: Vector
+    tau_w_N_m: Vector | None
+    theta_j_rad: Vector | None
+
+
+class Start(NamedTuple):
+    """What the wire and the friction remember at the first row."""
+
+    creep_m: float = 0.0
+    loop: float = 0.0
+    presliding: float = 0.0
+
+
+class Channels(NamedTuple):
+    """A run as simulated, n each; the first three as sensors give them, the rest as it is."""
+
+    current_A: Vector
+    theta_j_rad: Vector
+    tau_w_N_m: Vector
+    motor_torque_N_m: Vector
+    tension_N: Vector
+    elongation_m: Vector
+
+
+_RELAXED = Start()
+
+
+class _Columns(NamedTuple):
+    motor: Smooth
+    jaw: Smooth
+    tau_w_N_m: Vector
+
+
+@kernel
+def _slip(
+    p: Physics,
+    theta_m: float,
+    omega_m: float,
+    before: tuple[float, float],
+    load: float,
+    h: float,
+    wire_state: tuple[float, float, float],
+) -> float:
+    """Return the jaw's speed at the end of a step with friction as part of `load`, by Newton's method."""
+    theta, speed = before
+    creep, loop0, wound0 = wire_state
+    end = speed
+    for _ in range(_NEWTON):
+        angle = theta + h * end
+        w = wire(p, theta_m, omega_m, angle, end, creep, loop0)
+        pull, slope = w.tension_N, 0.0
+        if p.loop_force != 0.0:
+            way = w.elongation_m - wound0
+            loop = slide(loop0, way, p.loop_stretch)
+            pull += p.loop_force * (loop - loop0)
+            slope += p.loop_force * (1.0 - (loop if way > 0.0 else -loop)) / p.loop_stretch
+        if not w.slack:
+            stretch = dead_zone(w.elongation_m - p.zero_stretch - creep, p.slack)
+            slope += p.k * (1.0 + 3.0 * p.hardening * stretch * stretch) + p.damping / h
+        gap = p.I_j * (end - speed) / h - p.r_j * pull + gravity_N_m(p, angle) + load
+        change = gap / (p.I_j / h + p.r_j * p.r_j * h * slope)
+        end -= change
+        if abs(change) < 1e-12 * (1.0 + abs(end)):
+            break
+    return end
+
+
+@kernel
+def _jaw_speed(
+    p: Physics,
+    theta_m: float,
+    omega_m: float,
+    before: tuple[float, float],
+    load: float,
+    h: float,
+    wire_state: tuple[float, float, float],
+) -> float:
+    """Return the jaw's speed at the end of a step: friction holds it where its level is enough."""
+    level = jaw_level_N_m(p, before[0])
+    forward = _slip(p, theta_m, omega_m, before, load + level, h, wire_state)
+    if forward > 0.0 or level == 0.0:
+        return forward
+    return min(0.0, _slip(p, theta_m, omega_m, before, load - level, h, wire_state))
+
+
+@kernel
+def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: bool, start: Start) -> Vector:
+    rows = c.motor.angle_rad.shape[0]
+    out = np.empty((_ROWS, rows))
+    creep, loop, presliding = start
+    kept = np.exp(-row_s / p.creep_time)
+    theta_j, omega_j = c.jaw.angle_rad[0], c.jaw.speed_rad_per_s[0]
+    wound0 = 0.0
+    for n in range(rows):
+        theta_m, omega_m = c.motor.angle_rad[n], c.motor.speed_rad_per_s[n]
+        time_s = n * row_s
+        if not known_load:
+            theta_j, omega_j = c.jaw.angle_rad[n], c.jaw.speed_rad_per_s[n]
+        elif n > 0:
+            omega_j = _jaw_speed(p, theta_m, omega_m, (theta_j, omega_j), c.tau_w_N_m[n], row_s, (creep, loop, wound0))
+            theta_j += row_s * omega_j
+        w = wire(p, theta_m, omega_m, theta_j, omega_j, creep, loop)
+        if n > 0:
+            if p.loop_force != 0.0:
+                loop = slide(loop, w.elongation_m - wound0, p.loop_stretch)
+                w = wire(p, theta_m, omega_m, theta_j, omega_j, creep, loop)
+            if p.presliding_level != 0.0:
+                presliding = slide(presliding, theta_m - c.motor.angle_rad[n - 1], p.presliding_angle)
+        wound0 = w.elongation_m
+        constant = torque_constant(p, time_s)
+        level = motor_level_N_m(p, omega_m, w.tension_N) + abs(p.asymmetry) * (
+            1.0 if p.asymmetry * omega_m > 0.0 else 0.0
+        )
+        sign = max(-1.0, min(1.0, omega_m / still)) if still > 0.0 else np.sign(omega_m)
+        torque = p.I_m * c.motor.acceleration_rad_per_s2[n] + viscosity(p, time_s) * omega_m + level * sign
+        torque += p.presliding_level * presliding + w.radius_m * w.tension_N - cogging_N_m(p, theta_m)
+        out[0, n] = torque / (constant * (1.0 + ripple(p, theta_m)))
+        out[1, n] = theta_j
+        out[2, n] = c.tau_w_N_m[n]
+        if not known_load:
+            friction = jaw_level_N_m(p, theta_j) * np.sign(omega_j)
+            inertia = p.I_j * c.jaw.acceleration_rad_per_s2[n]
+            out[2, n] = p.r_j * w.tension_N - friction - gravity_N_m(p, theta_j) - inertia
+        out[3, n] = torque
+        out[4, n] = w.tension_N
+        out[5, n] = w.elongation_m
+        if p.creep_share != 0.0:
+            creep = kept * creep + (1.0 - kept) * p.creep_share * w.tension_N / p.k
+    return out
+
+
+def motor_angle_rad(theta: Vector, theta_enc_rad: Vector, row_s: float) -> Vector:
+    """Return the true motor angle from the recorded one: skew, scale and eccentricity of the encoder taken out."""
+    p = Physics(*theta.tolist())
+    recorded = late(theta_enc_rad, -p.skew_theta_m / row_s)
+    angle = recorded / (1.0 + p.encoder_scale)
+    for _ in range(8):  # the error's slope is far below 1: each round takes off its own factor of it
+        error = p.encoder_sine * np.sin(angle) + p.encoder_cosine * np.cos(angle)
+        angle = (recorded - error) / (1.0 + p.encoder_scale)
+    return angle
+
+
+def _resting_jaw(p: Physics, theta_m: float, tau_w_N_m: float) -> float:
+    """Return the jaw's angle in balance with the load, the wire's memory relaxed."""
+    theta_j = p.r_m * theta_m / p.r_j
+    step_s = 1.0  # a step so long that inertia has no say
+    state = (0.0, 0.0, wire(p, theta_m, 0.0, theta_j, 0.0, 0.0, 0.0).elongation_m)
+    for _ in range(5):
+        theta_j += step_s * _slip(p, theta_m, 0.0, (theta_j, 0.0), tau_w_N_m, step_s, state)
+    return theta_j
+
+
+def simulate(
+    theta: Vector,
+    inputs: Inputs,
+    start: Start = _RELAXED,
+    *,
+    bandwidth_Hz: float = DEFAULT_BANDWIDTH_HZ,
+    still_rad_per_s: float = 0.0,
+) -> Channels:
+    """Predict current, motor torque, and the jaw's angle or the load, from the measured motion of the motor.
+
+    `theta`: `parameters.NAMES`. Angles are smoothed to `bandwidth_Hz` (`smoothing`). Below `still_rad_per_s` the
+    motor's dry friction goes through zero along a line: at rest a motion doesn't tell it. ValueError when neither
+    load nor jaw angle is there, or shapes don't fit.
+    """
+    rows = inputs.time_s.shape[0]
+    columns = (inputs.theta_m_rad, inputs.tau_w_N_m, inputs.theta_j_rad)
+    if any(column is not None and column.shape != (rows,) for column in columns):
+        raise ValueError("all columns must have the length of time_s")
+    p = Physics(*theta.tolist())
+    row_s = float(inputs.time_s[-1] - inputs.time_s[0]) / (rows - 1)
+    motor = smooth(motor_angle_rad(theta, inputs.theta_m_rad, row_s), row_s, bandwidth_Hz)
+    if inputs.tau_w_N_m is not None:
+        load = late(inputs.tau_w_N_m, -p.skew_tau_w / row_s, linear=True)
+        ratio = p.r_m / p.r_j
+        first = _resting_jaw(p, float(motor.angle_rad[0]), float(load[0]))
+        jaw = Smooth(np.array([first]), motor.speed_rad_per_s[:1] * ratio, np.zeros(1))
+    elif inputs.theta_j_rad is not None:
+        load = np.zeros(rows)
+        jaw = smooth(late(inputs.theta_j_rad, -p.skew_theta_j / row_s), row_s, bandwidth_Hz)
+    else:
+        raise ValueError("neither tau_w_N_m nor theta_j_rad is there: one of them must be known")
+    out = _driven(p, _Columns(motor, jaw, load), row_s, still_rad_per_s, inputs.tau_w_N_m is not None, start)
+    current = (1.0 + p.current_gain) * late(out[0], p.skew_current / row_s, linear=True) + p.current_offset
+    theta_j = late(out[1], p.skew_theta_j / row_s)
+    tau_w = late(out[2], p.skew_tau_w / row_s, linear=True) if inputs.tau_w_N_m is None else inputs.tau_w_N_m
+    return Channels(current, theta_j, tau_w, late(out[3], p.skew_current / row_s, linear=True), out[4], out[5])

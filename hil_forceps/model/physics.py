@@ -1,0 +1,218 @@
+"""The plant with every effect of the catalogue: its numbers and its forces, as scalar functions.
+
+The equations are those at the head of `hil_forceps/rig/catalogue.py`.
+"""
+
+import math
+from typing import NamedTuple
+
+from hil_forceps.model.kernel import inlined
+
+_TURN = 2.0 * math.pi
+
+
+class Physics(NamedTuple):
+    """The vector of `parameters.NAMES`, in its order, under short names."""
+
+    r_m: float
+    r_j: float
+    I_m: float
+    I_j: float
+    D_m: float
+    motor_coulomb: float
+    jaw_coulomb: float
+    k: float
+    K_t: float
+    stribeck_rise: float
+    stribeck_speed: float
+    presliding_level: float
+    presliding_angle: float
+    load_mu: float
+    asymmetry: float
+    viscous_change: float
+    viscous_time: float
+    jaw_slope: float
+    jaw_curvature: float
+    gravity_sine: float
+    gravity_cosine: float
+    slack: float
+    hardening: float
+    loop_force: float
+    loop_stretch: float
+    creep_share: float
+    creep_time: float
+    damping: float
+    zero_stretch: float
+    constant_change: float
+    constant_time: float
+    cogging_sine: float
+    cogging_cosine: float
+    cogging_harmonic: float
+    ripple_sine: float
+    ripple_cosine: float
+    ripple_harmonic: float
+    current_offset: float
+    current_gain: float
+    deadband: float
+    lag: float
+    delay: float
+    skew_theta_m: float
+    skew_current: float
+    skew_theta_j: float
+    skew_tau_w: float
+    encoder_sine: float
+    encoder_cosine: float
+    encoder_scale: float
+    pulley_sine: float
+    pulley_cosine: float
+    pitch: float
+    limit: float
+
+
+class State(NamedTuple):
+    """The plant's state."""
+
+    theta_m_rad: float
+    omega_m_rad_per_s: float
+    theta_j_rad: float
+    omega_j_rad_per_s: float
+    creep_m: float  # x_c
+    loop: float  # z of the wire's hysteresis
+    presliding: float  # z of the motor's presliding
+    current_A: float  # true current
+
+
+class Wire(NamedTuple):
+    """The wire at an instant."""
+
+    elongation_m: float  # wound(θ_m) − r_j θ_j
+    tension_N: float
+    radius_m: float  # of the motor pulley where the wire leaves it
+    slack: bool
+
+
+@inlined
+def dead_zone(value: float, half_width: float) -> float:
+    """Return what of `value` lies beyond ±half_width."""
+    return value - max(-half_width, min(half_width, value))
+
+
+@inlined
+def slide(state: float, way: float, length: float) -> float:
+    """Return z after sliding `way`: z' = 1 − z sgn over way/length, exact."""
+    if way > 0.0:
+        return 1.0 + (state - 1.0) * math.exp(-way / length)
+    if way < 0.0:
+        return -1.0 + (state + 1.0) * math.exp(way / length)
+    return state
+
+
+@inlined
+def wound_m(p: Physics, theta_m: float) -> float:
+    """Return the length of wire wound up from θ_m = 0 on, the integral of the radius."""
+    wound = p.r_m * theta_m
+    if p.pulley_cosine != 0.0 or p.pulley_sine != 0.0:
+        wound += p.r_m * (p.pulley_cosine * math.sin(theta_m) + p.pulley_sine * (1.0 - math.cos(theta_m)))
+    return wound + p.pitch * theta_m * theta_m / (2.0 * _TURN)
+
+
+@inlined
+def radius_m(p: Physics, theta_m: float) -> float:
+    """Return the effective radius of the motor pulley."""
+    radius = p.r_m
+    if p.pulley_cosine != 0.0 or p.pulley_sine != 0.0:
+        radius += p.r_m * (p.pulley_cosine * math.cos(theta_m) + p.pulley_sine * math.sin(theta_m))
+    return radius + p.pitch * theta_m / _TURN
+
+
+@inlined
+def wire(
+    p: Physics, theta_m: float, omega_m: float, theta_j: float, omega_j: float, creep_m: float, loop: float
+) -> Wire:
+    """Return the wire's state from the angles and speeds."""
+    radius = radius_m(p, theta_m)
+    elongation = wound_m(p, theta_m) - p.r_j * theta_j
+    stretch = dead_zone(elongation - p.zero_stretch - creep_m, p.slack)
+    slack = stretch == 0.0 and p.slack > 0.0
+    tension = p.k * stretch * (1.0 + p.hardening * stretch * stretch) + p.loop_force * loop
+    if not slack:
+        tension += p.damping * (radius * omega_m - p.r_j * omega_j)
+    return Wire(elongation, tension, radius, slack)
+
+
+@inlined
+def gravity_N_m(p: Physics, theta_j: float) -> float:
+    """Return the load of the jaw's weight."""
+    if p.gravity_cosine == 0.0 and p.gravity_sine == 0.0:
+        return 0.0
+    return p.gravity_cosine * math.cos(theta_j) + p.gravity_sine * math.sin(theta_j)
+
+
+@inlined
+def ripple(p: Physics, theta_m: float) -> float:
+    """Return the relative change of the motor's torque with its angle."""
+    if p.ripple_sine == 0.0 and p.ripple_cosine == 0.0:
+        return 0.0
+    phase = p.ripple_harmonic * theta_m
+    return p.ripple_sine * math.sin(phase) + p.ripple_cosine * math.cos(phase)
+
+
+@inlined
+def cogging_N_m(p: Physics, theta_m: float) -> float:
+    """Return the torque that the motor's angle makes without current."""
+    if p.cogging_sine == 0.0 and p.cogging_cosine == 0.0:
+        return 0.0
+    phase = p.cogging_harmonic * theta_m
+    return p.cogging_sine * math.sin(phase) + p.cogging_cosine * math.cos(phase)
+
+
+@inlined
+def motor_level_N_m(p: Physics, omega_m: float, tension_N: float) -> float:
+    """Return the level of the motor's friction, the same in both directions."""
+    level = p.motor_coulomb + p.load_mu * p.r_m * abs(tension_N)
+    if p.stribeck_rise != 0.0:
+        share = omega_m / p.stribeck_speed
+        level += p.stribeck_rise * math.exp(-share * share)
+    return level
+
+
+@inlined
+def jaw_level_N_m(p: Physics, theta_j: float) -> float:
+    """Return the level of the jaw's friction."""
+    return max(0.0, p.jaw_coulomb + (p.jaw_slope + p.jaw_curvature * theta_j) * theta_j)
+
+
+@inlined
+def encoder_rad(p: Physics, theta_m: float) -> float:
+    """Return the angle that the encoder shows, before it counts."""
+    angle = (1.0 + p.encoder_scale) * theta_m
+    if p.encoder_sine != 0.0 or p.encoder_cosine != 0.0:
+        angle += p.encoder_sine * math.sin(theta_m) + p.encoder_cosine * math.cos(theta_m)
+    return angle
+
+
+@inlined
+def torque_constant(p: Physics, time_s: float) -> float:
+    """Return K_t at a time."""
+    if p.constant_change == 0.0:
+        return p.K_t
+    return p.K_t * (1.0 + p.constant_change * (1.0 - math.exp(-time_s / p.constant_time)))
+
+
+@inlined
+def viscosity(p: Physics, time_s: float) -> float:
+    """Return D at a time."""
+    if p.viscous_change == 0.0:
+        return p.D_m
+    return p.D_m * (1.0 + p.viscous_change * (1.0 - math.exp(-time_s / p.viscous_time)))
+
+
+@inlined
+def state_dependent(p: Physics) -> bool:
+    """Whether anything beyond the linear plant with constant friction is on."""
+    motor = abs(p.stribeck_rise) + abs(p.presliding_level) + abs(p.load_mu) + abs(p.viscous_change)
+    motor += abs(p.cogging_sine) + abs(p.cogging_cosine) + abs(p.ripple_sine) + abs(p.ripple_cosine)
+    jaw = abs(p.jaw_slope) + abs(p.jaw_curvature) + abs(p.gravity_sine) + abs(p.gravity_cosine)
+    of_wire = abs(p.slack) + abs(p.hardening) + abs(p.loop_force) + abs(p.creep_share) + abs(p.zero_stretch)
+    of_wire += abs(p.pulley_sine) + abs(p.pulley_cosine) + abs(p.pitch)
+    return motor + jaw + of_wire != 0.0

@@ -1,0 +1,41 @@
+"""A measured angle as a smooth motion: value, speed and acceleration at the rows, without a shift in time."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from hil_forceps.model.parameters import Vector
+
+_ORDER = 3
+
+
+class Smooth(NamedTuple):
+    """A motion, n each."""
+
+    angle_rad: Vector
+    speed_rad_per_s: Vector
+    acceleration_rad_per_s2: Vector
+
+
+def half_window(row_s: float, bandwidth_Hz: float) -> int:
+    """Return how many rows on each side a cubic takes in, so that it is 3 dB down at `bandwidth_Hz`.
+
+    R. W. Schafer, What is a Savitzky-Golay filter?, IEEE Signal Processing Magazine 28(4), 2011, equation (12).
+    """
+    return max(2, round(((_ORDER + 1) / (2.0 * bandwidth_Hz * row_s) + 4.6) / 3.2))
+
+
+def smooth(angle_rad: Vector, row_s: float, bandwidth_Hz: float) -> Smooth:
+    """Fit a cubic to the rows around each row (n).
+
+    ValueError when `bandwidth_Hz` isn't positive. A run too short for the window is taken in with a shorter one.
+    """
+    if not (math.isfinite(bandwidth_Hz) and bandwidth_Hz > 0.0):
+        raise ValueError(f"bandwidth_Hz must be positive, got {bandwidth_Hz!r}")
+    window = min(2 * half_window(row_s, bandwidth_Hz) + 1, (angle_rad.shape[0] - 1) // 2 * 2 + 1)
+    if window <= _ORDER:
+        raise ValueError(f"{angle_rad.shape[0]} rows are too few to tell a speed: 5 at least")
+    values = [np.asarray(savgol_filter(angle_rad, window, _ORDER, deriv=order, delta=row_s)) for order in range(3)]
+    return Smooth(*values)

@@ -1,0 +1,333 @@
+"""One step of the plant with every effect: exact where it is linear, second order where it is not.
+
+The linear plant answers exactly to what the step brings (`gains`); what the effects add to it is evaluated at the start
+and at the end that follows from its value at the start, and put in as a line between. Stiff additions of the wire and
+of presliding are held back by their own stiffness, so that no size of an effect makes the step unstable. Dry friction
+has its own rule (`friction`). A step in which the wire comes taut or slack, or the motor passes the speeds at which its
+friction falls, is taken again in short pieces.
+"""
+
+from typing import NamedTuple
+
+from hil_forceps.model.friction import STOPPED, STUCK, Levels, Response, friction
+from hil_forceps.model.gains import (
+    DAMPING,
+    FROM_JAW,
+    FROM_MOTOR,
+    FROM_STRETCH,
+    JAW_MEAN,
+    JAW_SLOPE,
+    JAW_SPEED,
+    JAW_WAY,
+    MOTOR_MEAN,
+    MOTOR_SLOPE,
+    MOTOR_SPEED,
+    MOTOR_WAY,
+    PIECES,
+    SHORT,
+    SLACK,
+    STIFFNESS,
+    TAUT,
+    VISCOSITY,
+    Gains,
+)
+from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.model.physics import (
+    Physics,
+    State,
+    Wire,
+    cogging_N_m,
+    gravity_N_m,
+    jaw_level_N_m,
+    motor_level_N_m,
+    ripple,
+    slide,
+    wire,
+)
+
+_FALLEN = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
+
+
+class Torques(NamedTuple):
+    """What acts on the pulleys over a step: mean and slope of each."""
+
+    motor: float
+    motor_slope: float
+    jaw: float
+    jaw_slope: float
+
+
+class Motion(NamedTuple):
+    """Angles and speeds."""
+
+    theta_m: float
+    omega_m: float
+    theta_j: float
+    omega_j: float
+
+
+class Drive(NamedTuple):
+    """What drives a step from outside."""
+
+    current: float  # mean over the step
+    current_slope: float
+    current_end: float
+    torque_constant: float  # K_t at the time
+    viscosity: float  # D at the time
+    load: float  # τ_w, mean over the step
+    load_slope: float
+
+
+class Excess(NamedTuple):
+    """What the effects add to the linear plant at an instant."""
+
+    wire: float  # tension above the linear
+    motor: float  # torque on the motor pulley, without the wire's and presliding
+    jaw: float  # torque on the jaw, without the wire's
+
+
+@inlined
+def _row(g: Gains, s: int, row: int, stretch: float, omega_m: float, omega_j: float, u: Torques) -> float:
+    """Return what a row of the gains makes of a state and of torques."""
+    total: float = g[s, row + FROM_STRETCH] * stretch
+    total += g[s, row + FROM_MOTOR] * omega_m + g[s, row + FROM_JAW] * omega_j
+    return total + _response(g, s, row, u)
+
+
+@inlined
+def _response(g: Gains, s: int, row: int, u: Torques) -> float:
+    total: float = g[s, row + MOTOR_MEAN] * u.motor + g[s, row + MOTOR_SLOPE] * u.motor_slope
+    total += g[s, row + JAW_MEAN] * u.jaw + g[s, row + JAW_SLOPE] * u.jaw_slope
+    return total
+
+
+@inlined
+def free_motion(p: Physics, g: Gains, s: int, x: State, u: Torques) -> Motion:
+    """Return ways and end speeds of a step without dry friction."""
+    omega_m, omega_j = x.omega_m_rad_per_s, x.omega_j_rad_per_s
+    stretch = p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad
+    return Motion(
+        _row(g, s, MOTOR_WAY, stretch, omega_m, omega_j, u),
+        _row(g, s, MOTOR_SPEED, stretch, omega_m, omega_j, u),
+        _row(g, s, JAW_WAY, stretch, omega_m, omega_j, u),
+        _row(g, s, JAW_SPEED, stretch, omega_m, omega_j, u),
+    )
+
+
+@inlined
+def added(g: Gains, s: int, m: Motion, u: Torques) -> Motion:
+    """Return ways and end speeds with more torques."""
+    return Motion(
+        m.theta_m + _response(g, s, MOTOR_WAY, u),
+        m.omega_m + _response(g, s, MOTOR_SPEED, u),
+        m.theta_j + _response(g, s, JAW_WAY, u),
+        m.omega_j + _response(g, s, JAW_SPEED, u),
+    )
+
+
+@inlined
+def settled(
+    g: Gains,
+    s: int,
+    x: State,
+    free: Motion,
+    push: tuple[float, float],
+    inertia: tuple[float, float],
+    motor: Levels,
+    jaw: Levels,
+) -> Motion:
+    """Return the motion at the end of a step with dry friction.
+
+    `push`: torques at the start, motor and jaw, without dry friction; `inertia`: I/h of motor and jaw.
+    """
+    omega_j = x.omega_j_rad_per_s
+    guess = max(-jaw.rest, min(jaw.rest, push[1])) if omega_j == 0.0 else (jaw.start if omega_j > 0.0 else -jaw.start)
+    response = Response(
+        g[s, MOTOR_SPEED + MOTOR_MEAN],
+        g[s, MOTOR_SPEED + MOTOR_SLOPE],
+        g[s, MOTOR_WAY + MOTOR_MEAN],
+        g[s, MOTOR_WAY + MOTOR_SLOPE],
+    )
+    free_speed = free.omega_m - g[s, MOTOR_SPEED + JAW_MEAN] * guess
+    free_way = free.theta_m - g[s, MOTOR_WAY + JAW_MEAN] * guess
+    mean, slope, fate_m = friction(x.omega_m_rad_per_s, free_speed, free_way, push[0], inertia[0], response, motor)
+    way_j = free.theta_j - g[s, JAW_WAY + MOTOR_MEAN] * mean - g[s, JAW_WAY + MOTOR_SLOPE] * slope
+    speed_j = free.omega_j - g[s, JAW_SPEED + MOTOR_MEAN] * mean - g[s, JAW_SPEED + MOTOR_SLOPE] * slope
+    response = Response(
+        g[s, JAW_SPEED + JAW_MEAN], g[s, JAW_SPEED + JAW_SLOPE], g[s, JAW_WAY + JAW_MEAN], g[s, JAW_WAY + JAW_SLOPE]
+    )
+    mean_j, slope_j, fate_j = friction(omega_j, speed_j, way_j, push[1], inertia[1], response, jaw)
+    end = added(g, s, free, Torques(-mean, -slope, -mean_j, -slope_j))
+    return Motion(
+        x.theta_m_rad + (0.0 if fate_m == STUCK else end.theta_m),
+        0.0 if fate_m >= STOPPED else end.omega_m,
+        x.theta_j_rad + (0.0 if fate_j == STUCK else end.theta_j),
+        0.0 if fate_j >= STOPPED else end.omega_j,
+    )
+
+
+@inlined
+def _push(p: Physics, g: Gains, s: int, x: State, u: Torques) -> tuple[float, float]:
+    """Return the torques at the start of the step, motor and jaw, without dry friction."""
+    pull = g[s, STIFFNESS] * (p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad)
+    pull += g[s, DAMPING] * (p.r_m * x.omega_m_rad_per_s - p.r_j * x.omega_j_rad_per_s)
+    motor = u.motor - 0.5 * u.motor_slope - p.r_m * pull - g[s, VISCOSITY] * x.omega_m_rad_per_s
+    return motor, u.jaw - 0.5 * u.jaw_slope + p.r_j * pull
+
+
+@inlined
+def _excess(p: Physics, g: Gains, s: int, m: Motion, w: Wire, d: Drive, current_A: float) -> Excess:
+    """Return what the effects add at an instant."""
+    linear = g[s, STIFFNESS] * (p.r_m * m.theta_m - p.r_j * m.theta_j)
+    linear += g[s, DAMPING] * (p.r_m * m.omega_m - p.r_j * m.omega_j)
+    motor = d.torque_constant * current_A * ripple(p, m.theta_m) + cogging_N_m(p, m.theta_m)
+    motor -= (d.viscosity - g[s, VISCOSITY]) * m.omega_m + (w.radius_m - p.r_m) * w.tension_N
+    return Excess(w.tension_N - linear, motor, -gravity_N_m(p, m.theta_j))
+
+
+@inlined
+def held_back(change: float, way: float, way_of_mean: float, way_of_slope: float) -> tuple[float, float]:
+    """Return how much of a force's change over a step is put in: (mean, slope).
+
+    `change` is what a way of `way` would bring; the force itself shortens the way by `way_of_mean` per unit of its mean
+    (0 < way_of_mean) and `way_of_slope` per unit of its slope. Soft: half of it and all of it, a line from start to
+    end. Stiff: the end's value alone, found implicitly, which damps.
+    """
+    stiffness = change / way if way != 0.0 else 0.0
+    if not stiffness > 0.0:
+        return 0.5 * change, change
+    blend = 1.0 / (1.0 + way_of_mean * stiffness)
+    mean = 1.0 - 0.5 * blend
+    change /= 1.0 + (way_of_mean * mean + way_of_slope * blend) * stiffness
+    return mean * change, blend * change
+
+
+@inlined
+def _wire_of(p: Physics, m: Motion, creep_m: float, loop: float) -> Wire:
+    return wire(p, m.theta_m, m.omega_m, m.theta_j, m.omega_j, creep_m, loop)
+
+
+@inlined
+def _corrections(
+    p: Physics, g: Gains, s: int, x: State, end: Motion, ways: tuple[float, float], first: Excess, last: Excess
+) -> Torques:
+    """Return what the change of the effects over the step adds to the torques at its start, held.
+
+    `ways`: of the wire (its elongation) and of presliding's z.
+    """
+    by_mean = p.r_m * p.r_m * g[s, MOTOR_WAY + MOTOR_MEAN] + p.r_j * p.r_j * g[s, JAW_WAY + JAW_MEAN]
+    by_mean -= p.r_m * p.r_j * (g[s, MOTOR_WAY + JAW_MEAN] + g[s, JAW_WAY + MOTOR_MEAN])
+    by_slope = p.r_m * p.r_m * g[s, MOTOR_WAY + MOTOR_SLOPE] + p.r_j * p.r_j * g[s, JAW_WAY + JAW_SLOPE]
+    by_slope -= p.r_m * p.r_j * (g[s, MOTOR_WAY + JAW_SLOPE] + g[s, JAW_WAY + MOTOR_SLOPE])
+    pull, pull_slope = held_back(last.wire - first.wire, ways[0], by_mean, by_slope)
+    rub, rub_slope = 0.0, 0.0
+    if p.presliding_level != 0.0:
+        change, way = p.presliding_level * ways[1], end.theta_m - x.theta_m_rad
+        rub, rub_slope = held_back(change, way, g[s, MOTOR_WAY + MOTOR_MEAN], g[s, MOTOR_WAY + MOTOR_SLOPE])
+    motor, jaw = last.motor - first.motor, last.jaw - first.jaw
+    return Torques(
+        0.5 * motor - p.r_m * pull - rub,
+        motor - p.r_m * pull_slope - rub_slope,
+        0.5 * jaw + p.r_j * pull,
+        jaw + p.r_j * pull_slope,
+    )
+
+
+@inlined
+def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kept: float, x: State, d: Drive) -> State:
+    """Return the plant's state a step on with every effect that hangs on the state.
+
+    `base`: where the gains for a step of this length begin; `inertia`: I/h of motor and jaw; `kept`: what creep keeps.
+    """
+    now = Motion(x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s)
+    w0 = _wire_of(p, now, x.creep_m, x.loop)
+    s = base + (SLACK if w0.slack else TAUT)
+    first = _excess(p, g, s, now, w0, d, d.current - 0.5 * d.current_slope)
+    u = Torques(
+        d.torque_constant * d.current + first.motor - p.presliding_level * x.presliding - p.r_m * first.wire,
+        d.torque_constant * d.current_slope,
+        first.jaw + p.r_j * first.wire - d.load,
+        -d.load_slope,
+    )
+    free, push = free_motion(p, g, s, x, u), _push(p, g, s, x, u)
+    level, rest = motor_level_N_m(p, now.omega_m, w0.tension_N), motor_level_N_m(p, 0.0, w0.tension_N)
+    forward, backward = max(0.0, p.asymmetry), max(0.0, -p.asymmetry)
+    level_j = jaw_level_N_m(p, now.theta_j)
+    jaw = Levels(level_j, level_j, level_j, 0.0, 0.0)
+    end = settled(g, s, x, free, push, inertia, Levels(level, level, rest, forward, backward), jaw)
+
+    creep = kept * x.creep_m + (1.0 - kept) * p.creep_share * w0.tension_N / p.k
+    w1 = _wire_of(p, end, creep, x.loop)
+    if p.loop_force != 0.0:
+        w1 = _wire_of(p, end, creep, slide(x.loop, w1.elongation_m - w0.elongation_m, p.loop_stretch))
+    last = _excess(p, g, s, end, w1, d, d.current + 0.5 * d.current_slope)
+    slipped = slide(x.presliding, end.theta_m - now.theta_m, p.presliding_angle) if p.presliding_level != 0.0 else 0.0
+    ways = (w1.elongation_m - w0.elongation_m, slipped - x.presliding)
+    free = added(g, s, free, _corrections(p, g, s, x, end, ways, first, last))
+    motor = Levels(level, motor_level_N_m(p, end.omega_m, w1.tension_N), rest, forward, backward)
+    jaw = Levels(level_j, jaw_level_N_m(p, end.theta_j), level_j, 0.0, 0.0)
+    end = settled(g, s, x, free, push, inertia, motor, jaw)
+    return _remembered(p, x, end, w0, w1, kept, d.current_end)
+
+
+@inlined
+def _remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: float, current_A: float) -> State:
+    """Return the state at the end of a step, with what wire and friction remember of it."""
+    creep, loop, presliding = x.creep_m, x.loop, x.presliding
+    if p.creep_share != 0.0:
+        creep = kept * creep + (1.0 - kept) * p.creep_share * 0.5 * (w0.tension_N + w1.tension_N) / p.k
+    if p.presliding_level != 0.0:
+        presliding = slide(presliding, end.theta_m - x.theta_m_rad, p.presliding_angle)
+    if p.loop_force != 0.0:
+        loop = slide(loop, _wire_of(p, end, creep, loop).elongation_m - w0.elongation_m, p.loop_stretch)
+    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, creep, loop, presliding, current_A)
+
+
+@inlined
+def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: Drive) -> State:
+    """Return the plant's state a step on, without an effect that hangs on the state."""
+    forward, backward = max(0.0, p.asymmetry), max(0.0, -p.asymmetry)
+    motor = Levels(p.motor_coulomb, p.motor_coulomb, p.motor_coulomb, forward, backward)
+    jaw = Levels(p.jaw_coulomb, p.jaw_coulomb, p.jaw_coulomb, 0.0, 0.0)
+    u = Torques(d.torque_constant * d.current, d.torque_constant * d.current_slope, -d.load, -d.load_slope)
+    free, push = free_motion(p, g, TAUT, x, u), _push(p, g, TAUT, x, u)
+    end = settled(g, TAUT, x, free, push, inertia, motor, jaw)
+    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep_m, x.loop, x.presliding, d.current_end)
+
+
+@inlined
+def _sudden(p: Physics, x: State, end: State) -> bool:
+    """Whether something happened in a step that wants shorter ones."""
+    if p.slack > 0.0:
+        before = _wire_of(p, Motion(x.theta_m_rad, 0.0, x.theta_j_rad, 0.0), x.creep_m, x.loop)
+        after = _wire_of(p, Motion(end.theta_m_rad, 0.0, end.theta_j_rad, 0.0), end.creep_m, end.loop)
+        if before.slack != after.slack or before.tension_N * after.tension_N < 0.0:
+            return True
+    if p.stribeck_rise == 0.0:
+        return False
+    first, last = abs(x.omega_m_rad_per_s), abs(end.omega_m_rad_per_s)
+    return min(first, last) < _FALLEN * p.stribeck_speed and max(first, last) > 0.0
+
+
+@kernel
+def _in_pieces(p: Physics, g: Gains, inertia: tuple[float, float], kept: float, x: State, d: Drive) -> State:
+    """Return the state after a step taken in `PIECES`; `kept`: what creep keeps over a piece."""
+    scale = 1.0 / PIECES
+    for piece in range(PIECES):
+        at = (piece + 0.5) * scale - 0.5
+        current, load = d.current + at * d.current_slope, d.load + at * d.load_slope
+        slopes = (d.current_slope * scale, d.load_slope * scale)
+        part = Drive(current, slopes[0], d.current_end, d.torque_constant, d.viscosity, load, slopes[1])
+        x = full_step(p, g, SHORT, (inertia[0] * PIECES, inertia[1] * PIECES), kept, x, part)
+    return x
+
+
+@inlined
+def refined_step(
+    p: Physics, g: Gains, inertia: tuple[float, float], kept: tuple[float, float], x: State, d: Drive
+) -> State:
+    """Return `full_step`, in pieces where it has to be; `kept`: what creep keeps over a step and over a piece."""
+    end = full_step(p, g, TAUT, inertia, kept[0], x, d)
+    if _sudden(p, x, end):
+        return _in_pieces(p, g, inertia, kept[1], x, d)
+    return end
