@@ -124,12 +124,11 @@ def test_each_effect_is_the_same_in_world_and_model(name: str) -> None:
 
 
 def test_several_effects_at_once_are_the_same() -> None:
-    together = {
-        name: CASES[name]
-        for name in ("presliding_friction", "load_dependent_friction", "jaw_gravity", "wire_hardening", "wire_damping",
-                     "torque_ripple", "electrical_lag", "actuation_delay", "encoder_eccentricity", "pulley_eccentricity")
-    }  # fmt: skip
-    fine = compare(together, *STEPS[1])
+    names = (
+        "presliding_friction", "load_dependent_friction", "jaw_gravity", "wire_hardening", "wire_damping",
+        "torque_ripple", "electrical_lag", "actuation_delay", "encoder_eccentricity", "pulley_eccentricity",
+    )  # fmt: skip
+    fine = compare({name: CASES[name] for name in names}, *STEPS[1])
     assert (fine.apart < USUAL * fine.effect).all()
 
 
