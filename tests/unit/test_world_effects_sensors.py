@@ -12,7 +12,7 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECTS
 from tests.hidden_effects.generator import RIG, true_rig
 from virtual_bus.direct import DirectWorld
-from virtual_bus.drive import forceps_of, loop_of
+from virtual_bus.drive import SimulatedDrive, forceps_of, loop_of
 from virtual_bus.effects import effect_numbers
 from virtual_bus.effects_forceps import ForcepsWithEffects
 from virtual_bus.forceps import SimulatedForceps
@@ -227,3 +227,20 @@ def test_direct_world_shows_what_sensors_say() -> None:
     plain = DirectWorld(ideal, 0, seed=1).sample()
     assert sample.theta_m_rad == pytest.approx(1.1 * plain.theta_m_rad, rel=1.0e-12)
     assert sample.current_A == 0.25
+
+
+def frames_of(rig: Rig, end_ns: int) -> list[bytes]:
+    drive = SimulatedDrive(rig, LOAD)
+    sent: list[bytes] = []
+    while drive.next_wake_ns() < end_ns:
+        drive.wake(drive.next_wake_ns())
+        sent += [frame.data for frame in drive.take_outbox()]
+    assert drive.counters["outbox_full"] == 0
+    return sent
+
+
+def test_drive_on_the_bus_runs_a_rig_with_every_effect() -> None:
+    with_effects, without = (frames_of(true_rig(RIG, effects, {}), 50_000_000) for effects in (TYPICAL, {}))
+    assert len(with_effects) == len(without) > 100
+    assert sum(one != other for one, other in zip(with_effects, without, strict=True)) > 30
+    assert with_effects == frames_of(true_rig(RIG, TYPICAL, {}), 50_000_000)
