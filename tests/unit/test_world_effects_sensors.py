@@ -98,7 +98,7 @@ def test_amplifier_cuts_the_middle_and_the_ends() -> None:
     assert np.abs(still.current_A).max() == 0.0 < law.kp_A_per_rad
 
 
-@pytest.mark.parametrize("delay_s", [1.0e-3, 3.7e-4, 4.25e-3])
+@pytest.mark.parametrize("delay_s", [1.0e-3, 3.70123e-4, 4.25e-3])
 def test_delayed_current_arrives_to_the_nanosecond(delay_s: float) -> None:
     """Seen through a late channel of the current: just after the arrival the new command, just before the old."""
     law = {"actuation_delay": {"delay_s": delay_s}}
