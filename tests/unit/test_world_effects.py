@@ -14,6 +14,7 @@ from virtual_bus.effects import EffectNumbers, effect_numbers
 from virtual_bus.effects_motion import (
     STATE,
     advance_with_effects,
+    between,
     check_step,
     empty_queue,
     push_command,
@@ -332,3 +333,16 @@ def test_step_too_coarse_for_what_effects_add_is_refused(effects: dict[str, dict
     with pytest.raises(ValueError, match="too coarse"):
         check_step(P, effect_numbers(effects), 1.0, 5.0e-5)
     check_step(P, effect_numbers(TYPICAL), 1.0, 5.0e-5)
+
+
+def test_between_the_ends_of_a_step_lies_the_cubic() -> None:
+    def cubic(t: float) -> float:
+        return 1.0 - 2.0 * t + 3.0 * t**2 + 5.0 * t**3
+
+    def slope(t: float) -> float:
+        return -2.0 + 6.0 * t + 15.0 * t**2
+
+    start, step = 0.3, 0.4
+    for share in (0.0, 0.25, 0.8, 1.0):
+        value = between(cubic(start), slope(start), cubic(start + step), slope(start + step), share, step)
+        assert value == pytest.approx(cubic(start + share * step), rel=1.0e-14)
