@@ -46,7 +46,8 @@ _SERIAL_REMEDIES = {
 class LinkSpec(NamedTuple):
     """Where the drive is: `interface` and `channel` of python-can, or `serial_url`.
 
-    `serial_url`: a path, a pyserial URL, or udp://address:port for packets as datagrams (see `UdpPort`). `options` go to the python-can interface as they are. `spin_ns`: see `MonotonicClock`.
+    `serial_url`: a path, a pyserial URL, or udp://address:port for packets as datagrams (see `UdpPort`). `options` go
+    to the python-can interface as they are. `spin_ns`: see `MonotonicClock`.
     """
 
     interface: str = ""
