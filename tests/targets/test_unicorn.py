@@ -1,6 +1,5 @@
 """The suite, unchanged, against the firmware's object code under Unicorn, on a bus with bit times, in virtual time."""
 
-import shutil
 from collections.abc import Sequence
 
 import pytest
@@ -11,8 +10,8 @@ from firmware_protocol.conformance.report import certificate, junit
 from firmware_protocol.conformance.suite import Result, Suite, Verdict
 from firmware_protocol.frames import Frame
 from hil_forceps.rig import load_rig
-from tests.targets.record import ROOT, Part, TargetRecord, recorded
-from tests.targets.unicorn_bench import NODE, BenchNode, DeviceNode
+from tests.targets.record import ROOT, Part, recorded
+from tests.targets.unicorn_bench import NODE, BenchNode, DeviceNode, needs_compiler
 from virtual_bus.interface import VirtualForcepsBus
 from virtual_bus.load import paper_load
 
@@ -55,11 +54,6 @@ class BxCanPort:
 
     def close(self) -> None:
         self._bus.shutdown()
-
-
-def needs_compiler(record: TargetRecord) -> None:
-    if shutil.which("arm-none-eabi-gcc") is None:
-        record.not_available("arm-none-eabi-gcc is not installed")
 
 
 def judge(port: BxCanPort, numbers: Sequence[int]) -> tuple[Suite, list[Result]]:

@@ -8,16 +8,22 @@ waited for is free, and each 250 µs, which is when its samples fall due.
 """
 
 import math
+import shutil
+import subprocess
 from collections import deque
-from typing import Final
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
 
 from firmware_protocol import codec
 from firmware_protocol.frames import Frame, split_id
 from firmware_protocol.messages import DriveState, Function, Timing
-from firmware_protocol.scales import ANGLE_LSB_RAD, BENCH_TORQUE_LSB_N_M
+from firmware_protocol.scales import ANGLE_LSB_RAD, BENCH_TORQUE_LSB_N_M, CURRENT_LSB_A, wrap_int32
 from hil_forceps.rig import Rig
 from tests.bxcan import BxCan
+from tests.firmware_library import SOURCES
 from tests.firmware_stm32 import Stm32, image
+from tests.targets.record import TargetRecord
 from virtual_bus.drive import PAPER_JAW_START_RAD
 from virtual_bus.forceps import NOT_STARTED_NS
 from virtual_bus.load import LoadProfile
@@ -27,11 +33,19 @@ NODE: Final = 1
 TURN_NS: Final = 250_000
 SAMPLE_NS: Final = 1_000_000
 COUNTS_PER_RAD: Final = 16384 / (2.0 * math.pi)
+TIM5_CNT, SPI2_DR, SPI3_DR = 0xC24, 0x380C, 0x3C0C
+SAMPLE_SEQUENCE_BYTE: Final = 5
 MAX_LATCHED: Final = 8
 DRIVE_FUNCTIONS: Final = frozenset(
     (Function.FEEDBACK, Function.TIMING, Function.DRIVE_HEARTBEAT, Function.PARAM_RESPONSE, Function.IDENTITY)
 )
 MID_SCALE, FULL_SCALE, STEPS_PER_A = 2048, 4095, 1000.0
+
+
+def needs_compiler(record: TargetRecord) -> None:
+    """End the test where the image can't be built."""
+    if shutil.which("arm-none-eabi-gcc") is None:
+        record.not_available("arm-none-eabi-gcc is not installed")
 
 
 class OutsidePlant:
@@ -108,19 +122,71 @@ class BenchStm32(Stm32):
         self.plant.current_A = (value - MID_SCALE) / STEPS_PER_A
 
 
-class DeviceNode:
-    """The device as a node of the virtual bus. `sample_instructions`: of each turn with a measurement, if counted."""
+class FineStm32(Stm32):
+    """The same firmware on a board with converters as fine as the wire (fine_board.c), on an outside plant."""
 
-    def __init__(self, rig: Rig, load: LoadProfile, counting: bool = False) -> None:
+    def __init__(self, plant: OutsidePlant, counting: bool) -> None:
+        self.plant = plant
+        self.now_ns = 0
+        super().__init__(fine_image(), BxCan(), counting)
+
+    def turn_at(self, now_ns: int) -> None:
+        """Run the main loop once, at this instant of the bus."""
+        self.now_ns = now_ns
+        self.turn(now_ns // 1000)
+
+    def _read(self, uc: Any, offset: int, size: int, user: Any) -> int:
+        if offset == TIM5_CNT:
+            self.plant.move(self.now_ns)
+            return math.floor(self.plant.theta_m_rad() / ANGLE_LSB_RAD + 0.5) & 0xFFFF_FFFF
+        if offset == SPI2_DR:
+            return round(self.plant.current_A / CURRENT_LSB_A) & 0xFFFF
+        return super()._read(uc, offset, size, user)
+
+    def _write(self, uc: Any, offset: int, size: int, value: int, user: Any) -> None:
+        if offset == SPI3_DR:
+            self.plant.move(self.now_ns)
+            self.plant.current_A = wrap_int32(value) * 1e-6
+        else:
+            super()._write(uc, offset, size, value, user)
+
+
+@cache
+def fine_image() -> Path:
+    """Link fine_board.c with the object code of the example image."""
+    example = image()
+    objects = [*sorted(example.parent.glob("hfp_*.o")), example.parent / "generated" / "motor_driver.o"]
+    port, elf = SOURCES / "port" / "stm32f4", example.with_name("fine_board.elf")
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-Os", "-ffunction-sections"]
+    flags += ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-fdata-sections", "-nostartfiles"]
+    sources = (Path(__file__).with_name("fine_board.c"), port / "bxcan.c", port / "startup.c")
+    link = ("--specs=nano.specs", "-T", port / "link.ld", "-Wl,--gc-sections")
+    subprocess.run(["arm-none-eabi-gcc", *flags, *link, *objects, *sources, "-o", elf], check=True)
+    return elf
+
+
+class DeviceNode:
+    """The device as a node of the virtual bus.
+
+    `sample_instructions`: of each turn with a measurement, if counted. `latencies_us`: from each measurement to the
+    arrival of the reference that answers it.
+    """
+
+    def __init__(self, rig: Rig, load: LoadProfile, fine: bool = False, counting: bool = False) -> None:
         self.plant = OutsidePlant(rig, load)
-        self.device = BenchStm32(self.plant, counting)
+        self.device = (FineStm32 if fine else BenchStm32)(self.plant, counting)
         self.sample_instructions: list[int] = []
+        self.latencies_us: list[float] = []
         self._next_ns = 0
 
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take a frame from the bus into the FIFO; the main loop is never long in finding it."""
         if self._next_ns < now_ns:
             self.wake(now_ns)
+        if split_id(frame.arbitration_id)[0] == Function.SETPOINT:
+            newest = now_ns // SAMPLE_NS
+            age = (newest - frame.data[SAMPLE_SEQUENCE_BYTE]) & 0xFF
+            self.latencies_us.append((now_ns - (newest - age) * SAMPLE_NS) / 1e3)
         self.device.can.deliver(frame)
         self.device.turn_at(now_ns)
 
