@@ -1,0 +1,67 @@
+"""Simulation 2 of the paper with a firmware in the loop, beside the same run in process."""
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final, NamedTuple
+
+from hil_forceps.bench.execute import Executed, execute, run_on
+from hil_forceps.bench.matrix import RunSpec
+from hil_forceps.bridge.adapters import Connection
+from hil_forceps.bridge.ports import Link
+from hil_forceps.rig import load_rig
+from tests.targets.lockstep import LockstepWorld, PlantLine
+from tests.targets.record import ROOT, latency_figures
+from virtual_bus.drive import drive_config_of, forceps_of
+from virtual_bus.load import paper_load
+
+RIG: Final = load_rig(ROOT / "configs" / "paper.yaml")
+SEED: Final = 1
+SPEC: Final = RunSpec(2, "kalman", True, RIG.bench.host_period_s, True)
+LATENCY: Final = "wall clock, from a sample asked of the firmware, with the setpoint before it, to its frames decoded"
+
+
+class Loop(NamedTuple):
+    """What came of it: `figures` as `TargetRecord.loop` takes them."""
+
+    executed: Executed
+    figures: dict[str, Any]
+
+
+def drive_arguments() -> list[str]:
+    """Return the settings that the rig wants of the process hfp-drive."""
+    law, config = RIG.require_drive(), drive_config_of(RIG, RIG.bench.node_id, fd=False)
+    loop = {name: getattr(law, name) for name in type(law).model_fields}
+    drive = {name: getattr(config, name) for name in type(config).__dataclass_fields__ if name != "fd"}
+    return [word for name, value in {**loop, **drive}.items() for word in (f"--{name}", f"{value!r}")]
+
+
+@cache
+def in_process() -> Executed:
+    """Run it with the Python drive on the virtual bus, once."""
+    with TemporaryDirectory() as folder:
+        return execute(SPEC, RIG, SEED, Path(folder))
+
+
+def close_loop(link: Link, line: PlantLine, folder: Path) -> Loop:
+    """Run the service against the firmware behind `link` with its plant behind `line`."""
+    forceps = forceps_of(RIG, paper_load(SPEC.simulation), SEED)
+    period_ns = round(RIG.require_drive().sample_time_s * 1e9)
+    world = LockstepWorld(link, line, forceps, RIG.bench.node_id, period_ns)
+    executed = run_on(Connection(world, world, True, ()), SPEC, RIG, SEED, folder)
+    counters = executed.record.timing["counters"]
+    figures = {
+        "simulation": SPEC.simulation,
+        "algorithm": SPEC.algorithm,
+        "duration_s": SPEC.duration_s,
+        "rmse_N_m": executed.record.metrics.tau_w_rmse_N_m,
+        "in_process_rmse_N_m": in_process().record.metrics.tau_w_rmse_N_m,
+        "latency": LATENCY,
+        "latency_us": latency_figures(world.exchange_us),
+        "samples": counters["host"]["samples"],
+        "setpoints": counters["host"]["setpoints_sent"],
+        "lost": executed.record.frames_lost,
+        "wall_s": round(executed.record.timing["wall_s"], 1),
+        "ending": executed.record.ending,
+    }
+    return Loop(executed, figures)
