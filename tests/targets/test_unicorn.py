@@ -16,7 +16,7 @@ from virtual_bus.interface import VirtualForcepsBus
 from virtual_bus.load import paper_load
 
 TARGET = "unicorn-bxcan"
-APPLICABLE = 74
+APPLICABLE = 78
 pytestmark = pytest.mark.slow
 
 
