@@ -183,7 +183,7 @@ class DeviceNode:
         """Take a frame from the bus into the FIFO; the main loop is never long in finding it."""
         if self._next_ns < now_ns:
             self.wake(now_ns)
-        if split_id(frame.arbitration_id)[0] == Function.SETPOINT:
+        if split_id(frame.arbitration_id)[0] == Function.SETPOINT and len(frame.data) > SAMPLE_SEQUENCE_BYTE:
             newest = now_ns // SAMPLE_NS
             age = (newest - frame.data[SAMPLE_SEQUENCE_BYTE]) & 0xFF
             self.latencies_us.append((now_ns - (newest - age) * SAMPLE_NS) / 1e3)
