@@ -4,6 +4,7 @@ HIL_FORCEPS_TARGETS_FULL=1 closes the loop over the 20 s of the paper, else over
 """
 
 import os
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -95,6 +96,17 @@ def test_the_suite_passes_on_the_object_code() -> None:
         can = port.device.device.can
         assert can.overruns == 0
         assert can.filtered > 0
+
+
+def test_without_its_filter_the_controller_lets_foreign_frames_through(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The model can fail: what the suite sees of HFP-002 is the filter that the firmware has set."""
+    if shutil.which("arm-none-eabi-gcc") is None:
+        pytest.skip("arm-none-eabi-gcc is not installed; the target's own record says so")
+    port = BxCanPort("unicorn without filter")
+    monkeypatch.setattr(port.device.device.can, "passes", lambda *_: True)
+    _, (result,) = judge(port, (2,))
+    port.close()
+    assert result.verdict is Verdict.FAIL, result.evidence
 
 
 class Setting(NamedTuple):
