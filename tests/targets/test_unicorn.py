@@ -23,8 +23,10 @@ from hil_forceps.bridge.adapters import Connection
 from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
 from hil_forceps.rig import Rig, load_rig
+from tests.targets.page import column
 from tests.targets.record import ROOT, Part, latency_figures, recorded
 from tests.targets.unicorn_bench import NODE, BenchNode, DeviceNode, needs_compiler
+from tools.target_table import MARKS
 from virtual_bus.drive import SimulatedDrive
 from virtual_bus.interface import VirtualForcepsBus
 from virtual_bus.load import PAPER_TORQUE_N_M, LoadProfile, paper_load, piecewise_linear
@@ -96,6 +98,7 @@ def test_the_suite_passes_on_the_object_code() -> None:
         can = port.device.device.can
         assert can.overruns == 0
         assert can.filtered > 0
+    assert column(TARGET) == {r.requirement.name: MARKS[r.verdict.value] for r in results}, "docs/conformance.md is old"
 
 
 def test_without_its_filter_the_controller_lets_foreign_frames_through(monkeypatch: pytest.MonkeyPatch) -> None:
