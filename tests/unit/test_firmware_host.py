@@ -300,4 +300,4 @@ def test_time_waits_for_the_frames_that_the_plant_names(tmp_path: Path) -> None:
         assert sent >= 40  # feedback and timing of each sample, and the first heartbeat
         os.close(port)
         plant.close()
-    assert process.summary["unknown_id"] == 100
+    assert process.summary["not_for_us"] == 100
