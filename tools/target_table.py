@@ -1,8 +1,9 @@
 """Say which targets ran, and how it went.
 
 python -m tools.target_table [--root DIR] [--markdown FILE]: prints a row for each target; exit code 1 when one has no
-outcome, failed, or could not run where HIL_FORCEPS_EXPECT_TARGETS wants it. --markdown also writes the matrix of
-targets and requirements. Where the outcomes come from: tests/targets/record.py.
+outcome, failed, or could not run where HIL_FORCEPS_EXPECT_TARGETS wants it. --markdown also writes figures and the
+matrix of targets and requirements, between the marks where the file has them. Where the outcomes come from:
+tests/targets/record.py.
 """
 
 import argparse
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple
 from tests.targets.record import TARGETS, State, is_expected, targets_root
 
 MARKS = {"pass": "✓", "fail": "✗", "inconclusive": "?", "not run": "–"}
+BEGIN, END = "<!-- targets: begin -->\n", "<!-- targets: end -->\n"
 HEADER = ("target", "state", "passed", "failed", "incl.", "n/a", "RMSE µN·m", "direct", "p50 µs", "p99 µs", "s")
 
 
@@ -71,6 +73,25 @@ def table(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in aligned)
 
 
+def figures(targets: Mapping[str, Ran]) -> str:
+    """Return the rows of the targets that left a certificate as Markdown."""
+    rows = [row(target, ran) for target, ran in targets.items() if ran.certificate]
+    lines = ["| " + " | ".join(HEADER) + " |", "|---|---|" + "--:|" * (len(HEADER) - 2)]
+    return "\n".join([*lines, *("| " + " | ".join(each) + " |" for each in rows)]) + "\n"
+
+
+def publish(page: Path, text: str) -> None:
+    """Write the text between the marks of a page; over the whole of it where it has none."""
+    before, begin, rest = page.read_text(encoding="utf-8").partition(BEGIN) if page.exists() else ("", "", "")
+    if not begin:
+        page.write_text(text, encoding="utf-8")
+        return
+    _, end, after = rest.partition(END)
+    if not end:
+        raise SystemExit(f"{page}: {BEGIN.strip()} without {END.strip()}")
+    page.write_text(before + begin + text + end + after, encoding="utf-8")
+
+
 def matrix(targets: Mapping[str, Ran]) -> str:
     """Return targets against requirements as Markdown; only what some certificate speaks of."""
     verdicts = {
@@ -90,12 +111,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--root", type=Path, default=targets_root(), help="folder with a folder for each target")
-    parser.add_argument("--markdown", type=Path, help="file for the matrix of targets and requirements")
+    parser.add_argument("--markdown", type=Path, help="page for figures and matrix")
     chosen = parser.parse_args(arguments)
     targets = read(chosen.root)
     print(table([HEADER, *(row(target, ran) for target, ran in targets.items())]))
     if chosen.markdown is not None:
-        chosen.markdown.write_text(matrix(targets), encoding="utf-8")
+        publish(chosen.markdown, figures(targets) + "\n" + matrix(targets))
     problems = {target: text for target, ran in targets.items() if (text := problem(target, ran))}
     for target, text in problems.items():
         print(f"{target}: {text}")

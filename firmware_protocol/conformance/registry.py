@@ -27,6 +27,7 @@ class Need(Flag):
     FOREIGN = auto()  # the line carries extended ids and remote frames
     SERIAL = auto()
     STREAM = auto()  # the line is serial and cuts bytes where it likes
+    DATAGRAM = auto()  # the line is serial and keeps them in the pieces in which they were sent
 
 
 class Check(NamedTuple):

@@ -230,5 +230,6 @@ def _words(needs: Need) -> str:
         Need.FOREIGN: "line with extended ids",
         Need.SERIAL: "serial line",
         Need.STREAM: "stream of bytes",
+        Need.DATAGRAM: "datagrams",
     }
     return " and ".join(name for need, name in names.items() if needs & need) or "any drive"

@@ -36,7 +36,7 @@ def test_in_virtual_time(tmp_path: Path) -> None:
     line = ("--interface", "virtual_forceps", "--channel", "bench", "--option", f"rig={RIG}")
     with recorded("python-virtual-time", Part.CONFORMANCE) as record:
         certificate = judge(record, tmp_path, *line, "--option", "simulation=0")
-        check(certificate, 73, least_share=1.0)
+        check(certificate, 77, least_share=1.0)
         assert certificate["time"] == "virtual"
 
 
@@ -54,7 +54,7 @@ def test_over_a_pseudo_terminal(tmp_path: Path) -> None:
     link = tmp_path / "port"
     with recorded("python-pty", Part.CONFORMANCE) as record, drive("--serial-pty", str(link)):
         certificate = judge(record, tmp_path / "out", "--serial", str(link))
-        check(certificate, 82)
+        check(certificate, 86)
         assert certificate["time"] == "real"
         assert "issued" in certificate
 
@@ -65,4 +65,4 @@ def test_over_udp_multicast_fd(tmp_path: Path) -> None:
         port = f"port={probe.getsockname()[1]}"
     line = ("--interface", "udp_multicast", "--channel", GROUP, "--option", port, "--fd")
     with recorded("python-udp-multicast", Part.CONFORMANCE) as record, drive(*line):
-        check(judge(record, tmp_path / "out", *line), 79)
+        check(judge(record, tmp_path / "out", *line), 83)

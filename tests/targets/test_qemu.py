@@ -99,7 +99,7 @@ def test_conformance(tmp_path: Path) -> None:
     with recorded(TARGET, Part.CONFORMANCE) as record:
         require_emulator(record)
         with emulator("mps2") as url:
-            check(judge(record, tmp_path / "out", "--serial", url, *MARGINS), 82)
+            check(judge(record, tmp_path / "out", "--serial", url, *MARGINS), 86)
 
 
 def test_simulation_2(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.targets.record import TARGETS, Part, TargetRecord, latency_figures, recorded
-from tools.target_table import main
+from tools.target_table import BEGIN, END, main
 
 CERTIFICATE = {
     "verdicts": {"pass": 2, "fail": 0, "inconclusive": 1, "not run": 1},
@@ -53,10 +53,28 @@ def test_all_ran(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 1 + len(TARGETS)
     assert lines[5].split()[:10] == ["c-process-udp", "ran", "2", "0", "1", "1", "8.00", "7.50", "60", "4901.2"]
-    matrix = (tmp_path / "matrix.md").read_text().splitlines()
+    text = (tmp_path / "matrix.md").read_text()
+    figures, matrix = (part.splitlines() for part in text.split("\n\n")[:2])
+    assert len(figures) == 2 + sum(Part.CONFORMANCE in parts for _, parts in TARGETS.values())
     assert matrix[0].count("|") == matrix[2].count("|") == len(TARGETS) + 1
     assert matrix[2].startswith("| HFP-001 | – | –")
     assert matrix[4].startswith("| HFP-032 | ? | ?")
+
+
+def test_a_page_keeps_what_is_around_the_marks(tmp_path: Path) -> None:
+    run_all()
+    page = tmp_path / "page.md"
+    page.write_text(f"# Before\n{BEGIN}old\n{END}after\n", encoding="utf-8")
+    for _ in range(2):
+        assert main(["--markdown", str(page)]) == 0
+        text = page.read_text(encoding="utf-8")
+        assert text.startswith(f"# Before\n{BEGIN}| target | state |")
+        assert text.endswith(f"{END}after\n")
+        assert "old" not in text
+    page.write_text(f"{BEGIN}old\n", encoding="utf-8")
+    with pytest.raises(SystemExit):
+        main(["--markdown", str(page)])
+    assert page.read_text(encoding="utf-8") == f"{BEGIN}old\n"
 
 
 def test_what_was_not_run_is_missed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""Serial line: HFP-160 to HFP-166, by bytes that no frame of a well-behaved host would give."""
+"""Serial line and UDP: HFP-160 to HFP-166, HFP-180, HFP-181, by bytes that no well-behaved host would send."""
 
 import random
 from binascii import crc_hqx
@@ -55,6 +55,27 @@ def packets_are_well_formed(s: Session) -> str:
     errors = s.port.line_errors() - before
     expect(errors == 0, f"{errors} packets of the drive were damaged or no packets at all")
     return f"{sum(s.monitor.seen.values())} packets of the drive well formed"
+
+
+@check(180, Need.DATAGRAM, last=True)
+def datagrams_hold_whole_packets(s: Session) -> str:
+    before = s.port.line_errors()
+    walk(s)
+    errors = s.port.line_errors() - before
+    expect(errors == 0, f"{errors} datagrams of the drive held something else than whole packets")
+    return f"{sum(s.monitor.seen.values())} packets of the drive, none torn"
+
+
+@check(181, Need.DATAGRAM)
+def torn_datagrams_spoil_no_other(s: Session) -> str:
+    length = len(request(s))
+    for cut in range(1, length - 1):
+        send_bytes(s, request(s)[:cut])
+        s.run(s.margins.gap_ns)
+        send_bytes(s, request(s))
+        expect(answered(s), f"no answer after a datagram that ended within a packet, after {cut} bytes")
+        s.run(s.margins.gap_ns)
+    return f"next packet found after each of {length - 2} torn datagrams"
 
 
 @check(161, Need.SERIAL)
