@@ -88,8 +88,8 @@ def check_step(p: TruthParameters, e: EffectNumbers, current_limit_A: float, ste
 
 @kernel
 def side_of(drive_N_m: float, forward_N_m: float, backward_N_m: float) -> float:
-    """Return where a body at rest goes under a torque: ±1, or 0 while friction holds it."""
-    if drive_N_m > forward_N_m:
+    """Return where a body at rest goes under a torque: ±1, or 0 while friction holds it; without friction it's free."""
+    if drive_N_m > forward_N_m or forward_N_m + backward_N_m == 0.0:
         return 1.0
     if drive_N_m < -backward_N_m:
         return -1.0
@@ -108,15 +108,22 @@ def released(
     e: EffectNumbers,
     env: Environment,
 ) -> Memory:
-    """Let go of each body at rest that is driven by more than its friction, unless it is to be held."""
+    """Let go of each body at rest that is driven by more than its friction, unless it is to be held.
+
+    A body that moves is braked on the side to which it moves: without friction it turns round with no event.
+    """
     side_m, side_j = memory.side_m, memory.side_j
-    if side_m != 0.0 and side_j != 0.0:
+    if m.omega_m * side_m > 0.0 and m.omega_j * side_j > 0.0:
         return memory
     tension = tension_of(m, memory, p, e)
-    if side_m == 0.0 and not holds_m:
+    if m.omega_m != 0.0:
+        side_m = math.copysign(1.0, m.omega_m)
+    elif side_m == 0.0 and not holds_m:
         drive = motor_drive(m, memory, current_at(u, offset_s), u.time_s + offset_s, tension, p, e)
         side_m = side_of(drive, motor_level(1.0, 0.0, tension, p, e), motor_level(-1.0, 0.0, tension, p, e))
-    if side_j == 0.0 and not holds_j:
+    if m.omega_j != 0.0:
+        side_j = math.copysign(1.0, m.omega_j)
+    elif side_j == 0.0 and not holds_j:
         drive = jaw_drive(m.theta_j, tension, u.load_N_m + u.load_slope * offset_s, p, e, env)
         level = jaw_level(m.theta_j, p, e)
         side_j = side_of(drive, level, level)
@@ -139,6 +146,15 @@ def remembered(m: Motion, memory: Memory, side_m: float, side_j: float, p: Truth
 def forward_speed(m: Motion, memory: Memory, first: bool) -> float:
     """Return the speed of the motor (`first`) or jaw to the side on which friction brakes it."""
     return memory.side_m * m.omega_m if first else memory.side_j * m.omega_j
+
+
+@kernel
+def has_friction(m: Motion, memory: Memory, first: bool, p: TruthParameters, e: EffectNumbers) -> bool:
+    """Whether dry friction acts on the motor (`first`) or jaw near standstill, to either side."""
+    if not first:
+        return jaw_level(m.theta_j, p, e) > 0.0
+    tension = tension_of(m, memory, p, e)
+    return motor_level(1.0, 0.0, tension, p, e) + motor_level(-1.0, 0.0, tension, p, e) > 0.0
 
 
 @kernel
@@ -185,7 +201,8 @@ def glide(
     for event in range(MAX_EVENTS + 1):
         memory = released(m, memory, u, offset_s, holds_m, holds_j, p, e, env)
         end = runge_kutta(m, memory, u, offset_s, left, p, e, env)
-        stops_m, stops_j = forward_speed(end, memory, True) < 0.0, forward_speed(end, memory, False) < 0.0
+        stops_m = forward_speed(end, memory, True) < 0.0 and has_friction(end, memory, True, p, e)
+        stops_j = forward_speed(end, memory, False) < 0.0 and has_friction(end, memory, False, p, e)
         if not (stops_m or stops_j):
             break
         # A body that was just let go and comes back at once was let go for nothing.

@@ -102,7 +102,11 @@ def _explained(
             key = f"{section}.{name}"
             changed = true_rig(rig, rig.effects, {key: 1.0 + STEPS.get(key, STEP)})
             columns.append(_whitened(changed, scenarios, seed, channels, zeros) - base)
-    basis, triangle = np.linalg.qr(np.stack([c / np.linalg.norm(c) for c in columns], axis=1))
+    # Nothing moves, nothing shows: a parameter without any influence explains nothing.
+    columns = [column / np.linalg.norm(column) for column in columns if np.linalg.norm(column) > 0.0]
+    if not columns:
+        return base, np.zeros((base.size, 0))
+    basis, triangle = np.linalg.qr(np.stack(columns, axis=1))
     independent = np.abs(np.diag(triangle)) > 1.0e-6
     return base, np.ascontiguousarray(basis[:, independent])
 

@@ -368,7 +368,7 @@ def test_extremes_of_a_valid_rig_still_fit_the_parameters_of_the_wire(changes: d
     ("changes", "words"),
     [
         ({"drive": None}, "drive"),
-        ({"effects": {"wire_slack": {"half_width_m": 1.0e-5}}}, "wire_slack"),
+        ({"effects": {"wire_damping": {"damping_N_s_per_m": 500.0}}}, "too coarse for the effects"),
         ({"forceps__wire_stiffness_N_per_m": "unknown"}, "wire_stiffness_N_per_m"),
         ({"bench__plant_step_s": 1.0e-3}, r"bench\.plant_step_s: .*too coarse"),
     ],
