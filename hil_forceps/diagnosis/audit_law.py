@@ -72,7 +72,8 @@ def audit_law(view: View, rig: Rig | None) -> Iterator[Finding]:
     if len(current) < FEWEST_ROWS or view.is_constant["current_A"] or view.is_constant["theta_m_rad"]:
         return
     command = commanded(view.piece("theta_m_ref_rad"), theta, view.interval_s, law)
-    yield from _clipped(view, command, current, law)
+    clipped = list(_clipped(view, command, current, law))
+    yield from clipped
     noise = view.noise_sd["current_A"]
     if np.std(current) < 4.0 * max(noise, rig.noise.current_A):
         return
@@ -92,7 +93,7 @@ def audit_law(view: View, rig: Rig | None) -> Iterator[Finding]:
         told = "late" if late > 0 else "early"
         text = f"current_A is {told} by {1e3 * abs(late):.4g} ms against what the law commands"
         yield view.finding("channel_shift", "current_A", "warning", text, figures | {"shift_s": late})
-    if abs(match.slope) < _SAME_UNIT and match.share < _LAW_HOLDS and ratio < 1.5:
+    if abs(match.slope) < _SAME_UNIT and match.share < _LAW_HOLDS and ratio < 1.5 and not clipped:
         text = f"the rig's drive law explains only {100 * match.share:.0f} % of current_A: check its gains"
         yield view.finding("drive_law", "current_A", "warning", text, figures)
     if rig.noise.current_A > 0.0 and ratio < 1.5 and match.share > 0.99:
