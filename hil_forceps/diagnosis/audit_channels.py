@@ -12,7 +12,8 @@ from hil_forceps.runs.table import Column
 _DEGREES = 180.0 / math.pi
 _STUCK_ROWS = 20
 _STUCK_FACTOR = 10.0  # times as long as the channel stands otherwise
-_STUCK_QUANTA = 3.5  # an encoder that stood by itself goes on with one count, one that was stuck jumps
+_STUCK_QUANTA = 3.5
+_STUCK_JUMP = 3.0  # times the steps that follow
 _SPIKE_SD = 12.0
 _SPIKE_QUANTA = 8.0
 _AROUND = (-4, -3, -2, 2, 3, 4)  # rows beside an outlier of one or two samples
@@ -63,17 +64,20 @@ def _stuck(view: View, channel: str) -> Iterator[Finding]:
     if usual > 1 and np.mean(spacing % usual == 0) > 0.95:
         text = f"{channel} changes at every {usual}th row only: sampled more slowly than the rest and held"
         yield view.finding("held", channel, "warning", text, {"rows": float(usual)})
-    elif rows >= max(_STUCK_ROWS, _STUCK_FACTOR * np.quantile(spacing, 0.995)) and _jumps(
-        view, channel, changes[longest + 1]
-    ):
+        return
+    is_long = rows >= max(_STUCK_ROWS, _STUCK_FACTOR * np.quantile(spacing, 0.995))
+    if is_long and _jumps(view, channel, int(changes[longest + 1])):
         seconds = rows * view.interval_s
         text = f"{channel} stands still for {seconds:.4g} s from {at:.6g} s, though it changes at almost every row"
         yield view.finding("stuck", channel, "warning", text, {"begin_s": at, "duration_s": seconds})
 
 
 def _jumps(view: View, channel: str, row: int) -> bool:
-    values = view.piece(channel)
-    return bool(abs(values[row + 1] - values[row]) > _STUCK_QUANTA * view.quanta[channel])
+    """Tell whether a channel that counts goes on with a jump: what stood by itself begins to move as it goes on."""
+    if view.quanta[channel] == 0.0:
+        return True  # with noise on it, it never stands by itself
+    steps = np.abs(np.diff(view.piece(channel)[row : row + 5]))
+    return bool(steps[0] > max(_STUCK_QUANTA * view.quanta[channel], _STUCK_JUMP * np.max(steps[1:], initial=0.0)))
 
 
 def _spikes(view: View, channel: str) -> Iterator[Finding]:

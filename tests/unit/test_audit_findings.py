@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.audit import Finding, audit
+from hil_forceps.model.closed_loop import Inputs, law_vector, rest, simulate
 from hil_forceps.model.linear_loop import DriveParameters, make_loop, rest_state, rollout
+from hil_forceps.model.parameters import NAMES, index, vector
 from hil_forceps.rig import Rig, load_rig
+from hil_forceps.rig.catalogue import EFFECTS as CATALOGUE
 from hil_forceps.runs.table import Column, Run
 
 COUNTS = 16384
@@ -217,6 +220,40 @@ def test_figures_are_right() -> None:
     assert figure(scaled("theta_j_rad", 0.5), "kinematics", "theta_j_rad", "ratio") == pytest.approx(0.7, rel=0.05)
     assert figure(spiked("theta_j_rad", 0.1, 2), "outliers", "theta_j_rad", "count") == 4
     assert figure(noisy("current_A", 8e-3), "noise", "current_A", "seen") == pytest.approx(8e-3, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("effect", "told"),
+    [
+        ("load_dependent_friction", set()),
+        ("stribeck_friction", set()),
+        ("wire_slack", set()),
+        ("wire_hysteresis", set()),
+        ("current_gain", set()),
+        ("current_offset", set()),
+        ("channel_skew", {"channel_shift"}),
+        ("current_saturation", {"clipped", "reference"}),
+    ],
+)
+def test_effects_of_physics_are_no_problems_of_the_data(effect: str, told: set[str]) -> None:
+    base, theta = clean(3, "steps").columns, vector(the_rig())
+    for name in (name for name in NAMES if name.startswith(f"effects.{effect}.")):
+        parameter = {p.name: p for e in CATALOGUE if e.id == effect for p in e.parameters}[name.rpartition(".")[2]]
+        theta[index(name)] = parameter.typical
+    reference_rad, load = base["theta_m_ref_rad"], np.round(base["tau_w_N_m"] / 1e-4) * 1e-4
+    inputs = Inputs(base["time_s"], reference_rad, load, np.empty(0, np.int64), np.empty(0))
+    law, quantum = law_vector(the_rig().require_drive()), 2 * np.pi / COUNTS
+    out = simulate(theta, law, quantum, inputs, rest(theta, float(reference_rad[0])), 4)
+    noise = np.random.default_rng(1).normal(size=(3, len(load)))
+    measured = {
+        "theta_m_rad": np.round(out.theta_m_rad / quantum) * quantum,
+        "current_A": out.current_A + 1e-3 * noise[0],
+        "theta_j_rad": out.theta_j_rad + 2e-4 * noise[1],
+        "tau_w_N_m": out.tau_w_N_m + 1e-5 * noise[2],
+    }
+    findings = audit([Run(effect, base | measured)], the_rig())
+    assert {finding.kind for finding in findings if finding.severity != "note"} == told
+    assert not any(finding.severity == "problem" for finding in findings)
 
 
 def test_a_run_of_another_rig() -> None:
