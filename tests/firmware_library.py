@@ -1,7 +1,7 @@
 """The reference firmware as a shared library, for the tests: built once, called through ctypes.
 
 HFP_LIBRARY names a library that is built already (with sanitizers, for coverage); else one is built with gcc.
-HFP_EXPECT names optional tools (clang g++ arm-none-eabi-gcc unicorn) without which tests fail and not only skip.
+HFP_EXPECT names optional tools (clang g++ arm-none-eabi-gcc) without which tests fail and not only skip.
 """
 
 import atexit

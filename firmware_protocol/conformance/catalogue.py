@@ -47,6 +47,7 @@ TITLES: Final[dict[int, str]] = {
     65: "ASSIGN_NODE refused outside 1 to 30",
     66: "ASSIGN_NODE for another changes nothing",
     67: "node id kept over a power cycle",
+    68: "IDENTITY after ASSIGN_NODE is no answer to DISCOVER",
     70: "nothing but DISCOVER and ESTOP before IDENTITY",
     71: "other major version refused",
     72: "other minor version accepted",
@@ -61,6 +62,7 @@ TITLES: Final[dict[int, str]] = {
     85: "next sequence new, control bits high, after the host was lost",
     86: "rejected counts and saturates",
     87: "two heartbeats with low bits first",
+    88: "ASSIGN_NODE to the present id is a change of node",
     90: "DISABLED after power-up",
     91: "torque in OPERATIONAL only",
     92: "rising ENABLE leads to ARMED",
@@ -82,6 +84,7 @@ TITLES: Final[dict[int, str]] = {
     115: "reference beyond a limit: REFERENCE_POSITION",
     116: "step beyond the limit: REFERENCE_RATE",
     117: "the motor follows the reference",
+    118: "position limits judged before tolerance and step limit",
     120: "watchdog timeout: WATCHDOG",
     121: "a reference that comes too late does not save it",
     122: "nothing else feeds the watchdog",
@@ -117,6 +120,10 @@ TITLES: Final[dict[int, str]] = {
     170: "FD_FEEDBACK in place of FEEDBACK and TIMING",
     171: "FD_SETPOINT only or SETPOINT only",
     172: "bit-rate switching",
+    173: "the other kind of setpoint is not for this drive",
+    180: "one whole packet in each datagram",
+    181: "a torn datagram spoils no other",
+    182: "answers to where the last datagram came from",
 }
 
 UNTESTABLE: Final[dict[int, str]] = {
@@ -133,6 +140,7 @@ UNTESTABLE: Final[dict[int, str]] = {
     135: "needs an overcurrent, a broken encoder or the like; the golden vectors hold it",
     167: _WIRE,
     172: _WIRE,
+    182: "needs a second host",
 }
 
 

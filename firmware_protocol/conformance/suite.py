@@ -18,7 +18,8 @@ from firmware_protocol.messages import Function, Identity
 
 __all__ = ["CheckResult", "Result", "Suite", "Verdict", "discover"]
 
-SUITE_VERSION: Final = "1.0"
+SUITE_VERSION: Final = "1.1"
+_SERIAL_KINDS: Final = Capability.SERIAL | Capability.STREAM
 NEEDS_MOTION: Final = "moves the motor; wants --allow-motion"
 
 
@@ -162,6 +163,8 @@ class Suite:
             (Need.FD_LINE, bool(can & Capability.FD), "this line carries no CAN FD frames"),
             (Need.FOREIGN, bool(can & Capability.FOREIGN), "this line carries data frames with 11-bit ids only"),
             (Need.SERIAL, bool(can & Capability.SERIAL), "speaks of serial lines"),
+            (Need.STREAM, bool(can & Capability.STREAM), "speaks of streams; this line keeps packets whole"),
+            (Need.DATAGRAM, can & _SERIAL_KINDS == Capability.SERIAL, "speaks of datagrams"),
         ):
             if needs & need and not there:
                 return words

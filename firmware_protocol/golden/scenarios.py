@@ -28,6 +28,7 @@ _SERIAL: Final = 0x0000_1234_5678
 _NODE: Final = 3
 _START_US: Final = 0xFFFF_FF00  # so that the clock wraps in every scenario
 _LOW, _ENABLE, _RESET, _BOTH = 0, 1, 2, 3
+_LIMITS: Final[dict[str, int | bool]] = {"theta_min_raw": -1_000, "theta_max_raw": 1_000}
 
 
 class Script:
@@ -296,6 +297,33 @@ def _rubbish(s: Script) -> None:
     s.wait(0)
 
 
+def _precedence(s: Script) -> None:
+    """Beyond a limit and beyond the tolerance; then beyond a limit and beyond the step."""
+    s.arm()
+    s.setpoint(5_000)
+    s.heartbeat(_LOW)
+    s.heartbeat(_RESET)
+    s.heartbeat(_LOW)
+    s.run()
+    s.setpoint(-5_000)
+    s.wait(0)
+
+
+def _same_node(s: Script) -> None:
+    """ASSIGN_NODE to the present id: answered, no answer to DISCOVER, and the host starts over."""
+    s.heartbeat(_LOW)
+    for _ in range(3):
+        s.receive(codec.encode(AssignNode(BROADCAST_NODE, _SERIAL, _NODE)))
+        s.heartbeat(_ENABLE, -5)
+    s.heartbeat(_LOW)
+    s.heartbeat(_ENABLE)
+    s.heartbeat(_LOW)
+    for answers in range(2):
+        s.receive(codec.encode(Discover(BROADCAST_NODE)))
+        s.wait(identity_delay_us(_SERIAL, answers) - 1)
+        s.wait(1)
+
+
 _SCENARIOS: Final[dict[str, tuple[Callable[[Script], None], dict[str, int | bool]]]] = {
     "start, run, stop": (_start, {}),
     "start, run, stop over FD": (_start, {"fd": True}),
@@ -304,7 +332,7 @@ _SCENARIOS: Final[dict[str, tuple[Callable[[Script], None], dict[str, int | bool
     "host lost": (_host_lost, {}),
     "armed too long": (_arm_expires, {}),
     "first reference": (_arming, {"reference_tolerance_raw": 100}),
-    "position limits": (_limits, {"theta_min_raw": -1_000, "theta_max_raw": 1_000}),
+    "position limits": (_limits, _LIMITS),
     "step limit": (_steps, {"max_step_raw": 500}),
     "freshness": (_freshness, {}),
     "version": (_version, {}),
@@ -314,6 +342,8 @@ _SCENARIOS: Final[dict[str, tuple[Callable[[Script], None], dict[str, int | bool
     "discovery": (_discovery, {}),
     "angle wraps": (_wrap, {}),
     "rubbish": (_rubbish, {}),
+    "limits before all else": (_precedence, {**_LIMITS, "reference_tolerance_raw": 100, "max_step_raw": 500}),
+    "same node again": (_same_node, {}),
 }
 
 

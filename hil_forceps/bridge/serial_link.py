@@ -1,4 +1,4 @@
-"""A link over a serial port, pseudo-terminal or TCP socket, by pyserial URL.
+"""A link over a serial port, pseudo-terminal or TCP socket, by pyserial URL, or over UDP.
 
 Frames are packed as `firmware_protocol.serial_framing` says.
 
@@ -11,6 +11,9 @@ import errno
 import io
 import os
 import select
+import socket
+import stat
+from contextlib import suppress
 from typing import Protocol
 
 import serial
@@ -18,10 +21,10 @@ import serial
 from firmware_protocol.frames import Frame
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 from hil_forceps.bridge.ports import Clock, Received, SendResult
+from hil_forceps.bridge.udp_port import CONGESTED, UdpPort
 
 MAX_READ = 1 << 13  # bytes taken by one call, some 500 frames: more would hold up a tick
 MAX_WAITING = 1 << 11  # bytes on their way out of a port that can't say when it is full
-CONGESTED = frozenset({errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS, errno.EINTR})
 DELIMITER = b"\x00"
 
 
@@ -34,10 +37,14 @@ class _Stream(Protocol):
 
 
 class SerialLink:
-    """Frames over a pyserial port. Arrival is the time of reading: a serial line has no stamps."""
+    """Frames over a port. Arrival is the time of reading: a serial line has no stamps.
 
-    def __init__(self, port: serial.Serial, clock: Clock) -> None:
+    `is_stream` is false where bytes stay in the pieces in which they were sent.
+    """
+
+    def __init__(self, port: serial.Serial | UdpPort, clock: Clock) -> None:
         self.counters = dict.fromkeys(("queue_full", "torn"), 0)
+        self.is_stream = not isinstance(port, UdpPort)
         self._port = port
         self._clock = clock
         self._reader = SerialReader()
@@ -108,6 +115,8 @@ class _Descriptor:
 
     def __init__(self, descriptor: int) -> None:
         os.set_blocking(descriptor, False)
+        if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
+            _send_at_once(descriptor)
         self._descriptor = descriptor
         self._poll = select.poll()
         self._poll.register(descriptor, select.POLLIN)
@@ -137,6 +146,12 @@ class _Descriptor:
             raise
 
 
+def _send_at_once(descriptor: int) -> None:
+    """Have a TCP socket send each packet by itself; it would wait for the answer to the one before, up to 40 ms."""
+    with socket.socket(fileno=os.dup(descriptor)) as same, suppress(OSError):  # not every socket is TCP
+        same.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+
 class _Buffered:
     """A port without one, as `loop://`: pyserial's own calls, as long as little waits to be sent."""
 
@@ -153,7 +168,9 @@ class _Buffered:
         return len(data) if written is None else int(written)
 
 
-def _stream_of(port: serial.Serial) -> _Stream:
+def _stream_of(port: serial.Serial | UdpPort) -> _Stream:
+    if isinstance(port, UdpPort):
+        return port
     try:
         descriptor = port.fileno()
     except (AttributeError, io.UnsupportedOperation):

@@ -39,6 +39,10 @@ class Device:
         """Take bytes from a serial line."""
         return [answer for frame in self.reader.feed(data) for answer in self.receive(frame, now_ns)]
 
+    def receive_datagram(self, data: bytes, now_ns: int) -> list[Frame]:
+        """Take a datagram, whose end is the end of a packet."""
+        return self.receive_bytes(data + b"\0", now_ns)
+
     def tick(self, now_ns: int) -> list[Frame]:
         """Poll, sample, move on."""
         self.next_ns = now_ns + MS
@@ -69,6 +73,10 @@ class Device:
     def encode(self, frame: Frame) -> bytes:
         """Make a packet for a serial line."""
         return encode_serial(frame)
+
+    def datagrams(self, frame: Frame) -> list[bytes]:
+        """Put a frame into datagrams."""
+        return [self.encode(frame)]
 
 
 class DirectPort:
@@ -118,7 +126,7 @@ class DirectPort:
 class DirectSerialPort(DirectPort):
     """A byte stream without delay to one device."""
 
-    capabilities = Capability.FD | Capability.SERIAL
+    capabilities = Capability.FD | Capability.SERIAL | Capability.STREAM
 
     def __init__(self, device: Device) -> None:
         super().__init__(device)
@@ -138,3 +146,19 @@ class DirectSerialPort(DirectPort):
 
     def line_errors(self) -> int:
         return sum(self.reader.counters.values())
+
+
+class DirectDatagramPort(DirectSerialPort):
+    """Datagrams without delay or loss to one device, and back."""
+
+    capabilities = Capability.FD | Capability.SERIAL
+
+    def send_bytes(self, data: bytes) -> bool:
+        self.deliver(self.device.receive_datagram(data, self.time_ns))
+        return True
+
+    def deliver(self, frames: list[Frame]) -> None:
+        for each in frames:
+            for datagram in self.device.datagrams(each):
+                for frame in self.reader.feed(datagram + b"\0"):
+                    self.inbox.append((self.time_ns, frame))

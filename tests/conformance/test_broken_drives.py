@@ -8,17 +8,19 @@ from firmware_protocol.conformance.registry import CHECKS
 from firmware_protocol.conformance.suite import Suite, Verdict
 from tests.conformance.broken import enabling, faults_and_parameters, ids_and_frames, lines, references, streams
 from tests.conformance.broken.table import BROKEN, Broken
-from tests.conformance.devices import NODE, Device, DirectPort, DirectSerialPort
+from tests.conformance.devices import NODE, Device, DirectDatagramPort, DirectPort, DirectSerialPort
 
 TABLES = (ids_and_frames, streams, enabling, references, faults_and_parameters, lines)  # each fills BROKEN
-INSEPARABLE = {frozenset({32, 161})}  # on a serial line, the payload's own check is the check
+# On a serial line the payload's own check is the check; a datagram without a whole packet is a damaged packet.
+INSEPARABLE = {frozenset({32, 161}), frozenset({160, 180})}
+PORTS = {"can": DirectPort, "fd": DirectPort, "serial": DirectSerialPort, "udp": DirectDatagramPort}
 
 
 def port_of(line: str, device: Device) -> DirectPort:
-    return DirectSerialPort(device) if line == "serial" else DirectPort(device)
+    return PORTS[line](device)
 
 
-@pytest.mark.parametrize("line", ["can", "fd", "serial"])
+@pytest.mark.parametrize("line", ["can", "fd", "serial", "udp"])
 def test_a_whole_drive_passes(line: str) -> None:
     suite = Suite(port_of(line, Device(line == "fd")), NODE, VIRTUAL, allow_motion=True)
     suite.open()
@@ -26,7 +28,7 @@ def test_a_whole_drive_passes(line: str) -> None:
     suite.close()
     wrong = {r.requirement.name: r.evidence for r in results if r.verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE)}
     assert wrong == {}
-    assert sum(r.verdict is Verdict.PASS for r in results) == {"can": 76, "fd": 79, "serial": 82}[line]
+    assert sum(r.verdict is Verdict.PASS for r in results) == {"can": 80, "fd": 83, "serial": 86, "udp": 87}[line]
 
 
 @pytest.mark.parametrize("broken", BROKEN, ids=lambda broken: broken.name)
@@ -51,4 +53,4 @@ def test_every_requirement_that_is_tested_has_a_drive_that_breaks_it() -> None:
     assert {number for broken in BROKEN for number in broken.fails} == tested
     assert {broken.fails for broken in BROKEN if len(broken.fails) > 1} == INSEPARABLE
     alone = {number for broken in BROKEN if len(broken.fails) == 1 for number in broken.fails}
-    assert tested - alone == {161}
+    assert tested - alone == {161, 180}

@@ -2,7 +2,7 @@
 
 from firmware_protocol.conformance.case import DriveConformance
 from firmware_protocol.conformance.port import Port
-from tests.conformance.devices import NODE, Device, DirectPort, DirectSerialPort
+from tests.conformance.devices import NODE, Device, DirectDatagramPort, DirectPort, DirectSerialPort
 
 
 class TestClassicDrive(DriveConformance):
@@ -21,3 +21,8 @@ class TestFdDrive(TestClassicDrive):
 class TestSerialDrive(TestClassicDrive):
     def open_port(self) -> Port:
         return DirectSerialPort(Device())
+
+
+class TestDatagramDrive(TestClassicDrive):
+    def open_port(self) -> Port:
+        return DirectDatagramPort(Device())

@@ -27,7 +27,7 @@ def test_the_simulated_drive_conforms(fd: bool, tmp_path: Path, capsys: pytest.C
     mode = ["--fd"] if fd else []
     assert run(*LINE, "--option", RIG, *mode, "--allow-motion", "--out", str(tmp_path)) == 0
     said = capsys.readouterr().out
-    assert said.splitlines()[-1] == ("78 pass, 30 not run" if fd else "73 pass, 35 not run")
+    assert said.splitlines()[-1] == ("82 pass, 33 not run" if fd else "77 pass, 38 not run")
     written = json.loads((tmp_path / "certificate.json").read_text(encoding="utf-8"))
     assert written["device"]["fd"] is fd
     assert "issued" not in written
@@ -46,7 +46,7 @@ def test_without_motion_and_only(capsys: pytest.CaptureFixture[str]) -> None:
 def test_list_needs_no_drive(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--list") == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 108
+    assert len(lines) == 115
     assert "HFP-120 MUST   watchdog timeout: WATCHDOG [motion]" in lines
 
 

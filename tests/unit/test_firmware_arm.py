@@ -9,7 +9,7 @@ from firmware_protocol import codec
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import AssignNode, Discover, DriveState, Estop, FaultReason
 from tests.firmware_library import SOURCES
-from tests.firmware_stm32 import SERIAL, Session, Stm32, figures, image
+from tests.firmware_stm32 import SERIAL, Session, figures, ideal_device
 
 GUIDE = SOURCES.parents[1] / "docs" / "porting.md"
 
@@ -28,7 +28,7 @@ def test_the_object_code_does_what_python_does() -> None:
     for _ in range(140):
         session.turn("nothing")
     session.turn("assign", codec.encode(AssignNode(0, SERIAL, 9)))
-    assert [session.device.passes(identifier) for identifier in (0x109, 0x000, 0x101, 0x11F)] == [1, 1, 0, 0]
+    assert [session.device.can.passes(identifier) for identifier in (0x109, 0x000, 0x101, 0x11F)] == [1, 1, 0, 0]
     session.turn("discover", codec.encode(Discover(9)))
     for _ in range(140):
         session.turn("nothing")
@@ -54,11 +54,11 @@ def test_frames_at_random() -> None:
 
 
 def test_the_encoder_is_counted_past_its_sixteen_bits() -> None:
-    device = Stm32(image())
+    device = ideal_device()
     for i in range(20):
         device.encoder += 9_000
-        frames = device.turn(1_000 * i)
-    assert int.from_bytes(frames[-2].data[:4], "little") == 180_000 * 1024
+        device.turn(1_000 * i)
+    assert int.from_bytes(device.can.sent[-2].data[:4], "little") == 180_000 * 1024
 
 
 def test_the_guide_says_what_it_costs() -> None:

@@ -1,4 +1,4 @@
-"""Discovery: HFP-060 to HFP-066."""
+"""Discovery: HFP-060 to HFP-066, HFP-068."""
 
 from firmware_protocol.conformance import wire
 from firmware_protocol.conformance.port import MS
@@ -55,23 +55,33 @@ def discovered_in_operational(s: Session) -> str:
 @check(61)
 def answer_waits_as_its_number_says(s: Session) -> str:
     """How many answers came before is not known: one of the 256 counts must explain all delays."""
-    delays = []
-    for _ in range(ROUNDS):
-        sent_ns = ask(s, BROADCAST_NODE)
-        s.run(IDENTITY_NS + s.margins.line_ns + MS, lambda: bool(answers(s)))
-        require(bool(answers(s)), "no answer to DISCOVER")
-        delays.append(answers(s)[0][0] - sent_ns)
-        s.run(2 * MS)
+    delays = [_delay(s) for _ in range(ROUNDS)]
+    said = ", ".join(f"{delay / MS:.2f}" for delay in delays)
+    return f"delays in ms, from answer {_first_count(s, delays)} on: {said}"
+
+
+def _delay(s: Session) -> int:
+    """Send DISCOVER; return how long the answer took."""
+    sent_ns = ask(s, BROADCAST_NODE)
+    s.run(IDENTITY_NS + s.margins.line_ns + MS, lambda: bool(answers(s)))
+    require(bool(answers(s)), "no answer to DISCOVER")
+    delay_ns = answers(s)[0][0] - sent_ns
+    s.run(2 * MS)
+    return delay_ns
+
+
+def _first_count(s: Session, delays: list[int]) -> int:
+    """Return the number of answers before the first of these that explains them all; Violation when none does."""
     late_ns = MS + s.margins.line_ns
 
     def explains(count: int) -> bool:
-        wanted = (1000 * identity_delay_us(s.serial_number, count + i) for i in range(ROUNDS))
+        wanted = (1000 * identity_delay_us(s.serial_number, count + i) for i in range(len(delays)))
         return all(0 <= delay - due <= late_ns for delay, due in zip(delays, wanted, strict=True))
 
     counts = [count for count in range(256) if explains(count)]
     said = ", ".join(f"{delay / MS:.2f}" for delay in delays)
     expect(bool(counts), f"no count of answers explains the delays in ms: {said}")
-    return f"delays in ms, from answer {counts[0]} on: {said}"
+    return counts[0]
 
 
 @check(62)
@@ -98,6 +108,20 @@ def one_answer_at_a_time(s: Session) -> str:
 def _assign(s: Session, node: int, serial_number: int) -> int:
     s.identities.clear()
     return s.send(wire.sealed8(Function.ASSIGN_NODE, BROADCAST_NODE, wire.assign_body(serial_number, node)))
+
+
+@check(68)
+def assignments_are_no_answers(s: Session) -> str:
+    home, other = s.node, _free(s)
+    delays = []
+    for number in range(ROUNDS):
+        _assign(s, home if number % 2 else other, s.serial_number)
+        s.follow(home if number % 2 else other)
+        s.run(IDENTITY_NS + s.margins.line_ns, lambda: bool(answers(s)))
+        require(bool(answers(s)), "no IDENTITY after ASSIGN_NODE")
+        delays.append(_delay(s))
+    first = _first_count(s, delays)
+    return f"{ROUNDS} ASSIGN_NODE between answers {first} to {(first + ROUNDS - 1) % 256} to DISCOVER"
 
 
 def _free(s: Session) -> int:

@@ -1,4 +1,4 @@
-"""Heartbeats: HFP-081 to HFP-086."""
+"""Heartbeats: HFP-081 to HFP-086, HFP-088."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -7,7 +7,7 @@ from firmware_protocol.conformance import wire
 from firmware_protocol.conformance.checks.sequences import taken
 from firmware_protocol.conformance.port import MS
 from firmware_protocol.conformance.registry import Need, check, expect, require
-from firmware_protocol.conformance.session import ENABLE, LOW, RESET, Session
+from firmware_protocol.conformance.session import ENABLE, IDENTITY_NS, LOW, RESET, Session
 from firmware_protocol.frames import Frame, arbitration_id
 from firmware_protocol.messages import DriveState, FaultReason, Function, ParamOp
 from firmware_protocol.parameters import Index
@@ -176,6 +176,18 @@ def host_starts_over(s: Session) -> str:
         s.follow(nodes[0])
         starts_over(s, "after a change of node")
     return "after silence in DISABLED and FAULT, and after a change of node"
+
+
+@check(88)
+def host_starts_over_on_the_same_node(s: Session) -> str:
+    s.heartbeat(LOW)
+    s.beating = False
+    s.listen()
+    s.send(wire.sealed8(Function.ASSIGN_NODE, 0, wire.assign_body(s.serial_number, s.node)))
+    answered = s.run(IDENTITY_NS + s.margins.line_ns, lambda: bool(s.identities))
+    expect(answered, f"no IDENTITY after ASSIGN_NODE to {s.node}, which it is")
+    starts_over(s, "after ASSIGN_NODE to the node that it is")
+    return "answered, the next sequence taken, control bits high before it"
 
 
 def _told(s: Session) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""References: HFP-110 to HFP-117. All but one give torque, of a few units around the angle unless said."""
+"""References: HFP-110 to HFP-118. All but one give torque, of a few units around the angle unless said."""
 
 from firmware_protocol.conformance.checks.enabling import room
 from firmware_protocol.conformance.port import MS
@@ -138,6 +138,28 @@ def _judge_position(s: Session, wanted: DriveState, where: str) -> None:
     fits = s.state == wanted and (wanted != DriveState.FAULT or s.fault == FaultReason.REFERENCE_POSITION)
     expect(fits, f"{where}: {s.state_name()}")
     s.disable()
+
+
+@check(118, Need.MOTION)
+def position_before_all_else(s: Session) -> str:
+    s.write(Index.REFERENCE_TOLERANCE, 100)
+    s.write(Index.MAX_STEP, STEP)
+    low, high = _limited(s, 1000)
+    for reference in (high + 5000, low - 5000):
+        s.arm()
+        s.fresh()
+        s.send_setpoint(reference)
+        s.run(20 * MS, lambda: s.state != DriveState.ARMED, s.period_ns)
+        _judge_position(s, DriveState.FAULT, f"in ARMED, 5000 beyond {low} to {high}, tolerance 100")
+        s.rest()
+        s.operate()
+        s.reference = None
+        s.fresh()
+        s.send_setpoint(reference)
+        s.pause()
+        _judge_position(s, DriveState.FAULT, f"in OPERATIONAL, 5000 beyond {low} to {high}, max_step {STEP}")
+        s.rest()
+    return "REFERENCE_POSITION also where tolerance or step limit are passed, too"
 
 
 @check(116, Need.MOTION)

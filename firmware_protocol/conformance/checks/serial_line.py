@@ -1,4 +1,4 @@
-"""Serial line: HFP-160 to HFP-166, by bytes that no frame of a well-behaved host would give."""
+"""Serial line and UDP: HFP-160 to HFP-166, HFP-180, HFP-181, by bytes that no well-behaved host would send."""
 
 import random
 from binascii import crc_hqx
@@ -17,6 +17,7 @@ from firmware_protocol.messages import DriveState, Function, ParamOp
 from firmware_protocol.parameters import Index
 from firmware_protocol.serial_framing import FD_FLAG, encode_serial
 
+SLOWEST_BYTE_NS = 21_702  # ten bits at 460.8 kbit/s (HFP-167)
 LONGEST = 69  # bytes of a packet before its delimiter: id, 64 bytes, CRC, one of COBS
 
 
@@ -56,6 +57,27 @@ def packets_are_well_formed(s: Session) -> str:
     return f"{sum(s.monitor.seen.values())} packets of the drive well formed"
 
 
+@check(180, Need.DATAGRAM, last=True)
+def datagrams_hold_whole_packets(s: Session) -> str:
+    before = s.port.line_errors()
+    walk(s)
+    errors = s.port.line_errors() - before
+    expect(errors == 0, f"{errors} datagrams of the drive held something else than whole packets")
+    return f"{sum(s.monitor.seen.values())} packets of the drive, none torn"
+
+
+@check(181, Need.DATAGRAM)
+def torn_datagrams_spoil_no_other(s: Session) -> str:
+    length = len(request(s))
+    for cut in range(1, length - 1):
+        send_bytes(s, request(s)[:cut])
+        s.run(s.margins.gap_ns)
+        send_bytes(s, request(s))
+        expect(answered(s), f"no answer after a datagram that ended within a packet, after {cut} bytes")
+        s.run(s.margins.gap_ns)
+    return f"next packet found after each of {length - 2} torn datagrams"
+
+
 @check(161, Need.SERIAL)
 def inner_check_counts(s: Session) -> str:
     before = s.rejected()
@@ -69,7 +91,7 @@ def inner_check_counts(s: Session) -> str:
     return "payloads carry their own check both ways"
 
 
-@check(162, Need.SERIAL)
+@check(162, Need.SERIAL | Need.STREAM)
 def any_chunks(s: Session) -> str:
     s.beating = False  # its bytes would come between
     length = len(request(s))
@@ -137,7 +159,7 @@ def long_packets_skipped(s: Session) -> str:
     expect(not found, f"the end of a packet that is too long: {found}")
     for _ in range(20):
         send_bytes(s, b"\xff" * 500)
-        s.run(s.margins.gap_ns)
+        s.run(500 * SLOWEST_BYTE_NS)  # or the line has not brought them all when the answer is due
     send_bytes(s, b"\x00" + request(s))
     expect(answered(s), "no answer after 10000 bytes without a delimiter")
     return "too long packets skipped whole, the next one found"

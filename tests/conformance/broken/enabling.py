@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from firmware_protocol.messages import (
+    AssignNode,
     DriveHeartbeat,
     DriveState,
     FaultReason,
@@ -72,10 +73,32 @@ def operational_without_a_host(d: Device) -> None:
 @breaks(85)
 def low_bits_after_a_change_of_node(d: Device) -> None:
     def assign(old: Handler, *a: Any) -> Frames:
+        before = d.machine.node
         frames = old(*a)
-        if frames:
+        if d.machine.node != before:
             d.machine._levels = 0
         return frames
+
+    wrap(d.machine, "_on_assign_node", assign)
+
+
+@breaks(88)
+def nothing_new_where_the_node_is_the_same(d: Device) -> None:
+    def assign(old: Handler, message: AssignNode, *rest: Any) -> Frames:
+        machine = d.machine
+        if message.new_node != machine.node or message.serial_number != machine.config.serial_number:
+            return old(message, *rest)
+        return [machine._identity()] if machine.state is DriveState.DISABLED else old(message, *rest)
+
+    wrap(d.machine, "_on_assign_node", assign)
+
+
+@breaks(88)
+def does_not_answer_where_the_node_is_the_same(d: Device) -> None:
+    def assign(old: Handler, message: AssignNode, *rest: Any) -> Frames:
+        same = message.new_node == d.machine.node and d.machine.state is DriveState.DISABLED
+        frames = old(message, *rest)
+        return [] if same else frames
 
     wrap(d.machine, "_on_assign_node", assign)
 

@@ -10,7 +10,9 @@ from firmware_protocol import codec
 from firmware_protocol.conformance import wire
 from firmware_protocol.frames import Frame, arbitration_id, split_id
 from firmware_protocol.messages import (
+    DriveState,
     Function,
+    Setpoint,
 )
 from firmware_protocol.serial_framing import SerialReader
 from tests.conformance.broken.table import (
@@ -115,6 +117,25 @@ def empty_packets_count(d: Device) -> None:
     wrap(d.reader, "feed", feed)
 
 
+# -- UDP ---------------------------------------------------------------------------------------------------------------
+
+
+@breaks(160, 180, line="udp")
+def sends_a_torn_packet_besides(d: Device) -> None:
+    """What is no packet in a datagram of its own is a packet that is damaged."""
+
+    def datagrams(old: Callable[[Frame], list[bytes]], frame: Frame) -> list[bytes]:
+        whole = old(frame)
+        return [whole[0][:5], *whole] if host_frame(frame, Function.DRIVE_HEARTBEAT) else whole
+
+    wrap(d, "datagrams", datagrams)
+
+
+@breaks(181, line="udp")
+def goes_on_with_the_packet_in_the_next_datagram(d: Device) -> None:
+    d.receive_datagram = d.receive_bytes  # type: ignore[method-assign]
+
+
 # -- CAN FD ------------------------------------------------------------------------------------------------------------
 
 
@@ -132,11 +153,35 @@ def follows_both(d: Device) -> None:
     """Take the other kind of setpoint, too."""
     other = Function.SETPOINT if d.machine.config.fd else Function.FD_SETPOINT
 
-    def take_node(old: Any, node: int) -> None:
-        old(node)
-        d.machine._handlers[arbitration_id(other, node)] = d.machine._on_setpoint
+    def receive(old: Handler, frame: Frame, now_ns: int) -> Frames:
+        running = d.machine.state is DriveState.OPERATIONAL
+        if running and frame.arbitration_id == arbitration_id(other, d.machine.node):
+            message = codec.Decoder().decode(frame)
+            if isinstance(message, Setpoint):
+                return d.machine._on_setpoint(message, now_ns // 1000, round(d.angle))
+        return old(frame, now_ns)
 
-    wrap(d.machine, "_take_node", take_node)
+    wrap(d, "receive", receive)
+
+
+def counts_the_other_kind(d: Device) -> None:
+    other = Function.SETPOINT if d.machine.config.fd else Function.FD_SETPOINT
+
+    def receive(old: Handler, frame: Frame, now_ns: int) -> Frames:
+        d.machine.counters["bad_format"] += frame.arbitration_id == arbitration_id(other, d.machine.node)
+        return old(frame, now_ns)
+
+    wrap(d, "receive", receive)
+
+
+@breaks(173)
+def classic_drive_counts_fd_setpoints(d: Device) -> None:
+    counts_the_other_kind(d)
+
+
+@breaks(173, line="fd")
+def fd_drive_counts_setpoints(d: Device) -> None:
+    counts_the_other_kind(d)
 
 
 @breaks(171)

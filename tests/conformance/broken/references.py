@@ -95,9 +95,30 @@ def limit_not_included(d: Device) -> None:
 
 
 @breaks(115)
-def no_lower_limit(d: Device) -> None:
+def lower_limit_too_low(d: Device) -> None:
     def change(event: DriveEvent, reference: int, *_: int) -> DriveEvent:
-        return DriveEvent.REFERENCE if reference < d.machine._theta_min_raw else event
+        low = d.machine._theta_min_raw
+        return DriveEvent.REFERENCE if low - 1000 < reference < low else event
+
+    judges(d, change)
+
+
+@breaks(118)
+def tolerance_before_limits(d: Device) -> None:
+    def change(event: DriveEvent, reference: int, _: int, theta: int) -> DriveEvent:
+        off = abs(reference - theta) > d.machine._reference_tolerance_raw
+        outside = event is DriveEvent.REFERENCE_OUTSIDE and d.machine.state is DriveState.ARMED
+        return DriveEvent.REFERENCE_OFF if outside and off else event
+
+    judges(d, change)
+
+
+@breaks(118)
+def step_before_limits(d: Device) -> None:
+    def change(event: DriveEvent, reference: int, *_: int) -> DriveEvent:
+        far = abs(reference - d.machine._reference_wire) > d.machine._max_step_raw
+        outside = event is DriveEvent.REFERENCE_OUTSIDE and d.machine.state is DriveState.OPERATIONAL
+        return DriveEvent.REFERENCE_JUMP if outside and far else event
 
     judges(d, change)
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from firmware_protocol.discovery import identity_delay_us
 from firmware_protocol.frames import MAX_NODE, Frame
 from firmware_protocol.messages import (
     AssignNode,
@@ -19,7 +20,7 @@ from tests.conformance.broken.table import (
     resend,
     wrap,
 )
-from tests.conformance.devices import NODE, Device
+from tests.conformance.devices import NODE, SERIAL_NUMBER, Device
 
 # -- sequences ---------------------------------------------------------------------------------------------------------
 
@@ -146,14 +147,33 @@ def hides_in_fault(d: Device) -> None:
 
 
 @breaks(61)
-def always_waits_20_ms(d: Device) -> None:
+def waits_longer_unless_it_has_just_moved(d: Device) -> None:
+    moved = [False]
+
+    def assign(old: Handler, *a: Any) -> Frames:
+        moved[0] = True
+        return old(*a)
+
     def discover(old: Handler, message: Any, now_us: int, theta: int) -> Frames:
-        if d.machine._identity_due_us is None:
-            old(message, now_us, theta)
-            d.machine._identity_due_us = now_us + 20_000
+        due = d.machine._identity_due_us
+        old(message, now_us, theta)
+        if due is None and not moved[0]:
+            d.machine._identity_due_us = now_us + identity_delay_us(SERIAL_NUMBER, d.machine._discoveries - 1) + 3_000
+        moved[0] = False
         return []
 
+    wrap(d.machine, "_on_assign_node", assign)
     wrap(d.machine, "_on_discover", discover)
+
+
+@breaks(68)
+def counts_assignments_as_answers(d: Device) -> None:
+    def assign(old: Handler, *a: Any) -> Frames:
+        frames = old(*a)
+        d.machine._discoveries += len(frames)
+        return frames
+
+    wrap(d.machine, "_on_assign_node", assign)
 
 
 @breaks(62)

@@ -30,7 +30,7 @@ class Broken(NamedTuple):
 
     name: str
     fails: frozenset[int]
-    line: str  # can, fd or serial
+    line: str  # can, fd, serial or udp
     mutate: Break
 
 
