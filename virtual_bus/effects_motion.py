@@ -233,6 +233,33 @@ def between(left: float, left_rate: float, right: float, right_rate: float, shar
 
 
 @kernel
+def fill_taps(
+    taps: NDArray[np.float64],
+    tap_ns: NDArray[np.int64],
+    left_ns: int,
+    right_ns: int,
+    step: int,
+    step_s: float,
+    before: Motion,
+    after: Motion,
+    u: Inputs,
+) -> None:
+    """Write down each tap that lies in this step of the segment from `left_ns` to `right_ns`."""
+    for c in range(tap_ns.size):
+        if tap_ns[c] <= left_ns or tap_ns[c] > right_ns:
+            continue
+        share = ((tap_ns[c] - left_ns) * 1.0e-9 - step * step_s) / step_s
+        if abs(share - 0.5) > 0.5 + 1.0e-9:
+            continue
+        if c == 0:
+            taps[c] = between(before.theta_m, before.omega_m, after.theta_m, after.omega_m, share, step_s)
+        elif c == 1:
+            taps[c] = current_at(u, (step + share) * step_s)
+        else:
+            taps[c] = between(before.theta_j, before.omega_j, after.theta_j, after.omega_j, share, step_s)
+
+
+@kernel
 def acting_command(command_A: float, e: EffectNumbers) -> float:
     """Return what the amplifier makes of a command: dead zone, then its limit; A."""
     if command_A > e.deadband:
@@ -300,15 +327,7 @@ def advance_with_effects(
         for i in range(steps):
             before = m
             m, memory = glide(m, memory, u, i * step_s, step_s, p, e, env)
-            for c in range(4):
-                share = ((tap_ns[c] - left_ns) * 1.0e-9 - i * step_s) / step_s
-                if tap_ns[c] > left_ns and tap_ns[c] <= right_ns and abs(share - 0.5) <= 0.5 + 1.0e-9:
-                    if c == 0:
-                        taps[0] = between(before.theta_m, before.omega_m, m.theta_m, m.omega_m, share, step_s)
-                    elif c == 1:
-                        taps[1] = current_at(u, (i + share) * step_s)
-                    else:
-                        taps[c] = between(before.theta_j, before.omega_j, m.theta_j, m.omega_j, share, step_s)
+            fill_taps(taps, tap_ns, left_ns, right_ns, i, step_s, before, m, u)
         current = current_at(u, span_s)
         tally[0] += right_ns - left_ns
         left_ns = right_ns
