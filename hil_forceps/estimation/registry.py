@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.estimation import batch, improved, kalman, kalman_model, previous
+from hil_forceps.estimation.corrections import corrected
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Compiled, Estimate, Estimator, Sample, State
 from hil_forceps.rig.schema import ALGORITHM_IDS, Rig
 
 ESTIMATOR_IDS: tuple[str, ...] = ALGORITHM_IDS
+CORRECTED_IDS = ("improved", "kalman")  # take effects of the rig into account
 
 # What the wire of `firmware_protocol` rounds to: angles to 2⁻²⁴ turn, currents to 0.2 mA.
 WIRE_ANGLE_RAD = 2.0 * math.pi / 2**24
@@ -34,11 +36,18 @@ _KALMAN = _Kernels(batch.KALMAN, kalman.start, kalman.step)
 def make_estimator(estimator_id: str, rig: Rig, sample_time_s: float, *, over_wire: bool = True) -> Estimator:
     """Bind an algorithm to a rig; `sample_time_s` is the nominal time between the samples it will get.
 
-    `over_wire=False` tells that samples come without the wire's rounding. ValueError for an id that isn't in
+    `over_wire=False` tells that samples come without the wire's rounding. Effects of the rig are taken into account by
+    those of `CORRECTED_IDS` as far as a sample can tell them (`corrections`); the paper's own stay as published. Such
+    an estimator has no `compiled`. ValueError for an id that isn't in
     `ESTIMATOR_IDS` or a sample time that isn't positive; UserError when the rig doesn't know a value that is needed.
     """
     if not (math.isfinite(sample_time_s) and sample_time_s > 0.0):
         raise ValueError(f"sample_time_s must be positive, got {sample_time_s!r}")
+    made = _make(estimator_id, rig, sample_time_s, over_wire)
+    return corrected(made, rig, sample_time_s) if estimator_id in CORRECTED_IDS else made
+
+
+def _make(estimator_id: str, rig: Rig, sample_time_s: float, over_wire: bool) -> Estimator:
     plant = rig.plant()
     corner_rad_per_s = 2.0 * math.pi * rig.estimators.rfob_cutoff_Hz
     if estimator_id == "previous":

@@ -24,7 +24,9 @@ def half_window(row_s: float, bandwidth_Hz: float) -> int:
 
     R. W. Schafer, What is a Savitzky-Golay filter?, IEEE Signal Processing Magazine 28(4), 2011, equation (12).
     """
-    return max(2, round(((_ORDER + 1) / (2.0 * bandwidth_Hz * row_s) + 4.6) / 3.2))
+    # At the middle of the window a cubic is no more than the parabola.
+    order = _ORDER - 1
+    return max(2, round(((order + 1) / (2.0 * bandwidth_Hz * row_s) + 4.6) / 3.2))
 
 
 def smooth(angle_rad: Vector, row_s: float, bandwidth_Hz: float) -> Smooth:

@@ -39,7 +39,8 @@ def kernel_compiler(sources: Sequence[str], root: Path = _ROOT, *, inline: bool 
         config: Any = numba.config
         before, config.CACHE_DIR = config.CACHE_DIR, folder
         try:
-            compiled: Callable[_P, _R] = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=inline)(function)
+            decorator = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=inline)
+            compiled: Callable[_P, _R] = decorator(function)
         finally:
             config.CACHE_DIR = before
         return compiled

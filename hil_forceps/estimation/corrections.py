@@ -1,0 +1,213 @@
+"""What is known of effects, taken out of an estimator's samples and put into its estimates.
+
+The estimators work on the paper's plant. Around them, sample by sample: the encoder's errors leave the angle, and the
+winding of the wire on an uneven pulley goes into it; the errors of the current sensor, drift, ripple, cogging and the
+friction beyond the paper's leave the motor's torque. Of what comes out, the jaw's weight and its friction beyond the
+paper's leave the load, and the tension goes through the wire's own law (hardening, dead zone, hysteresis, creep, moved
+zero) to the elongation.
+
+The elongation that comes out is the one that (10) needs: r_j θ_j^ref + x̂ is r_m times the angle that the encoder shows.
+Not taken into account, because a sample doesn't tell it: damping of the wire, what lies between command and measured
+current (lag, dead time, dead band, saturation), and skewed channels (a matter of the record).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.np.unsafe import ndarray as fixed
+from numpy.typing import NDArray
+
+from hil_forceps.estimation.interface import Estimate, Estimator, Sample, State
+from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.model.parameters import vector
+from hil_forceps.model.physics import (
+    Physics,
+    cogging_N_m,
+    encoder_rad,
+    gravity_N_m,
+    jaw_level_N_m,
+    motor_level_N_m,
+    radius_m,
+    ripple,
+    slide,
+    torque_constant,
+    viscosity,
+    wound_m,
+)
+from hil_forceps.rig.schema import Rig
+
+IGNORED = frozenset(
+    {"wire_damping", "amplifier_deadband", "electrical_lag", "actuation_delay", "channel_skew", "current_saturation"}
+)
+_ROUNDS = 8  # of Newton's method and of fixed points that gain a factor of 10 a round at least
+
+
+class Memory(NamedTuple):
+    """What the corrections remember, as floats; the estimate is in it."""
+
+    first_ns: float
+    last_ns: float
+    theta_m: float  # true angle of the motor
+    shown: float  # angle that the encoder showed
+    speed: float  # low-passed
+    presliding: float
+    loop: float
+    creep_m: float
+    stretched_m: float  # elongation less its moved zero and creep
+    tension_N: float
+    tau_w_N_m: float
+    elongation_m: float
+
+
+Vector = NDArray[np.float64]
+_tuple: Any = fixed.to_fixed_tuple  # an array of known length as a tuple, in a kernel
+_Seen = tuple[Vector, float, float]  # memory, and angle and torque as the paper's plant would have shown them
+_SIZE, _VALUES = len(Memory._fields), len(Physics._fields)
+_LAST = Memory._fields.index("last_ns")
+
+
+@inlined
+def _true_angle(p: Physics, shown: float) -> float:
+    """Return the motor's angle behind what the encoder shows."""
+    angle = shown / (1.0 + p.encoder_scale)
+    for _ in range(_ROUNDS):
+        angle -= (encoder_rad(p, angle) - shown) / (1.0 + p.encoder_scale)
+    return angle
+
+
+@inlined
+def _direction(speed: float, still: float) -> float:
+    return max(-1.0, min(1.0, speed / still))
+
+
+@inlined
+def begin(p: Physics, time_ns: int, shown_rad: float) -> Memory:
+    """Return the memory at the first sample: at rest, everything relaxed."""
+    angle = _true_angle(p, shown_rad)
+    now = float(time_ns)
+    return Memory(now, now, angle, shown_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@inlined
+def before(
+    p: Physics, m: Memory, corner_rad_per_s: float, still: float, time_ns: int, shown_rad: float, torque_N_m: float
+) -> tuple[Memory, float, float]:
+    """Return the memory at a sample, and the angle and the torque that the paper's plant would have shown."""
+    dt_s = (time_ns - m.last_ns) * 1e-9
+    theta_m = _true_angle(p, shown_rad)
+    speed, presliding = m.speed, m.presliding
+    if dt_s > 0.0:
+        share = corner_rad_per_s * dt_s / (1.0 + corner_rad_per_s * dt_s)
+        speed += share * ((theta_m - m.theta_m) / dt_s - speed)
+        presliding = slide(presliding, theta_m - m.theta_m, p.presliding_angle)
+    time_s = (time_ns - m.first_ns) * 1e-9
+    current = (torque_N_m / p.K_t - p.current_offset) / (1.0 + p.current_gain)
+    torque = torque_constant(p, time_s) * current * (1.0 + ripple(p, theta_m)) + cogging_N_m(p, theta_m)
+    paper = p.D_m * speed + p.motor_coulomb * _direction(speed, still)
+    level = motor_level_N_m(p, speed, m.tension_N)
+    level += max(0.0, p.asymmetry) if speed > 0.0 else max(0.0, -p.asymmetry)
+    friction = viscosity(p, time_s) * speed + level * _direction(speed, still) + p.presliding_level * presliding
+    # r f = torque − friction − inertia: through the nominal radius, with the friction that the estimator takes off.
+    seen = p.r_m / radius_m(p, theta_m) * (torque - friction) + paper
+    memory = Memory(
+        m.first_ns, max(m.last_ns, float(time_ns)), theta_m, shown_rad, speed, presliding, m.loop, m.creep_m,
+        m.stretched_m, m.tension_N, m.tau_w_N_m, m.elongation_m,
+    )  # fmt: skip
+    return memory, wound_m(p, theta_m) / p.r_m, seen
+
+
+@inlined
+def _stretch(p: Physics, force_N: float) -> float:
+    """Return the stretch beyond the dead zone that takes a force: Newton's method on the cubic."""
+    linear = force_N / p.k
+    stretch: float = linear / (1.0 + p.hardening * linear * linear) ** (1.0 / 3.0)
+    for _ in range(_ROUNDS):
+        square = p.hardening * stretch * stretch
+        stretch -= (stretch * (1.0 + square) - linear) / (1.0 + 3.0 * square)
+    return stretch
+
+
+@inlined
+def after(p: Physics, m: Memory, still: float, dt_s: float, tau_w_N_m: float, elongation_m: float) -> Memory:
+    """Return the memory with the estimate that an estimator's own one comes to."""
+    tension = p.k * elongation_m
+    stretch = _stretch(p, tension - p.loop_force * m.loop)
+    stretched = stretch
+    if p.slack > 0.0:
+        stretched += p.slack * max(-1.0, min(1.0, stretch / p.slack))
+    loop, creep = m.loop, m.creep_m
+    if p.loop_force != 0.0:
+        loop = slide(loop, stretched - m.stretched_m, p.loop_stretch)
+        stretched = stretched - stretch + _stretch(p, tension - p.loop_force * loop)
+    if p.creep_share != 0.0:
+        kept = np.exp(-max(0.0, dt_s) / p.creep_time)
+        creep = kept * creep + (1.0 - kept) * p.creep_share * tension / p.k
+    elongation = stretched + p.zero_stretch + creep
+    wound = wound_m(p, m.theta_m)
+    theta_j = (wound - elongation) / p.r_j
+    direction = _direction(m.speed * p.r_m / p.r_j, still)
+    load = tau_w_N_m - gravity_N_m(p, theta_j) - (jaw_level_N_m(p, theta_j) - p.jaw_coulomb) * direction
+    return Memory(
+        m.first_ns, m.last_ns, m.theta_m, m.shown, m.speed, m.presliding, loop, creep, stretched, tension, load,
+        elongation + p.r_m * m.shown - wound,
+    )  # fmt: skip
+
+
+# Arrays in and out: a tuple of so many numbers costs more at each call from Python than all the arithmetic.
+@kernel
+def _start(theta: Vector, tuning: tuple[float, float], time_ns: int, shown: float, torque: float) -> _Seen:
+    p = Physics(*_tuple(theta, _VALUES))
+    m, angle, seen = before(p, begin(p, time_ns, shown), tuning[0], tuning[1], time_ns, shown, torque)
+    return np.array(m), angle, seen
+
+
+@kernel
+def _sample(
+    theta: Vector, memory: Vector, tuning: tuple[float, float], time_ns: int, shown: float, torque: float
+) -> _Seen:
+    p, known = Physics(*_tuple(theta, _VALUES)), Memory(*_tuple(memory, _SIZE))
+    m, angle, seen = before(p, known, tuning[0], tuning[1], time_ns, shown, torque)
+    return np.array(m), angle, seen
+
+
+@kernel
+def _told(theta: Vector, memory: Vector, still: float, dt_s: float, tau_w_N_m: float, elongation_m: float) -> Vector:
+    p, known = Physics(*_tuple(theta, _VALUES)), Memory(*_tuple(memory, _SIZE))
+    return np.array(after(p, known, still, dt_s, tau_w_N_m, elongation_m))
+
+
+def corrected(estimator: Estimator, rig: Rig, sample_time_s: float) -> Estimator:
+    """Return the estimator with a rig's effects taken into account; itself when there are none that it could.
+
+    UserError when the rig doesn't know a value of the plant.
+    """
+    if not set(rig.effects) - IGNORED:
+        return estimator
+    theta = vector(rig)
+    corner = 2.0 * np.pi * rig.estimators.rfob_cutoff_Hz
+    counts = rig.encoder.counts_per_rev
+    # One count within the low-pass's time: slower than that can't be told from standing still.
+    quantum = 1e-6 if counts is None else 2.0 * np.pi / counts
+    tuning = (corner, quantum * min(corner, 1.0 / sample_time_s))
+
+    def told(inner: State, memory: Vector, dt_s: float) -> State:
+        tau_w_N_m, elongation_m = estimator.estimate(inner)
+        return np.concatenate((inner, _told(theta, memory, tuning[1], dt_s, tau_w_N_m, elongation_m)))
+
+    def start(sample: Sample) -> State:
+        memory, angle, torque = _start(theta, tuning, *sample)
+        return told(estimator.start(Sample(sample.time_ns, angle, torque)), memory, 0.0)
+
+    def step(state: State, sample: Sample) -> State:
+        known = state[-_SIZE:]
+        dt_s = (sample.time_ns - known[_LAST]) * 1e-9
+        if dt_s <= 0.0:
+            return state
+        memory, angle, torque = _sample(theta, known, tuning, *sample)
+        return told(estimator.step(state[:-_SIZE], Sample(sample.time_ns, angle, torque)), memory, dt_s)
+
+    return Estimator(estimator.id, start, step, _estimate)
+
+
+def _estimate(state: State) -> Estimate:
+    return Estimate(float(state[-2]), float(state[-1]))

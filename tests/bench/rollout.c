@@ -1,0 +1,309 @@
+/* The rollout of hil_forceps/model/closed_loop.py in C: the same equations, the same order of operations. Built and
+ * compared by test_rollout.py. Left out: viscous drift (its gains are made anew on the way) and a load that jumps. */
+#include <math.h>
+
+enum { FROM_STRETCH, FROM_MOTOR, FROM_JAW, MOTOR_MEAN, MOTOR_SLOPE, JAW_MEAN, JAW_SLOPE };
+enum { MOTOR_WAY = 0, MOTOR_SPEED = 7, JAW_WAY = 14, JAW_SPEED = 21, VISCOSITY = 28, STIFFNESS, DAMPING, SIZE };
+enum { TAUT, SLACK, SHORT, PIECES = 8, MAX_RING = 256 };
+enum { MOVING, STOPPED, STUCK };
+
+typedef struct {
+    double r_m, r_j, I_m, I_j, D_m, motor_coulomb, jaw_coulomb, k, K_t, stribeck_rise, stribeck_speed;
+    double presliding_level, presliding_angle, load_mu, asymmetry, viscous_change, viscous_time, jaw_slope;
+    double jaw_curvature, gravity_sine, gravity_cosine, slack, hardening, loop_force, loop_stretch, creep_share;
+    double creep_time, damping, zero_stretch, constant_change, constant_time, cogging_sine, cogging_cosine;
+    double cogging_harmonic, ripple_sine, ripple_cosine, ripple_harmonic, current_offset, current_gain, deadband, lag;
+    double delay, skew_theta_m, skew_current, skew_theta_j, skew_tau_w, encoder_sine, encoder_cosine, encoder_scale;
+    double pulley_sine, pulley_cosine, pitch, limit;
+} physics;
+
+typedef struct { double theta_m, omega_m, theta_j, omega_j, creep, loop, presliding, current; } state;
+typedef struct { double theta_m, omega_m, theta_j, omega_j; } motion;
+typedef struct { double motor, motor_slope, jaw, jaw_slope; } torques;
+typedef struct { double elongation, tension, radius; int slack; } wire_t;
+typedef struct { double wire, motor, jaw; } excess;
+typedef struct { double current, current_slope, current_end, constant, load, load_slope; } drive;
+typedef struct { double speed_of_mean, speed_of_slope, way_of_mean, way_of_slope; } response;
+typedef struct { double start, end, rest, forward, backward; } levels;
+typedef struct { double mean, slope; int fate; } rub;
+typedef struct { double mean, slope, end, arrival_mean, arrival_slope, arrival_end; int whole, at; } current_step;
+
+static double low(double a, double b) { return b < a ? b : a; }
+static double high(double a, double b) { return b > a ? b : a; }
+static double clip(double level, double v) { return high(-level, low(level, v)); }
+static double dead_zone(double v, double half) { return v - clip(half, v); }
+
+static double slide(double z, double way, double length) {
+    if (way > 0.0) return 1.0 + (z - 1.0) * exp(-way / length);
+    if (way < 0.0) return -1.0 + (z + 1.0) * exp(way / length);
+    return z;
+}
+
+static wire_t wire(const physics *p, motion m, double creep, double loop) {
+    wire_t w = { p->r_m * m.theta_m, 0.0, p->r_m, 0 };
+    if (p->pulley_cosine != 0.0 || p->pulley_sine != 0.0) {
+        double s = sin(m.theta_m), c = cos(m.theta_m);
+        w.radius += p->r_m * (p->pulley_cosine * c + p->pulley_sine * s);
+        w.elongation += p->r_m * (p->pulley_cosine * s + p->pulley_sine * (1.0 - c));
+    }
+    w.radius += p->pitch * m.theta_m / (2.0 * M_PI);
+    w.elongation = w.elongation + p->pitch * m.theta_m * m.theta_m / (4.0 * M_PI) - p->r_j * m.theta_j;
+    double d = dead_zone(w.elongation - p->zero_stretch - creep, p->slack);
+    w.slack = d == 0.0 && p->slack > 0.0;
+    w.tension = p->k * d * (1.0 + p->hardening * d * d) + p->loop_force * loop;
+    if (!w.slack) w.tension += p->damping * (w.radius * m.omega_m - p->r_j * m.omega_j);
+    return w;
+}
+
+static double wave(double sine, double cosine, double harmonic, double angle) {
+    if (sine == 0.0 && cosine == 0.0) return 0.0;
+    return sine * sin(harmonic * angle) + cosine * cos(harmonic * angle);
+}
+
+static double motor_level(const physics *p, double omega, double tension) {
+    double level = p->motor_coulomb + p->load_mu * p->r_m * fabs(tension);
+    if (p->stribeck_rise != 0.0) {
+        double share = omega / p->stribeck_speed;
+        level += p->stribeck_rise * exp(-share * share);
+    }
+    return level;
+}
+
+static double jaw_level(const physics *p, double angle) {
+    return high(0.0, p->jaw_coulomb + (p->jaw_slope + p->jaw_curvature * angle) * angle);
+}
+
+static double encoder(const physics *p, double angle) {
+    return (1.0 + p->encoder_scale) * angle + wave(p->encoder_sine, p->encoder_cosine, 1.0, angle);
+}
+
+static rub held(double free_speed, double free_way, response r, levels l) {
+    double scale = r.way_of_mean * r.speed_of_slope - r.way_of_slope * r.speed_of_mean;
+    double mean = (free_way * r.speed_of_slope - free_speed * r.way_of_slope) / scale;
+    double slope = (free_speed * r.way_of_mean - free_way * r.speed_of_mean) / scale;
+    double last = mean + 0.5 * slope, sign = last > 0.0 ? 1.0 : -1.0;
+    double level = l.rest + (last > 0.0 ? l.forward : l.backward);
+    double first = sign * (mean - 0.5 * slope), rise = sign * slope;
+    if (sign * last > level && level >= first) {
+        double rest = 1.0 - (level - first) / rise;
+        double over = 0.5 * rise * rest * rest, moment = rise * rest * rest * (0.25 - rest / 6.0);
+        return (rub){ mean - sign * over, slope - sign * 12.0 * moment, MOVING };
+    }
+    level = l.rest + (mean > 0.0 ? l.forward : l.backward);
+    if (fabs(mean) <= level) return (rub){ mean, slope, STUCK };
+    return (rub){ mean > 0.0 ? level : -level, 0.0, MOVING };
+}
+
+static rub friction(double speed, double free_speed, double free_way, double push, double inertia, response r, levels l) {
+    if (speed == 0.0) return held(free_speed, free_way, r, l);
+    double sign = speed > 0.0 ? 1.0 : -1.0, extra = speed > 0.0 ? l.forward : l.backward;
+    double first = l.start + extra, last = l.end + extra, mean = 0.5 * (first + last), slope = last - first;
+    double end = sign * free_speed - r.speed_of_mean * mean - r.speed_of_slope * slope;
+    if (end > 0.0) return (rub){ sign * mean, sign * slope, MOVING };
+    double begin = sign * speed, rise = (sign * push - first) / inertia, bend = end - begin - rise;
+    double share = low(1.0, 2.0 * begin / (sqrt(high(0.0, rise * rise - 4.0 * bend * begin)) - rise));
+    double there = first + (last - first) * share, push_there = inertia * (rise + 2.0 * bend * share) + there;
+    double before = 0.5 * (first + there), rest = 1.0 - share;
+    double opposite = l.rest + (speed > 0.0 ? l.backward : l.forward), after = -opposite;
+    int fate = MOVING;
+    if (push_there >= -opposite) {
+        double effect = rest * (r.speed_of_mean + 6.0 * r.speed_of_slope * share);
+        fate = STOPPED;
+        after = before;
+        if (effect > 0.0) {
+            double needed = sign * free_speed - before * share * (r.speed_of_mean - 6.0 * r.speed_of_slope * rest);
+            after = high(-opposite, low(l.rest + extra, needed / effect));
+        }
+    }
+    mean = before * share + after * rest;
+    return (rub){ sign * mean, sign * 6.0 * (after - before) * share * rest, fate };
+}
+
+static double answer(const double *g, torques u) {
+    return g[MOTOR_MEAN] * u.motor + g[MOTOR_SLOPE] * u.motor_slope + (g[JAW_MEAN] * u.jaw + g[JAW_SLOPE] * u.jaw_slope);
+}
+
+static double row(const double *g, double stretch, const state *x, torques u) {
+    return g[FROM_STRETCH] * stretch + (g[FROM_MOTOR] * x->omega_m + g[FROM_JAW] * x->omega_j) + answer(g, u);
+}
+
+static motion free_motion(const physics *p, const double *g, const state *x, torques u) {
+    double stretch = p->r_m * x->theta_m - p->r_j * x->theta_j;
+    return (motion){ row(g + MOTOR_WAY, stretch, x, u), row(g + MOTOR_SPEED, stretch, x, u),
+                     row(g + JAW_WAY, stretch, x, u), row(g + JAW_SPEED, stretch, x, u) };
+}
+
+static motion added(const double *g, motion m, torques u) {
+    return (motion){ m.theta_m + answer(g + MOTOR_WAY, u), m.omega_m + answer(g + MOTOR_SPEED, u),
+                     m.theta_j + answer(g + JAW_WAY, u), m.omega_j + answer(g + JAW_SPEED, u) };
+}
+
+static motion settled(const double *g, const state *x, motion free, const double *push, const double *inertia,
+                      levels motor, levels jaw) {
+    double guess = x->omega_j == 0.0 ? clip(jaw.rest, push[1]) : x->omega_j > 0.0 ? jaw.start : -jaw.start;
+    const double *s = g + MOTOR_SPEED, *w = g + MOTOR_WAY;
+    rub m = friction(x->omega_m, free.omega_m - s[JAW_MEAN] * guess, free.theta_m - w[JAW_MEAN] * guess, push[0],
+                     inertia[0], (response){ s[MOTOR_MEAN], s[MOTOR_SLOPE], w[MOTOR_MEAN], w[MOTOR_SLOPE] }, motor);
+    s = g + JAW_SPEED;
+    w = g + JAW_WAY;
+    double way = free.theta_j - w[MOTOR_MEAN] * m.mean - w[MOTOR_SLOPE] * m.slope;
+    double speed = free.omega_j - s[MOTOR_MEAN] * m.mean - s[MOTOR_SLOPE] * m.slope;
+    rub j = friction(x->omega_j, speed, way, push[1], inertia[1],
+                     (response){ s[JAW_MEAN], s[JAW_SLOPE], w[JAW_MEAN], w[JAW_SLOPE] }, jaw);
+    motion end = added(g, free, (torques){ -m.mean, -m.slope, -j.mean, -j.slope });
+    return (motion){ x->theta_m + (m.fate == STUCK ? 0.0 : end.theta_m), m.fate >= STOPPED ? 0.0 : end.omega_m,
+                     x->theta_j + (j.fate == STUCK ? 0.0 : end.theta_j), j.fate >= STOPPED ? 0.0 : end.omega_j };
+}
+
+static void push_of(const physics *p, const double *g, const state *x, torques u, double *push) {
+    double pull = g[STIFFNESS] * (p->r_m * x->theta_m - p->r_j * x->theta_j);
+    pull += g[DAMPING] * (p->r_m * x->omega_m - p->r_j * x->omega_j);
+    push[0] = u.motor - 0.5 * u.motor_slope - p->r_m * pull - g[VISCOSITY] * x->omega_m;
+    push[1] = u.jaw - 0.5 * u.jaw_slope + p->r_j * pull;
+}
+
+static excess excess_of(const physics *p, const double *g, motion m, wire_t w, const drive *d, double current) {
+    double linear = g[STIFFNESS] * (p->r_m * m.theta_m - p->r_j * m.theta_j);
+    linear += g[DAMPING] * (p->r_m * m.omega_m - p->r_j * m.omega_j);
+    double motor = d->constant * current * wave(p->ripple_sine, p->ripple_cosine, p->ripple_harmonic, m.theta_m);
+    motor += wave(p->cogging_sine, p->cogging_cosine, p->cogging_harmonic, m.theta_m);
+    motor -= (w.radius - p->r_m) * w.tension;
+    return (excess){ w.tension - linear, motor, -wave(p->gravity_sine, p->gravity_cosine, 1.0, m.theta_j) };
+}
+
+static void held_back(double change, double way, double by_mean, double by_slope, double *mean, double *slope) {
+    double stiffness = way != 0.0 ? change / way : 0.0;
+    *mean = 0.5 * change;
+    *slope = change;
+    if (stiffness > 0.0) {
+        double blend = 1.0 / (1.0 + by_mean * stiffness), part = 1.0 - 0.5 * blend;
+        change /= 1.0 + (by_mean * part + by_slope * blend) * stiffness;
+        *mean = part * change;
+        *slope = blend * change;
+    }
+}
+
+static torques corrections(const physics *p, const double *g, double way_m, double stretch, double slip, excess a, excess b) {
+    const double *m = g + MOTOR_WAY, *j = g + JAW_WAY;
+    double mm = p->r_m * p->r_m, jj = p->r_j * p->r_j, mj = p->r_m * p->r_j, pull, pull_slope, rub_ = 0.0, rub_slope = 0.0;
+    double by_mean = mm * m[MOTOR_MEAN] + jj * j[JAW_MEAN] - mj * (m[JAW_MEAN] + j[MOTOR_MEAN]);
+    double by_slope = mm * m[MOTOR_SLOPE] + jj * j[JAW_SLOPE] - mj * (m[JAW_SLOPE] + j[MOTOR_SLOPE]);
+    held_back(b.wire - a.wire, stretch, by_mean, by_slope, &pull, &pull_slope);
+    if (p->presliding_level != 0.0)
+        held_back(p->presliding_level * slip, way_m, m[MOTOR_MEAN], m[MOTOR_SLOPE], &rub_, &rub_slope);
+    double motor = b.motor - a.motor, jaw = b.jaw - a.jaw;
+    return (torques){ 0.5 * motor - p->r_m * pull - rub_, motor - p->r_m * pull_slope - rub_slope,
+                      0.5 * jaw + p->r_j * pull, jaw + p->r_j * pull_slope };
+}
+
+static state full_step(const physics *p, const double *gains, int base, double inertia_m, double inertia_j, double kept,
+                       state x, const drive *d) {
+    motion now = { x.theta_m, x.omega_m, x.theta_j, x.omega_j };
+    double inertia[2] = { inertia_m, inertia_j }, push[2];
+    wire_t w0 = wire(p, now, x.creep, x.loop);
+    const double *g = gains + (base + (w0.slack ? SLACK : TAUT)) * SIZE;
+    excess first = excess_of(p, g, now, w0, d, d->current - 0.5 * d->current_slope);
+    torques u = { d->constant * d->current + first.motor - p->presliding_level * x.presliding - p->r_m * first.wire,
+                  d->constant * d->current_slope, first.jaw + p->r_j * first.wire - d->load, -d->load_slope };
+    motion free = free_motion(p, g, &x, u);
+    push_of(p, g, &x, u, push);
+    double level = motor_level(p, now.omega_m, w0.tension), rest = motor_level(p, 0.0, w0.tension);
+    double forward = high(0.0, p->asymmetry), backward = high(0.0, -p->asymmetry), level_j = jaw_level(p, now.theta_j);
+    motion end = settled(g, &x, free, push, inertia, (levels){ level, level, rest, forward, backward },
+                         (levels){ level_j, level_j, level_j, 0.0, 0.0 });
+    wire_t w1 = wire(p, end, kept * x.creep + (1.0 - kept) * p->creep_share * w0.tension / p->k, x.loop);
+    if (p->loop_force != 0.0)
+        w1 = wire(p, end, kept * x.creep + (1.0 - kept) * p->creep_share * w0.tension / p->k,
+                  slide(x.loop, w1.elongation - w0.elongation, p->loop_stretch));
+    excess last = excess_of(p, g, end, w1, d, d->current + 0.5 * d->current_slope);
+    double slipped = p->presliding_level != 0.0 ? slide(x.presliding, end.theta_m - now.theta_m, p->presliding_angle) : 0.0;
+    torques more = corrections(p, g, end.theta_m - x.theta_m, w1.elongation - w0.elongation, slipped - x.presliding, first, last);
+    free = added(g, free, more);
+    end = settled(g, &x, free, push, inertia,
+                  (levels){ level, motor_level(p, end.omega_m, w1.tension), rest, forward, backward },
+                  (levels){ level_j, jaw_level(p, end.theta_j), level_j, 0.0, 0.0 });
+    state after = { end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, d->current_end };
+    if (p->creep_share != 0.0)
+        after.creep = kept * x.creep + (1.0 - kept) * p->creep_share * 0.5 * (w0.tension + w1.tension) / p->k;
+    if (p->presliding_level != 0.0) after.presliding = slide(x.presliding, end.theta_m - x.theta_m, p->presliding_angle);
+    if (p->loop_force != 0.0)
+        after.loop = slide(x.loop, wire(p, end, after.creep, x.loop).elongation - w0.elongation, p->loop_stretch);
+    return after;
+}
+
+static state plain_step(const physics *p, const double *g, const double *inertia, state x, const drive *d) {
+    levels motor = { p->motor_coulomb, p->motor_coulomb, p->motor_coulomb, high(0.0, p->asymmetry), high(0.0, -p->asymmetry) };
+    levels jaw = { p->jaw_coulomb, p->jaw_coulomb, p->jaw_coulomb, 0.0, 0.0 };
+    torques u = { d->constant * d->current, d->constant * d->current_slope, -d->load, -d->load_slope };
+    double push[2];
+    motion free = free_motion(p, g, &x, u);
+    push_of(p, g, &x, u, push);
+    motion end = settled(g, &x, free, push, inertia, motor, jaw);
+    return (state){ end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, d->current_end };
+}
+
+static int sudden(const physics *p, const state *x, const state *end) {
+    if (p->slack > 0.0) {
+        wire_t a = wire(p, (motion){ x->theta_m, 0.0, x->theta_j, 0.0 }, x->creep, x->loop);
+        wire_t b = wire(p, (motion){ end->theta_m, 0.0, end->theta_j, 0.0 }, end->creep, end->loop);
+        if (a.slack != b.slack || a.tension * b.tension < 0.0) return 1;
+    }
+    if (p->stribeck_rise == 0.0) return 0;
+    double first = fabs(x->omega_m), last = fabs(end->omega_m);
+    return low(first, last) < 3.0 * p->stribeck_speed && high(first, last) > 0.0;
+}
+
+static state refined_step(const physics *p, const double *g, const double *inertia, const double *kept, state x, const drive *d) {
+    state end = full_step(p, g, TAUT, inertia[0], inertia[1], kept[0], x, d);
+    if (!sudden(p, &x, &end)) return end;
+    for (int piece = 0; piece < PIECES; piece++) {
+        double at = (piece + 0.5) / PIECES - 0.5;
+        drive part = { d->current + at * d->current_slope, d->current_slope / PIECES, d->current_end, d->constant,
+                       d->load + at * d->load_slope, d->load_slope / PIECES };
+        x = full_step(p, g, SHORT, inertia[0] * PIECES, inertia[1] * PIECES, kept[1], x, &part);
+    }
+    return x;
+}
+
+/* law: T, kp, ki, kd, share, limit, error first; start: plant (8), integral, last angle, velocity, current. */
+void rollout(const double *physics_, const double *law, double quantum, double row_s, int rows, const double *reference,
+             const double *load, const double *start, int substeps, int samples, const double *gains,
+             const current_step *c, int full, double *out) {
+    physics p = *(const physics *)physics_;
+    state x = *(const state *)start;
+    double integral = start[8], angle_before = start[9], velocity = start[10], ring[MAX_RING];
+    int steps = substeps / samples, place = 0, places = c->whole + 2;
+    double step_s = row_s / substeps, inertia[2] = { p.I_m / step_s, p.I_j / step_s };
+    double kept[2] = { exp(-step_s / p.creep_time), exp(-step_s / PIECES / p.creep_time) };
+    for (int i = 0; i < places; i++) ring[i] = x.current;
+    for (int n = 0; n < rows; n++) {
+        wire_t w = wire(&p, (motion){ x.theta_m, x.omega_m, x.theta_j, x.omega_j }, x.creep, x.loop);
+        double shown[8] = { encoder(&p, x.theta_m), x.current, x.theta_j, load[n], w.tension, w.elongation, x.omega_m, x.omega_j };
+        for (int i = 0; i < 8; i++) out[i * rows + n] = shown[i];
+        if (n == rows - 1) break;
+        for (int step = 0; step < substeps; step++) {
+            int into = step % steps;
+            if (into == 0) {
+                double angle = encoder(&p, x.theta_m);
+                if (quantum > 0.0) angle = floor(angle / quantum + 0.5) * quantum;
+                double error = reference[n] - angle, old = integral;
+                integral += error * law[0];
+                if (law[2] > 0.0) integral = clip(law[5] / law[2], integral);
+                if (!isnan(angle_before)) velocity += law[4] * ((angle - angle_before) / law[0] - velocity);
+                angle_before = angle;
+                double command = law[1] * error + law[2] * (law[6] != 0.0 ? integral : old) - law[3] * velocity;
+                place = place + 1 < places ? place + 1 : 0;
+                ring[place] = clip(p.limit, dead_zone(clip(law[5], command), p.deadband));
+            }
+            int a = place - c->whole - 1, b = place - c->whole;
+            double before = ring[a >= 0 ? a : a + places], now = ring[b >= 0 ? b : b + places];
+            double u = into <= c->at ? before : now, arriving = into == c->at ? now - before : 0.0, away = x.current - u;
+            double rise = (load[n + 1] - load[n]) / substeps, constant = p.K_t;
+            if (p.constant_change != 0.0)
+                constant *= 1.0 + p.constant_change * (1.0 - exp(-(n * substeps + step + 0.5) * step_s / p.constant_time));
+            drive d = { u + away * c->mean + arriving * c->arrival_mean, away * c->slope + arriving * c->arrival_slope,
+                        u + away * c->end + arriving * c->arrival_end, constant, load[n] + rise * (step + 0.5), rise };
+            x = full ? refined_step(&p, gains, inertia, kept, x, &d) : plain_step(&p, gains, inertia, x, &d);
+        }
+    }
+}
