@@ -111,13 +111,20 @@ class Chooser:
     """Chooses the effects for a problem; keeps what it has fitted."""
 
     def __init__(
-        self, scene: Scene, without: frozenset[str], floor: Vector, seed: int, progress: Callable[[str], None]
+        self,
+        scene: Scene,
+        without: frozenset[str],
+        floor: Vector,
+        seed: int,
+        progress: Callable[[str], None],
+        refresh: Callable[[Problem, Vector], Problem],
     ) -> None:
         self._scene = scene
         self._without = without
         self._floor = floor
         self._seed = seed
         self._progress = progress
+        self._refresh = refresh  # what of the problem hangs on the model, taken anew
         self._candidates: list[Candidate] = []
         self._first_chi2 = 0.0
 
@@ -141,6 +148,9 @@ class Chooser:
 
     def _look(self, model: Model, whitener: Whitener) -> tuple[Model, Scan, Whitener, Noise]:
         """Scan the catalogue beside a model; take the noise anew from what neither explains; refit with it."""
+        if model.effects:
+            model = replace(model, problem=self._refresh(model.problem, model.fit.u))
+            model = replace(model, fit=fit(model.problem, model.fit.u, whitener, steps=3))
         self._progress("looking at " + (" + ".join(model.effects) or "the known parameters"))
         places = self._places(model)
         columns, groups = probe_columns(model.problem, model.fit.u, places)
@@ -176,7 +186,7 @@ class Chooser:
         return found
 
     def refine(
-        self, model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, held: Held, steps: int = 4
+        self, model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, held: Held, steps: int = 8
     ) -> Model:
         """Refit a model with an entry added, beginning where the linear look found it."""
         self._progress(f"refitting with {probe.effect_id}")
@@ -231,9 +241,7 @@ class Chooser:
         )
         return Scan(tuple(places), tuple(groups), columns, found)
 
-    def _thinned(
-        self, model: Model, rivals: list[Model], scan: Scan, whitener: Whitener
-    ) -> tuple[Model, list[Model]]:
+    def _thinned(self, model: Model, rivals: list[Model], scan: Scan, whitener: Whitener) -> tuple[Model, list[Model]]:
         """Drop effects that no longer gain enough with the noise as it is known in the end."""
         for place in reversed(range(len(model.effects))):
             less = without_effect(model, place, whitener)

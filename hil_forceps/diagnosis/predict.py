@@ -25,6 +25,8 @@ SUBSTEPS = 4  # of 250 µs in a row of 1 ms; more for longer rows
 LONGEST_SUBSTEP_S = 2.6e-4
 SLOWEST_SHAKE_HZ = 60.0  # below, what is left is misfit rather than rounding
 SHAKE_PASSES = 5
+FINER_FOR_STRIBECK = 3  # friction that falls with speed is unstable at heart, and wants smaller steps
+_STRIBECK = parameters.index("effects.stribeck_friction.rise_N_m")
 ROWS_FOR_INTEGRAL = 40
 ROWS_FOR_SPEED = 12  # at the beginning of a run
 
@@ -60,6 +62,8 @@ class ClosedLoop:
         )
         samples = round(record.period_s / float(self.law[drive_law.SAMPLE_TIME]))
         substeps = samples * max(1, int(np.ceil(record.period_s / samples / LONGEST_SUBSTEP_S)))
+        if theta[_STRIBECK] != 0.0:
+            substeps *= FINER_FOR_STRIBECK
         found = closed_loop.simulate(theta, self.law, quantum_rad, inputs, Start(plant, drive), substeps, samples)
         return found._replace(theta_j_rad=found.theta_j_rad + nuisance.theta_j_zero_rad)
 

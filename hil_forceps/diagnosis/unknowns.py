@@ -18,6 +18,7 @@ from hil_forceps.rig.errors import UserError
 Vector = NDArray[np.float64]
 
 FRICTION_SD_OF_TORQUE = 0.3  # a friction's prior is no tighter than this share of the torque seen
+WIDEST = 20.0  # a known value, friction apart, is not further off than this factor
 STEP = 1e-3  # of the scale: finite differences
 
 
@@ -83,7 +84,7 @@ def known_parameters(rig: Rig, torque_scale_N_m: float) -> Unknowns:
 
 def _plant_unknown(name: str, unit: str, known: Parameter, torque_scale_N_m: float) -> Unknown:
     friction = "coulomb" in name
-    low, high = (0.0 if friction or "viscous" in name else 1e-12), math.inf
+    low, high = 0.0, math.inf
     if known.minimum is not None and known.maximum is not None:
         low, high = known.minimum, known.maximum
     value = known.value
@@ -96,6 +97,8 @@ def _plant_unknown(name: str, unit: str, known: Parameter, torque_scale_N_m: flo
     sd = known.sd if known.sd is not None else 0.0
     if friction:
         sd = max(sd, FRICTION_SD_OF_TORQUE * torque_scale_N_m)
+    elif known.minimum is None:
+        low, high = value / WIDEST, value * WIDEST
     if known.minimum is not None and known.sd is None:
         return Unknown(name, unit, value, 0.1 * abs(value) or (high - low) / 10.0, low, high, False, value)
     return Unknown(name, unit, value, sd, low, high, True, value)
