@@ -55,7 +55,7 @@ def judge(found: Findings) -> Judgement:
     least = max(least, UNEXPLAINED_OVER_CHANCE * found.after.threshold)
     unexplained = found.after.gain if found.after.gain > least else 0.0
     doubtful = unexplained > UNEXPLAINED_SHARE * (unexplained + explained)
-    sets = tuple(dict.fromkeys(rival.effects for rival in choice.rivals if rival.effects))
+    sets = tuple(dict.fromkeys(rival.model.effects for rival in choice.rivals if rival.model.effects))
     if unexplained > 0.0 and (doubtful or not model.effects):
         place, variable, _ = found.after.families[0]
         said = f"Something is there that no entry of the catalogue explains; at {place}, it varies over {variable}."
@@ -115,10 +115,9 @@ def named_effects(found: Findings) -> tuple[NamedEffect, ...]:
 def _confidence(found: Findings, effect_id: str) -> float:
     """Return the share of the weight of all models within reach that name the effect."""
     rivals = found.choice.rivals
-    best = min(rival.fit.chi2 for rival in rivals)
     # Errors of the noise's colour make χ² differences less telling than they look: half their weight.
-    weights = np.array([np.exp(-0.25 * (rival.fit.chi2 - best)) for rival in rivals])
-    has = np.array([effect_id in rival.effects for rival in rivals])
+    weights = np.array([np.exp(-0.25 * rival.behind) for rival in rivals])
+    has = np.array([effect_id in rival.model.effects for rival in rivals])
     return float(weights[has].sum() / weights.sum())
 
 
