@@ -97,7 +97,7 @@ class ClosedLoop:
                 left = record.channels["theta_m_rad"] - found.raw(k, theta, nuisance).theta_m_rad
                 width = max(3, round(1.0 / (SLOWEST_SHAKE_HZ * record.period_s)) | 1)
                 fast = left - uniform_filter1d(uniform_filter1d(left, width), width)
-                errors.append(np.clip(fast, -0.75 * quantum_rad, 0.75 * quantum_rad))
+                errors.append(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
             found = replace(self, encoder_error_rad=tuple(errors))
         return found
 
