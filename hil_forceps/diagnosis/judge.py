@@ -26,7 +26,7 @@ Vector = NDArray[np.float64]
 
 TWO_SIDED_95 = 1.959964
 SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assumed: 1 in 1000 by chance
-LEAST_SHIFT = 0.1  # of what was known: less is no shift, however well it is measured
+LEAST_SHIFT = 0.2  # of what was known: less is no shift, however well it is measured
 POWER_80 = 0.8416
 UNEXPLAINED_OVER_CHANCE = 1.5  # numerics and the smoothed load leave a little of their own
 ACCURACY_OF_ALL = 2e-5

@@ -23,7 +23,7 @@ Vector = NDArray[np.float64]
 
 SUBSTEPS = 4  # of 250 µs in a row of 1 ms; more for longer rows
 LONGEST_SUBSTEP_S = 2.6e-4
-SLOWEST_SHAKE_HZ = 60.0  # below, what is left is misfit rather than rounding
+SLOWEST_SHAKE_HZ = 120.0  # below, what is left is misfit rather than rounding
 SHAKE_PASSES = 5
 FINER_FOR_STRIBECK = 3  # friction that falls with speed is unstable at heart, and wants smaller steps
 _STRIBECK = parameters.index("effects.stribeck_friction.rise_N_m")

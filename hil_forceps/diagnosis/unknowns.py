@@ -19,6 +19,8 @@ Vector = NDArray[np.float64]
 
 FRICTION_SD_OF_TORQUE = 0.3  # a friction's prior is no tighter than this share of the torque seen
 WIDEST = 20.0  # a known value, friction apart, is not further off than this factor
+# No channel holds a length: both radii times s and the stiffness over s² give the same data. One radius is held.
+GAUGE = "forceps.motor_pulley_radius_m"
 STEP = 1e-3  # of the scale: finite differences
 
 
@@ -78,6 +80,8 @@ def known_parameters(rig: Rig, torque_scale_N_m: float) -> Unknowns:
         section, key = name.split(".")
         known: Parameter = getattr(getattr(rig, section), key)
         unit = _unit_of(key)
+        if name == GAUGE and known.value is not None:
+            continue
         items.append(_plant_unknown(name, unit, known, torque_scale_N_m))
     return Unknowns(tuple(item for item in items if item.scale > 0.0))
 
