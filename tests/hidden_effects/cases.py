@@ -93,7 +93,7 @@ def _spec(kind: str, number: int, place: int, order: list[str], rng: np.random.G
     noise = ("white", "coloured")[place % 2]
     many = {"effect": 1, "pair": 2, "triple": 3, "none": 0, "shift": 0}.get(kind, 1)
     if kind == "effect":
-        effects = (order[place],)
+        effects: tuple[str, ...] = (order[place],)
         # Each effect meets each size and each set of runs within 4 × 3 rounds.
         at = EFFECT_IDS.index(order[place])
         size, scenarios, noise = SIZES[(number + at) % 4], sets[(number // 4 + at) % 3], "white"

@@ -92,7 +92,7 @@ def _diagnosed(spec: Spec, case: Case, *, gain: bool) -> Record:
         "shifts": sorted(verdict.shifts),
         "varies_over": list(verdict.varies_over),
         "left": [round(found.after.gain, 2), round(found.after.threshold, 2)],
-        "scores": _scores(found),
+        "scores": _scores(found, spec.effects),
         "baseline": _baseline(found.choice.model, case.true),
     }
     if gain and verdict.verdict == "effects":
@@ -100,11 +100,13 @@ def _diagnosed(spec: Spec, case: Case, *, gain: bool) -> Record:
     return record
 
 
-def _scores(found: Findings) -> list[list[Any]]:
-    """Return the best candidates of the first step: id, gain, threshold, state."""
+def _scores(found: Findings, truth: tuple[str, ...]) -> list[list[Any]]:
+    """Return the best candidates of the first step, and those that are the truth: id, gain, threshold, state."""
     first = [c for c in found.choice.candidates if c.step == 0]
     first.sort(key=lambda c: -c.score)
-    return [[c.id, round(c.score, 1), round(c.threshold, 1), c.state] for c in first[:4]]
+    return [
+        [c.id, round(c.score, 1), round(c.threshold, 1), c.state] for n, c in enumerate(first) if n < 4 or c.id in truth
+    ]
 
 
 def _baseline(model: Model, true: Rig) -> dict[str, list[float]]:
