@@ -11,9 +11,10 @@ Not taken into account, because a sample doesn't tell it: damping of the wire, w
 current (lag, dead time, dead band, saturation), and skewed channels (a matter of the record).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba.np.unsafe import ndarray as fixed
 from numpy.typing import NDArray
 
 from hil_forceps.estimation.interface import Estimate, Estimator, Sample, State
@@ -58,7 +59,11 @@ class Memory(NamedTuple):
     elongation_m: float
 
 
-_SIZE = len(Memory._fields)
+Vector = NDArray[np.float64]
+_tuple: Any = fixed.to_fixed_tuple  # an array of known length as a tuple, in a kernel
+_Seen = tuple[Vector, float, float]  # memory, and angle and torque as the paper's plant would have shown them
+_SIZE, _VALUES = len(Memory._fields), len(Physics._fields)
+_LAST = Memory._fields.index("last_ns")
 
 
 @inlined
@@ -75,7 +80,7 @@ def _direction(speed: float, still: float) -> float:
     return max(-1.0, min(1.0, speed / still))
 
 
-@kernel
+@inlined
 def begin(p: Physics, time_ns: int, shown_rad: float) -> Memory:
     """Return the memory at the first sample: at rest, everything relaxed."""
     angle = _true_angle(p, shown_rad)
@@ -83,7 +88,7 @@ def begin(p: Physics, time_ns: int, shown_rad: float) -> Memory:
     return Memory(now, now, angle, shown_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-@kernel
+@inlined
 def before(
     p: Physics, m: Memory, corner_rad_per_s: float, still: float, time_ns: int, shown_rad: float, torque_N_m: float
 ) -> tuple[Memory, float, float]:
@@ -122,7 +127,7 @@ def _stretch(p: Physics, force_N: float) -> float:
     return stretch
 
 
-@kernel
+@inlined
 def after(p: Physics, m: Memory, still: float, dt_s: float, tau_w_N_m: float, elongation_m: float) -> Memory:
     """Return the memory with the estimate that an estimator's own one comes to."""
     tension = p.k * elongation_m
@@ -148,6 +153,29 @@ def after(p: Physics, m: Memory, still: float, dt_s: float, tau_w_N_m: float, el
     )  # fmt: skip
 
 
+# Arrays in and out: a tuple of so many numbers costs more at each call from Python than all the arithmetic.
+@kernel
+def _start(theta: Vector, tuning: tuple[float, float], time_ns: int, shown: float, torque: float) -> _Seen:
+    p = Physics(*_tuple(theta, _VALUES))
+    m, angle, seen = before(p, begin(p, time_ns, shown), tuning[0], tuning[1], time_ns, shown, torque)
+    return np.array(m), angle, seen
+
+
+@kernel
+def _sample(
+    theta: Vector, memory: Vector, tuning: tuple[float, float], time_ns: int, shown: float, torque: float
+) -> _Seen:
+    p, known = Physics(*_tuple(theta, _VALUES)), Memory(*_tuple(memory, _SIZE))
+    m, angle, seen = before(p, known, tuning[0], tuning[1], time_ns, shown, torque)
+    return np.array(m), angle, seen
+
+
+@kernel
+def _told(theta: Vector, memory: Vector, still: float, dt_s: float, tau_w_N_m: float, elongation_m: float) -> Vector:
+    p, known = Physics(*_tuple(theta, _VALUES)), Memory(*_tuple(memory, _SIZE))
+    return np.array(after(p, known, still, dt_s, tau_w_N_m, elongation_m))
+
+
 def corrected(estimator: Estimator, rig: Rig, sample_time_s: float) -> Estimator:
     """Return the estimator with a rig's effects taken into account; itself when there are none that it could.
 
@@ -155,38 +183,31 @@ def corrected(estimator: Estimator, rig: Rig, sample_time_s: float) -> Estimator
     """
     if not set(rig.effects) - IGNORED:
         return estimator
-    p = Physics(*vector(rig).tolist())
+    theta = vector(rig)
     corner = 2.0 * np.pi * rig.estimators.rfob_cutoff_Hz
     counts = rig.encoder.counts_per_rev
     # One count within the low-pass's time: slower than that can't be told from standing still.
     quantum = 1e-6 if counts is None else 2.0 * np.pi / counts
-    still = quantum * min(corner, 1.0 / sample_time_s)
+    tuning = (corner, quantum * min(corner, 1.0 / sample_time_s))
 
-    def joined(inner: State, memory: Memory) -> State:
-        return np.concatenate((inner, np.array(memory)))
-
-    def told(memory: Memory, inner: State, dt_s: float) -> Memory:
-        estimate = estimator.estimate(inner)
-        return Memory(*after(p, memory, still, dt_s, estimate.tau_w_N_m, estimate.elongation_m))
+    def told(inner: State, memory: Vector, dt_s: float) -> State:
+        tau_w_N_m, elongation_m = estimator.estimate(inner)
+        return np.concatenate((inner, _told(theta, memory, tuning[1], dt_s, tau_w_N_m, elongation_m)))
 
     def start(sample: Sample) -> State:
-        fresh = begin(p, sample.time_ns, sample.theta_m_rad)
-        memory, angle, torque = before(p, fresh, corner, still, *sample)
-        inner = estimator.start(Sample(sample.time_ns, angle, torque))
-        return joined(inner, told(memory, inner, 0.0))
+        memory, angle, torque = _start(theta, tuning, *sample)
+        return told(estimator.start(Sample(sample.time_ns, angle, torque)), memory, 0.0)
 
     def step(state: State, sample: Sample) -> State:
-        inner, known = state[:-_SIZE], Memory(*state[-_SIZE:].tolist())
-        if sample.time_ns <= known.last_ns:
+        known = state[-_SIZE:]
+        dt_s = (sample.time_ns - known[_LAST]) * 1e-9
+        if dt_s <= 0.0:
             return state
-        dt_s = (sample.time_ns - known.last_ns) * 1e-9
-        memory, angle, torque = before(p, known, corner, still, *sample)
-        inner = estimator.step(inner, Sample(sample.time_ns, angle, torque))
-        return joined(inner, told(memory, inner, dt_s))
+        memory, angle, torque = _sample(theta, known, tuning, *sample)
+        return told(estimator.step(state[:-_SIZE], Sample(sample.time_ns, angle, torque)), memory, dt_s)
 
     return Estimator(estimator.id, start, step, _estimate)
 
 
-def _estimate(state: NDArray[np.float64]) -> Estimate:
-    memory = Memory(*state[-_SIZE:].tolist())
-    return Estimate(memory.tau_w_N_m, memory.elongation_m)
+def _estimate(state: State) -> Estimate:
+    return Estimate(float(state[-2]), float(state[-1]))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.estimation import batch
 from hil_forceps.estimation.interface import Sample
-from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
+from hil_forceps.estimation.registry import ESTIMATOR_IDS, effects_passed_over, make_estimator
 from hil_forceps.model import closed_loop, parameters
 from hil_forceps.model.closed_loop import Channels, Inputs
 from hil_forceps.rig import load_rig
@@ -126,3 +126,9 @@ def test_a_stamp_that_is_not_later_changes_nothing_and_all_effects_at_once_stay_
     estimator = make_estimator(name, rig, 1e-3)
     state = estimator.step(estimator.start(Sample(0, 0.8, 0.0)), Sample(1_000_000, 0.81, 1e-3))
     assert np.array_equal(estimator.step(state, Sample(1_000_000, 0.9, 0.0)), state)
+
+
+def test_what_an_estimator_passes_over_can_be_told() -> None:
+    rig = RIG.with_changes({"effects": {"jaw_gravity": {}, "electrical_lag": {}}})
+    assert effects_passed_over("kalman", rig) == ("electrical_lag",)
+    assert effects_passed_over("previous", rig) == ("jaw_gravity", "electrical_lag")
