@@ -185,7 +185,7 @@ def markdown(records: Sequence[Record]) -> str:
     """Return all tables."""
     skipped = sum("skipped" in r for r in records)
     head = (
-        f"{len(records) - skipped} cases; {skipped} more had a size that no amplitude of the catalogue's range reaches. "
+        f"{len(records) - skipped} cases; {skipped} more had a size out of reach of the catalogue's ranges. "
         "Shares with 95 % intervals of Clopper and Pearson."
     )
     return "\n\n".join(
