@@ -172,8 +172,8 @@ def _noise(
     }
     own = np.diag([deviation[channel] ** 2 for channel in outputs])
     load = response[:, :, np.newaxis] * response[:, np.newaxis].conj()
-    root: NDArray[np.complex128] = np.linalg.cholesky(own + left[:, np.newaxis, np.newaxis] * load)
-    return response, root
+    root = np.linalg.cholesky(own + left[:, np.newaxis, np.newaxis] * load)
+    return response, np.asarray(root, dtype=np.complex128)
 
 
 def load_response(rig: Rig, rows: int, row_s: float, outputs: Sequence[str]) -> NDArray[np.complex128]:
