@@ -18,6 +18,7 @@ from hil_forceps.rig.errors import UserError
 Vector = NDArray[np.float64]
 
 FRICTION_SD_OF_TORQUE = 0.3  # a friction's prior is no tighter than this share of the torque seen
+LEAST_OF_ASSUMED = 0.01  # of a value that can't be 0: a bound so low that rounding loses it lets a division fail
 STEP = 1e-3  # of the scale: finite differences
 
 
@@ -93,6 +94,8 @@ def _plant_unknown(name: str, unit: str, known: Parameter, torque_scale_N_m: flo
         value = math.sqrt(low * high)
         scale = 0.5 * value
         return Unknown(name, unit, value, scale, low, high, False, None)
+    if known.minimum is None:
+        low = max(low, LEAST_OF_ASSUMED * value) if low > 0.0 else low
     sd = known.sd if known.sd is not None else 0.0
     if friction:
         sd = max(sd, FRICTION_SD_OF_TORQUE * torque_scale_N_m)
