@@ -31,6 +31,12 @@ def diagnose(runs: Sequence[Run], rig: Rig, options: Options) -> Conclusion:
         findings = tuple(AuditFinding(f.kind, f.severity, f.run, f.channel, f.text) for f in audit(runs, rig))
         said = "These data cannot tell: " + reasons[0] + "."
         return Conclusion(Diagnosis("undetermined", said, data_audit=findings, reasons=reasons), rig)
+    # Units, signs or a rig that can't be right look like marvellous effects, and the fit may not even end.
+    if wrong := [finding for finding in audit(runs, rig) if finding.severity == "problem"]:
+        findings = tuple(AuditFinding(f.kind, f.severity, f.run, f.channel, f.text) for f in audit(runs, rig))
+        reasons = tuple(dict.fromkeys(finding.text for finding in wrong))
+        said = "These data cannot tell: they can't be right as they are."
+        return Conclusion(Diagnosis("undetermined", said, data_audit=findings, reasons=reasons), rig)
     found = investigate(runs, rig, options)
     return _conclude(found, rig, options)
 
