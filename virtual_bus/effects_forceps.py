@@ -4,12 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from virtual_bus.effects import EffectNumbers
+from virtual_bus.effects_command import Queue, acting_command, empty_queue, push_command
 from virtual_bus.effects_motion import (
-    Queue,
-    acting_command,
     advance_with_effects,
-    empty_queue,
-    push_command,
     rest_with_effects,
 )
 from virtual_bus.effects_plant import Environment, elongation_of, encoder_angle

@@ -5,12 +5,12 @@ The numbers of one forceps live in two arrays that `advance_with_effects` change
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from virtual_bus.effects import EffectNumbers
+from virtual_bus.effects_command import Queue
 from virtual_bus.effects_plant import (
     Environment,
     Inputs,
@@ -36,20 +36,6 @@ STATE = (
 )  # fmt: skip
 MAX_EVENTS = 4  # of friction in one step; a body that changes its mind more often is held for the rest of it
 ROOT_ITERATIONS = 4
-
-
-class Queue(NamedTuple):
-    """Commands on their way to the motor, oldest at `tally[1]`; times on a clock of their own, `tally[0]`."""
-
-    tally: NDArray[np.int64]  # clock in ns, index of the oldest, how many
-    due_ns: NDArray[np.int64]
-    command_A: NDArray[np.float64]
-
-
-def empty_queue(delay_s: float, sample_time_s: float) -> Queue:
-    """Return a queue with room for every command that can be under way."""
-    room = math.ceil(delay_s / sample_time_s) + 2
-    return Queue(np.zeros(3, dtype=np.int64), np.zeros(room, dtype=np.int64), np.zeros(room))
 
 
 def rest_with_effects(p: TruthParameters, e: EffectNumbers, theta_j_rad: float) -> NDArray[np.float64]:
@@ -233,26 +219,30 @@ def between(left: float, left_rate: float, right: float, right_rate: float, shar
 
 
 @kernel
-def acting_command(command_A: float, e: EffectNumbers) -> float:
-    """Return what the amplifier makes of a command: dead zone, then its limit; A."""
-    if command_A > e.deadband:
-        beyond = command_A - e.deadband
-    elif command_A < -e.deadband:
-        beyond = command_A + e.deadband
-    else:
-        beyond = 0.0
-    return min(max(beyond, -e.saturation), e.saturation)
-
-
-@kernel
-def push_command(queue: Queue, command_A: float, delay_ns: int) -> None:
-    """Send a command on its way; the oldest is forgotten when there is no room."""
-    tally, room = queue.tally, queue.due_ns.size
-    if tally[2] == room:
-        tally[1], tally[2] = (tally[1] + 1) % room, room - 1
-    last = (tally[1] + tally[2]) % room
-    queue.due_ns[last], queue.command_A[last] = tally[0] + delay_ns, command_A
-    tally[2] += 1
+def fill_taps(
+    taps: NDArray[np.float64],
+    tap_ns: NDArray[np.int64],
+    left_ns: int,
+    right_ns: int,
+    step: int,
+    step_s: float,
+    before: Motion,
+    after: Motion,
+    u: Inputs,
+) -> None:
+    """Write down each tap that lies in this step of the segment from `left_ns` to `right_ns`."""
+    for c in range(tap_ns.size):
+        if tap_ns[c] <= left_ns or tap_ns[c] > right_ns:
+            continue
+        share = ((tap_ns[c] - left_ns) * 1.0e-9 - step * step_s) / step_s
+        if abs(share - 0.5) > 0.5 + 1.0e-9:
+            continue
+        if c == 0:
+            taps[c] = between(before.theta_m, before.omega_m, after.theta_m, after.omega_m, share, step_s)
+        elif c == 1:
+            taps[c] = current_at(u, (step + share) * step_s)
+        else:
+            taps[c] = between(before.theta_j, before.omega_j, after.theta_j, after.omega_j, share, step_s)
 
 
 @kernel
@@ -300,15 +290,7 @@ def advance_with_effects(
         for i in range(steps):
             before = m
             m, memory = glide(m, memory, u, i * step_s, step_s, p, e, env)
-            for c in range(4):
-                share = ((tap_ns[c] - left_ns) * 1.0e-9 - i * step_s) / step_s
-                if tap_ns[c] > left_ns and tap_ns[c] <= right_ns and abs(share - 0.5) <= 0.5 + 1.0e-9:
-                    if c == 0:
-                        taps[0] = between(before.theta_m, before.omega_m, m.theta_m, m.omega_m, share, step_s)
-                    elif c == 1:
-                        taps[1] = current_at(u, (i + share) * step_s)
-                    else:
-                        taps[c] = between(before.theta_j, before.omega_j, m.theta_j, m.omega_j, share, step_s)
+            fill_taps(taps, tap_ns, left_ns, right_ns, i, step_s, before, m, u)
         current = current_at(u, span_s)
         tally[0] += right_ns - left_ns
         left_ns = right_ns

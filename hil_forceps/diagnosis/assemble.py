@@ -17,8 +17,8 @@ from hil_forceps.rig import Rig
 Vector = NDArray[np.float64]
 
 ZERO_SD_RAD = 2e-3  # of a jaw sensor's zero from run to run
-INTEGRAL_SHARE = 0.1  # of the current seen: how well the drive's integral at the start is known
-LEAST_INTEGRAL_A = 0.02
+INTEGRAL_SHARE = 0.003  # of the current seen: how well the drive's integral at the start is known
+LEAST_INTEGRAL_A = 5e-4
 
 
 class Setting(NamedTuple):

@@ -136,6 +136,7 @@ class Chooser:
             model, scan, whitener, noise = self._look(best, whitener)
             if step > 0:
                 model, rivals = self._exchange(model, rivals, whitener)
+        model, rivals = self._thinned(model, rivals, scan, whitener)
         return Choice(model, tuple(rivals), tuple(self._candidates), scan, whitener, noise)
 
     def _look(self, model: Model, whitener: Whitener) -> tuple[Model, Scan, Whitener, Noise]:
@@ -229,6 +230,18 @@ class Chooser:
             self._seed,
         )
         return Scan(tuple(places), tuple(groups), columns, found)
+
+    def _thinned(self, model: Model, rivals: list[Model], scan: Scan, whitener: Whitener) -> tuple[Model, list[Model]]:
+        """Drop effects that no longer gain enough with the noise as it is known in the end."""
+        for place in reversed(range(len(model.effects))):
+            less = without_effect(model, place, whitener)
+            if less.fit.chi2 - model.fit.chi2 < scan.scores.threshold:
+                self._candidates = [
+                    replace(c, state="below threshold") if c.id == model.effects[place] and c.state == "named" else c
+                    for c in self._candidates
+                ]
+                model, rivals = less, [less]
+        return model, rivals
 
     def _places(self, model: Model) -> list[Probe]:
         return [p for p in probes(self._scene, self._without) if p.effect_id not in model.effects]

@@ -28,6 +28,7 @@ TWO_SIDED_95 = 1.959964
 SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assumed: 1 in 1000 by chance
 LEAST_SHIFT = 0.1  # of what was known: less is no shift, however well it is measured
 POWER_80 = 0.8416
+UNEXPLAINED_OVER_CHANCE = 1.5  # numerics and the smoothed load leave a little of their own
 UNEXPLAINED_SHARE = 0.03  # of the misfit: what may be left beside named effects without doubting them
 
 
@@ -48,7 +49,7 @@ def judge(found: Findings) -> Judgement:
     choice, model = found.choice, found.choice.model
     shifts = parameter_shifts(model)
     explained = found.baseline.fit.chi2 - model.fit.chi2
-    unexplained = found.after.total_gain if found.after.gain > found.after.threshold else 0.0
+    unexplained = found.after.gain if found.after.gain > UNEXPLAINED_OVER_CHANCE * found.after.threshold else 0.0
     doubtful = unexplained > UNEXPLAINED_SHARE * (unexplained + explained)
     sets = tuple(dict.fromkeys(rival.effects for rival in choice.rivals if rival.effects))
     if unexplained > 0.0 and (doubtful or not model.effects):

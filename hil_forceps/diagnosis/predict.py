@@ -25,6 +25,7 @@ SUBSTEPS = 4  # of 250 µs in a row of 1 ms; more for longer rows
 LONGEST_SUBSTEP_S = 2.6e-4
 SLOWEST_SHAKE_HZ = 60.0  # below, what is left is misfit rather than rounding
 SHAKE_PASSES = 5
+ROWS_FOR_INTEGRAL = 40
 ROWS_FOR_SPEED = 12  # at the beginning of a run
 
 
@@ -44,7 +45,8 @@ class ClosedLoop:
     def raw(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float = 0.0) -> Channels:
         """Simulate a run: recorded channels and what is inside."""
         record, start = self.records[run], self.starts[run]
-        drive = start.drive._replace(integral_rad_s=start.drive.integral_rad_s + nuisance.integral_rad_s)
+        integral = start.drive.integral_rad_s + nuisance.integral_rad_s + _sensor_share(theta, start, self.law)
+        drive = start.drive._replace(integral_rad_s=integral)
         plant = _settled(theta, start, record)
         rows = record.time_s.size
         tau_w = record.tau_w_N_m if record.tau_w_N_m is not None else np.zeros(rows)
@@ -134,16 +136,42 @@ def _start(record: Record, theta: Vector, law: Vector) -> Start:
     load = float(record.tau_w_N_m[0]) if record.tau_w_N_m is not None else 0.0
     at_rest = closed_loop.rest(theta, float(angle[0]), load / theta[parameters.index("forceps.jaw_pulley_radius_m")])
     current = record.channels["current_A"]
-    error = float(record.reference_rad[0] - angle[0])
-    ki, period = float(law[drive_law.KI]), float(law[drive_law.SAMPLE_TIME])
-    first = float(np.median(current[1:4])) - law[drive_law.KP] * error + law[drive_law.KD] * speed
-    integral = float(first) / ki - error * period if ki > 0.0 else 0.0
+    period = float(law[drive_law.SAMPLE_TIME])
+    integral = _integral(record, law, speed)
     ratio = (
         theta[parameters.index("forceps.motor_pulley_radius_m")]
         / theta[parameters.index("forceps.jaw_pulley_radius_m")]
     )
     plant = at_rest.plant._replace(omega_m_rad_per_s=speed, omega_j_rad_per_s=speed * float(ratio))
-    return Start(plant, DriveState(integral, float(angle[0]) - speed * period, speed, float(current[0])))
+    held = float(np.mean(current[: min(ROWS_FOR_SPEED, current.size)]))
+    plant = plant._replace(current_A=held)
+    return Start(plant, DriveState(integral, float(angle[0]) - speed * period, speed, held))
+
+
+def _integral(record: Record, law: Vector, speed: float) -> float:
+    """Return the drive's integral before the first row: what the measured current asks for, over the first rows."""
+    ki = float(law[drive_law.KI])
+    if ki <= 0.0:
+        return 0.0
+    rows = min(ROWS_FOR_INTEGRAL, record.time_s.size - 1)
+    angle, reference = record.channels["theta_m_rad"][:rows], record.reference_rad[:rows]
+    idle = DriveState(0.0, float(angle[0]) - speed * record.period_s, speed, 0.0)
+    without = drive_law.law_current(law, reference, angle, idle)
+    missing = record.channels["current_A"][1 : rows + 1] - without
+    limit = float(law[drive_law.LIMIT])
+    free = np.abs(without) < limit
+    wanted = float(np.mean(missing[free])) if free.any() else 0.0
+    return max(-limit, min(limit, wanted)) / ki
+
+
+def _sensor_share(theta: Vector, start: Start, law: Vector) -> float:
+    """Return what to add to the integral where the current that it was taken from is read by a wrong sensor."""
+    ki = float(law[drive_law.KI])
+    offset = float(theta[parameters.index("effects.current_offset.offset_A")])
+    gain = 1.0 + float(theta[parameters.index("effects.current_gain.relative_error")])
+    if ki <= 0.0:
+        return 0.0
+    return (start.plant.current_A - offset) / gain / ki - start.plant.current_A / ki
 
 
 def _quantum(angle: Vector) -> float:

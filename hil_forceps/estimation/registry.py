@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.estimation import improved, kalman, kalman_model, previous, single
-from hil_forceps.estimation.corrections import corrected
+from hil_forceps.estimation.corrections import IGNORED, corrected
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Compiled, Estimate, Estimator, Sample, State
 from hil_forceps.rig.schema import ALGORITHM_IDS, Rig
 
@@ -45,6 +45,14 @@ def make_estimator(estimator_id: str, rig: Rig, sample_time_s: float, *, over_wi
         raise ValueError(f"sample_time_s must be positive, got {sample_time_s!r}")
     made = _make(estimator_id, rig, sample_time_s, over_wire)
     return corrected(made, rig, sample_time_s) if estimator_id in CORRECTED_IDS else made
+
+
+def effects_passed_over(estimator_id: str, rig: Rig) -> tuple[str, ...]:
+    """Return the effects of a rig that an estimator works without: what a user should be told."""
+    if estimator_id not in CORRECTED_IDS:
+        return tuple(rig.effects)
+    modelled = {"wire_damping"} if estimator_id == "kalman" else set()
+    return tuple(name for name in rig.effects if name in IGNORED - modelled)
 
 
 def _make(estimator_id: str, rig: Rig, sample_time_s: float, over_wire: bool) -> Estimator:

@@ -9,6 +9,8 @@ from scipy.signal import savgol_filter
 from hil_forceps.model.parameters import Vector
 
 _ORDER = 3
+# y where ∫ (9/8 − 15/8 t²) cos(y t) dt over −1 … 1 is √½: the weights of a cubic's fit at the middle of its window.
+_HALF_POWER = 3.34311
 
 
 class Smooth(NamedTuple):
@@ -20,13 +22,8 @@ class Smooth(NamedTuple):
 
 
 def half_window(row_s: float, bandwidth_Hz: float) -> int:
-    """Return how many rows on each side a cubic takes in, so that it is 3 dB down at `bandwidth_Hz`.
-
-    R. W. Schafer, What is a Savitzky-Golay filter?, IEEE Signal Processing Magazine 28(4), 2011, equation (12).
-    """
-    # At the middle of the window a cubic is no more than the parabola.
-    order = _ORDER - 1
-    return max(2, round(((order + 1) / (2.0 * bandwidth_Hz * row_s) + 4.6) / 3.2))
+    """Return how many rows on each side a cubic takes in, so that it is 3 dB down at `bandwidth_Hz`."""
+    return max(2, round((_HALF_POWER / (math.pi * bandwidth_Hz * row_s) - 1.0) / 2.0))
 
 
 def smooth(angle_rad: Vector, row_s: float, bandwidth_Hz: float) -> Smooth:

@@ -1,5 +1,6 @@
 """Estimators that know of an effect are nearer to the truth than those that don't, on runs with the effect in them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.estimation import batch
 from hil_forceps.estimation.interface import Sample
-from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
+from hil_forceps.estimation.registry import ESTIMATOR_IDS, effects_passed_over, make_estimator
 from hil_forceps.model import closed_loop, parameters
 from hil_forceps.model.closed_loop import Channels, Inputs
 from hil_forceps.rig import load_rig
@@ -100,10 +101,25 @@ def test_compensation_is_told_better_by_who_knows_the_effect(name: str, effect_i
     assert knows < 0.75 * does_not, (knows, does_not)
 
 
+@pytest.mark.parametrize("name", ["improved", "kalman"])
+def test_record_is_bit_for_bit_the_stepped_samples(name: str) -> None:
+    effects = {entry.id: {item.name: item.typical for item in entry.parameters} for entry in EFFECTS}
+    rig = RIG.with_changes({"effects": effects})
+    c = measured(rig)
+    estimator = make_estimator(name, rig, 1e-3, over_wire=False)
+    assert estimator.record is not None
+    times = np.rint(TIME_S * 1e9).astype(np.int64)
+    times[[700, 1500]] = times[[699, 1400]]  # stamps that aren't later
+    torque = rig.plant().torque_constant_N_m_per_A * c.current_A
+    at_once = batch.run(estimator, times, c.theta_m_rad, torque)
+    stepped = batch.run(replace(estimator, record=None), times, c.theta_m_rad, torque)
+    assert all(np.array_equal(a, b) for a, b in zip(at_once, stepped, strict=True))
+
+
 @pytest.mark.parametrize("name", ESTIMATOR_IDS)
 def test_without_effects_not_a_bit_changes(name: str) -> None:
     c = measured(RIG)
-    timing = RIG.with_changes({"effects": {"electrical_lag": {"time_constant_s": 1e-4}}})
+    timing = RIG.with_changes({"effects": {"amplifier_deadband": {"half_width_A": 1e-3}}})
     off = RIG.with_changes({"effects": {"jaw_gravity": {}}})
     plain = estimates(name, RIG, c)
     assert make_estimator(name, RIG, 1e-3).compiled is not None
@@ -126,3 +142,10 @@ def test_a_stamp_that_is_not_later_changes_nothing_and_all_effects_at_once_stay_
     estimator = make_estimator(name, rig, 1e-3)
     state = estimator.step(estimator.start(Sample(0, 0.8, 0.0)), Sample(1_000_000, 0.81, 1e-3))
     assert np.array_equal(estimator.step(state, Sample(1_000_000, 0.9, 0.0)), state)
+
+
+def test_what_an_estimator_passes_over_can_be_told() -> None:
+    rig = RIG.with_changes({"effects": {"jaw_gravity": {}, "amplifier_deadband": {}, "wire_damping": {}}})
+    assert effects_passed_over("kalman", rig) == ("amplifier_deadband",)
+    assert effects_passed_over("improved", rig) == ("amplifier_deadband", "wire_damping")
+    assert effects_passed_over("previous", rig) == ("jaw_gravity", "amplifier_deadband", "wire_damping")

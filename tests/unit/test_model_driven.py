@@ -97,7 +97,7 @@ def test_smoothing_is_3_dB_down_at_its_bandwidth() -> None:
     for bandwidth_Hz in (10.0, 30.0, 80.0):
         wave = np.sin(2.0 * np.pi * bandwidth_Hz * t)
         gain = np.abs(smooth(wave, 1e-3, bandwidth_Hz).angle_rad[500:-500]).max()
-        assert gain == pytest.approx(np.sqrt(0.5), abs=0.09)
+        assert gain == pytest.approx(np.sqrt(0.5), abs=0.05)
 
 
 def test_neither_load_nor_jaw_is_a_wrong_call() -> None:

@@ -37,9 +37,8 @@ CASES = {entry.id: {p.name: p.typical for p in entry.parameters} for entry in EF
     "channel_skew": {"theta_m_s": 2.0e-3, "current_s": 3.0e-3, "theta_j_s": -1.0e-3},
 }
 # Shares at the finer steps. Friction that falls with speed makes stops and starts unstable: any difference grows.
-# Creep hardly moves the motor, so that a millionth of the current is a good part of what it does there.
-WORST = {"stribeck_friction": 5.0e-2, "wire_creep": 3.0e-2}
-USUAL = 2.0e-3
+WORST = {"stribeck_friction": 5.0e-3}
+USUAL = 5.0e-4
 
 
 class Difference(NamedTuple):

@@ -11,13 +11,12 @@ from hil_forceps.rig.catalogue import EFFECT_IDS, EFFECTS, effect
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.plant import PlantParameters
 from virtual_bus.effects import EffectNumbers, effect_numbers
+from virtual_bus.effects_command import empty_queue, push_command
 from virtual_bus.effects_motion import (
     STATE,
     advance_with_effects,
     between,
     check_step,
-    empty_queue,
-    push_command,
     rest_with_effects,
 )
 from virtual_bus.effects_plant import Environment, Inputs, Memory, Motion, elongation_of, motion_rate
