@@ -4,11 +4,13 @@ Before: the rig with its known parameters refitted; after: the same with the eff
 measured judge the estimates and nothing more.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.heldout import blocks, gain_of
@@ -20,8 +22,9 @@ from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
 
-ALGORITHM = "kalman"  # of the published gains
-SHORT = {"theta_m_rad": "theta_m_s", "current_A": "current_s", "theta_j_rad": "theta_j_s", "tau_w_N_m": "tau_w_s"}
+ALGORITHM = "kalman"  # of the gains that a diagnosis tells
+GAINS = {"tau_w_N_m": "tau_w_estimate_N_m", "theta_j_rad": "theta_j_estimate_rad"}
+SKEWS = {"theta_m_rad": "theta_m_s", "current_A": "current_s", "theta_j_rad": "theta_j_s", "tau_w_N_m": "tau_w_s"}
 
 
 class Estimates(NamedTuple):
@@ -34,36 +37,42 @@ class Estimates(NamedTuple):
 def estimate(record: Record, rig: Rig, algorithm: str = ALGORITHM) -> Estimates:
     """Return the estimates at each row of a run (n); causal.
 
-    Where the rig says that a channel is stamped late, the others wait for it. θ̂_j = (r_m θ_m − x̂)/r_j (10), with what
-    the effects of the rig do to it in x̂. UserError when the rig doesn't know a value; ValueError for an unknown
-    algorithm.
+    θ̂_j = (r_m θ_m − x̂)/r_j (10), with what the effects of the rig do to it in x̂. Where the rig says that channels are
+    stamped late against each other, the early ones wait, as do the estimates for a late sensor that they are compared
+    with; an angle that comes late goes on at its speed. UserError when the rig doesn't know a value; ValueError for an
+    unknown algorithm.
     """
-    skew = _skew(rig)
-    plant = rig.plant()
-    behind_s = max(skew["theta_m_rad"], skew["current_A"])
-    angle = _waiting(record, record.channels["theta_m_rad"], behind_s - skew["theta_m_rad"])
+    plant, late_s = rig.plant(), _lateness(rig)
+    # What is stamped late can't be hurried; what is stamped early would be of the future.
+    angle = _waiting(record, record.channels["theta_m_rad"], -late_s["theta_m_rad"])
     if "tau_m_N_m" in record.channels:
         torque = record.channels["tau_m_N_m"]
     else:
         torque = plant.torque_constant_N_m_per_A * record.channels["current_A"]
-    torque = _waiting(record, torque, behind_s - skew["current_A"], linear=True)
+    torque = _waiting(record, torque, -late_s["current_A"], linear=True)
     estimator = make_estimator(algorithm, rig, record.period_s, over_wire=False)
     time_ns = np.rint(record.time_s * 1e9).astype(np.int64)
     tau_w, elongation = batch.run(estimator, time_ns, angle, torque)
-    theta_j = (plant.motor_pulley_radius_m * angle - elongation) / plant.jaw_pulley_radius_m
-    return Estimates(
-        _waiting(record, tau_w, skew["tau_w_N_m"] - behind_s), _waiting(record, theta_j, skew["theta_j_rad"] - behind_s)
-    )
+    now = angle + max(0.0, late_s["theta_m_rad"]) * _speed(angle, record.period_s, rig.estimators.rfob_cutoff_Hz)
+    theta_j = (plant.motor_pulley_radius_m * now - elongation) / plant.jaw_pulley_radius_m
+    return Estimates(_waiting(record, tau_w, late_s["tau_w_N_m"]), _waiting(record, theta_j, late_s["theta_j_rad"]))
 
 
-def _skew(rig: Rig) -> dict[str, float]:
+def _lateness(rig: Rig) -> dict[str, float]:
     told = rig.effects.get("channel_skew", {})
-    return {channel: told.get(name, 0.0) for channel, name in SHORT.items()}
+    return {channel: told.get(name, 0.0) for channel, name in SKEWS.items()}
 
 
 def _waiting(record: Record, values: Vector, wait_s: float, *, linear: bool = False) -> Vector:
-    """Return values as they were a while ago; what would have to be foretold stays as it is."""
+    """Return values as they were a while ago; for less than no time they stay."""
     return late(values, max(0.0, wait_s) / record.period_s, linear=linear)
+
+
+def _speed(angle: Vector, period_s: float, corner_Hz: float) -> Vector:
+    """Return the backward difference through a low-pass of first order."""
+    kept = float(np.exp(-2.0 * np.pi * corner_Hz * period_s))
+    difference = np.diff(angle, prepend=angle[0]) / period_s
+    return np.asarray(lfilter([1.0 - kept], [1.0, -kept], difference), dtype=np.float64)
 
 
 def measured(record: Record) -> dict[str, Vector]:
@@ -86,8 +95,7 @@ def compared(before: Estimates, after: Estimates) -> dict[str, Vector]:
 
 def estimate_gains(
     records: Sequence[Record],
-    before: Rig,
-    after: Rig,
+    rigs: tuple[Rig, Rig],
     simulated: Sequence[Mapping[str, Vector]],
     noise_sd: Mapping[str, float],
     seed: int,
@@ -95,26 +103,25 @@ def estimate_gains(
 ) -> tuple[list[dict[str, Vector]], dict[str, Gain]]:
     """Return the estimates of each run before and after, and what was gained where the truth was measured.
 
-    `simulated`: the channels of each run as the model after has them. The floor is the error that the same estimator
-    leaves there, where its rig is the truth, and the noise (`noise_sd`) of the sensor that it is compared with.
+    `rigs`: with its parameters refitted, and the same with effects. `simulated`: the channels of each run as the latter
+    has them. The floor is the error that the same estimator leaves there, where its rig is the truth, with the noise
+    (`noise_sd`) of the sensor that it is compared with. An unknown zero of that sensor is in both errors.
     """
     rng = np.random.default_rng(seed)
-    pairs = [(estimate(record, before, algorithm), estimate(record, after, algorithm)) for record in records]
-    shown = [compared(*pair) for pair in pairs]
+    pairs = [(estimate(record, rigs[0], algorithm), estimate(record, rigs[1], algorithm)) for record in records]
+    played = [r._replace(channels={**r.channels, **own}) for r, own in zip(records, simulated, strict=True)]
+    ideal = [estimate(record, rigs[1], algorithm) for record in played]
     gains = {}
-    for name in ("tau_w_N_m", "theta_j_rad"):
-        first, second, ideal = [], [], []
-        for record, pair, channels in zip(records, pairs, simulated, strict=True):
+    for name, key in GAINS.items():
+        first, second, least = [], [], []
+        for k, record in enumerate(records):
             if name in measured(record):
                 truth = measured(record)[name]
-                first += blocks(record, truth - getattr(pair[0], name))
-                second += blocks(record, truth - getattr(pair[1], name))
-                play = record._replace(channels={**record.channels, **channels})
-                ideal += blocks(record, measured(play)[name] - getattr(estimate(play, after, algorithm), name))
+                first += blocks(record, truth - getattr(pairs[k][0], name))
+                second += blocks(record, truth - getattr(pairs[k][1], name))
+                least += blocks(record, measured(played[k])[name] - getattr(ideal[k], name))
         if first:
-            squares, counts = np.array(ideal).sum(axis=0)
-            sd = noise_sd.get(name, 0.0)
-            floor = float(np.sqrt(squares / max(counts, 1.0) + sd * sd))
-            stem, unit = (name.removesuffix("_N_m"), "N_m") if name.endswith("_N_m") else ("theta_j", "rad")
-            gains[f"{stem}_estimate_{unit}"] = gain_of(np.array(first), np.array(second), floor, rng)
-    return shown, gains
+            squares, count = np.sum(least, axis=0)
+            floor = math.hypot(math.sqrt(squares / max(count, 1.0)), noise_sd.get(name, 0.0))
+            gains[key] = gain_of(np.array(first), np.array(second), floor, rng)
+    return [compared(*pair) for pair in pairs], gains

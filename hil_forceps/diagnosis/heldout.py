@@ -1,6 +1,6 @@
 """Models on runs: what each says beside what was measured, and what extending gained on runs that were never used."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -113,7 +113,12 @@ def floors_of(noise: Noise, channels: Sequence[str], counts: Vector) -> dict[str
 
 
 def evidence(
-    records: Sequence[Record], held_out: bool, nominal: Played, before: Played, after: Played
+    records: Sequence[Record],
+    held_out: bool,
+    nominal: Played,
+    before: Played,
+    after: Played,
+    estimated: Sequence[Mapping[str, Vector]],
 ) -> list[RunEvidence]:
     """Return the runs for the figures."""
     return [
@@ -126,7 +131,7 @@ def evidence(
             after.channels[k],
             nominal.channels[k],
             variables_of(after.courses[k]),
-            {},
+            estimated[k],
         )
         for k, record in enumerate(records)
     ]

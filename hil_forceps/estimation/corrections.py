@@ -76,7 +76,7 @@ class Tuning(NamedTuple):
     """How the corrections see."""
 
     corner_rad_per_s: float  # of the low-pass of the speed
-    # One count within the low-pass's time: slower than that can't be told from standing still.
+    # A quarter of a count within the low-pass's time: slower than that can't be told from standing still.
     still: float
     hold_s: float  # of a current, where every one is seen; else 0
 
@@ -240,7 +240,7 @@ def _tuning(rig: Rig, sample_time_s: float) -> Tuning:
     quantum = 1e-6 if counts is None else 2.0 * np.pi / counts
     hold_s = sample_time_s if rig.drive is None else rig.drive.sample_time_s
     seen = abs(hold_s - sample_time_s) < _SAME_HOLD * sample_time_s
-    return Tuning(corner, quantum * min(corner, 1.0 / sample_time_s), hold_s if seen else 0.0)
+    return Tuning(corner, 0.25 * quantum * min(corner, 1.0 / sample_time_s), hold_s if seen else 0.0)
 
 
 def corrected(estimator: Estimator, rig: Rig, sample_time_s: float) -> Estimator:

@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.estimates import estimate, measured
 from hil_forceps.diagnosis.experiment import Record, prepare
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS, effect
-from tests.hidden_effects.generator import HELD_OUT_SCENARIOS, RIG, make_case
+from tests.hidden_effects.generator import HELD_OUT_SCENARIOS, make_case
 from tests.hidden_effects.generator_sizes import Effects, scaled
 
 PAGE = Path(__file__).parents[2] / "docs" / "estimators.md"
