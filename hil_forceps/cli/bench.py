@@ -178,7 +178,8 @@ def _print_table(records: Sequence[RunRecord]) -> None:
             f"{record.timing['real_time_factor']:.1f}",
         )
     console = Console()
-    Console(width=None if console.is_terminal else MINIMUM_WIDTH).print(table)
+    width = MINIMUM_WIDTH if told == [""] else MINIMUM_WIDTH + len("estimator's rig") + 5
+    Console(width=None if console.is_terminal else width).print(table)
     not_finite = sorted({record.spec.algorithm for record in records if not record.metrics.finite})
     for algorithm in not_finite:
         sys.stdout.write(f"{algorithm}: – where the estimate did not stay finite; see docs/estimators.md\n")

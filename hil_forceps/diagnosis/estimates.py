@@ -49,7 +49,7 @@ def estimate(record: Record, rig: Rig, algorithm: str = ALGORITHM) -> Estimates:
         torque = record.channels["tau_m_N_m"]
     else:
         torque = plant.torque_constant_N_m_per_A * record.channels["current_A"]
-    torque = _waiting(record, torque, -late_s["current_A"], linear=True)
+    torque = _waiting(record, torque, -late_s["current_A"])
     estimator = make_estimator(algorithm, rig, record.period_s, over_wire=False)
     time_ns = np.rint(record.time_s * 1e9).astype(np.int64)
     tau_w, elongation = batch.run(estimator, time_ns, angle, torque)
@@ -63,9 +63,9 @@ def _lateness(rig: Rig) -> dict[str, float]:
     return {channel: told.get(name, 0.0) for channel, name in SKEWS.items()}
 
 
-def _waiting(record: Record, values: Vector, wait_s: float, *, linear: bool = False) -> Vector:
-    """Return values as they were a while ago; for less than no time they stay."""
-    return late(values, max(0.0, wait_s) / record.period_s, linear=linear)
+def _waiting(record: Record, values: Vector, wait_s: float) -> Vector:
+    """Return values as they were a while ago; for less than no time they stay. A cubic would need rows to come."""
+    return late(values, max(0.0, wait_s) / record.period_s, linear=True)
 
 
 def _speed(angle: Vector, period_s: float, corner_Hz: float) -> Vector:
