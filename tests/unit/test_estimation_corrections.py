@@ -62,6 +62,14 @@ def rig_of(effect_id: str, sizes: dict[str, float]) -> Rig:
     return RIG.with_changes({"effects": {effect_id: values}})
 
 
+# What shows in the wire when the load steps.
+STEP_SIZES: dict[str, dict[str, float]] = {
+    "wire_damping": {"damping_N_s_per_m": 8.0},
+    "electrical_lag": {"time_constant_s": 6e-4},
+    "actuation_delay": {"delay_s": 5e-4},
+}
+
+
 def measured(rig: Rig) -> Channels:
     theta = parameters.vector(rig)
     reference = 0.8 + 0.5 * np.sin(2.0 * np.pi * 1.0 * TIME_S)
@@ -99,6 +107,30 @@ def test_compensation_is_told_better_by_who_knows_the_effect(name: str, effect_i
     needed = rig.plant().motor_pulley_radius_m * c.theta_m_rad - rig.plant().jaw_pulley_radius_m * c.theta_j_rad
     knows, does_not = (rms(estimates(name, which, c)[1] - needed) for which in (rig, RIG))
     assert knows < 0.75 * does_not, (knows, does_not)
+
+
+@pytest.mark.parametrize("effect_id", STEP_SIZES)
+def test_filter_that_knows_the_effect_tells_the_wire_better_when_the_load_steps(effect_id: str) -> None:
+    rig = rig_of(effect_id, STEP_SIZES[effect_id])
+    theta = parameters.vector(rig)
+    load = 1e-3 * np.sign(np.sin(2.0 * np.pi * 3.3 * TIME_S))
+    edges = np.flatnonzero(np.diff(load)).astype(np.int64)
+    inputs = Inputs(TIME_S, 0.8 + 0.5 * np.sin(2.0 * np.pi * TIME_S), load, edges, np.full(edges.size, 0.5))
+    c = closed_loop.simulate(
+        theta, closed_loop.law_vector(DRIVE), 2.0 * np.pi / 1e6, inputs, closed_loop.rest(theta, 0.8), 8
+    )
+    needed = rig.plant().motor_pulley_radius_m * c.theta_m_rad - rig.plant().jaw_pulley_radius_m * c.theta_j_rad
+    knows, does_not = (rms(estimates("kalman", which, c)[1] - needed) for which in (rig, RIG))
+    assert knows < 0.6 * does_not, (knows, does_not)
+
+
+def test_a_lagging_or_late_current_is_not_corrected_where_holds_are_not_seen() -> None:
+    """A drive twice as fast as its samples: the current at the last sample says nothing of the last hold's begin."""
+    rig = rig_of("electrical_lag", STEP_SIZES["electrical_lag"]).with_changes({"drive.sample_time_s": 5e-4})
+    plain = RIG.with_changes({"drive.sample_time_s": 5e-4})
+    c = measured(RIG)
+    for one, two in zip(estimates("improved", rig, c), estimates("improved", plain, c), strict=True):
+        assert np.allclose(one, two, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["improved", "kalman"])
