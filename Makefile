@@ -4,7 +4,7 @@ OUT ?= out
 TARGET_JOBS ?= 2
 PY := $(VENV)/bin/python
 
-.PHONY: install bench test lint types layers unit system targets benchmark wheel clean
+.PHONY: install bench test lint types layers unit system targets hidden-effects benchmark wheel clean
 
 install:
 	@tools/install.sh $(VENV)
@@ -39,6 +39,11 @@ targets: install
 	-@tools/install_targets.sh
 	$(PY) -m pytest -n $(TARGET_JOBS) --dist loadfile tests/targets; status=$$?; \
 		$(PY) -m tools.target_table || status=1; exit $$status
+
+# Effects hidden in data and diagnosed, hours of it; goes on where it was stopped. Then the tables of docs/diagnosis.md.
+hidden-effects: install
+	$(PY) -m tests.hidden_effects.campaign --out $(OUT)/hidden-effects --jobs 2 --resume
+	$(PY) -m tests.hidden_effects.tally $(OUT)/hidden-effects --markdown docs/diagnosis.md --figures docs/figures
 
 # Figures of speed; apart from the tests because they mean nothing on a busy machine.
 benchmark: install

@@ -15,9 +15,10 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.schema import rig_from_data
 from hil_forceps.runs import csv_table
 from hil_forceps.runs.table import Run
-from tests.hidden_effects.generator_scenarios import SCENARIOS, Scenario, course_of
+from tests.hidden_effects.generator_scenarios import NO_ENVIRONMENT, SCENARIOS, Scenario, course_of
 from virtual_bus.drive import loop_of
 from virtual_bus.effects import effect_numbers
+from virtual_bus.load import LoadProfile
 from virtual_bus.logs import Log, simulated_log
 from virtual_bus.plant import truth_parameters
 
@@ -103,6 +104,25 @@ def simulate(
         course.environment,
     )
     return reference[lead : lead + rows : per_row], log
+
+
+def answer(rig: Rig, load: LoadProfile, rows: int, row_s: float) -> Log:
+    """Return what a load does to a drive that holds still at 0, without noise and without the encoder's counting."""
+    law = rig.require_drive()
+    per_row = round(row_s / law.sample_time_s)
+    pad = round(PAD_S / law.sample_time_s)
+    return simulated_log(
+        truth_parameters(rig.plant(), PLANT_STEP_S),
+        effect_numbers(rig.effects),
+        loop_of(rig),
+        0.0,
+        np.zeros(rows * per_row + 2 * pad),
+        load,
+        slice(pad, pad + rows * per_row, per_row),
+        0.0,
+        PLANT_STEP_S,
+        NO_ENVIRONMENT,
+    )
 
 
 def generate(rig: Rig, scenario: Scenario, seed: int, noise: NoiseKind = WHITE, name: str = "") -> Run:

@@ -1,0 +1,226 @@
+"""Counts of a campaign: the table of figures, misses by name, the confusion matrix.
+
+python -m tests.hidden_effects.tally out/hidden-effects --markdown docs/diagnosis.md --figures docs/figures
+"""
+
+import argparse
+import csv
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from scipy import stats
+
+from hil_forceps.rig.catalogue import EFFECT_IDS, effect
+from tests.hidden_effects.confusion import confusion, draw
+from tests.hidden_effects.tally_text import between_marks, table
+
+Record = dict[str, Any]
+
+CONFIDENCE = 0.95
+REQUIRED_SIZE = 20.0
+
+
+def interval(hits: int, count: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share (Clopper, Pearson, Biometrika 26, 1934)."""
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low = 0.0 if hits == 0 else float(stats.beta.ppf(tail, hits, count - hits + 1))
+    high = 1.0 if hits == count else float(stats.beta.isf(tail, hits + 1, count - hits))
+    return low, high
+
+
+def share(outcomes: Iterable[bool]) -> str:
+    """Return "17/18 = 94 % [73, 100]"; "none run" without any."""
+    told = list(outcomes)
+    if not told:
+        return "none run"
+    hits, count = sum(told), len(told)
+    low, high = interval(hits, count)
+    return f"{hits}/{count} = {100 * hits / count:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+
+
+def named_right(record: Record) -> bool:
+    """Whether the named effects are exactly the hidden ones."""
+    return record.get("verdict") == "effects" and sorted(record["named"]) == sorted(record["truth"])
+
+
+def in_set(record: Record) -> bool:
+    """Whether effects were named and the hidden ones are among the sets that the data can't tell apart."""
+    return record.get("verdict") == "effects" and sorted(record["truth"]) in [sorted(ids) for ids in record["sets"]]
+
+
+def false_alarm(record: Record) -> bool:
+    """Whether an effect was named, or something unnamed seen; a crash counts, too."""
+    return record.get("verdict") not in {"consistent", "parameters"}
+
+
+def ran(records: Iterable[Record], *kinds: str) -> list[Record]:
+    """Return the records of these kinds whose wanted size could be made."""
+    return [r for r in records if r["kind"] in kinds and "skipped" not in r]
+
+
+def covered(records: Iterable[Record]) -> list[bool]:
+    """Return for each parameter of each effect that was named rightly whether its interval holds the truth."""
+    outcomes = []
+    for record in records:
+        if not named_right(record):
+            continue
+        for effect_id, found in record["parameters"].items():
+            truth = record["hidden"][effect_id]
+            for parameter in effect(effect_id).parameters:
+                if parameter.name in found:
+                    _, low, high = found[parameter.name]
+                    true = truth.get(parameter.name, parameter.neutral)
+                    outcomes.append(low <= true <= high)
+    return outcomes
+
+
+def covered_baseline(records: Iterable[Record]) -> list[bool]:
+    """Return for each fitted known parameter of a case judged rightly whether its interval holds the truth."""
+    outcomes = []
+    for record in records:
+        right = named_right(record) if record["truth"] else not false_alarm(record)
+        if right:
+            outcomes += [low <= true <= high for _, low, high, true in record["baseline"].values()]
+    return outcomes
+
+
+def explained(records: Iterable[Record]) -> list[bool]:
+    """Return for each case with a gain whether the channel that gained most is explained to 95 %."""
+    outcomes = []
+    for record in records:
+        if named_right(record) and record.get("gain"):
+            value, *_ = max(record["gain"].values(), key=_room)
+            outcomes.append(value >= CONFIDENCE)
+    return outcomes
+
+
+def _room(gain: Sequence[float]) -> float:
+    """Return by how much a channel's squared error was above its floor, over the floor."""
+    _, _, _, before, _, floor = gain
+    return (before**2 - floor**2) / max(floor**2, 1e-30)
+
+
+def figures(records: Sequence[Record]) -> list[tuple[str, str, str]]:
+    """Return the rows of the main table: quantity, required, reached."""
+    single = ran(records, "effect")
+    large = [r for r in single if r["size"] >= REQUIRED_SIZE]
+    rows = [
+        ("named first, or the truth in the set, d ≥ 20", "≥ 95 %", share(named_right(r) or in_set(r) for r in large)),
+        ("named first alone, d ≥ 20", "", share(named_right(r) for r in large)),
+    ]
+    for size in sorted({r["size"] for r in single}):
+        here = [r for r in single if r["size"] == size]
+        rows.append((f"set holds the truth, d = {size:g}", "≥ 95 %", share(in_set(r) for r in here)))
+        sizes = [len(r["sets"]) for r in here if r.get("verdict") == "effects"]
+        mean = f"{sum(sizes) / len(sizes):.2f} of {len(sizes)}" if sizes else "none named"
+        rows.append((f"mean size of the set, d = {size:g}", "≤ 1.5", mean))
+    for kind, words in (("none", "no effect"), ("shift", "parameter shift only")):
+        for noise in ("white", "coloured"):
+            here = [r for r in ran(records, kind) if r["noise"] == noise]
+            rows.append((f"false alarms, {words}, {noise} noise", "≤ 2 %", share(map(false_alarm, here))))
+    none = ran(records, "none")
+    rows.append(("a shift told where there is none", "", share(r.get("verdict") == "parameters" for r in none)))
+    deleted = ran(records, "deleted")
+    rows.append(("deleted entry: `unnamed`", "≥ 80 %", share(r.get("verdict") == "unnamed" for r in deleted)))
+    rows.append(("deleted entry: its neighbour named", "", share(r.get("verdict") == "effects" for r in deleted)))
+    rows += [
+        (words, required, share(map(named_right, ran(records, kind))))
+        for kind, words, required in (
+            ("pair", "two at once, both named, nothing else", "≥ 85 %"),
+            ("triple", "three at once, all named, nothing else", ""),
+            ("no_jaw", "no jaw sensor: named first", ""),
+            ("other_controller", "another controller: named first", ""),
+            ("fast_drive", "drive at 2 kHz: named first", ""),
+        )
+    ]
+    silent = ran(records, "uninformative")
+    rows.append(
+        ("uninformative runs: `undetermined`", "all", share(r.get("verdict") == "undetermined" for r in silent))
+    )
+    rows.append(("explained ≥ 95 % on held-out runs of another kind", "", share(explained(records))))
+    rows.append(("effect's parameter within its 95 % interval", "90–99 %", share(covered(records))))
+    rows.append(("known parameter within its 95 % interval", "90–99 %", share(covered_baseline(records))))
+    rows.append(("crashes", "0", share("error" in r for r in records)))
+    times = sorted(r["wall_s"] for r in records if r.get("verdict") not in {None, "undetermined"})
+    if times:
+        middle, most = times[len(times) // 2], times[-1]
+        rows.append(("time, six runs of 12 s at 1 kHz, one thread", "≤ 20 s", f"median {middle} s, longest {most} s"))
+    return rows
+
+
+def misses(records: Sequence[Record]) -> list[tuple[str, str, str]]:
+    """Return every effect with its counts: by size the share named or in the set, and what was said instead."""
+    rows = []
+    for effect_id in EFFECT_IDS:
+        here = [r for r in ran(records, "effect") if r["truth"] == [effect_id]]
+        skipped = sum(r["kind"] == "effect" and r["truth"] == [effect_id] and "skipped" in r for r in records)
+        by_size = []
+        for size in sorted({r["size"] for r in here}):
+            told = [named_right(r) or in_set(r) for r in here if r["size"] == size]
+            by_size.append(f"d{size:g}: {sum(told)}/{len(told)}")
+        if skipped:
+            by_size.append(f"out of reach: {skipped}")
+        wrong = sorted(outcome(r) for r in here if not (named_right(r) or in_set(r)))
+        said = ", ".join(f"{name} ×{wrong.count(name)}" for name in dict.fromkeys(wrong))
+        rows.append((f"`{effect_id}`", ", ".join(by_size) or "none run", said))
+    return rows
+
+
+def outcome(record: Record) -> str:
+    """Return what was said in a word: the names, or the verdict, or that it crashed."""
+    if "error" in record:
+        return "crash"
+    return " + ".join(record["named"]) if record["verdict"] == "effects" else str(record["verdict"])
+
+
+def read(folder: Path) -> list[Record]:
+    """Return the records of a campaign."""
+    return [json.loads(line) for line in (folder / "results.jsonl").read_text().splitlines()]
+
+
+def markdown(records: Sequence[Record]) -> str:
+    """Return all tables."""
+    skipped = sum("skipped" in r for r in records)
+    head = (
+        f"{len(records) - skipped} cases; {skipped} more had a size out of reach of the catalogue's ranges. "
+        "Shares with 95 % intervals of Clopper and Pearson."
+    )
+    return "\n\n".join(
+        (
+            head,
+            table(("quantity", "required", "reached"), figures(records)),
+            "Single effects by name: named first or in the set, and what was said else.",
+            table(("hidden", "found", "missed as"), misses(records)),
+        )
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the tables, or write them into a document between its marks, with the confusion matrix."""
+    parser = argparse.ArgumentParser(prog="python -m tests.hidden_effects.tally", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--markdown", type=Path)
+    parser.add_argument("--figures", type=Path)
+    options = parser.parse_args(arguments)
+    records = read(options.folder)
+    text = markdown(records)
+    if options.markdown:
+        options.markdown.write_text(between_marks(options.markdown.read_text(), text))
+    else:
+        sys.stdout.write(text + "\n")
+    rows, columns, counts = confusion(ran(records, "effect", "none", "shift"))
+    with (options.folder / "confusion.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["hidden", *columns])
+        writer.writerows([name, *line] for name, line in zip(rows, counts.tolist(), strict=True))
+    if options.figures:
+        options.figures.mkdir(parents=True, exist_ok=True)
+        draw(rows, columns, counts, options.figures / "confusion.png")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

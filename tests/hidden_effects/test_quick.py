@@ -1,0 +1,44 @@
+"""A quick part of the campaign: a few hidden effects, and data in which none must be found; judged by count."""
+
+import pytest
+
+from tests.hidden_effects.cases import Spec
+from tests.hidden_effects.tally import Record, in_set, named_right
+from tests.hidden_effects.trial import run_case
+
+pytestmark = pytest.mark.slow
+EFFECTS = (("wire_slack", 50.0), ("cogging", 50.0), ("electrical_lag", 50.0), ("encoder_scale", 20.0))
+
+
+def ran(spec: Spec) -> Record:
+    record = run_case(spec)
+    assert "error" not in record
+    assert "skipped" not in record
+    return record
+
+
+def test_hidden_effects_are_found() -> None:
+    records = [ran(Spec(name, "effect", (name,), size, 7, "mixed")) for name, size in EFFECTS]
+    found = [record["id"] for record in records if named_right(record) or in_set(record)]
+    assert len(found) >= len(EFFECTS) - 1, [(r["id"], r["verdict"], r["named"]) for r in records]
+
+
+def test_no_effect_and_a_shift_alone_are_no_cause() -> None:
+    records = [
+        ran(Spec("none", "none", (), 0.0, 7, "mixed")),
+        ran(Spec("shift", "shift", (), 0.0, 7, "mixed", shifted=True)),
+    ]
+    assert [record["named"] for record in records] == [[], []]
+    assert [record["verdict"] in {"consistent", "parameters"} for record in records] == [True, True]
+
+
+def test_an_effect_that_no_entry_describes_is_not_called_by_another_s_name() -> None:
+    record = ran(Spec("deleted", "deleted", ("wire_slack",), 50.0, 7, "mixed", deleted=True))
+    assert record["verdict"] == "unnamed"
+    assert record["named"] == []
+
+
+def test_runs_that_say_nothing_are_undetermined() -> None:
+    record = ran(Spec("rest", "uninformative", ("wire_slack",), 20.0, 7, "rest"))
+    assert record["verdict"] == "undetermined"
+    assert record["reasons"]

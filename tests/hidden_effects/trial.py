@@ -1,0 +1,141 @@
+"""One case of the campaign: makes its runs, diagnoses them, and keeps what is needed to judge the outcome."""
+
+import time
+import traceback
+from typing import Any
+
+import numpy as np
+
+from hil_forceps.diagnosis.choice import Model
+from hil_forceps.diagnosis.conclude import silent
+from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
+from hil_forceps.diagnosis.heldout import floors_of, gains, play
+from hil_forceps.diagnosis.judge import TWO_SIDED_95, judge
+from hil_forceps.rig import Rig
+from tests.hidden_effects.cases import NOISES, REST, RIGS, SCENARIO_SETS, Spec, drawn_effect, drawn_shifts
+from tests.hidden_effects.generator import Case, make_case
+from tests.hidden_effects.generator_sizes import size_for
+
+Record = dict[str, Any]
+
+
+def hidden(spec: Spec) -> dict[str, dict[str, float]]:
+    """Return the effects of a case at their size; ValueError when the catalogue's ranges don't reach it."""
+    fitted = SCENARIO_SETS[spec.scenarios if spec.scenarios in SCENARIO_SETS else "mixed"][0]
+    drop = spec.drop if spec.kind == "no_jaw" else ()
+    effects: dict[str, dict[str, float]] = {}
+    for name in spec.effects:
+        drawn = {name: drawn_effect(name, spec.seed)}
+        effects |= size_for(spec.size, drawn, spec.seed, rig=RIGS[spec.rig], scenarios=fitted, drop=drop)
+    return effects
+
+
+def make(spec: Spec) -> Case:
+    """Make the runs of a case."""
+    return make_case(
+        hidden(spec),
+        spec.seed,
+        scenarios=SCENARIO_SETS.get(spec.scenarios, REST),
+        shifts=drawn_shifts(spec.seed) if spec.shifted else None,
+        drop=spec.drop,
+        noise=NOISES[spec.noise],
+        rig=RIGS[spec.rig],
+    )
+
+
+def options_of(spec: Spec, case: Case) -> Options:
+    """Return how a case is to be diagnosed."""
+    return Options(
+        without=frozenset(spec.effects) if spec.deleted else frozenset(),
+        hold_out=tuple(run.name for run in case.held_out),
+    )
+
+
+def run_case(spec: Spec, *, gain: bool = False) -> Record:
+    """Return what came out of a case, ready for JSON; `gain`: play held-out runs, too, where something was named.
+
+    A size out of reach is told as `skipped`, a crash as `error`; neither raises, so that a campaign goes on.
+    """
+    record: Record = {"id": spec.id, "kind": spec.kind, "truth": list(spec.effects), "size": spec.size}
+    record |= {"seed": spec.seed, "scenarios": spec.scenarios, "noise": spec.noise}
+    try:
+        case = make(spec)
+    except ValueError as problem:
+        return record | {"skipped": str(problem)}
+    record["hidden"] = {name: dict(values) for name, values in case.true.effects.items()}
+    began = time.perf_counter(), time.process_time()
+    try:
+        record |= _diagnosed(spec, case, gain=gain)
+    except Exception as problem:  # whatever goes wrong is a result of the campaign
+        where = traceback.extract_tb(problem.__traceback__)[-1]
+        record["error"] = f"{type(problem).__name__}: {problem} ({where.name}, line {where.lineno})"
+    record["wall_s"] = round(time.perf_counter() - began[0], 2)
+    record["cpu_s"] = round(time.process_time() - began[1], 2)
+    return record
+
+
+def _diagnosed(spec: Spec, case: Case, *, gain: bool) -> Record:
+    if reasons := silent(case.runs, case.assumed):
+        return {"verdict": "undetermined", "named": [], "sets": [], "reasons": list(reasons)}
+    options = options_of(spec, case)
+    found = investigate(case.runs, case.assumed, options)
+    verdict = judge(found)
+    record: Record = {
+        "verdict": verdict.verdict,
+        "named": [named.id for named in verdict.effects],
+        "sets": [list(ids) for ids in verdict.sets],
+        "confidence": {named.id: round(named.confidence, 4) for named in verdict.effects},
+        "parameters": {
+            named.id: {name: [e.value, e.low, e.high] for name, e in named.parameters.items()}
+            for named in verdict.effects
+        },
+        "shifts": sorted(verdict.shifts),
+        "varies_over": list(verdict.varies_over),
+        "left": [round(found.after.gain, 2), round(found.after.threshold, 2)],
+        "scores": _scores(found, spec.effects),
+        "baseline": _baseline(found.choice.model, case.true),
+    }
+    if gain and verdict.verdict == "effects":
+        record["gain"] = held_out_gain(found, case.assumed, options)
+    return record
+
+
+def _scores(found: Findings, truth: tuple[str, ...]) -> list[list[Any]]:
+    """Return the best candidates of the first step, and those that are the truth: id, gain, threshold, state."""
+    first = [c for c in found.choice.candidates if c.step == 0]
+    first.sort(key=lambda c: -c.score)
+    return [
+        [c.id, round(c.score, 1), round(c.threshold, 1), c.state] for n, c in enumerate(first) if n < 4 or c.id in truth
+    ]
+
+
+def _baseline(model: Model, true: Rig) -> dict[str, list[float]]:
+    """Return fitted known parameters: value, its 95 % interval, and the truth."""
+    items = model.problem.shared.items
+    values = model.problem.shared.values(model.fit.u[: len(items)])
+    sd = np.sqrt(np.maximum(np.diag(model.fit.covariance)[: len(items)], 0.0))
+    plant = true.plant()
+    found = {}
+    for item, value, deviation in zip(items, values, sd, strict=True):
+        if not item.name.startswith("effects."):
+            half = TWO_SIDED_95 * float(deviation) * item.scale
+            truth = float(getattr(plant, item.name.partition(".")[2]))
+            found[item.name] = [float(value), float(value) - half, float(value) + half, truth]
+    return found
+
+
+def held_out_gain(found: Findings, rig: Rig, options: Options) -> dict[str, list[float]]:
+    """Return the explained share on held-out runs with its interval, channel by channel."""
+    layout = found.choice.model.problem.layout
+    counts = np.bincount(layout.band_of, minlength=len(layout.band_channel)).astype(float)
+    floors = floors_of(found.choice.noise, layout.band_channel, counts)
+    quantum = 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
+    models = (found.baseline, found.choice.model)
+    before, after = (
+        play(found.held_out, rig, model.problem.theta(model.fit.u), quantum, options.mapper) for model in models
+    )
+    shares = gains(found.held_out, before, after, floors, options.seed)
+    return {
+        name: [g.explained_share, g.low, g.high, g.baseline_rmse, g.extended_rmse, g.floor_rmse]
+        for name, g in shares.items()
+    }

@@ -1,0 +1,110 @@
+"""Output-error fits on a toy simulator: parameters are recovered, bounds and priors kept, intervals honest."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.fit import fit, gram, hold
+from hil_forceps.diagnosis.problem import Nuisance, Outputs, Problem
+from hil_forceps.diagnosis.spectrum import Whitener, make_layout, transform, white_noise, whitening
+from hil_forceps.diagnosis.unknowns import Unknown, Unknowns
+
+ROWS, SD = 800, 0.05
+Vector = NDArray[np.float64]
+TIME: Vector = np.arange(ROWS, dtype=np.float64) * 1e-2
+TRUE = np.array([2.0, 1.3])
+
+
+def response(theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+    """Return a sine of unknown amplitude and frequency, in that order, and a zero."""
+    return [{"theta_j_rad": theta[0] * np.sin(theta[1] * TIME) + n.theta_j_zero_rad} for n in nuisances]
+
+
+def unknown(name: str, centre: float, scale: float, *, prior: bool, low: float = -math.inf) -> Unknown:
+    return Unknown(name, "", centre, scale, low, math.inf, prior, centre)
+
+
+def toy(items: tuple[Unknown, ...], seed: int, true: Vector = TRUE, zero: float = 0.0) -> tuple[Problem, Whitener]:
+    layout = make_layout([("theta_j_rad",)], [np.ones(ROWS)], [1e-2])
+    noise = SD * np.random.default_rng(seed).standard_normal(ROWS)
+    [clean] = response(true, [Nuisance(zero, 0.0, np.empty(0))])
+    measured = transform(layout, [{"theta_j_rad": clean["theta_j_rad"] + noise}])
+    record = Record("a", "closed_loop", 1e-2, TIME, TIME, {}, None, np.empty(0, np.intp), np.ones(ROWS), True)
+    names = ["amplitude", "frequency"]
+    problem = Problem((record,), layout, measured, response, true.copy(), names.index, Unknowns(items), 0.1, 0.1)
+    return problem, whitening(layout, white_noise(layout, np.full(len(layout.band_channel), SD**2)))
+
+
+BOTH = (unknown("amplitude", 1.5, 0.5, prior=True), unknown("frequency", 1.32, 0.1, prior=True))
+
+
+def test_parameters_are_recovered_within_their_intervals() -> None:
+    inside = 0
+    for seed in range(40):
+        problem, whitener = toy(BOTH, seed, zero=0.05)
+        found = fit(problem, np.zeros(problem.size), whitener)
+        values = problem.shared.values(found.u[:2])
+        sd = np.sqrt(np.diag(found.covariance)[:2]) * np.array([0.5, 0.1])
+        assert values == pytest.approx(TRUE, rel=0.02)
+        inside += int(np.sum(np.abs(values - TRUE) < 1.96 * sd))
+    assert 68 <= inside <= 80  # 76 of 80 expected
+
+
+def test_the_misfit_of_noise_alone_is_its_number_of_entries() -> None:
+    problem, whitener = toy(BOTH, 1)
+    found = fit(problem, np.zeros(problem.size), whitener)
+    assert found.chi2 == pytest.approx(ROWS, abs=6 * math.sqrt(2 * ROWS))
+
+
+def test_a_prior_pulls_and_a_tight_one_holds() -> None:
+    loose, whitener = toy(BOTH, 2)
+    tight, _ = toy((unknown("amplitude", 1.5, 1e-5, prior=True), BOTH[1]), 2)
+    free, held = (fit(p, np.zeros(p.size), whitener) for p in (loose, tight))
+    assert loose.shared.values(free.u[:2])[0] == pytest.approx(2.0, rel=0.02)
+    assert tight.shared.values(held.u[:2])[0] == pytest.approx(1.5, rel=0.02)
+    assert held.chi2 > free.chi2 + 1000
+
+
+def test_a_bound_is_kept_and_the_others_are_fitted_on_it() -> None:
+    bounded = (unknown("amplitude", 3.0, 0.5, prior=False, low=2.5), BOTH[1])
+    problem, whitener = toy(bounded, 3)
+    found = fit(problem, np.zeros(problem.size), whitener)
+    amplitude, frequency = problem.shared.values(found.u[:2])
+    assert amplitude == pytest.approx(2.5)
+    assert frequency == pytest.approx(1.3, rel=0.01)
+
+
+def test_held_sensitivities_lead_to_the_same_fit() -> None:
+    problem, whitener = toy(BOTH, 4)
+    first = problem.with_shared(Unknowns(BOTH[:1]))
+    begun = fit(first, np.zeros(first.size), whitener)
+    held = hold(begun.jacobian, 1, whitener)
+    start = np.concatenate((begun.u[:1], [0.0], begun.u[1:]))
+    cheap, full = fit(problem, start, whitener, held=held, steps=12), fit(problem, start, whitener)
+    assert cheap.chi2 == pytest.approx(full.chi2, abs=0.5)
+
+
+def test_a_direction_that_only_the_prior_knows_keeps_the_prior_s_deviation() -> None:
+    """Two parameters of which the data see the product: together they are as uncertain as before."""
+
+    def product(theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+        return [{"theta_j_rad": 1e4 * theta[0] * theta[1] * np.sin(TIME)} for _ in nuisances]
+
+    items = (unknown("amplitude", 1.0, 0.1, prior=True), unknown("frequency", 1.0, 0.1, prior=True))
+    problem, whitener = toy(items, 5, np.ones(2))
+    exact = transform(problem.layout, product(np.ones(2), [Nuisance(0.0, 0.0, np.empty(0))]))
+    problem = Problem(
+        problem.records, problem.layout, exact, product, np.ones(2), problem.index_of, problem.shared, 0.1, 0.1
+    )
+    found = fit(problem, np.zeros(problem.size), whitener)
+    sd = np.sqrt(np.diag(found.covariance)[:2])
+    assert sd == pytest.approx([math.sqrt(0.5)] * 2, rel=0.1)
+
+
+def test_gram_keeps_small_entries() -> None:
+    left = np.random.default_rng(6).standard_normal((200_000, 2)).astype(np.float32)
+    assert gram(left, left) == pytest.approx(left.astype(float).T @ left.astype(float), rel=1e-4, abs=1.0)
