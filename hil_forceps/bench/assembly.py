@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from firmware_protocol.messages import PROTOCOL_MAJOR, PROTOCOL_MINOR
 from hil_forceps import __version__
+from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
 from hil_forceps.control.gate import DEFAULT_MAX_GAP_S, Gate
 from hil_forceps.control.trajectories import Trajectory
@@ -27,6 +28,29 @@ class Settings(NamedTuple):
     sample_time_s: float  # nominal interval of the samples
     trajectory: Trajectory  # of the jaw angle
     same_clock: bool = False  # the drive's stamps are the host's own clock
+
+
+# What an estimator goes by; the rest of a rig is the bench's and the drive's.
+BELIEVED = ("forceps", "motor", "encoder", "noise", "estimators", "effects")
+
+
+class Rigs(NamedTuple):
+    """What is there, and what the estimator takes for it."""
+
+    plant: Rig
+    estimator: Rig
+
+
+def rigs_for(spec: RunSpec, rig: Rig, estimator_rig: Rig | None) -> Rigs:
+    """Return the rig for the plant, and where a run asks for it that with all that estimators go by from another one.
+
+    ValueError when the run asks for one and there is none.
+    """
+    if not spec.estimator_rig:
+        return Rigs(rig, rig)
+    if estimator_rig is None:
+        raise ValueError(f"{spec.name} wants a rig for its estimator")
+    return Rigs(rig, rig.model_copy(update={section: getattr(estimator_rig, section) for section in BELIEVED}))
 
 
 def gate_for(rig: Rig) -> Gate:

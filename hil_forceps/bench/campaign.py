@@ -30,23 +30,25 @@ def run_all(
     jobs: int,
     done: Done,
     stop_requested: Callable[[], bool] = never,
+    estimator_rig: Rig | None = None,
 ) -> list[Executed]:
     """Execute every spec and return them in the order of `specs`; `done` is called as each ends.
 
     The first run that raises ends the campaign with its exception; runs not yet begun are dropped. On
-    `stop_requested` the runs under way end early and clean, and what has ended is returned.
+    `stop_requested` the runs under way end early and clean, and what has ended is returned. `estimator_rig`: of the
+    specs that name one.
     """
     if jobs == 1 or len(specs) == 1:
         results = []
         for spec in specs:
             if not stop_requested():
-                results.append(execute(spec, rig, seed, out, stop_requested))
+                results.append(execute(spec, rig, seed, out, stop_requested, estimator_rig))
                 done(results[-1])
         return results
     with _worker_pool(min(jobs, len(specs))) as pool:
         # Long runs first, or the last one keeps a single processor busy while the others idle.
         order = sorted(specs, key=lambda spec: spec.sample_time_s)
-        futures = {pool.submit(_execute_in_worker, spec, rig, seed, out): spec for spec in order}
+        futures = {pool.submit(_execute_in_worker, spec, rig, seed, out, estimator_rig): spec for spec in order}
         by_spec = _collect(futures, done, stop_requested)
     return [by_spec[spec] for spec in specs if spec in by_spec]
 
@@ -86,5 +88,5 @@ def _listen_to_parent() -> None:
     signal.signal(signal.SIGTERM, lambda _number, _frame: _worker_stop.set())
 
 
-def _execute_in_worker(spec: RunSpec, rig: Rig, seed: int, out: Path) -> Executed:
-    return execute(spec, rig, seed, out, _worker_stop.is_set)
+def _execute_in_worker(spec: RunSpec, rig: Rig, seed: int, out: Path, estimator_rig: Rig | None) -> Executed:
+    return execute(spec, rig, seed, out, _worker_stop.is_set, estimator_rig)

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.bench.assembly import gate_for
+from hil_forceps.bench.assembly import Rigs, gate_for
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import judge
 from hil_forceps.bench.summary import RunRecord
@@ -47,12 +47,12 @@ class DirectRun(NamedTuple):
 
 
 def execute_direct(
-    spec: RunSpec, rig: Rig, seed: int, stop_requested: Callable[[], bool]
+    spec: RunSpec, rigs: Rigs, seed: int, stop_requested: Callable[[], bool]
 ) -> tuple[RunRecord, RunTraces]:
-    """Run `spec` at `rig`'s sample time without protocol and bus; UserError when no world is installed."""
-    world = _world_factory()(rig, spec.simulation, seed)
+    """Run `spec` at its sample time without protocol and bus; UserError when no world is installed."""
+    world = _world_factory()(rigs.plant, spec.simulation, seed)
     began = time.perf_counter()
-    run = run_direct(world, spec, rig, stop_requested)
+    run = run_direct(world, spec, rigs, stop_requested)
     wall_s = time.perf_counter() - began
     time_s, tau_w, tau_w_est, theta_j, theta_j_ref, x, x_est = run.rows.T
     of = (spec.algorithm, spec.compensated, spec.simulation, spec.sample_time_s)
@@ -70,11 +70,12 @@ def _world_factory() -> Callable[[Rig, int, int], World]:
     return factory
 
 
-def run_direct(world: World, spec: RunSpec, rig: Rig, stop_requested: Callable[[], bool]) -> DirectRun:
+def run_direct(world: World, spec: RunSpec, rigs: Rigs, stop_requested: Callable[[], bool]) -> DirectRun:
     """Step `world` through the run; ends early at the first reference that the gate denies, or on request."""
-    estimator = make_estimator(spec.algorithm, rig, spec.sample_time_s, over_wire=False)
-    plant, gate, trajectory = rig.plant(), gate_for(rig), PAPER_TRAJECTORY
-    r_m, r_j, torque_per_A = plant.motor_pulley_radius_m, plant.jaw_pulley_radius_m, plant.torque_constant_N_m_per_A
+    estimator = make_estimator(spec.algorithm, rigs.estimator, spec.sample_time_s, over_wire=False)
+    believed, gate, trajectory = rigs.estimator.plant(), gate_for(rigs.plant), PAPER_TRAJECTORY
+    r_m, r_j = rigs.plant.plant().motor_pulley_radius_m, rigs.plant.plant().jaw_pulley_radius_m
+    torque_per_A = believed.torque_constant_N_m_per_A
     samples = round(spec.duration_s / spec.sample_time_s) + 1  # both ends, as the service does
     rows = np.empty((samples, 7))
     state = gate_state = None
@@ -86,7 +87,7 @@ def run_direct(world: World, spec: RunSpec, rig: Rig, stop_requested: Callable[[
         t_s = now_ns * 1e-9
         theta_j_ref_rad = trajectory(t_s)
         rows[row] = (t_s, tau_w, tau_w_est, theta_j_rad, theta_j_ref_rad, r_m * theta_m_rad - r_j * theta_j_rad, x_est)
-        wanted_rad = motor_reference_rad(theta_j_ref_rad, x_est if spec.compensated else 0.0, plant)
+        wanted_rad = motor_reference_rad(theta_j_ref_rad, x_est if spec.compensated else 0.0, believed)
         gate_state = gate.open(theta_m_rad, now_ns) if gate_state is None else gate_state
         gate_state, passed_rad, verdict = gate.step(gate_state, wanted_rad, now_ns)
         if passed_rad is None:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil_forceps.bench.assembly import Settings
+from hil_forceps.bench.assembly import Settings, rigs_for
 from hil_forceps.bench.direct import execute_direct
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import judge
@@ -51,14 +51,21 @@ def never() -> bool:
     return False
 
 
-def execute(spec: RunSpec, rig: Rig, seed: int, out: Path, stop_requested: Callable[[], bool] = never) -> Executed:
-    """Run `spec` in virtual time. UserError when its files can't be written.
+def execute(
+    spec: RunSpec,
+    rig: Rig,
+    seed: int,
+    out: Path,
+    stop_requested: Callable[[], bool] = never,
+    estimator_rig: Rig | None = None,
+) -> Executed:
+    """Run `spec` in virtual time; `estimator_rig`: where it names one. UserError when its files can't be written.
 
     A run on the bus leaves `out`/NAME.mcap and `out`/NAME.log, one without nothing but what it returns.
     """
     rig = rig_for(spec, rig)
     if not spec.on_bus:
-        return Executed(*execute_direct(spec, rig, seed, stop_requested))
+        return Executed(*execute_direct(spec, rigs_for(spec, rig, estimator_rig), seed, stop_requested))
     link = LinkSpec(
         interface="virtual_forceps",
         channel=spec.name,
@@ -67,17 +74,23 @@ def execute(spec: RunSpec, rig: Rig, seed: int, out: Path, stop_requested: Calla
         data_bitrate_bit_per_s=rig.bench.data_bitrate_bit_per_s,
         options={"rig": rig, "simulation": spec.simulation, "seed": seed},
     )
-    return run_on(open_link(link), spec, rig, seed, out, stop_requested)
+    return run_on(open_link(link), spec, rig, seed, out, stop_requested, estimator_rig)
 
 
 def run_on(
-    connection: Connection, spec: RunSpec, rig: Rig, seed: int, out: Path, stop_requested: Callable[[], bool] = never
+    connection: Connection,
+    spec: RunSpec,
+    rig: Rig,
+    seed: int,
+    out: Path,
+    stop_requested: Callable[[], bool] = never,
+    estimator_rig: Rig | None = None,
 ) -> Executed:
     """Run the service on an open link, with recording and bus log, and judge what was recorded."""
     same_clock = connection.virtual_time and rig.bench.drive_clock_ppm == 0.0
     settings = Settings(spec.algorithm, spec.compensated, feedback_period_s(rig), PAPER_TRAJECTORY, same_clock)
     plan = Plan(
-        rig,
+        rigs_for(spec, rig, estimator_rig).estimator,
         settings,
         host_config(rig),
         service_config(rig, spec.duration_s),

@@ -7,6 +7,7 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
 PAPER_DURATION_S = 20.0
+ESTIMATOR_RIG = "estimator_rig"  # in the names of what runs with another rig in the estimator leave
 
 
 class RunSpec(NamedTuple):
@@ -18,20 +19,24 @@ class RunSpec(NamedTuple):
     sample_time_s: float
     on_bus: bool  # False: samples go to the estimator as they are taken, for rates that no CAN carries
     duration_s: float = PAPER_DURATION_S  # a shorter run is recorded all the same, and judged as not finished
+    estimator_rig: str = ""  # name of the rig that the estimator believes in; empty: that of the bench
 
     @property
     def name(self) -> str:
         """Return a file name for what this run leaves behind."""
         compensation = "compensated" if self.compensated else "uncompensated"
-        return f"sim{self.simulation}_{self.algorithm}_{compensation}_{self.sample_time_s:g}s"
+        believed = f"_{ESTIMATOR_RIG}" if self.estimator_rig else ""
+        return f"sim{self.simulation}_{self.algorithm}_{compensation}_{self.sample_time_s:g}s{believed}"
 
 
-def run_matrix(rig: Rig, simulation: int | None = None, algorithm: str | None = None) -> list[RunSpec]:
+def run_matrix(
+    rig: Rig, simulation: int | None = None, algorithm: str | None = None, estimator_rig: str = ""
+) -> list[RunSpec]:
     """List the runs of a bench file, those on the bus first.
 
     Every algorithm runs compensated and uncompensated on the bus; at the direct sample times only compensated, since
-    the uncompensated jaw error does not depend on the rate. UserError for a simulation or algorithm the file does
-    not have.
+    the uncompensated jaw error does not depend on the rate. With the name of an `estimator_rig` each run comes twice,
+    first with the bench's own rig in the estimator. UserError for a simulation or algorithm the file does not have.
     """
     bench = rig.bench
     simulations = _chosen("simulation", bench.simulations, simulation)
@@ -48,7 +53,10 @@ def run_matrix(rig: Rig, simulation: int | None = None, algorithm: str | None = 
         for s in simulations
         for a in algorithms
     ]
-    return on_bus + direct
+    specs = on_bus + direct
+    if not estimator_rig:
+        return specs
+    return [spec._replace(estimator_rig=name) for spec in specs for name in ("", estimator_rig)]
 
 
 def _chosen(what: str, available: Sequence[int | str], wanted: int | str | None) -> list[Any]:

@@ -28,6 +28,7 @@ class RealTime(NamedTuple):
 
     config: Path  # rig file, for the drive's process
     wire: Wire
+    estimator_rig: Rig | None = None  # of the specs that name one
 
 
 def run_realtime(
@@ -53,7 +54,8 @@ def run_realtime(
             asked = ["--rig", str(how.config), "--seed", str(seed), "--simulation", str(spec.simulation), *where]
             # It ends by itself too: were this process killed, it would run on alone.
             with drive_process([*asked, "--duration", str(spec.duration_s + SPARE_S)], told):
-                executed = run_on(open_link(link), spec, rig, seed, out, stop_requested)
+                link_end = open_link(link)
+                executed = run_on(link_end, spec, rig, seed, out, stop_requested, how.estimator_rig)
         if not told:
             raise UserError(f"{spec.name}: the drive's process ended before its time: {executed.record.ending}")
         executed.record.timing["accounting"] = account(executed.record.timing["counters"], told)

@@ -31,6 +31,7 @@ def summary(records: list[RunRecord], seed: int) -> dict[str, Any]:
 
 def _run(record: RunRecord) -> dict[str, Any]:
     spec = record.spec
+    believed = {"estimator_rig": spec.estimator_rig} if spec.estimator_rig else {}
     return {
         "simulation": spec.simulation,
         "algorithm": spec.algorithm,
@@ -41,6 +42,7 @@ def _run(record: RunRecord) -> dict[str, Any]:
         "frames_lost": record.frames_lost,
         "on_bus": spec.on_bus,
         "ending": record.ending,
+        **believed,
     }
 
 

@@ -42,6 +42,7 @@ def bench(
     realtime: bool = False,
     wire: Wire = "pty",
     duration: float | None = None,
+    estimator_rig: Path | None = None,
 ) -> int:
     """Run a bench file: every simulation and algorithm, compensated and not, over the bus in virtual time.
 
@@ -68,6 +69,9 @@ def bench(
         With --realtime: what the two processes talk over, pty or udp_multicast.
     duration
         With --realtime: seconds of each run, 20 or more.
+    estimator_rig
+        Rig file that the estimators go by in a second run of each, such as one without the effects that the plant
+        has; what happens is still as the bench file says.
     """
     rig = load_rig(config)
     rig.require_bench()
@@ -76,7 +80,8 @@ def bench(
     count = default_jobs() if jobs is None else jobs
     if count < 1:
         raise UserError(f"--jobs {count}: must be at least 1")
-    specs = run_matrix(rig, simulation, algorithm)
+    believed = None if estimator_rig is None else load_rig(estimator_rig)
+    specs = run_matrix(rig, simulation, algorithm, estimator_rig.name if estimator_rig is not None else "")
     if realtime:
         duration_s = _duration(duration)
         specs = [spec._replace(duration_s=duration_s) for spec in specs if spec.on_bus and spec.compensated]
@@ -89,8 +94,8 @@ def bench(
 
     def work(done: Done) -> list[Executed]:
         if realtime:
-            return run_realtime(specs, rig, seed, out, RealTime(config, wire), done, flag.is_set)
-        return run_all(specs, rig, seed, out, count, done, flag.is_set)
+            return run_realtime(specs, rig, seed, out, RealTime(config, wire, believed), done, flag.is_set)
+        return run_all(specs, rig, seed, out, count, done, flag.is_set, believed)
 
     with stopped_by_signals(flag):
         executed = _with_progress(specs, work)
@@ -139,9 +144,9 @@ def _write(executed: Sequence[Executed], seed: int, wall_s: float, out: Path) ->
     points = [
         SummaryPoint(r.spec.algorithm, r.spec.simulation, r.spec.sample_time_s, r.metrics.tau_w_rmse_N_m)
         for r in records
-        if r.spec.compensated
+        if r.spec.compensated and not r.spec.estimator_rig
     ]
-    write_bench_figures([e.traces for e in executed], points, out)
+    write_bench_figures([e.traces for e in executed if not e.record.spec.estimator_rig], points, out)
 
 
 def _print_table(records: Sequence[RunRecord]) -> None:
@@ -152,12 +157,16 @@ def _print_table(records: Sequence[RunRecord]) -> None:
         padding=(0, 1),
     )
     table.add_column("algorithm", no_wrap=True)
+    told = sorted({record.spec.estimator_rig for record in records})
+    if told != [""]:
+        table.add_column("estimator's rig", no_wrap=True)
     for name in ("sim", "comp.", "T\nms", "τ_w RMSE\nmN m", "peak\nmN m", "jaw\ndeg", "x RMSE\nµm", "lost", "×"):
         table.add_column(name, justify="right", no_wrap=True)
     for record in records:
         spec, metrics = record.spec, record.metrics
         table.add_row(
             spec.algorithm,
+            *([spec.estimator_rig or "the bench's"] if told != [""] else []),
             str(spec.simulation),
             "yes" if spec.compensated else "no",
             f"{spec.sample_time_s * 1e3:g}",
@@ -169,7 +178,8 @@ def _print_table(records: Sequence[RunRecord]) -> None:
             f"{record.timing['real_time_factor']:.1f}",
         )
     console = Console()
-    Console(width=None if console.is_terminal else MINIMUM_WIDTH).print(table)
+    width = MINIMUM_WIDTH if told == [""] else MINIMUM_WIDTH + len("estimator's rig") + 5
+    Console(width=None if console.is_terminal else width).print(table)
     not_finite = sorted({record.spec.algorithm for record in records if not record.metrics.finite})
     for algorithm in not_finite:
         sys.stdout.write(f"{algorithm}: – where the estimate did not stay finite; see docs/estimators.md\n")

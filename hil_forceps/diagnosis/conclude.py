@@ -7,6 +7,7 @@ import numpy as np
 
 from hil_forceps.diagnosis.audit import audit
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
+from hil_forceps.diagnosis.estimates import estimate_gains
 from hil_forceps.diagnosis.experiment import mode_of
 from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, play
 from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, trends
@@ -69,6 +70,9 @@ def _conclude(found: Findings, rig: Rig, options: Options) -> Conclusion:
     layout = model.problem.layout
     counts = np.bincount(layout.band_of, minlength=len(layout.band_channel)).astype(float)
     floors = floors_of(found.choice.noise, layout.band_channel, counts)
+    named = [effect.id for effect in verdict.effects]
+    extended = parameters.rig_with(rig, theta_after if verdict.verdict != "consistent" else theta_nominal, named)
+    refitted = parameters.rig_with(rig, theta_before, ())
     options.progress("playing the models beside the runs")
     gain = {}
     runs = []
@@ -78,11 +82,12 @@ def _conclude(found: Findings, rig: Rig, options: Options) -> Conclusion:
         played: list[Played] = [
             play(records, rig, theta, quantum, options.mapper) for theta in (theta_nominal, theta_before, theta_after)
         ]
-        runs += evidence(records, held, *played)
+        estimated, estimate_gain = estimate_gains(
+            records, (refitted, extended if named else refitted), played[2].channels, floors, options.seed
+        )
+        runs += evidence(records, held, played[0], played[1], played[2], estimated)
         if held:
-            gain = gains(records, played[1], played[2], floors, options.seed)
-    named = [effect.id for effect in verdict.effects]
-    extended = parameters.rig_with(rig, theta_after if verdict.verdict != "consistent" else theta_nominal, named)
+            gain = gains(records, played[1], played[2], floors, options.seed) | estimate_gain
     diagnosis = Diagnosis(
         verdict.verdict,
         verdict.sentence,

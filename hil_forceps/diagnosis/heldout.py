@@ -1,6 +1,6 @@
 """Models on runs: what each says beside what was measured, and what extending gained on runs that were never used."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -63,20 +63,23 @@ def gains(
         first, second = [], []
         for k, record in enumerate(records):
             if name in record.channels:
-                first += _blocks(record, record.channels[name] - before.channels[k][name])
-                second += _blocks(record, record.channels[name] - after.channels[k][name])
-        found[name] = _gain(np.array(first), np.array(second), floors.get(name, 0.0), rng)
+                first += blocks(record, record.channels[name] - before.channels[k][name])
+                second += blocks(record, record.channels[name] - after.channels[k][name])
+        found[name] = gain_of(np.array(first), np.array(second), floors.get(name, 0.0), rng)
     return found
 
 
-def _blocks(record: Record, residual: Vector) -> list[tuple[float, float]]:
+def blocks(record: Record, residual: Vector) -> list[tuple[float, float]]:
+    """Return sum of squares and count of the rows that count, block by block, for `gain_of`."""
     rows = max(1, round(BLOCK_S / record.period_s))
     squares = residual**2 * record.weights
     starts = np.arange(0, residual.size, rows)
     return list(zip(np.add.reduceat(squares, starts), np.add.reduceat(record.weights, starts), strict=True))
 
 
-def _gain(first: Vector, second: Vector, floor: float, rng: np.random.Generator) -> Gain:
+def gain_of(first: Vector, second: Vector, floor: float, rng: np.random.Generator) -> Gain:
+    """Return the gain from blocks (m×2) before and after, with a bootstrap over the blocks; `floor`: rms of noise."""
+
     def share(picked: NDArray[np.intp]) -> tuple[float, float, float]:
         count = max(float(first[picked, 1].sum()), 1.0)
         e0, e1 = float(first[picked, 0].sum()) / count, float(second[picked, 0].sum()) / count
@@ -110,7 +113,12 @@ def floors_of(noise: Noise, channels: Sequence[str], counts: Vector) -> dict[str
 
 
 def evidence(
-    records: Sequence[Record], held_out: bool, nominal: Played, before: Played, after: Played
+    records: Sequence[Record],
+    held_out: bool,
+    nominal: Played,
+    before: Played,
+    after: Played,
+    estimated: Sequence[Mapping[str, Vector]],
 ) -> list[RunEvidence]:
     """Return the runs for the figures."""
     return [
@@ -123,7 +131,7 @@ def evidence(
             after.channels[k],
             nominal.channels[k],
             variables_of(after.courses[k]),
-            {},
+            estimated[k],
         )
         for k, record in enumerate(records)
     ]

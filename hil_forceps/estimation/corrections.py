@@ -7,17 +7,20 @@ paper's leave the load, and the tension goes through the wire's own law (hardeni
 zero) to the elongation.
 
 The elongation that comes out is the one that (10) needs: r_j θ_j^ref + x̂ is r_m times the angle that the encoder shows.
-Not taken into account, because a sample doesn't tell it: damping of the wire, what lies between command and measured
-current (lag, dead time, dead band, saturation), and skewed channels (a matter of the record).
+A current that lags or comes late was not held over the interval before its sample; of the currents at both ends its
+mean is found, where each hold is seen. Not corrected here: damping of the wire (in the Kalman filter's own model), dead
+band and saturation (the current is measured behind them), and skewed channels (a matter of the record).
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba.np.unsafe import ndarray as fixed
 from numpy.typing import NDArray
 
-from hil_forceps.estimation.interface import Estimate, Estimator, Sample, State
+from hil_forceps.estimation.interface import ELONGATION, TAU_W, Estimate, Estimator, Sample, State
+from hil_forceps.estimation.single import start_kind, step_kind
 from hil_forceps.model.kernel import inlined, kernel
 from hil_forceps.model.parameters import vector
 from hil_forceps.model.physics import (
@@ -36,9 +39,12 @@ from hil_forceps.model.physics import (
 )
 from hil_forceps.rig.schema import Rig
 
-IGNORED = frozenset(
-    {"wire_damping", "amplifier_deadband", "electrical_lag", "actuation_delay", "channel_skew", "current_saturation"}
-)
+Vector = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+IGNORED = frozenset({"wire_damping", "amplifier_deadband", "channel_skew", "current_saturation"})
+_SAME_HOLD = 0.25  # of an interval that it may be off by and still be one hold of the drive
+_MOSTLY_KEPT = 0.9  # of a current over a hold: it is then as good as a line from end to end
 _ROUNDS = 8  # of Newton's method and of fixed points that gain a factor of 10 a round at least
 
 
@@ -49,6 +55,7 @@ class Memory(NamedTuple):
     last_ns: float
     theta_m: float  # true angle of the motor
     shown: float  # angle that the encoder showed
+    current_A: float  # true, at the last sample
     speed: float  # low-passed
     presliding: float
     loop: float
@@ -59,11 +66,19 @@ class Memory(NamedTuple):
     elongation_m: float
 
 
-Vector = NDArray[np.float64]
 _tuple: Any = fixed.to_fixed_tuple  # an array of known length as a tuple, in a kernel
 _Seen = tuple[Vector, float, float]  # memory, and angle and torque as the paper's plant would have shown them
 _SIZE, _VALUES = len(Memory._fields), len(Physics._fields)
 _LAST = Memory._fields.index("last_ns")
+
+
+class Tuning(NamedTuple):
+    """How the corrections see."""
+
+    corner_rad_per_s: float  # of the low-pass of the speed
+    # A quarter of a count within the low-pass's time: slower than that can't be told from standing still.
+    still: float
+    hold_s: float  # of a current, where every one is seen; else 0
 
 
 @inlined
@@ -81,37 +96,61 @@ def _direction(speed: float, still: float) -> float:
 
 
 @inlined
-def begin(p: Physics, time_ns: int, shown_rad: float) -> Memory:
+def _true_current(p: Physics, torque_N_m: float) -> float:
+    return (torque_N_m / p.K_t - p.current_offset) / (1.0 + p.current_gain)
+
+
+@inlined
+def begin(p: Physics, time_ns: int, shown_rad: float, torque_N_m: float) -> Memory:
     """Return the memory at the first sample: at rest, everything relaxed."""
+    current_A = _true_current(p, torque_N_m)
     angle = _true_angle(p, shown_rad)
     now = float(time_ns)
-    return Memory(now, now, angle, shown_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Memory(now, now, angle, shown_rad, current_A, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@inlined
+def _mean_current(p: Physics, previous_A: float, current_A: float, hold_s: float) -> float:
+    """Return the mean over a hold that was seen at both ends, of a current that lags its command or comes late."""
+    mean = current_A
+    if p.lag > 0.0:
+        kept = math.exp(-hold_s / p.lag)
+        if kept < _MOSTLY_KEPT:
+            commanded = (current_A - kept * previous_A) / (1.0 - kept)
+            mean = commanded + (previous_A - commanded) * (1.0 - kept) * p.lag / hold_s
+        else:
+            mean = 0.5 * (previous_A + current_A)
+    late = p.delay / hold_s - math.floor(p.delay / hold_s)
+    return mean + late * (previous_A - mean)
 
 
 @inlined
 def before(
-    p: Physics, m: Memory, corner_rad_per_s: float, still: float, time_ns: int, shown_rad: float, torque_N_m: float
+    p: Physics, m: Memory, tuning: Tuning, time_ns: int, shown_rad: float, torque_N_m: float
 ) -> tuple[Memory, float, float]:
     """Return the memory at a sample, and the angle and the torque that the paper's plant would have shown."""
     dt_s = (time_ns - m.last_ns) * 1e-9
     theta_m = _true_angle(p, shown_rad)
     speed, presliding = m.speed, m.presliding
     if dt_s > 0.0:
-        share = corner_rad_per_s * dt_s / (1.0 + corner_rad_per_s * dt_s)
+        share = tuning.corner_rad_per_s * dt_s / (1.0 + tuning.corner_rad_per_s * dt_s)
         speed += share * ((theta_m - m.theta_m) / dt_s - speed)
         presliding = slide(presliding, theta_m - m.theta_m, p.presliding_angle)
     time_s = (time_ns - m.first_ns) * 1e-9
-    current = (torque_N_m / p.K_t - p.current_offset) / (1.0 + p.current_gain)
-    torque = torque_constant(p, time_s) * current * (1.0 + ripple(p, theta_m)) + cogging_N_m(p, theta_m)
-    paper = p.D_m * speed + p.motor_coulomb * _direction(speed, still)
+    current = _true_current(p, torque_N_m)
+    mean = current
+    if tuning.hold_s > 0.0 and abs(dt_s - tuning.hold_s) < _SAME_HOLD * tuning.hold_s:
+        mean = _mean_current(p, m.current_A, current, tuning.hold_s)
+    torque = torque_constant(p, time_s) * mean * (1.0 + ripple(p, theta_m)) + cogging_N_m(p, theta_m)
+    paper = p.D_m * speed + p.motor_coulomb * _direction(speed, tuning.still)
     level = motor_level_N_m(p, speed, m.tension_N)
     level += max(0.0, p.asymmetry) if speed > 0.0 else max(0.0, -p.asymmetry)
-    friction = viscosity(p, time_s) * speed + level * _direction(speed, still) + p.presliding_level * presliding
+    friction = viscosity(p, time_s) * speed + level * _direction(speed, tuning.still) + p.presliding_level * presliding
     # r f = torque − friction − inertia: through the nominal radius, with the friction that the estimator takes off.
     seen = p.r_m / radius_m(p, theta_m) * (torque - friction) + paper
     memory = Memory(
-        m.first_ns, max(m.last_ns, float(time_ns)), theta_m, shown_rad, speed, presliding, m.loop, m.creep_m,
-        m.stretched_m, m.tension_N, m.tau_w_N_m, m.elongation_m,
+        m.first_ns, max(m.last_ns, float(time_ns)), theta_m, shown_rad, current, speed, presliding, m.loop,
+        m.creep_m, m.stretched_m, m.tension_N, m.tau_w_N_m, m.elongation_m,
     )  # fmt: skip
     return memory, wound_m(p, theta_m) / p.r_m, seen
 
@@ -128,7 +167,7 @@ def _stretch(p: Physics, force_N: float) -> float:
 
 
 @inlined
-def after(p: Physics, m: Memory, still: float, dt_s: float, tau_w_N_m: float, elongation_m: float) -> Memory:
+def after(p: Physics, m: Memory, tuning: Tuning, dt_s: float, tau_w_N_m: float, elongation_m: float) -> Memory:
     """Return the memory with the estimate that an estimator's own one comes to."""
     tension = p.k * elongation_m
     stretch = _stretch(p, tension - p.loop_force * m.loop)
@@ -140,40 +179,68 @@ def after(p: Physics, m: Memory, still: float, dt_s: float, tau_w_N_m: float, el
         loop = slide(loop, stretched - m.stretched_m, p.loop_stretch)
         stretched = stretched - stretch + _stretch(p, tension - p.loop_force * loop)
     if p.creep_share != 0.0:
-        kept = np.exp(-max(0.0, dt_s) / p.creep_time)
+        kept = math.exp(-max(0.0, dt_s) / p.creep_time)
         creep = kept * creep + (1.0 - kept) * p.creep_share * tension / p.k
     elongation = stretched + p.zero_stretch + creep
     wound = wound_m(p, m.theta_m)
     theta_j = (wound - elongation) / p.r_j
-    direction = _direction(m.speed * p.r_m / p.r_j, still)
+    direction = _direction(m.speed * p.r_m / p.r_j, tuning.still)
     load = tau_w_N_m - gravity_N_m(p, theta_j) - (jaw_level_N_m(p, theta_j) - p.jaw_coulomb) * direction
     return Memory(
-        m.first_ns, m.last_ns, m.theta_m, m.shown, m.speed, m.presliding, loop, creep, stretched, tension, load,
-        elongation + p.r_m * m.shown - wound,
+        m.first_ns, m.last_ns, m.theta_m, m.shown, m.current_A, m.speed, m.presliding, loop, creep, stretched,
+        tension, load, elongation + p.r_m * m.shown - wound,
     )  # fmt: skip
 
 
 # Arrays in and out: a tuple of so many numbers costs more at each call from Python than all the arithmetic.
 @kernel
-def _start(theta: Vector, tuning: tuple[float, float], time_ns: int, shown: float, torque: float) -> _Seen:
+def _start(theta: Vector, tuning: Tuning, time_ns: int, shown: float, torque: float) -> _Seen:
     p = Physics(*_tuple(theta, _VALUES))
-    m, angle, seen = before(p, begin(p, time_ns, shown), tuning[0], tuning[1], time_ns, shown, torque)
+    m, angle, seen = before(p, begin(p, time_ns, shown, torque), tuning, time_ns, shown, torque)
     return np.array(m), angle, seen
 
 
 @kernel
-def _sample(
-    theta: Vector, memory: Vector, tuning: tuple[float, float], time_ns: int, shown: float, torque: float
-) -> _Seen:
+def _sample(theta: Vector, memory: Vector, tuning: Tuning, time_ns: int, shown: float, torque: float) -> _Seen:
     p, known = Physics(*_tuple(theta, _VALUES)), Memory(*_tuple(memory, _SIZE))
-    m, angle, seen = before(p, known, tuning[0], tuning[1], time_ns, shown, torque)
+    m, angle, seen = before(p, known, tuning, time_ns, shown, torque)
     return np.array(m), angle, seen
 
 
 @kernel
-def _told(theta: Vector, memory: Vector, still: float, dt_s: float, tau_w_N_m: float, elongation_m: float) -> Vector:
+def _told(theta: Vector, memory: Vector, tuning: Tuning, dt_s: float, tau_w_N_m: float, elongation_m: float) -> Vector:
     p, known = Physics(*_tuple(theta, _VALUES)), Memory(*_tuple(memory, _SIZE))
-    return np.array(after(p, known, still, dt_s, tau_w_N_m, elongation_m))
+    return np.array(after(p, known, tuning, dt_s, tau_w_N_m, elongation_m))
+
+
+@kernel
+def _record(
+    theta: Vector, kind: int, c: Vector, tuning: Tuning, time_ns: Stamps, shown_rad: Vector, torque_N_m: Vector
+) -> tuple[Vector, Vector]:
+    """Return τ̂_w and x̂ at each sample: `start` and `step` of `corrected` in one compiled loop."""
+    tau_w, elongation = np.empty(time_ns.shape[0]), np.empty(time_ns.shape[0])
+    p = Physics(*_tuple(theta, _VALUES))
+    fresh = begin(p, time_ns[0], shown_rad[0], torque_N_m[0])
+    memory, angle, torque = before(p, fresh, tuning, time_ns[0], shown_rad[0], torque_N_m[0])
+    state = start_kind(kind, c, time_ns[0], angle, torque)
+    memory = after(p, memory, tuning, 0.0, state[TAU_W], state[ELONGATION])
+    for n in range(time_ns.shape[0]):
+        dt_s = (time_ns[n] - memory.last_ns) * 1e-9
+        if dt_s > 0.0:
+            memory, angle, torque = before(p, memory, tuning, time_ns[n], shown_rad[n], torque_N_m[n])
+            state = step_kind(state, kind, c, time_ns[n], angle, torque)
+            memory = after(p, memory, tuning, dt_s, state[TAU_W], state[ELONGATION])
+        tau_w[n], elongation[n] = memory.tau_w_N_m, memory.elongation_m
+    return tau_w, elongation
+
+
+def _tuning(rig: Rig, sample_time_s: float) -> Tuning:
+    corner = 2.0 * np.pi * rig.estimators.rfob_cutoff_Hz
+    counts = rig.encoder.counts_per_rev
+    quantum = 1e-6 if counts is None else 2.0 * np.pi / counts
+    hold_s = sample_time_s if rig.drive is None else rig.drive.sample_time_s
+    seen = abs(hold_s - sample_time_s) < _SAME_HOLD * sample_time_s
+    return Tuning(corner, 0.25 * quantum * min(corner, 1.0 / sample_time_s), hold_s if seen else 0.0)
 
 
 def corrected(estimator: Estimator, rig: Rig, sample_time_s: float) -> Estimator:
@@ -183,16 +250,15 @@ def corrected(estimator: Estimator, rig: Rig, sample_time_s: float) -> Estimator
     """
     if not set(rig.effects) - IGNORED:
         return estimator
+    if estimator.compiled is None:
+        raise ValueError(f"estimator {estimator.id!r} has no kernels")
+    kind, constants = estimator.compiled
     theta = vector(rig)
-    corner = 2.0 * np.pi * rig.estimators.rfob_cutoff_Hz
-    counts = rig.encoder.counts_per_rev
-    # One count within the low-pass's time: slower than that can't be told from standing still.
-    quantum = 1e-6 if counts is None else 2.0 * np.pi / counts
-    tuning = (corner, quantum * min(corner, 1.0 / sample_time_s))
+    tuning = _tuning(rig, sample_time_s)
 
     def told(inner: State, memory: Vector, dt_s: float) -> State:
         tau_w_N_m, elongation_m = estimator.estimate(inner)
-        return np.concatenate((inner, _told(theta, memory, tuning[1], dt_s, tau_w_N_m, elongation_m)))
+        return np.concatenate((inner, _told(theta, memory, tuning, dt_s, tau_w_N_m, elongation_m)))
 
     def start(sample: Sample) -> State:
         memory, angle, torque = _start(theta, tuning, *sample)
@@ -206,7 +272,10 @@ def corrected(estimator: Estimator, rig: Rig, sample_time_s: float) -> Estimator
         memory, angle, torque = _sample(theta, known, tuning, *sample)
         return told(estimator.step(state[:-_SIZE], Sample(sample.time_ns, angle, torque)), memory, dt_s)
 
-    return Estimator(estimator.id, start, step, _estimate)
+    def record(time_ns: Stamps, theta_m_rad: Vector, motor_torque_N_m: Vector) -> tuple[Vector, Vector]:
+        return _record(theta, kind, constants, tuning, time_ns, theta_m_rad, motor_torque_N_m)
+
+    return Estimator(estimator.id, start, step, _estimate, record=record)
 
 
 def _estimate(state: State) -> Estimate:

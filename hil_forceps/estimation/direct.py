@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.estimation.batch import start_kind, step_kind
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Estimator
 from hil_forceps.estimation.registry import WIRE_ANGLE_RAD, WIRE_CURRENT_A
+from hil_forceps.estimation.single import start_kind, step_kind
 from hil_forceps.model.kernel import kernel
 from hil_forceps.model.linear_loop import (
     DRIVE_CURRENT,

@@ -31,8 +31,11 @@ class Estimate(NamedTuple):
 class Compiled(NamedTuple):
     """The kernels behind an estimator, for loops that run compiled."""
 
-    kind: int  # which kernels: `batch`
+    kind: int  # which kernels: `single`
     constants: NDArray[np.float64]
+
+
+Record = Callable[[NDArray[np.int64], State, State], tuple[State, State]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +45,8 @@ class Estimator:
     `start` makes a state from the first sample (at rest, load unknown), `step` takes the next sample, whatever time
     has passed since the last (gaps are bridged, never ignored; a stamp that isn't later leaves the state as it is),
     `estimate` reads the state. All are pure; a state is never changed in place. Not finite numbers come out as they
-    are: the gate stops them. `compiled` is there where `batch` can run the same kernels in a compiled loop.
+    are: the gate stops them. `compiled` is there where `batch` can run the same kernels in a compiled loop; `record`
+    where an estimator with corrections has a loop of its own: stamps [ns], θ_m, motor torque -> τ̂_w, x̂.
     """
 
     id: str
@@ -50,3 +54,4 @@ class Estimator:
     step: Callable[[State, Sample], State]
     estimate: Callable[[State], Estimate]
     compiled: Compiled | None = None
+    record: Record | None = None

@@ -76,7 +76,12 @@ _SMALLEST_ANGLE_ERROR_RAD = 1e-10
 
 
 def constants(
-    plant: PlantParameters, sensors: Sensors, sample_time_s: float, hold_time_s: float, tuning: Tuning
+    plant: PlantParameters,
+    sensors: Sensors,
+    sample_time_s: float,
+    hold_time_s: float,
+    tuning: Tuning,
+    wire_damping_N_s_per_m: float = 0.0,
 ) -> Constants:
     """Return what the kernels take as constants.
 
@@ -110,7 +115,7 @@ def constants(
     values[SETTLE_RATE] = 1.0 / tuning.fresh_s
     values[QUIET_RATE] = 1.0 / tuning.settling_s
     values[RADIUS_M], values[RADIUS_J], values[TURN_PER_LOAD] = r_m, r_j, turn_per_load
-    rates, units = balanced_rates(plant)
+    rates, units = balanced_rates(plant, wire_damping_N_s_per_m)
     values[_RATES:_UNITS] = rates.ravel()
     values[_UNITS:_LEAD] = units
     values[_LEAD:_HELD] = stretch(values, max(0.0, sample_time_s - hold_time_s)).ravel()
@@ -118,9 +123,14 @@ def constants(
     return values
 
 
-def balanced_rates(plant: PlantParameters) -> tuple[Matrix, NDArray[np.float64]]:
+def balanced_rates(plant: PlantParameters, wire_damping_N_s_per_m: float = 0.0) -> tuple[Matrix, NDArray[np.float64]]:
     """Return the 6×6 rates [1/s] of state, τ_w and motor torque in units that make them alike, and these units."""
     a, b = continuous(plant)
+    if wire_damping_N_s_per_m != 0.0:
+        r_m, r_j = plant.motor_pulley_radius_m, plant.jaw_pulley_radius_m
+        stretch_rate = wire_damping_N_s_per_m * np.array([r_m, -r_j])
+        a[1, 1::2] -= r_m / plant.motor_inertia_kg_m2 * stretch_rate
+        a[3, 1::2] += r_j / plant.jaw_inertia_kg_m2 * stretch_rate
     mode = wire_mode_rad_per_s(plant)
     units = np.array([1.0, mode, 1.0, mode, mode**2 * plant.jaw_inertia_kg_m2, mode**2 * plant.motor_inertia_kg_m2])
     rates = np.zeros((6, 6))

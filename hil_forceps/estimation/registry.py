@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.estimation import batch, improved, kalman, kalman_model, previous
+from hil_forceps.estimation import improved, kalman, kalman_model, previous, single
 from hil_forceps.estimation.corrections import IGNORED, corrected
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Compiled, Estimate, Estimator, Sample, State
 from hil_forceps.rig.schema import ALGORITHM_IDS, Rig
@@ -28,9 +28,9 @@ class _Kernels(NamedTuple):
     step: Callable[[State, _Vector, int, float, float], State]
 
 
-_PREVIOUS = _Kernels(batch.PREVIOUS, previous.start, previous.step)
-_IMPROVED = _Kernels(batch.IMPROVED, improved.start, improved.step)
-_KALMAN = _Kernels(batch.KALMAN, kalman.start, kalman.step)
+_PREVIOUS = _Kernels(single.PREVIOUS, previous.start, previous.step)
+_IMPROVED = _Kernels(single.IMPROVED, improved.start, improved.step)
+_KALMAN = _Kernels(single.KALMAN, kalman.start, kalman.step)
 
 
 def make_estimator(estimator_id: str, rig: Rig, sample_time_s: float, *, over_wire: bool = True) -> Estimator:
@@ -49,7 +49,10 @@ def make_estimator(estimator_id: str, rig: Rig, sample_time_s: float, *, over_wi
 
 def effects_passed_over(estimator_id: str, rig: Rig) -> tuple[str, ...]:
     """Return the effects of a rig that an estimator works without: what a user should be told."""
-    return tuple(name for name in rig.effects if estimator_id not in CORRECTED_IDS or name in IGNORED)
+    if estimator_id not in CORRECTED_IDS:
+        return tuple(rig.effects)
+    modelled = {"wire_damping"} if estimator_id == "kalman" else set()
+    return tuple(name for name in rig.effects if name in IGNORED - modelled)
 
 
 def _make(estimator_id: str, rig: Rig, sample_time_s: float, over_wire: bool) -> Estimator:
@@ -63,8 +66,9 @@ def _make(estimator_id: str, rig: Rig, sample_time_s: float, over_wire: bool) ->
         return _bind(estimator_id, _IMPROVED, improved.constants(plant, corner_rad_per_s, as_published=True))
     if estimator_id == "kalman":
         hold_time_s = sample_time_s if rig.drive is None else rig.drive.sample_time_s
+        damping = rig.effects.get("wire_damping", {}).get("damping_N_s_per_m", 0.0)
         constants = kalman_model.constants(
-            plant, _sensors(rig, over_wire), sample_time_s, hold_time_s, kalman_model.Tuning()
+            plant, _sensors(rig, over_wire), sample_time_s, hold_time_s, kalman_model.Tuning(), damping
         )
         return _bind(estimator_id, _KALMAN, constants)
     raise ValueError(f"unknown estimator {estimator_id!r}; known: {', '.join(ESTIMATOR_IDS)}")

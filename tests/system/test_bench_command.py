@@ -83,6 +83,29 @@ def test_bench_repeats_to_the_byte_and_the_seed_matters(start: Start, small_benc
     assert samples <= decoded.out.count(",Feedback,theta_m_rad,") <= samples + 100
 
 
+def test_bench_before_and_after_an_effect_is_known(start: Start, tmp_path: Path) -> None:
+    text = PAPER.read_text()
+    plain = text.replace("direct_sample_times_s: [1.0e-4]", "direct_sample_times_s: []")
+    assert plain != text
+    extended = tmp_path / "extended.yaml"
+    effect = "effects: {cogging: {sine_N_m: 3.0e-4, cosine_N_m: 3.0e-4, harmonic: 6.0}}\n"
+    assert "\neffects:" not in plain
+    extended.write_text(plain + effect)
+    ended = bench(start, extended, tmp_path / "out", "--estimator-rig", str(PAPER), "--jobs", "2")
+    assert ended.code == 0, ended.err
+    assert "paper.yaml" in ended.out
+    runs = json.loads((tmp_path / "out" / "summary.json").read_text())["runs"]
+    assert [(run["compensated"], run.get("estimator_rig")) for run in runs] == [
+        (True, None),
+        (True, "paper.yaml"),
+        (False, None),
+        (False, "paper.yaml"),
+    ]
+    for told, blind in (runs[:2], runs[2:]):
+        assert told["tau_w_rmse_N_m"] < 0.5 * blind["tau_w_rmse_N_m"]
+    assert abs(runs[0]["jaw_error_steady_deg"]) < 0.2 * abs(runs[1]["jaw_error_steady_deg"])
+
+
 def children_of(pid: int) -> list[int]:
     """Return the processes of the session that `pid` leads, itself left out."""
     found = []

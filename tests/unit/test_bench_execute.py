@@ -89,6 +89,34 @@ def test_recording_replays_to_the_byte(realistic: Rig, tmp_path: Path, algorithm
     assert replay(recording, make_pipeline(rig, settings)).first_difference is None
 
 
+@pytest.mark.parametrize("spec", [SPEC._replace(algorithm="kalman"), RunSpec(2, "kalman", True, 2e-4, False, SHORT_S)])
+def test_estimator_may_be_blind_to_what_the_plant_has(paper: Rig, tmp_path: Path, spec: RunSpec) -> None:
+    from hil_forceps.bench.assembly import make_pipeline, settings_of  # noqa: PLC0415
+
+    cogging = {"sine_N_m": 3e-4, "cosine_N_m": 3e-4, "harmonic": 6.0}
+    extended = paper.with_changes({"effects": {"cogging": cogging}})
+    blind_spec = spec._replace(estimator_rig="paper.yaml")
+    told, blind = run_all([spec, blind_spec], extended, 0, tmp_path, 1, nobody, estimator_rig=paper)
+    errors = [np.sqrt(np.mean((run.traces.tau_w_est - run.traces.tau_w_true)[50:] ** 2)) for run in (told, blind)]
+    assert errors[0] < 0.2 * errors[1], errors
+    entries = summary([told.record, blind.record], 0)["runs"]
+    assert [entry.get("estimator_rig") for entry in entries] == [None, "paper.yaml"]
+    if not spec.on_bus:
+        return
+    recording = read_recording(tmp_path / f"{blind_spec.name}.mcap")
+    rig, settings = settings_of(recording)
+    assert rig.effects == {}
+    assert replay(recording, make_pipeline(rig, settings)).first_difference is None
+    # The plant is the same in both: a rig without the effect in it gives another run.
+    alone = execute(spec, paper, 0, tmp_path)
+    assert not np.array_equal(alone.traces.theta_j_true, blind.traces.theta_j_true)
+
+
+def test_run_that_names_a_rig_that_is_not_given_raises(paper: Rig, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="rig for its estimator"):
+        execute(SPEC._replace(estimator_rig="other.yaml"), paper, 0, tmp_path)
+
+
 def test_same_seed_same_bytes_whatever_the_jobs(realistic: Rig, tmp_path: Path) -> None:
     specs = [
         SPEC._replace(algorithm="kalman"),

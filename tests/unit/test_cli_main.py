@@ -66,7 +66,7 @@ def test_every_command_explains_itself(call: Call, command: str) -> None:
 @pytest.mark.parametrize(
     ("command", "options"),
     [
-        ("bench", "--config --out --seed --simulation --algorithm --jobs --realtime --wire"),
+        ("bench", "--config --out --seed --simulation --algorithm --jobs --realtime --wire --estimator-rig"),
         ("run", "--rig --out --interface --channel --serial --algorithm --trajectory --duration --bus-log"),
         ("drive", "--rig --interface --channel --serial-pty --simulation --seed --faults --duration"),
         ("replay", "--rig --out --algorithm"),
