@@ -5,7 +5,7 @@ range to a bound, and none asks for more speed or acceleration than half of what
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,9 @@ POINT_S = 2.0e-3  # between points of a motion
 ROOM = 0.9  # of the range between the bounds
 SHARE = 0.5  # of the speed and the acceleration that are allowed
 EASE_S = 0.5  # a motion begins and ends at rest
-MIN_TURNS = 1.5  # fewer are no spin
+TURN_RAD = 2.0 * math.pi
+MIN_TURNS = 1.5  # from end to end; fewer are no spin
+MOST_HASTE = 0.999  # of the speed and acceleration allowed: room for rounding
 MAX_TURNS = 6.0
 LOAD_SHARE = 0.25  # of what the motor can hold
 DURATION_S = 12.0
@@ -93,21 +95,32 @@ def menu(bounds: Bounds) -> tuple[Experiment, ...]:
     """Return the experiments that these bounds allow; those without motion are always among them."""
     if not bounds.high_rad > bounds.low_rad:
         raise ValueError(f"no range to move in: {bounds.low_rad} to {bounds.high_rad} rad")
-    offered = (entry(bounds) for entry in _ENTRIES)
-    return tuple(e for e in offered if e is not None and within(e, bounds))
+    offered = [_shrunk(entry(bounds), bounds) for entry in _ENTRIES]
+    return tuple(e for e in offered if e.name != "multi_turn_spin" or np.ptp(e.theta_m_rad) >= MIN_TURNS * TURN_RAD)
 
 
 def within(experiment: Experiment, bounds: Bounds) -> bool:
     """Tell whether a motion respects the bounds; at a corner the speed changes within one tick."""
-    angle, time = experiment.theta_m_rad, experiment.time_s
-    speed = np.diff(angle) / np.diff(time)
-    change = np.abs(np.diff(np.concatenate(([0.0], speed, [0.0])))) / bounds.tick_s
-    return bool(
-        angle.min() >= bounds.low_rad
-        and angle.max() <= bounds.high_rad
-        and np.abs(speed).max(initial=0.0) <= bounds.speed_rad_per_s
-        and change.max() <= bounds.acceleration_rad_per_s2
-    )
+    angle = experiment.theta_m_rad
+    inside = bounds.low_rad <= angle.min() and angle.max() <= bounds.high_rad
+    return bool(inside and _haste(experiment, bounds) <= 1.0)
+
+
+def _haste(experiment: Experiment, bounds: Bounds) -> float:
+    """Return the highest speed or acceleration over what is allowed, whichever is worse."""
+    speed = np.diff(experiment.theta_m_rad) / np.diff(experiment.time_s)
+    change = np.diff(np.concatenate(([0.0], speed, [0.0]))) / bounds.tick_s
+    fastest, hardest = float(np.abs(speed).max()), float(np.abs(change).max())
+    return max(fastest / bounds.speed_rad_per_s, hardest / bounds.acceleration_rad_per_s2)
+
+
+def _shrunk(experiment: Experiment, bounds: Bounds) -> Experiment:
+    """Return the motion made as much smaller as speed and acceleration ask."""
+    haste = _haste(experiment, bounds)
+    if haste <= MOST_HASTE:
+        return experiment
+    smaller = bounds.middle_rad + (experiment.theta_m_rad - bounds.middle_rad) * (MOST_HASTE / haste)
+    return experiment._replace(theta_m_rad=smaller)
 
 
 def trajectory_of(experiment: Experiment, rig: Rig) -> Trajectory:
@@ -130,41 +143,45 @@ def _ease(time: Vector) -> Vector:
     return np.asarray(s * s * s * (10.0 + s * (6.0 * s - 15.0)))
 
 
-def _levels(b: Bounds, levels: Vector, speed: float, hold_s: float) -> tuple[Vector, Vector]:
+def _levels(b: Bounds, levels: Sequence[float], speed_rad_per_s: float, hold_s: float) -> tuple[Vector, Vector]:
     """Go from level to level (in reaches from the middle) at a constant speed, rounded, and hold there."""
     at, angle = [0.0, EASE_S], [b.middle_rad, b.middle_rad]
     for level in levels:
-        to = b.middle_rad + b.reach_rad * float(level)
-        at += [at[-1] + max(abs(to - angle[-1]) / speed, POINT_S), 0.0]
-        at[-1] = at[-2] + hold_s
+        to = b.middle_rad + b.reach_rad * level
+        there = at[-1] + abs(to - angle[-1]) / speed_rad_per_s
+        at += [there, there + hold_s]
         angle += [to, to]
     time = _grid(at[-1])
-    shifts = np.linspace(-0.02, 0.02, 21)
-    return time, np.asarray(np.mean([np.interp(time + shift, at, angle) for shift in shifts], axis=0))
+    return time, _rounded(time, at, angle)
+
+
+def _rounded(time: Vector, at: Sequence[float], values: Sequence[float]) -> Vector:
+    """Return straight lines with their corners rounded over 40 ms."""
+    total: Vector = np.zeros(time.size)
+    for shift in np.linspace(-0.02, 0.02, 21):
+        total += np.interp(time + shift, at, values)
+    return np.asarray(total / 21.0, dtype=np.float64)
 
 
 def _still(time: Vector) -> Vector:
     return np.zeros(time.size)
 
 
-def _spin(b: Bounds) -> Experiment | None:
-    turns = min(2.0 * b.reach_rad / (2.0 * math.pi), MAX_TURNS)
-    if turns < MIN_TURNS:
-        return None
+def _spin(b: Bounds) -> Experiment:
     time = _grid(DURATION_S)
-    swing = np.sin(2.0 * math.pi * 2.0 * time / DURATION_S)
+    swing = np.sin(TURN_RAD * 2.0 * time / DURATION_S)
     return Experiment(
         "multi_turn_spin",
         "what repeats with each turn or grows with wound turns: pulleys, encoder, cogging",
         "Take the jaw off its stops, or let it go round; keep hands away.",
         time,
-        b.middle_rad + math.pi * turns * _ease(time) * swing,
+        b.middle_rad + min(b.reach_rad, 0.5 * MAX_TURNS * TURN_RAD) * _ease(time) * swing,
         _still(time),
     )
 
 
 def _slow(b: Bounds) -> Experiment:
-    time, angle = _levels(b, np.array([1.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0]), b.reach_rad / 1.0, 0.6)
+    time, angle = _levels(b, (1.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0), b.reach_rad, 0.6)
     return Experiment(
         "slow_ramps_and_holds",
         "friction at low speed, its dependence on angle and direction, creep while holding",
@@ -179,24 +196,18 @@ def _chirp(b: Bounds) -> Experiment:
     time = _grid(DURATION_S)
     low, high = 0.3, 40.0
     rate = math.log(high / low) / DURATION_S
-    omega = 2.0 * math.pi * low * np.exp(rate * time)
+    omega = TURN_RAD * low * np.exp(rate * time)
     phase = (omega - omega[0]) / rate
-    # Half of the bounds: the sweep itself adds to speed and acceleration.
-    amplitude = np.minimum(b.reach_rad, 0.5 * np.minimum(b.speed_rad_per_s / omega, _corner(b) / omega**2))
-    fall = np.exp(-0.5 * rate * time)
+    reach = min(b.reach_rad, 0.5) * np.exp(-0.5 * rate * time)
+    allowed = 0.5 * np.minimum(b.speed_rad_per_s / omega, b.acceleration_rad_per_s2 / omega**2)
     return Experiment(
         "chirp",
         "delays, lags and skews, inertia, damping and stiffness of the wire",
         "Leave the jaw free.",
         time,
-        b.middle_rad + np.minimum(amplitude, min(b.reach_rad, 0.5) * fall) * _ease(time) * np.sin(phase),
+        b.middle_rad + np.minimum(reach, allowed) * _ease(time) * np.sin(phase),
         _still(time),
     )
-
-
-def _corner(b: Bounds) -> float:
-    """Return the smooth acceleration whose piecewise-linear form respects the bound at its corners."""
-    return b.acceleration_rad_per_s2 * b.tick_s / max(POINT_S, b.tick_s)
 
 
 def _hold_and_release(b: Bounds) -> Experiment:
@@ -215,14 +226,12 @@ def _hold_and_release(b: Bounds) -> Experiment:
 
 def _warm_up(b: Bounds) -> Experiment:
     time = _grid(WARM_UP_S)
-    rate = 2.0 * math.pi * 1.5
-    reach = min(b.reach_rad, 0.9 * b.speed_rad_per_s / rate, 0.9 * _corner(b) / rate**2)
     return Experiment(
         "warm_up",
         "what changes with time and heat: torque constant, viscous friction",
         "Begin with a cold motor; leave the jaw free.",
         time,
-        b.middle_rad + reach * _ease(time) * np.sin(rate * time),
+        b.middle_rad + b.reach_rad * _ease(time) * np.sin(1.5 * TURN_RAD * time),
         _still(time),
     )
 
@@ -239,7 +248,7 @@ def _turned_over(b: Bounds) -> Experiment:
 
 def _known_spring(b: Bounds) -> Experiment:
     time = _grid(DURATION_S)
-    swing = _ease(time) * np.sin(2.0 * math.pi * 0.5 * time)
+    swing = _ease(time) * np.sin(TURN_RAD * 0.5 * time)
     return Experiment(
         "known_spring",
         "what grows with load against what grows with angle: stiffness, gains, load-dependent friction",
@@ -252,12 +261,12 @@ def _known_spring(b: Bounds) -> Experiment:
 
 def _small_motions(b: Bounds) -> Experiment:
     time = _grid(DURATION_S)
-    levels = np.array([-0.8, -0.4, 0.0, 0.4, 0.8])
-    at = np.concatenate(([0.0, EASE_S], *([2.4 * k + 1.0, 2.4 * (k + 1)] for k in range(levels.size))))
-    angle = np.concatenate(([0.0, 0.0], np.repeat(levels, 2)))
-    shifts = np.linspace(-0.02, 0.02, 21)
-    base = np.mean([np.interp(time + shift, at, angle) for shift in shifts], axis=0)
-    small = 0.05 * np.sin(2.0 * math.pi * 2.0 * time) * _ease(time)
+    at, level = [0.0, EASE_S], [0.0, 0.0]
+    for k, to in enumerate((-0.8, -0.4, 0.0, 0.4, 0.8)):
+        at += [2.3 * k + 1.0, 2.3 * k + 2.6]
+        level += [to, to]
+    base = _rounded(time, at, level)
+    small = 0.05 * np.sin(TURN_RAD * 2.0 * time) * _ease(time)
     return Experiment(
         "small_motions",
         "presliding, backlash, and whatever depends on the angle, at each angle by itself",
@@ -280,7 +289,7 @@ def _rest(b: Bounds) -> Experiment:
     )
 
 
-_ENTRIES: tuple[Callable[[Bounds], Experiment | None], ...] = (
+_ENTRIES: tuple[Callable[[Bounds], Experiment], ...] = (
     _spin,
     _slow,
     _chirp,

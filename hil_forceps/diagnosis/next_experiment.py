@@ -202,7 +202,7 @@ def record_of(experiment: Experiment, like: Record) -> Record:
     """Return the rows that an experiment would give, with the channels and the period of a run that was made."""
     period = like.period_s
     rows = int(experiment.time_s[-1] / period) + 1
-    time = period * np.arange(rows)
+    time: Vector = period * np.arange(rows, dtype=np.float64)
     load = np.interp(time, experiment.time_s, experiment.load_N_m)
     weights = np.ones(rows)
     weights[: max(1, round(BURN_IN_S / period))] = 0.0
