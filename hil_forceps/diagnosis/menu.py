@@ -134,13 +134,13 @@ def trajectory_of(experiment: Experiment, rig: Rig) -> Trajectory:
 
 
 def _grid(duration_s: float) -> Vector:
-    return POINT_S * np.arange(round(duration_s / POINT_S) + 1)
+    return np.linspace(0.0, duration_s, round(duration_s / POINT_S) + 1)
 
 
 def _ease(time: Vector) -> Vector:
     """Rise smoothly from 0 to 1 and fall again at the end."""
-    s = np.clip(np.minimum(time, time[-1] - time) / EASE_S, 0.0, 1.0)
-    return np.asarray(s * s * s * (10.0 + s * (6.0 * s - 15.0)))
+    s: Vector = np.clip(np.minimum(time, time[-1] - time) / EASE_S, 0.0, 1.0)
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
 def _levels(b: Bounds, levels: Sequence[float], speed_rad_per_s: float, hold_s: float) -> tuple[Vector, Vector]:

@@ -77,7 +77,7 @@ def _to_separate(found: Findings, offered: Sequence[Experiment]) -> Proposal | N
     """Choose what separates the best of the tied models from that which it separates worst."""
     truth, *others = sorted(found.choice.rivals, key=lambda m: m.fit.chi2)[:MOST_RIVALS]
     reached = [min(separation(found, e, truth, other) for other in others) for e in offered]
-    best = int(np.argmax(reached))
+    best = _most_telling(offered, reached)
     if reached[best] <= 0.0:
         return None
     experiment = offered[best]
@@ -85,6 +85,11 @@ def _to_separate(found: Findings, offered: Sequence[Experiment]) -> Proposal | N
     said = f"{experiment.instruction} It excites {experiment.excites}."
     result = NextExperiment(experiment.name, pairs, reached[best], said)
     return Proposal(result, trajectory_of(experiment, found.rig))
+
+
+def _most_telling(offered: Sequence[Experiment], reached: Sequence[float]) -> int:
+    """Return which experiment tells most for its time: d² grows with the time, and any motion can be repeated."""
+    return int(np.argmax([d / math.sqrt(float(e.time_s[-1])) for e, d in zip(offered, reached, strict=True)]))
 
 
 def _to_see(found: Findings, offered: Sequence[Experiment], least: dict[str, Detectable]) -> Proposal | None:
@@ -95,7 +100,7 @@ def _to_see(found: Findings, offered: Sequence[Experiment], least: dict[str, Det
     for effect_id in _least_visible(least, model.effects)[:MOST_TARGETS]:
         other = _theta_with(model, effect_id)
         reached = [_difference(stage, other) for stage in stages]
-        k = int(np.argmax(reached))
+        k = _most_telling(offered, reached)
         if best is None or reached[k] > best[0]:
             best = (reached[k], offered[k], effect_id)
         if best[0] >= VISIBLE:
