@@ -6,7 +6,8 @@ far know of its parameters (inverse covariance; priors for nuisances of the new 
 
     d² = DᵀD − DᵀJ (H + JᵀJ)⁻¹ JᵀD,
 
-which is what χ² of the rival's refit is expected to rise above that of the truth.
+which is what χ² of the rival's refit is expected to rise above that of the truth. The truth's own parameters are known
+as far as the runs tell: d is what is reached or exceeded for `SURE` of the values that they leave possible.
 """
 
 import math
@@ -21,7 +22,7 @@ from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.choice import Model
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.experiment import BURN_IN_S, Record, jumps
-from hil_forceps.diagnosis.fit import gram, sum_of_squares
+from hil_forceps.diagnosis.fit import gram
 from hil_forceps.diagnosis.menu import Bounds, Experiment, bounds_of, menu, trajectory_of
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.problem import Matrix, Nuisance, Outputs, Problem
@@ -34,6 +35,8 @@ Vector = NDArray[np.float64]
 
 MOST_RIVALS = 3  # the best ones; each is simulated on the whole menu
 MOST_TARGETS = 4  # effects that are looked at where nothing is tied
+DRAWS = 400
+SURE = 0.8
 VISIBLE = 4.0  # d from which on an effect would be found more often than not
 
 
@@ -135,9 +138,30 @@ def _theta_with(model: Model, effect_id: str) -> Vector:
     return theta
 
 
-def separation(found: Findings, experiment: Experiment, truth: Model, rival: Model) -> float:
-    """Return d: how far a refit of `rival` stays from what `truth` does in an experiment, in standard deviations."""
-    return _difference(stage_of(found, experiment, rival), truth.problem.theta(truth.fit.u))
+def separation(found: Findings, experiment: Experiment, one: Model, other: Model) -> float:
+    """Return d: how far the refit of either stays from what the other does in an experiment, in standard deviations."""
+    a, b = stage_of(found, experiment, one), stage_of(found, experiment, other)
+    return min(_reached(a, b), _reached(b, a))
+
+
+def _reached(truth: Stage, rival: Stage) -> float:
+    """Return the d that is reached for `SURE` of the truth's possible parameters."""
+    apart = rival.whitener.apply(truth.said - rival.said)
+    count = len(truth.problem.shared.items)
+    left = _left(rival, np.column_stack((apart, truth.white[:, :count])))
+    covariance = np.linalg.pinv(truth.known[:count, :count], hermitian=True)
+    values, vectors = np.linalg.eigh(covariance)
+    scatter = np.random.default_rng(0).standard_normal((DRAWS, count)) * np.sqrt(np.maximum(values, 0.0))
+    draws = np.column_stack((np.ones(DRAWS), scatter @ vectors.T))
+    squares = np.einsum("ki,ij,kj->k", draws, left, draws)
+    return math.sqrt(max(float(np.quantile(squares, 1.0 - SURE)), 0.0)) if np.isfinite(squares).all() else 0.0
+
+
+def _left(stage: Stage, columns: Matrix) -> NDArray[np.float64]:
+    """Return the Gram matrix of whitened columns, less what refitting the stage's model takes up."""
+    cross = gram(stage.white, columns)
+    solved = np.linalg.lstsq(stage.known + gram(stage.white, stage.white), cross, rcond=1e-12)[0]
+    return gram(columns, columns) - cross.T @ solved
 
 
 def stage_of(found: Findings, experiment: Experiment, model: Model) -> Stage:
@@ -163,9 +187,7 @@ def _difference(stage: Stage, theta: Vector) -> float:
     apart = stage.whitener.apply(said - stage.said)
     if not np.isfinite(apart).all():
         return 0.0
-    slope = gram(stage.white, apart[:, None])[:, 0]
-    followed = slope @ np.linalg.lstsq(stage.known + gram(stage.white, stage.white), slope, rcond=1e-12)[0]
-    return math.sqrt(max(sum_of_squares(apart) - float(followed), 0.0))
+    return math.sqrt(max(float(_left(stage, apart[:, None])[0, 0]), 0.0))
 
 
 def _turned_over(theta: Vector) -> Vector:
