@@ -13,6 +13,8 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.run import write_trajectory
+from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs
 from hil_forceps.diagnosis.diagnose import Options
 from hil_forceps.diagnosis.result import Diagnosis, to_json
@@ -23,6 +25,8 @@ from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.loading import dump_rig
 from hil_forceps.runs.readers import read_run
 from hil_forceps.runs.table import Run
+
+TRAJECTORY_FILE = "next_experiment.csv"
 
 
 def diagnose(
@@ -39,7 +43,8 @@ def diagnose(
 ) -> int:
     """Show what a rig's simulation gets wrong about measured runs, name the cause, extend the rig, measure the gain.
 
-    Writes diagnosis.json, report.html (opens offline) and extended.yaml.
+    Writes diagnosis.json, report.html (opens offline), extended.yaml and, where another experiment would tell more, its
+    motion for `hil-forceps run --trajectory`: next_experiment.csv.
 
     Parameters
     ----------
@@ -81,15 +86,24 @@ def diagnose(
         options = Options(
             frozenset(without), tuple(hold_out), seed, mapper, lambda text: bar.update(task, description=text)
         )
-        diagnosis, extended = diagnose_runs(read, known, options)
+        diagnosis, extended, trajectory = diagnose_runs(read, known, options)
         bar.update(task, description="drawing")
         write_report(diagnosis, out / "report.html")
         if figures:
             write_figures(diagnosis, out / "figures")
     (out / "diagnosis.json").write_text(json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n")
     (out / "extended.yaml").write_text(dump_rig(extended))
+    _leave_trajectory(trajectory, out / TRAJECTORY_FILE)
     _print(diagnosis, out)
     return 0
+
+
+def _leave_trajectory(trajectory: Trajectory | None, path: Path) -> None:
+    """Write the motion of the next experiment, or take away that of an earlier diagnosis."""
+    if trajectory is None:
+        path.unlink(missing_ok=True)
+    else:
+        write_trajectory(trajectory, path)
 
 
 def _read(paths: Sequence[Path]) -> list[Run]:
@@ -132,5 +146,9 @@ def _print(diagnosis: Diagnosis, out: Path) -> None:
     problems = [f for f in diagnosis.data_audit if f.severity != "note"]
     lines += [f"  data, {f.run or 'all runs'}: {f.text}" for f in problems]
     lines += [f"  because {reason}" for reason in diagnosis.reasons]
+    if diagnosis.next_experiment is not None:
+        following = diagnosis.next_experiment
+        lines.append(f"  next: {following.name} (separation {following.predicted_separation:.1f} sd); {following.why}")
+        lines.append(f"  its motion, for `hil-forceps run --trajectory`: {out / TRAJECTORY_FILE}")
     lines.append(f"  report.html, diagnosis.json and extended.yaml are in {out}/")
     sys.stdout.write("\n".join(lines) + "\n")

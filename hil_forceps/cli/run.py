@@ -148,6 +148,13 @@ def read_trajectory(path: Path) -> Trajectory:
     return Trajectory(times_s, angles_rad)
 
 
+def write_trajectory(trajectory: Trajectory, path: Path) -> None:
+    """Write what `read_trajectory` reads."""
+    rows = zip(trajectory.times_s, trajectory.angles_rad, strict=True)
+    lines = [f"{time_s:.6f},{angle_rad:.9f}" for time_s, angle_rad in rows]
+    path.write_text("\n".join(["time_s,theta_j_rad", *lines, ""]), encoding="utf-8")
+
+
 @contextmanager
 def _status() -> Iterator[Any]:
     """Show the run on a terminal; nothing elsewhere."""

@@ -5,12 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.audit import audit
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.estimates import estimate_gains
 from hil_forceps.diagnosis.experiment import mode_of
 from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, play
 from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, trends
+from hil_forceps.diagnosis.next_experiment import propose
 from hil_forceps.diagnosis.result import AuditFinding, Diagnosis
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
@@ -20,10 +22,11 @@ FEWEST_QUANTA = 20  # an angle that moves over fewer counts has not moved
 
 
 class Conclusion(NamedTuple):
-    """A diagnosis and the rig as extended by it."""
+    """A diagnosis, the rig as extended by it, and the motion of the experiment to make next."""
 
     diagnosis: Diagnosis
     extended: Rig
+    trajectory: Trajectory | None = None  # of the next experiment
 
 
 def diagnose(runs: Sequence[Run], rig: Rig, options: Options) -> Conclusion:
@@ -88,6 +91,9 @@ def _conclude(found: Findings, rig: Rig, options: Options) -> Conclusion:
         runs += evidence(records, held, played[0], played[1], played[2], estimated)
         if held:
             gain = gains(records, played[1], played[2], floors, options.seed) | estimate_gain
+    options.progress("looking for the next experiment")
+    least = detectable(found)
+    proposal = propose(found, least)
     diagnosis = Diagnosis(
         verdict.verdict,
         verdict.sentence,
@@ -97,8 +103,8 @@ def _conclude(found: Findings, rig: Rig, options: Options) -> Conclusion:
         gain,
         tuple(record.name for record in found.held_out),
         audit_findings(found),
-        detectable(found),
-        None,
+        least,
+        proposal.result if proposal else None,
         verdict.varies_over,
         verdict.reasons,
         found.choice.candidates,
@@ -107,4 +113,4 @@ def _conclude(found: Findings, rig: Rig, options: Options) -> Conclusion:
         floors,
         tuple(runs),
     )
-    return Conclusion(diagnosis, extended)
+    return Conclusion(diagnosis, extended, proposal.trajectory if proposal else None)

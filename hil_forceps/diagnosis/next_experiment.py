@@ -1,0 +1,257 @@
+"""Which experiment to make next, and how well it would tell apart what is still tied.
+
+Both models are simulated on each experiment of the menu. Their difference D, whitened with the noise measured so far,
+counts only where the rival can't follow it by refitting: with J the rival's sensitivities there and H what the runs so
+far know of its parameters (inverse covariance; priors for nuisances of the new run),
+
+    d² = DᵀD − DᵀJ (H + JᵀJ)⁻¹ JᵀD,
+
+which is what χ² of the rival's refit is expected to rise above that of the truth. The truth's own parameters are known
+as far as the runs tell: d is what is reached or exceeded for `SURE` of the values that they leave possible.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.diagnosis.choice import Model
+from hil_forceps.diagnosis.diagnose import Findings
+from hil_forceps.diagnosis.experiment import BURN_IN_S, Record, jumps
+from hil_forceps.diagnosis.fit import gram
+from hil_forceps.diagnosis.menu import Bounds, Experiment, bounds_of, menu, trajectory_of
+from hil_forceps.diagnosis.predict import ClosedLoop
+from hil_forceps.diagnosis.problem import Matrix, Nuisance, Outputs, Problem
+from hil_forceps.diagnosis.result import Detectable, NextExperiment
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, make_layout, transform, whitening
+from hil_forceps.model import closed_loop, parameters
+from hil_forceps.rig.catalogue import EFFECTS
+
+Vector = NDArray[np.float64]
+
+MOST_RIVALS = 3  # the best ones; each is simulated on the whole menu
+MOST_TARGETS = 4  # effects that are looked at where nothing is tied
+DRAWS = 400
+SURE = 0.8
+VISIBLE = 4.0  # d from which on an effect would be found more often than not
+
+
+class Proposal(NamedTuple):
+    """The next experiment, and the motion that `hil-forceps run --trajectory` gives it."""
+
+    result: NextExperiment
+    trajectory: Trajectory
+
+
+class Stage(NamedTuple):
+    """An experiment seen by one model: where it is linear, and what it says there."""
+
+    problem: Problem
+    whitener: Whitener
+    said: Flat
+    white: Matrix  # its sensitivities, whitened
+    known: NDArray[np.float64]  # H
+
+
+def propose(found: Findings, least: dict[str, Detectable]) -> Proposal | None:
+    """Return the experiment that tells most; None where the menu holds none that would tell anything.
+
+    `least`: the smallest size of each effect that the runs would show, as the result has it.
+    """
+    offered = _offered(found)
+    tied = tuple(dict.fromkeys(rival.effects for rival in found.choice.rivals if rival.effects))
+    if len(tied) > 1:
+        return _to_separate(found, offered)
+    return _to_see(found, offered, least)
+
+
+def _offered(found: Findings) -> list[Experiment]:
+    angles = [record.channels["theta_m_rad"] for record in found.records]
+    bounds: Bounds = bounds_of(found.rig, min(float(a.min()) for a in angles), max(float(a.max()) for a in angles))
+    measured = all(record.tau_w_N_m is not None for record in found.records)
+    return [e for e in menu(bounds) if measured or not e.loaded]
+
+
+def _to_separate(found: Findings, offered: Sequence[Experiment]) -> Proposal | None:
+    """Choose what separates the best of the tied models from that which it separates worst."""
+    truth, *others = sorted(found.choice.rivals, key=lambda m: m.fit.chi2)[:MOST_RIVALS]
+    reached = [min(separation(found, e, truth, other) for other in others) for e in offered]
+    best = _most_telling(offered, reached)
+    if reached[best] <= 0.0:
+        return None
+    experiment = offered[best]
+    pairs = tuple(tuple(m.effects) for m in (truth, *others))
+    said = f"{experiment.instruction} It excites {experiment.excites}."
+    result = NextExperiment(experiment.name, pairs, reached[best], said)
+    return Proposal(result, trajectory_of(experiment, found.rig))
+
+
+def _most_telling(offered: Sequence[Experiment], reached: Sequence[float]) -> int:
+    """Return which experiment tells most for its time: d² grows with the time, and any motion can be repeated."""
+    return int(np.argmax([d / math.sqrt(float(e.time_s[-1])) for e, d in zip(offered, reached, strict=True)]))
+
+
+def _to_see(found: Findings, offered: Sequence[Experiment], least: dict[str, Detectable]) -> Proposal | None:
+    """Choose what shows best the effect that the runs show least, of those that any experiment would show."""
+    model = found.choice.model
+    stages = [stage_of(found, e, model) for e in offered]
+    best: tuple[float, Experiment, str] | None = None
+    for effect_id in _least_visible(least, model.effects)[:MOST_TARGETS]:
+        other = _theta_with(model, effect_id)
+        reached = [_difference(stage, other) for stage in stages]
+        k = _most_telling(offered, reached)
+        if best is None or reached[k] > best[0]:
+            best = (reached[k], offered[k], effect_id)
+        if best[0] >= VISIBLE:
+            break
+    if best is None or best[0] <= 0.0:
+        return None
+    d, experiment, effect_id = best
+    said = (
+        f"{experiment.instruction} It excites {experiment.excites}. Nothing is tied; of what these data show least, "
+        f"{effect_id} of the usual size would show there."
+    )
+    return Proposal(NextExperiment(experiment.name, (), d, said), trajectory_of(experiment, found.rig))
+
+
+def _least_visible(least: dict[str, Detectable], named: Sequence[str]) -> list[str]:
+    """Return the entries in order of the least size that shows, over the usual one; those that never show first."""
+    sizes: dict[str, float] = {}
+    for entry in EFFECTS:
+        amplitudes = {p.name: p.typical for p in entry.parameters if p.neutral is not None}
+        if entry.id in named or not amplitudes:
+            continue
+        shown = least.get(entry.id)
+        sizes[entry.id] = math.inf if shown is None else shown.value / abs(amplitudes[shown.parameter])
+    return sorted(sizes, key=lambda effect_id: -sizes[effect_id])
+
+
+def _theta_with(model: Model, effect_id: str) -> Vector:
+    theta = model.problem.theta(model.fit.u)
+    entry = next(e for e in EFFECTS if e.id == effect_id)
+    for p in entry.parameters:
+        theta[parameters.index(f"effects.{effect_id}.{p.name}")] = p.typical
+    return theta
+
+
+def separation(found: Findings, experiment: Experiment, one: Model, other: Model) -> float:
+    """Return d: how far the refit of either stays from what the other does in an experiment, in standard deviations."""
+    a, b = stage_of(found, experiment, one), stage_of(found, experiment, other)
+    return min(_reached(a, b), _reached(b, a))
+
+
+def _reached(truth: Stage, rival: Stage) -> float:
+    """Return the d that is reached for `SURE` of the truth's possible parameters."""
+    apart = rival.whitener.apply(truth.said - rival.said)
+    count = len(truth.problem.shared.items)
+    left = _left(rival, np.column_stack((apart, truth.white[:, :count])))
+    covariance = np.linalg.pinv(truth.known[:count, :count], hermitian=True)
+    values, vectors = np.linalg.eigh(covariance)
+    scatter = np.random.default_rng(0).standard_normal((DRAWS, count)) * np.sqrt(np.maximum(values, 0.0))
+    draws = np.column_stack((np.ones(DRAWS), scatter @ vectors.T))
+    squares = np.einsum("ki,ij,kj->k", draws, left, draws)
+    return math.sqrt(max(float(np.quantile(squares, 1.0 - SURE)), 0.0)) if np.isfinite(squares).all() else 0.0
+
+
+def _left(stage: Stage, columns: Matrix) -> NDArray[np.float64]:
+    """Return the Gram matrix of whitened columns, less what refitting the stage's model takes up."""
+    cross = gram(stage.white, columns)
+    solved = np.linalg.lstsq(stage.known + gram(stage.white, stage.white), cross, rcond=1e-12)[0]
+    return gram(columns, columns) - cross.T @ solved
+
+
+def stage_of(found: Findings, experiment: Experiment, model: Model) -> Stage:
+    """Put a fitted model on an experiment."""
+    problem = _problem(found, experiment, model)
+    count = len(problem.shared.items)
+    u = np.concatenate((model.fit.u[:count], np.zeros(problem.nuisance_count)))
+    outputs = problem.simulate(u)
+    whitener = whitening(
+        problem.layout, noise_on(problem.layout, found.choice.model.problem.layout, found.choice.noise)
+    )
+    known = np.eye(problem.size)
+    covariance = model.fit.covariance[:count, :count]
+    known[:count, :count] = np.linalg.pinv(covariance, hermitian=True) if count else covariance
+    white = whitener.apply(problem.jacobian(u, outputs))
+    return Stage(problem, whitener, transform(problem.layout, outputs), white, known)
+
+
+def _difference(stage: Stage, theta: Vector) -> float:
+    problem = stage.problem
+    nuisances = problem.nuisances(np.zeros(problem.size))
+    said = transform(problem.layout, problem.simulate_runs(theta, nuisances))
+    apart = stage.whitener.apply(said - stage.said)
+    if not np.isfinite(apart).all():
+        return 0.0
+    return math.sqrt(max(float(_left(stage, apart[:, None])[0, 0]), 0.0))
+
+
+def _turned_over(theta: Vector) -> Vector:
+    """Return the parameters of the forceps on its other side: the weight pulls the other way."""
+    turned = theta.copy()
+    for name in ("cosine_N_m", "sine_N_m"):
+        turned[parameters.index(f"effects.jaw_gravity.{name}")] *= -1.0
+    return turned
+
+
+class _TurnedOver(NamedTuple):
+    """Simulates with the weight pulling the other way."""
+
+    upright: ClosedLoop
+
+    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+        """Return the transformed channels of each run."""
+        return self.upright(_turned_over(theta), nuisances)
+
+
+def _problem(found: Findings, experiment: Experiment, model: Model) -> Problem:
+    """Return the problem of fitting a model to the experiment alone."""
+    simulator = found.setting.simulator
+    record = record_of(experiment, found.records[0])
+    theta = model.problem.theta(model.fit.u)
+    start = closed_loop.rest(theta, float(record.reference_rad[0]))
+    staged = ClosedLoop((record,), simulator.law, (start,), (np.empty(0),))
+    layout = make_layout([list(record.channels)], [record.weights], [record.period_s])
+    return replace(
+        model.problem,
+        records=(record,),
+        layout=layout,
+        measured=np.zeros(layout.size, dtype=np.float32),
+        simulate_runs=_TurnedOver(staged) if experiment.turned_over else staged,
+    )
+
+
+def record_of(experiment: Experiment, like: Record) -> Record:
+    """Return the rows that an experiment would give, with the channels and the period of a run that was made."""
+    period = like.period_s
+    rows = int(experiment.time_s[-1] / period) + 1
+    time: Vector = period * np.arange(rows, dtype=np.float64)
+    load = np.interp(time, experiment.time_s, experiment.load_N_m)
+    weights = np.ones(rows)
+    weights[: max(1, round(BURN_IN_S / period))] = 0.0
+    return Record(
+        experiment.name,
+        "closed_loop",
+        period,
+        time,
+        np.interp(time, experiment.time_s, experiment.theta_m_rad),
+        {name: np.zeros(rows) for name in like.channels},
+        load if like.tau_w_N_m is not None else None,
+        jumps(load),
+        weights,
+        like.evenly_logged,
+    )
+
+
+def noise_on(layout: Layout, measured_on: Layout, noise: Noise) -> Noise:
+    """Return the noise that was measured on other runs, for the bands of this layout: the nearest in frequency."""
+    channels = np.array(measured_on.band_channel)
+    taken = []
+    for name, middle in zip(layout.band_channel, layout.band_Hz, strict=True):
+        here = np.flatnonzero(channels == name)
+        taken.append(int(here[np.argmin(np.abs(np.log(measured_on.band_Hz[here] / middle)))]))
+    return Noise(noise.power[taken], noise.mix[taken])
