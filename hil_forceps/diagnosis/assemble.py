@@ -6,8 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.assemble_driven import driven_problem
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.predict import ClosedLoop, make_starts
+from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.spectrum import make_layout, transform
 from hil_forceps.diagnosis.unknowns import Unknowns, known_parameters
@@ -25,13 +27,17 @@ class Setting(NamedTuple):
     """A problem with the pieces it was made of."""
 
     problem: Problem
-    simulator: ClosedLoop
+    simulator: ClosedLoop | Driven
     floor: Vector  # least noise power of each band
     first_power: Vector  # first guess of it
 
 
 def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknowns | None = None) -> Setting:
-    """Make the problem of fitting a rig's known parameters to runs in closed loop."""
+    """Make the problem of fitting a rig's known parameters to runs, in closed loop or driven as the records say."""
+    if records[0].mode == "driven":
+        problem, driven = driven_problem(records, rig, mapper, shared)
+        power = first_noise(driven, problem.layout.band_channel, rig)
+        return Setting(problem, driven, 0.2 * power, power)
     law = drive_law.law_vector(rig.require_drive())
     theta = parameters.vector(rig)
     simulator = ClosedLoop(tuple(records), law, make_starts(records, theta, law), (np.empty(0),) * len(records))
@@ -61,7 +67,7 @@ def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknow
     return Setting(problem, simulator, 0.2 * power, power)
 
 
-def first_noise(simulator: ClosedLoop, band_channels: Sequence[str], rig: Rig) -> Vector:
+def first_noise(simulator: ClosedLoop | Driven, band_channels: Sequence[str], rig: Rig) -> Vector:
     """Return a first guess of the noise power of each band: what the rig says, counts, or second differences.
 
     Second differences see little of what moves and all of white noise: their variance is 6 times its.

@@ -42,7 +42,7 @@ def diagnose(runs: Sequence[Run], rig: Rig, options: Options) -> Conclusion:
         said = "These data cannot tell: they can't be right as they are."
         return Conclusion(Diagnosis("undetermined", said, data_audit=findings, reasons=reasons), rig)
     found = investigate(runs, rig, options)
-    return _conclude(found, rig, options)
+    return _conclude(found, options)
 
 
 def silent(runs: Sequence[Run], rig: Rig) -> tuple[str, ...]:
@@ -56,15 +56,15 @@ def silent(runs: Sequence[Run], rig: Rig) -> tuple[str, ...]:
             "neither the jaw's angle nor its load was measured, so whatever is seen at the motor may be load; "
             "measure one of them, or leave the jaw free and give tau_w_N_m as 0"
         )
-    if any(mode_of(run, rig) == "driven" for run in runs):
-        reasons.append(
-            "the drive's law, its reference or the current is missing, so the closed loop can't be simulated"
-        )
+    if not all({"current_A", "tau_m_N_m"} & set(run.columns) for run in runs):
+        reasons.append("neither the current nor the motor's torque was measured in every run; record one of them")
+    elif mode_of(runs, rig) == "driven" and len({"tau_m_N_m" in run.columns for run in runs}) > 1:
+        reasons.append("some runs have the motor's torque and others the current; give runs of one kind")
     return tuple(reasons)
 
 
-def _conclude(found: Findings, rig: Rig, options: Options) -> Conclusion:
-    verdict = judge(found)
+def _conclude(found: Findings, options: Options) -> Conclusion:
+    verdict, rig = judge(found), found.rig
     model, baseline = found.choice.model, found.baseline
     theta_before = baseline.problem.theta(baseline.fit.u)
     theta_after = theta_before if verdict.verdict != "effects" else model.problem.theta(model.fit.u)

@@ -7,17 +7,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis import linear
+from hil_forceps.diagnosis import linear, predict_driven
 from hil_forceps.diagnosis.assemble import Setting, assemble
 from hil_forceps.diagnosis.audit import Finding, audit
 from hil_forceps.diagnosis.choice import Choice, Chooser, Model
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.experiment import Record, prepare
+from hil_forceps.diagnosis.experiment import Record, mode_of, prepare
+from hil_forceps.diagnosis.experiment_driven import prepare_driven
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.leftover import Leftover, leftover
 from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.scene import scene_of
 from hil_forceps.diagnosis.spectrum import Whitener, measure_noise, white_noise, whitening
+from hil_forceps.diagnosis.starting import completed
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -80,12 +82,17 @@ def split_runs(runs: Sequence[Run], wanted: Sequence[str]) -> tuple[list[Run], l
 
 
 def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
-    """Run all steps on runs whose drive law is known."""
+    """Run all steps."""
     options.progress("auditing the data")
     findings = tuple(audit(runs, rig))
     fitted, held = split_runs(runs, options.hold_out)
-    records, notes = prepare(fitted, rig)
-    held_records, held_notes = prepare(held, rig)
+    if mode_of(runs, rig) == "driven":
+        records, notes = prepare_driven(fitted)
+        held_records, held_notes = prepare_driven(held)
+        rig = completed(records, rig)
+    else:
+        records, notes = prepare(fitted, rig)
+        held_records, held_notes = prepare(held, rig)
     options.progress("fitting the known parameters")
     setting, nominal, baseline, whitener = fit_baseline(records, rig, options)
     responses = _responses(setting, baseline, rig)
@@ -155,7 +162,7 @@ def quantum_of(rig: Rig) -> float:
 
 def courses_of(setting: Setting, model: Model) -> list[Course]:
     """Return what each run went through, without the encoder's shaking."""
-    still = replace(setting.simulator, encoder_error_rad=(np.empty(0),) * len(setting.simulator.records))
+    still = setting.simulator.unshaken()
     theta = model.problem.theta(model.fit.u)
     nuisances = model.problem.nuisances(model.fit.u)
     return [still.course(k, theta, nuisance) for k, nuisance in enumerate(nuisances)]
@@ -164,6 +171,8 @@ def courses_of(setting: Setting, model: Model) -> list[Course]:
 def _responses(setting: Setting, baseline: Model, rig: Rig) -> list[linear.Response]:
     theta = baseline.problem.theta(baseline.fit.u)
     plant = PlantParameters(*(float(value) for value in theta[: len(PlantParameters._fields)]))
+    if setting.simulator.records[0].mode == "driven":
+        return [predict_driven.responses(plant, record) for record in setting.simulator.records]
     law = rig.require_drive()
     return [linear.responses(plant, law, r.time_s.size, r.period_s) for r in setting.simulator.records]
 

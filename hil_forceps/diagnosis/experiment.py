@@ -30,16 +30,17 @@ class Record(NamedTuple):
     mode: Mode
     period_s: float
     time_s: Vector
-    reference_rad: Vector  # zeros in mode "driven"
+    reference_rad: Vector  # what the motor follows; in mode "driven" its angle as measured
     channels: dict[str, Vector]  # measured: theta_m_rad, current_A or tau_m_N_m, theta_j_rad where there
     tau_w_N_m: Vector | None  # smoothed
     edge_rows: Rows
     weights: Vector  # 1 where a row counts, 0 where it doesn't (burn-in, gaps)
     evenly_logged: bool  # no gap, no resampling: the drive's law can be followed row by row
+    theta_j_rad: Vector | None = None  # in mode "driven" without a measured load: it drives, too
 
 
 def prepare(runs: Sequence[Run], rig: Rig) -> tuple[list[Record], list[str]]:
-    """Make records of the runs, and notes on what was left out; UserError when a run can't serve at all."""
+    """Make records of runs in closed loop, and notes on what was left out; UserError when a run can't serve at all."""
     notes: list[str] = []
     records = []
     budget = MAX_ROWS // max(len(runs), 1)
@@ -50,10 +51,10 @@ def prepare(runs: Sequence[Run], rig: Rig) -> tuple[list[Record], list[str]]:
     return records, notes
 
 
-def mode_of(run: Run, rig: Rig) -> Mode:
+def mode_of(runs: Sequence[Run], rig: Rig) -> Mode:
     """Closed loop where the drive's law, its reference and the current are known; else θ_m as measured drives."""
-    known = rig.drive is not None and "theta_m_ref_rad" in run.columns and "current_A" in run.columns
-    return "closed_loop" if known else "driven"
+    known = all("theta_m_ref_rad" in run.columns and "current_A" in run.columns for run in runs)
+    return "closed_loop" if known and rig.drive is not None else "driven"
 
 
 def _record(run: Run, rig: Rig, budget: int) -> tuple[Record, list[str]]:
@@ -66,23 +67,22 @@ def _record(run: Run, rig: Rig, budget: int) -> tuple[Record, list[str]]:
     period = float(np.median(np.diff(time)))
     if time.size < 50:
         raise UserError(f"{run.name}: {time.size} rows are too few to diagnose; at least 50 are needed")
-    mode = mode_of(run, rig)
-    if mode == "closed_loop" and rig.drive is not None:
+    if rig.drive is not None:
         ratio = period / rig.drive.sample_time_s
         if ratio > 0.5 and abs(ratio - round(ratio)) < 0.02:
             period = round(ratio) * rig.drive.sample_time_s  # stamps are printed with few digits
-    rows, grid, missing = _grid(time, period)
-    uneven = bool(missing.any()) or rows.size != time.size or _jitter(time, period) > JITTER_FOR_RESAMPLING
+    rows, grid, missing = grid_of(time, period)
+    uneven = bool(missing.any()) or rows.size != time.size or jitter_of(time, period) > JITTER_FOR_RESAMPLING
     if uneven:
         columns = {name: np.interp(grid, time, values) for name, values in columns.items()}
     weights = np.where(missing, 0.0, 1.0)
     weights[: max(1, round(BURN_IN_S / period))] = 0.0
     tau_w = columns.get("tau_w_N_m")
     edges = jumps(tau_w) if tau_w is not None else np.empty(0, dtype=np.intp)
-    used = ("theta_m_rad", "tau_m_N_m" if "tau_m_N_m" in columns else "current_A", "theta_j_rad")
+    used = ("theta_m_rad", "current_A", "theta_j_rad")
     record = Record(
         run.name,
-        mode,
+        "closed_loop",
         period,
         grid - grid[0],
         columns.get("theta_m_ref_rad", np.zeros(grid.size)),
@@ -95,7 +95,7 @@ def _record(run: Run, rig: Rig, budget: int) -> tuple[Record, list[str]]:
     return record, notes
 
 
-def _grid(time: Vector, period: float) -> tuple[Rows, Vector, Mask]:
+def grid_of(time: Vector, period: float) -> tuple[Rows, Vector, Mask]:
     """Return the row of the grid that each stamp falls on, the grid, and which of its rows nothing was measured at."""
     rows = np.rint((time - time[0]) / period).astype(np.intp)
     if np.array_equal(rows, np.arange(time.size)):
@@ -111,7 +111,8 @@ def _grid(time: Vector, period: float) -> tuple[Rows, Vector, Mask]:
     return rows, time[0] + period * np.arange(count), spread
 
 
-def _jitter(time: Vector, period: float) -> float:
+def jitter_of(time: Vector, period: float) -> float:
+    """Return how much the intervals of stamps (n) vary, gaps apart; in row periods."""
     intervals = np.diff(time)
     regular = intervals[intervals < 1.5 * period]
     return float(np.std(regular) / period) if regular.size > 1 else 0.0

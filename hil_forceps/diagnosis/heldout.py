@@ -44,13 +44,19 @@ def play(records: Sequence[Record], rig: Rig, theta: Vector, quantum_rad: float,
     noise = measure_noise(problem.layout, found.residual)
     noise = noise._replace(power=np.maximum(noise.power, setting.floor))
     found = fit(problem, found.u, whitening(problem.layout, noise), steps=NUISANCE_STEPS)
-    still = replace(simulator, encoder_error_rad=(np.empty(0),) * len(records))
+    still = simulator.unshaken()
     channels, courses = [], []
     for k, nuisance in enumerate(problem.nuisances(found.u)):
         raw = simulator.raw(k, theta, nuisance)
-        channels.append({name: np.asarray(getattr(raw, name)) for name in records[k].channels})
+        channels.append({name: np.asarray(getattr(raw, name)) for name in shown(records[k])})
         courses.append(still.course(k, theta, nuisance))
     return Played(channels, courses)
+
+
+def shown(record: Record) -> dict[str, Vector]:
+    """Return the channels of a run that figures show: those compared, and the motion that drives it."""
+    motion = {"theta_m_rad": record.reference_rad} if record.mode == "driven" else {}
+    return motion | dict(record.channels)
 
 
 def gains(
@@ -126,7 +132,7 @@ def evidence(
             record.name,
             held_out,
             record.time_s,
-            dict(record.channels) | ({"tau_w_N_m": record.tau_w_N_m} if record.tau_w_N_m is not None else {}),
+            shown(record) | ({"tau_w_N_m": record.tau_w_N_m} if record.tau_w_N_m is not None else {}),
             before.channels[k],
             after.channels[k],
             nominal.channels[k],

@@ -101,6 +101,10 @@ class ClosedLoop:
             found = replace(self, encoder_error_rad=tuple(errors))
         return found
 
+    def unshaken(self) -> "ClosedLoop":
+        """Return the same without the encoder's rounding."""
+        return replace(self, encoder_error_rad=(np.empty(0),) * len(self.records))
+
     def course(self, run: int, theta: Vector, nuisance: Nuisance) -> Course:
         """Return what a run went through inside."""
         record = self.records[run]

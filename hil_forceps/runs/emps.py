@@ -3,11 +3,14 @@
 The data are others' (nonlinearbenchmark.org); `DATA_EMPS.mat` and `DATA_EMPS_PULSES.mat` as published: `qm` position
 [m], `qg` reference [m], `vir` control signal [V], `gtau` force per volt, `t` time, `kp` and `kv` gains of the loop.
 
-The axis is linear and a run is rotary. At a radius of exactly 1 m an angle in rad is the path in m and a torque in
-N m the force in N, so the numbers stay what was measured and every equation of a motor's balance holds unchanged.
+The axis is linear and a run is rotary: it is written at a radius of 5 mm. An angle is the path over that radius and a
+torque the force times it, which is of the size of a small screw's and within the ranges of a rig. Nothing but the axis
+itself is moved, so the load on it is known: none.
 """
 
 from pathlib import Path
+
+import numpy as np
 
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.mat_file import parse_mat
@@ -16,11 +19,12 @@ from hil_forceps.runs.time_order import drop_repeats
 
 MAX_FILE_BYTES = 64 << 20  # a file as published has 0.7 MB
 SERIES = ("t", "qm", "qg", "vir")
+RADIUS_M = 5.0e-3
 SCALARS = ("gtau", "kp", "kv")
 
 
 def read_emps(path: str | Path) -> Run:
-    """Read one file: θ_m and its reference are path over a radius of 1 m, τ_m is the force times that radius.
+    """Read one file: θ_m and its reference are path over `RADIUS_M`, τ_m is the force times that radius, τ_w is 0.
 
     Raises UserError when the file can't be read, is none of MATLAB's, or lacks a variable of EMPS.
     """
@@ -28,13 +32,15 @@ def read_emps(path: str | Path) -> Run:
     variables = _load(path)
     columns = {
         "time_s": variables["t"],
-        "theta_m_ref_rad": variables["qg"],
-        "theta_m_rad": variables["qm"],
-        "tau_m_N_m": variables["gtau"] * variables["vir"],
+        "theta_m_ref_rad": variables["qg"] / RADIUS_M,
+        "theta_m_rad": variables["qm"] / RADIUS_M,
+        "tau_m_N_m": RADIUS_M * variables["gtau"] * variables["vir"],
+        "tau_w_N_m": np.zeros(len(variables["t"])),
     }
     columns, more = drop_repeats(columns, str(path), lambda row: f"{path}: sample {row + 1}")
     notes = (
-        "linear axis, written at a radius of 1 m: 1 rad is 1 m of path, 1 N m is 1 N of force",
+        f"linear axis, written at a radius of {RADIUS_M * 1e3:g} mm: angles are path over it, torques force times it",
+        "nothing but the axis itself is moved: tau_w_N_m is 0",
         f"force is vir times gtau, {variables['gtau'][0]:.9g} N/V",
         f"gains of its position and velocity loop: kp {variables['kp'][0]:g} 1/s, kv {variables['kv'][0]:g} V s/m",
     )

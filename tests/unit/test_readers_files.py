@@ -191,11 +191,12 @@ def test_emps_keeps_its_numbers_and_says_what_they_are(tmp_path: Path) -> None:
     path = tmp_path / "DATA_EMPS.mat"
     savemat(path, emps_variables())
     (run,) = read_run(path)
-    assert sorted(run.columns) == ["tau_m_N_m", "theta_m_rad", "theta_m_ref_rad", "time_s"]
+    assert sorted(run.columns) == ["tau_m_N_m", "tau_w_N_m", "theta_m_rad", "theta_m_ref_rad", "time_s"]
     time_s = run.columns["time_s"]
-    np.testing.assert_array_equal(run.columns["theta_m_rad"], 0.199 * np.sin(time_s))
-    np.testing.assert_array_equal(run.columns["tau_m_N_m"], 35.15 * np.cos(time_s))
-    assert "1 rad is 1 m of path, 1 N m is 1 N of force" in run.notes[0]
+    np.testing.assert_array_equal(run.columns["theta_m_rad"], 0.199 * np.sin(time_s) / 5e-3)
+    np.testing.assert_allclose(run.columns["tau_m_N_m"], 5e-3 * 35.15 * np.cos(time_s), rtol=1e-14)
+    np.testing.assert_array_equal(run.columns["tau_w_N_m"], 0.0)
+    assert "written at a radius of 5 mm" in run.notes[0]
     for change, message in (
         ({"vir": None}, "no numbers vir in it"),
         ({"qm": np.zeros(3)}, "samples: t 200, qm 3"),
@@ -217,7 +218,7 @@ def test_emps_as_published(name: str) -> None:
     (run,) = read_run(path)
     assert len(run) == 24841
     assert run.sample_time_s == pytest.approx(1e-3, rel=1e-3)
-    assert 0.1 < float(np.ptp(run.columns["theta_m_rad"])) < 1.0
+    assert 20.0 < float(np.ptp(run.columns["theta_m_rad"])) < 200.0
 
 
 def test_suffixes_that_lie_and_files_that_are_not_there(tmp_path: Path) -> None:

@@ -1,0 +1,95 @@
+"""Runs made ready where the measured motion drives the simulation: smoothed, thinned out, rows at rest masked.
+
+Every channel goes through the same zero-phase low pass, so that balances between them hold as they did before; then
+rows are taken at a rate at which nothing of what passed is lost.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from hil_forceps.diagnosis.experiment import BURN_IN_S, JITTER_FOR_RESAMPLING, Record, grid_of, jitter_of
+from hil_forceps.rig.errors import UserError
+from hil_forceps.runs.table import Run
+
+Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MAX_ROWS = 60_000  # of all runs together
+HIGHEST_RATE_Hz = 260.0  # of rows: what a balance of torques tells lies far below its half
+PASS_SHARE = 0.2  # of the rate of rows: the corner of the low pass
+ORDER = 4
+FEWEST_ROWS = 50
+STILL_SHARE = 0.03  # of the top speed: below it friction may be anything up to its level
+TOP_QUANTILE = 0.99
+CHANNELS = ("theta_m_rad", "current_A", "tau_m_N_m", "theta_j_rad", "tau_w_N_m")
+
+
+def prepare_driven(runs: Sequence[Run]) -> tuple[list[Record], list[str]]:
+    """Make records of the runs, and notes on what was left out; UserError when a run can't serve at all."""
+    short = [run.name for run in runs if len(run) < FEWEST_ROWS]
+    if short:
+        raise UserError(f"{short[0]}: too few rows to diagnose; at least {FEWEST_ROWS} are needed")
+    periods = [float(np.median(np.diff(run.columns["time_s"]))) for run in runs]
+    rows = sum(float(np.ptp(run.columns["time_s"])) / period for run, period in zip(runs, periods, strict=True))
+    crowd = rows / MAX_ROWS
+    notes, records = [], []
+    for run, period in zip(runs, periods, strict=True):
+        factor = max(1, round(1.0 / (HIGHEST_RATE_Hz * period)), int(np.ceil(crowd)))
+        records.append(_record(run, period, factor))
+        notes.append(
+            f"{run.name}: all channels low-passed at {PASS_SHARE / (factor * period):.3g} Hz, one row in {factor} used"
+        )
+    return records, notes
+
+
+def torque_channel(record: Record) -> str:
+    """Return which channel shows the motor's torque."""
+    return "tau_m_N_m" if "tau_m_N_m" in record.channels else "current_A"
+
+
+def _record(run: Run, period: float, factor: int) -> Record:
+    columns = {name: run.columns[name] for name in CHANNELS if name in run.columns}
+    time = run.columns["time_s"]
+    rows, grid, missing = grid_of(time, period)
+    uneven = bool(missing.any()) or rows.size != time.size or jitter_of(time, period) > JITTER_FOR_RESAMPLING
+    if uneven:
+        columns = {name: np.interp(grid, time, values) for name, values in columns.items()}
+    if "current_A" in columns:
+        # A drive holds its current between samples, and a row has the one held until then: half a row ago on average.
+        columns["current_A"] = 0.5 * (
+            columns["current_A"] + np.append(columns["current_A"][1:], columns["current_A"][-1])
+        )
+    step = float(factor * period)
+    low_pass = butter(ORDER, 2.0 * PASS_SHARE / factor, output="sos")
+    columns = {name: np.ascontiguousarray(sosfiltfilt(low_pass, values)[::factor]) for name, values in columns.items()}
+    angle = columns.pop("theta_m_rad")
+    count = angle.size
+    weights: Vector = np.where(np.maximum.reduceat(missing, np.arange(0, missing.size, factor)), 0.0, 1.0)
+    ends = max(1, round(BURN_IN_S / step))
+    weights[:ends] = weights[-ends:] = 0.0
+    weights[np.abs(np.gradient(angle, step)) < still_rad_per_s(angle, step)] = 0.0
+    if "tau_m_N_m" in columns:
+        columns.pop("current_A", None)
+    load = columns.pop("tau_w_N_m", None)
+    jaw = columns.pop("theta_j_rad", None) if load is None else None
+    return Record(
+        run.name,
+        "driven",
+        step,
+        step * np.arange(count, dtype=np.float64),
+        angle,
+        columns,
+        load,
+        np.empty(0, dtype=np.intp),
+        weights,
+        not uneven,
+        jaw,
+    )
+
+
+def still_rad_per_s(angle: Vector, period_s: float) -> float:
+    """Return the speed below which a motor counts as at rest."""
+    return STILL_SHARE * float(np.quantile(np.abs(np.gradient(angle, period_s)), TOP_QUANTILE))

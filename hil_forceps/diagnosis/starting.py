@@ -1,0 +1,152 @@
+"""Starting values where a rig says little: ratio, stiffness, friction and K_t by least squares, before any simulation.
+
+    θ_j = (r_m/r_j) θ_m − τ_w/(k r_j²) + zero
+    τ_m = I α + D ω + C sgn ω + (r_m/r_j) τ_w + zero
+
+Only for the fit to begin near its end: nothing of it is reported.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.experiment_driven import torque_channel
+from hil_forceps.model import parameters
+from hil_forceps.rig import Parameter, Rig
+from hil_forceps.rig.errors import UserError
+
+Vector = NDArray[np.float64]
+
+WIDEST_SD = 10.0  # of the starting value
+NARROWEST_SD = 0.5
+LEAST_LOAD_SHARE = 0.05  # of the motor's torque: a smaller load tells no ratio
+
+R_M, R_J = "forceps.motor_pulley_radius_m", "forceps.jaw_pulley_radius_m"
+K_T = "motor.torque_constant_N_m_per_A"
+
+
+class Guess(NamedTuple):
+    """What the balances say; NaN where they don't."""
+
+    ratio: float
+    give_rad_per_N_m: float  # 1/(k r_j²)
+    inertia: float
+    viscous: float
+    coulomb: float
+    lever: float  # motor torque (or current) over the load's
+
+
+def completed(records: Sequence[Record], rig: Rig) -> Rig:
+    """Return the rig with a starting value for all that it doesn't know; UserError where nothing bounds it."""
+    names = [name for name in parameters.PLANT_NAMES if _known(rig, name).value is None]
+    if not names:
+        return rig
+    if unbounded := [name for name in names if _known(rig, name).minimum is None]:
+        raise UserError(
+            [f"{n}: is unknown and has no bounds; give {{min, max}} for the diagnosis to search in" for n in unbounded]
+        )
+    values = {name: _value(rig, name) for name in parameters.PLANT_NAMES}
+    values |= {name: value for name, value in _guessed(guess(records), rig, records).items() if name in names}
+    changes: dict[str, object] = {}
+    for name in names:
+        known = _known(rig, name)
+        low, high = float(known.minimum or 0.0), float(known.maximum or 0.0)
+        value = min(max(values[name], low), high)
+        sd = min(max((high - low) / math.sqrt(12.0), NARROWEST_SD * value), WIDEST_SD * value)
+        changes[name] = {"value": value, "sd": sd, "min": low, "max": high}
+    return rig.with_changes(changes)
+
+
+def guess(records: Sequence[Record]) -> Guess:
+    """Return what least squares on the balances say."""
+    inertia, viscous, coulomb, lever = _torque_balance(records)
+    ratio, give = _angles(records)
+    return Guess(ratio, give, inertia, viscous, coulomb, lever)
+
+
+def _known(rig: Rig, name: str) -> Parameter:
+    section, key = name.split(".")
+    known: Parameter = getattr(getattr(rig, section), key)
+    return known
+
+
+def _value(rig: Rig, name: str) -> float:
+    """Return a parameter's value, or the middle of its bounds in powers of ten."""
+    known = _known(rig, name)
+    if known.value is not None:
+        return known.value
+    low, high = float(known.minimum or 0.0), float(known.maximum or 0.0)
+    return math.sqrt(low * high) if low > 0.0 else 0.1 * high
+
+
+def _guessed(found: Guess, rig: Rig, records: Sequence[Record]) -> dict[str, float]:
+    """Return the plant's values that the balances tell, given those that are known."""
+    known_r_m = _known(rig, R_M).value
+    r_j = _value(rig, R_J)
+    if known_r_m is not None and _known(rig, R_J).value is None and found.ratio > 0.0:
+        r_j = known_r_m / found.ratio
+    values = {R_J: r_j}
+    if found.ratio > 0.0:
+        values[R_M] = found.ratio * r_j
+    if found.give_rad_per_N_m > 0.0:
+        values["forceps.wire_stiffness_N_per_m"] = 1.0 / (found.give_rad_per_N_m * r_j * r_j)
+    constant = 1.0
+    if torque_channel(records[0]) == "current_A":
+        constant = _value(rig, K_T)
+        if _known(rig, K_T).value is None and found.lever > 0.0 and found.ratio > 0.0:
+            constant = found.ratio / found.lever
+            values[K_T] = constant
+    told = {
+        "forceps.motor_inertia_kg_m2": found.inertia,
+        "forceps.motor_viscous_N_m_s_per_rad": found.viscous,
+        "forceps.motor_coulomb_N_m": found.coulomb,
+    }
+    values |= {name: constant * value for name, value in told.items() if value > 0.0}
+    return values
+
+
+def _torque_balance(records: Sequence[Record]) -> tuple[float, float, float, float]:
+    rows, right = [], []
+    for record in records:
+        omega = np.gradient(record.reference_rad, record.period_s)
+        alpha = np.gradient(omega, record.period_s)
+        load = record.tau_w_N_m if record.tau_w_N_m is not None else np.zeros(omega.size)
+        columns = np.column_stack((alpha, omega, np.sign(omega), load))
+        here = record.weights > 0.0
+        rows.append(columns[here] - columns[here].mean(axis=0))
+        torque = record.channels[torque_channel(record)][here]
+        right.append(torque - torque.mean())
+    found = _least_squares(np.concatenate(rows), np.concatenate(right))
+    return float(found[0]), float(found[1]), float(found[2]), float(found[3])
+
+
+def _angles(records: Sequence[Record]) -> tuple[float, float]:
+    rows, right = [], []
+    for record in records:
+        jaw = record.channels.get("theta_j_rad", record.theta_j_rad)
+        if jaw is None:
+            continue
+        here = record.weights > 0.0
+        # Without a load cell the motor's torque stands for the load, up to a factor.
+        load = record.tau_w_N_m if record.tau_w_N_m is not None else np.zeros(jaw.size)
+        columns = np.column_stack((record.reference_rad, -load))[here]
+        rows.append(columns - columns.mean(axis=0))
+        right.append(jaw[here] - jaw[here].mean())
+    if not rows:
+        return math.nan, math.nan
+    found = _least_squares(np.concatenate(rows), np.concatenate(right))
+    return float(found[0]), float(found[1])
+
+
+def _least_squares(columns: NDArray[np.float64], right: Vector) -> Vector:
+    """Solve with columns scaled to one; NaN for a column that is constant."""
+    norms = np.sqrt(np.sum(columns**2, axis=0))
+    good = norms > 1e-12 * max(float(norms.max(initial=0.0)), 1e-30)
+    found = np.full(columns.shape[1], math.nan)
+    scaled = columns[:, good] / norms[good]
+    found[good] = np.linalg.lstsq(scaled, right, rcond=1e-8)[0] / norms[good]
+    return found
