@@ -62,8 +62,10 @@ def propose(found: Findings, least: dict[str, Detectable]) -> Proposal | None:
 
     `least`: the smallest size of each effect that the runs would show, as the result has it.
     """
+    if not isinstance(found.setting.simulator, ClosedLoop):
+        return None  # without the drive's law no motion can be foretold
     offered = _offered(found)
-    tied = tuple(dict.fromkeys(rival.effects for rival in found.choice.rivals if rival.effects))
+    tied = tuple(dict.fromkeys(rival.model.effects for rival in found.choice.rivals if rival.model.effects))
     if len(tied) > 1:
         return _to_separate(found, offered)
     return _to_see(found, offered, least)
@@ -78,7 +80,7 @@ def _offered(found: Findings) -> list[Experiment]:
 
 def _to_separate(found: Findings, offered: Sequence[Experiment]) -> Proposal | None:
     """Choose what separates the best of the tied models from that which it separates worst."""
-    truth, *others = sorted(found.choice.rivals, key=lambda m: m.fit.chi2)[:MOST_RIVALS]
+    truth, *others = [rival.model for rival in found.choice.rivals[:MOST_RIVALS]]
     reached = [min(separation(found, e, truth, other) for other in others) for e in offered]
     best = _most_telling(offered, reached)
     if reached[best] <= 0.0:
@@ -214,6 +216,8 @@ def _problem(found: Findings, experiment: Experiment, model: Model) -> Problem:
     record = record_of(experiment, found.records[0])
     theta = model.problem.theta(model.fit.u)
     start = closed_loop.rest(theta, float(record.reference_rad[0]))
+    if not isinstance(simulator, ClosedLoop):
+        raise TypeError("an experiment is foretold in closed loop only")
     staged = ClosedLoop((record,), simulator.law, (start,), (np.empty(0),))
     layout = make_layout([list(record.channels)], [record.weights], [record.period_s])
     return replace(

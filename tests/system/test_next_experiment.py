@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import pytest
-
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.session import Plan, feedback_period_s, host_config, run_session, service_config
 from hil_forceps.bridge.adapters import LinkSpec, open_link
@@ -11,7 +9,7 @@ from hil_forceps.cli.run import read_trajectory, write_trajectory
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.judge import detectable
-from hil_forceps.diagnosis.next_experiment import MOST_RIVALS, propose, separation
+from hil_forceps.diagnosis.next_experiment import MOST_RIVALS, propose
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from hil_forceps.runs.readers import read_run
@@ -69,7 +67,7 @@ def test_the_experiment_separates_as_predicted(tmp_path: Path) -> None:
     )
     held = Run("held", case.fit[0].columns)
     first = investigated([case.fit[0], held], LIMITED)
-    models = {m.effects: m for m in first.choice.rivals}
+    models = {rival.model.effects: rival.model for rival in first.choice.rivals}
     assert set(models) == {(effect_id,) for effect_id in TIED}
     proposal = propose(first, detectable(first))
     assert proposal is not None
@@ -82,7 +80,6 @@ def test_the_experiment_separates_as_predicted(tmp_path: Path) -> None:
     made = on_the_bench(case.true, read_trajectory(path), tmp_path)
     second = investigated([case.fit[0], made, held], LIMITED)
 
-    assert [m.effects for m in second.choice.rivals] == [("pulley_eccentricity",)]
+    assert [rival.model.effects for rival in second.choice.rivals] == [("pulley_eccentricity",)]
     achieved = (apart(second) - apart(first)) ** 0.5
-    print(proposal.result, predicted, achieved, apart(first), apart(second))
     assert predicted / FACTOR < achieved < predicted * FACTOR

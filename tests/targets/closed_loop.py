@@ -17,6 +17,7 @@ from hil_forceps.rig import load_rig
 from tests.targets.lockstep import LockstepWorld, PlantLine
 from tests.targets.record import ROOT, TargetRecord, latency_figures
 from virtual_bus.drive import drive_config_of, forceps_of
+from virtual_bus.forceps import SimulatedForceps
 from virtual_bus.load import paper_load
 
 RIG: Final = load_rig(ROOT / "configs" / "paper.yaml")
@@ -77,6 +78,7 @@ def ages_us(executed: Executed) -> list[float]:
 def close_loop(record: TargetRecord, link: Link, line: PlantLine, folder: Path) -> dict[str, Any]:
     """Run the service against the firmware behind `link` with its plant behind `line`; keep and return the figures."""
     forceps = forceps_of(RIG, paper_load(SPEC.simulation), SEED)
+    assert isinstance(forceps, SimulatedForceps)  # the paper's rig has no effects
     period_ns = round(RIG.require_drive().sample_time_s * 1e9)
     world = LockstepWorld(link, line, forceps, RIG.bench.node_id, period_ns)
     executed = run_on(Connection(world, world, True, ()), SPEC, RIG, SEED, folder)

@@ -90,10 +90,10 @@ def test_too_few_rows_are_refused() -> None:
 
 
 def test_without_reference_drive_or_current_the_measured_angle_drives() -> None:
-    assert mode_of(a_run(), RIG) == "closed_loop"
-    assert mode_of(a_run(theta_m_ref_rad=None), RIG) == "driven"
-    assert mode_of(a_run(current_A=None, tau_m_N_m=np.zeros(COUNT)), RIG) == "driven"
-    assert mode_of(a_run(), RIG.model_copy(update={"drive": None})) == "driven"
+    assert mode_of([a_run()], RIG) == "closed_loop"
+    assert mode_of([a_run(theta_m_ref_rad=None)], RIG) == "driven"
+    assert mode_of([a_run(current_A=None, tau_m_N_m=np.zeros(COUNT))], RIG) == "driven"
+    assert mode_of([a_run()], RIG.model_copy(update={"drive": None})) == "driven"
 
 
 def test_jumps_are_found_and_ramps_are_none() -> None:
