@@ -70,6 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = asked.command[1:] if asked.command[:1] == ["--"] else asked.command
     if not command:
         parser.error("give a command")
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     if asked.results is not None:
         asked.results.mkdir(parents=True, exist_ok=True)
     try:
@@ -177,7 +178,7 @@ def _boot(kernel: Path, options: Sequence[str], job: Path, limit_s: float) -> in
         process.wait(limit_s)
     except subprocess.TimeoutExpired:
         timed_out = True
-    finally:
+    finally:  # also when we are told to end: a guest is not to outlive us
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
