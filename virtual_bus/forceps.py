@@ -70,6 +70,21 @@ def hold_and_move(
 
 
 @kernel
+def move(
+    state: NDArray[np.float64],
+    plant_numbers: NDArray[np.float64],
+    current_A: float,
+    load_time_ns: NDArray[np.int64],
+    load_N_m: NDArray[np.float64],
+    start_ns: int,
+    end_ns: int,
+    max_step_s: float,
+) -> None:
+    """Hold `current_A` from `start_ns` to `end_ns`, times of the load. Changes `state` in place."""
+    advance(state, unpacked_plant(plant_numbers), current_A, load_time_ns, load_N_m, start_ns, end_ns, max_step_s)
+
+
+@kernel
 def latch(
     state: NDArray[np.float64],
     current_A: float,
@@ -197,6 +212,20 @@ class SimulatedForceps:
             reference_raw is not None,
             theta_raw if reference_raw is None else reference_raw,
             theta_raw,
+            now_ns - self._zero_ns,
+            until_ns - self._zero_ns,
+            self._max_step_s,
+        )
+
+    def hold(self, now_ns: int, until_ns: int, current_A: float) -> None:
+        """Move on under a current that a drive outside asks for, without this world's own loop."""
+        self._current_A = current_A
+        move(
+            self._state,
+            self._plant_numbers,
+            current_A,
+            self._load.time_ns,
+            self._load.torque_N_m,
             now_ns - self._zero_ns,
             until_ns - self._zero_ns,
             self._max_step_s,

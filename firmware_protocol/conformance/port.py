@@ -15,7 +15,8 @@ class Capability(Flag):
     NONE = 0
     FD = auto()  # carries CAN FD frames
     FOREIGN = auto()  # carries extended ids and remote frames
-    SERIAL = auto()  # is a byte stream, framed as `serial_framing` says
+    SERIAL = auto()  # carries bytes, framed as `serial_framing` says
+    STREAM = auto()  # carries them in any pieces: not datagrams of whole packets
 
 
 class Port(Protocol):

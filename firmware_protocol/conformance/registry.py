@@ -26,6 +26,7 @@ class Need(Flag):
     FD_LINE = auto()  # the line carries FD frames, whatever the drive speaks
     FOREIGN = auto()  # the line carries extended ids and remote frames
     SERIAL = auto()
+    STREAM = auto()  # the line is serial and cuts bytes where it likes
 
 
 class Check(NamedTuple):

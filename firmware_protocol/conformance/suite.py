@@ -162,6 +162,7 @@ class Suite:
             (Need.FD_LINE, bool(can & Capability.FD), "this line carries no CAN FD frames"),
             (Need.FOREIGN, bool(can & Capability.FOREIGN), "this line carries data frames with 11-bit ids only"),
             (Need.SERIAL, bool(can & Capability.SERIAL), "speaks of serial lines"),
+            (Need.STREAM, bool(can & Capability.STREAM), "speaks of streams; this line keeps packets whole"),
         ):
             if needs & need and not there:
                 return words

@@ -13,6 +13,7 @@ from hil_forceps.bridge.can_link import PythonCanLink, VirtualTimeLink, error_nu
 from hil_forceps.bridge.clocks import MonotonicClock, VirtualClock, VirtualTimeBus
 from hil_forceps.bridge.ports import Clock, Link
 from hil_forceps.bridge.serial_link import SerialLink
+from hil_forceps.bridge.udp_port import SCHEME, UdpPort
 from hil_forceps.rig.errors import UserError
 
 IFF_UP = 1
@@ -44,9 +45,10 @@ _SERIAL_REMEDIES = {
 
 
 class LinkSpec(NamedTuple):
-    """Where the drive is: `interface` and `channel` of python-can, or `serial_url` (a path or a pyserial URL).
+    """Where the drive is: `interface` and `channel` of python-can, or `serial_url`.
 
-    `options` go to the python-can interface as they are. `spin_ns`: see `MonotonicClock`.
+    `serial_url`: a path, a pyserial URL, or udp://address:port for packets as datagrams (see `UdpPort`). `options` go
+    to the python-can interface as they are. `spin_ns`: see `MonotonicClock`.
     """
 
     interface: str = ""
@@ -128,10 +130,14 @@ def _can_remedy(spec: LinkSpec, error: Exception) -> str:
 
 def _open_serial(spec: LinkSpec) -> Connection:
     url = spec.serial_url
+    port: serial.Serial | UdpPort
     try:
-        port = serial.serial_for_url(url, baudrate=spec.baudrate, timeout=0)
-        if "://" not in url:
-            port.exclusive = True
+        if url.startswith(SCHEME):
+            port = UdpPort(url)
+        else:
+            port = serial.serial_for_url(url, baudrate=spec.baudrate, timeout=0)
+            if "://" not in url:
+                port.exclusive = True
     except (serial.SerialException, OSError, ValueError) as error:
         number = error_number(error)
         remedy = f"; {_SERIAL_REMEDIES[number]}" if number in _SERIAL_REMEDIES else ""

@@ -21,6 +21,8 @@ class LinkPort:
         self.capabilities = Capability.FD if fd else Capability.NONE
         if isinstance(self._link, SerialLink):
             self.capabilities = Capability.SERIAL | Capability.FD  # framing carries both formats on any line
+            if self._link.is_stream:
+                self.capabilities |= Capability.STREAM
         elif isinstance(self._link, PythonCanLink):
             self.capabilities |= Capability.FOREIGN
 

@@ -1,4 +1,4 @@
-"""A link over a serial port, pseudo-terminal or TCP socket, by pyserial URL.
+"""A link over a serial port, pseudo-terminal or TCP socket, by pyserial URL, or over UDP.
 
 Frames are packed as `firmware_protocol.serial_framing` says.
 
@@ -18,10 +18,10 @@ import serial
 from firmware_protocol.frames import Frame
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 from hil_forceps.bridge.ports import Clock, Received, SendResult
+from hil_forceps.bridge.udp_port import CONGESTED, UdpPort
 
 MAX_READ = 1 << 13  # bytes taken by one call, some 500 frames: more would hold up a tick
 MAX_WAITING = 1 << 11  # bytes on their way out of a port that can't say when it is full
-CONGESTED = frozenset({errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS, errno.EINTR})
 DELIMITER = b"\x00"
 
 
@@ -34,10 +34,14 @@ class _Stream(Protocol):
 
 
 class SerialLink:
-    """Frames over a pyserial port. Arrival is the time of reading: a serial line has no stamps."""
+    """Frames over a port. Arrival is the time of reading: a serial line has no stamps.
 
-    def __init__(self, port: serial.Serial, clock: Clock) -> None:
+    `is_stream` is false where bytes stay in the pieces in which they were sent.
+    """
+
+    def __init__(self, port: serial.Serial | UdpPort, clock: Clock) -> None:
         self.counters = dict.fromkeys(("queue_full", "torn"), 0)
+        self.is_stream = not isinstance(port, UdpPort)
         self._port = port
         self._clock = clock
         self._reader = SerialReader()
@@ -153,7 +157,9 @@ class _Buffered:
         return len(data) if written is None else int(written)
 
 
-def _stream_of(port: serial.Serial) -> _Stream:
+def _stream_of(port: serial.Serial | UdpPort) -> _Stream:
+    if isinstance(port, UdpPort):
+        return port
     try:
         descriptor = port.fileno()
     except (AttributeError, io.UnsupportedOperation):

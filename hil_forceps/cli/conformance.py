@@ -57,7 +57,7 @@ def conformance(
     channel
         Channel of that interface: can0, vcan0, ...
     serial
-        Serial port or pyserial URL instead of a CAN interface.
+        Serial port, pyserial URL, or udp://ADDRESS:PORT (a packet a datagram) instead of a CAN interface.
     baudrate
         Of the serial port.
     fd
@@ -229,5 +229,6 @@ def _words(needs: Need) -> str:
         Need.FD_LINE: "line with FD",
         Need.FOREIGN: "line with extended ids",
         Need.SERIAL: "serial line",
+        Need.STREAM: "stream of bytes",
     }
     return " and ".join(name for need, name in names.items() if needs & need) or "any drive"

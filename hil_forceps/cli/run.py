@@ -66,7 +66,7 @@ def run(
     channel
         Channel of that interface: can0, vcan0, ...
     serial
-        Serial port or pyserial URL instead of a CAN interface.
+        Serial port, pyserial URL, or udp://ADDRESS:PORT (a packet a datagram) instead of a CAN interface.
     baudrate
         Of the serial port.
     option

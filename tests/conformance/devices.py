@@ -118,7 +118,7 @@ class DirectPort:
 class DirectSerialPort(DirectPort):
     """A byte stream without delay to one device."""
 
-    capabilities = Capability.FD | Capability.SERIAL
+    capabilities = Capability.FD | Capability.SERIAL | Capability.STREAM
 
     def __init__(self, device: Device) -> None:
         super().__init__(device)

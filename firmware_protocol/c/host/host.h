@@ -46,10 +46,12 @@ typedef struct {
     int socket;
     struct sockaddr_in peer;
     hfp_reading reading;
-    bool is_sample;
+    uint32_t what;
 } lockstep;
 
 bool lockstep_wait(lockstep *plant, int timeout_ms);
-void lockstep_answer(const lockstep *plant, const hfp_node *node, float current_A);
+bool lockstep_samples(const lockstep *plant);
+bool lockstep_misses(const lockstep *plant, uint8_t taken); /* frames are still to come before time may go on */
+void lockstep_answer(const lockstep *plant, const hfp_node *node, float current_A, uint8_t sent);
 
 #endif

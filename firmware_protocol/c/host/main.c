@@ -27,6 +27,8 @@ typedef struct {
     int64_t start_ns;
     int64_t period_ns;
     float current_A; /* held since the last sample */
+    uint8_t taken; /* frames, modulo 256 */
+    uint8_t sent;
     uint64_t late; /* samples skipped because the process was not woken */
 } host;
 
@@ -52,12 +54,20 @@ static int64_t clock_ns(void)
 
 static bool port_receive(void *context, hfp_frame *frame)
 {
-    return link_receive(&((host *)context)->link, frame);
+    host *self = context;
+    bool taken = link_receive(&self->link, frame);
+
+    self->taken = (uint8_t)(self->taken + taken);
+    return taken;
 }
 
 static bool port_send(void *context, const hfp_frame *frame)
 {
-    return link_send(&((host *)context)->link, frame);
+    host *self = context;
+    bool sent = link_send(&self->link, frame);
+
+    self->sent = (uint8_t)(self->sent + sent);
+    return sent;
 }
 
 static uint32_t port_now_us(void *context)
@@ -107,15 +117,25 @@ static void port_keep_node(void *context, uint8_t node)
 static const hfp_port PORT = {
     port_receive, port_send, port_now_us, port_measure, port_protection, port_set_current, port_keep_node};
 
+/* A frame that never comes holds the plant up no longer than LOCKSTEP_WAIT_MS. */
+static void take_frames(host *self)
+{
+    struct pollfd waiting = {.fd = self->link.in, .events = POLLIN, .revents = 0};
+
+    do {
+        hfp_node_service(&self->node);
+    } while (!self->link.ended && lockstep_misses(&self->plant, self->taken) && poll(&waiting, 1, LOCKSTEP_WAIT_MS) > 0);
+}
+
 static void run_lockstep(host *self)
 {
     while (!stop_asked && !self->link.ended) {
         if (lockstep_wait(&self->plant, LOCKSTEP_WAIT_MS)) {
-            hfp_node_service(&self->node);
-            if (self->plant.is_sample) {
+            take_frames(self);
+            if (lockstep_samples(&self->plant)) {
                 hfp_node_sample(&self->node);
             }
-            lockstep_answer(&self->plant, &self->node, self->current_A);
+            lockstep_answer(&self->plant, &self->node, self->current_A, self->sent);
         }
     }
 }

@@ -69,7 +69,7 @@ def inner_check_counts(s: Session) -> str:
     return "payloads carry their own check both ways"
 
 
-@check(162, Need.SERIAL)
+@check(162, Need.SERIAL | Need.STREAM)
 def any_chunks(s: Session) -> str:
     s.beating = False  # its bytes would come between
     length = len(request(s))

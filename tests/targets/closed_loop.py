@@ -1,0 +1,82 @@
+"""Simulation 2 of the paper with a firmware in the loop, beside the same run in process."""
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from hil_forceps.bench.execute import Executed, execute, run_on
+from hil_forceps.bench.matrix import RunSpec
+from hil_forceps.bridge.adapters import Connection
+from hil_forceps.bridge.ports import Link
+from hil_forceps.rig import load_rig
+from tests.targets.lockstep import LockstepWorld, PlantLine
+from tests.targets.record import ROOT, TargetRecord, latency_figures
+from virtual_bus.drive import drive_config_of, forceps_of
+from virtual_bus.load import paper_load
+
+RIG: Final = load_rig(ROOT / "configs" / "paper.yaml")
+SEED: Final = 1
+SPEC: Final = RunSpec(2, "kalman", True, RIG.bench.host_period_s, True)
+LATENCY: Final = "wall clock, from a sample asked of the firmware, with the setpoint before it, to its frames decoded"
+RMSE_TOLERANCE: Final = 0.01  # single precision in the firmware, and frames that take no time: 0.0003 measured
+
+
+def drive_arguments() -> list[str]:
+    """Return the settings that the rig wants of the process hfp-drive."""
+    law, config = RIG.require_drive(), drive_config_of(RIG, RIG.bench.node_id, fd=False)
+    loop = {name: getattr(law, name) for name in type(law).model_fields}
+    drive = {name: getattr(config, name) for name in type(config).__dataclass_fields__ if name != "fd"}
+    return [word for name, value in {**loop, **drive}.items() for word in (f"--{name}", f"{value!r}")]
+
+
+@cache
+def in_process() -> Executed:
+    """Run it with the Python drive on the virtual bus, once."""
+    with TemporaryDirectory() as folder:
+        return execute(SPEC, RIG, SEED, Path(folder))
+
+
+def figures_of(executed: Executed, latency: str, latencies_us: Sequence[float]) -> dict[str, Any]:
+    """Return what `TargetRecord.loop` takes; `latency` says what the latencies are."""
+    counters = executed.record.timing["counters"]
+    return {
+        "simulation": SPEC.simulation,
+        "algorithm": SPEC.algorithm,
+        "duration_s": SPEC.duration_s,
+        "rmse_N_m": executed.record.metrics.tau_w_rmse_N_m,
+        "in_process_rmse_N_m": in_process().record.metrics.tau_w_rmse_N_m,
+        "latency": latency,
+        "latency_us": latency_figures(latencies_us),
+        "samples": counters["host"]["samples"],
+        "setpoints": counters["host"]["setpoints_sent"],
+        "lost": executed.record.frames_lost,
+        "wall_s": round(executed.record.timing["wall_s"], 1),
+        "ending": executed.record.ending,
+    }
+
+
+def ages_us(executed: Executed) -> list[float]:
+    """Return from the service's histogram how old each sample was when its setpoint left."""
+    return [edge_us for edge_us, count in executed.record.timing["loop"]["age"]["bins"] for _ in range(count)]
+
+
+def close_loop(record: TargetRecord, link: Link, line: PlantLine, folder: Path) -> dict[str, Any]:
+    """Run the service against the firmware behind `link` with its plant behind `line`; keep and return the figures."""
+    forceps = forceps_of(RIG, paper_load(SPEC.simulation), SEED)
+    period_ns = round(RIG.require_drive().sample_time_s * 1e9)
+    world = LockstepWorld(link, line, forceps, RIG.bench.node_id, period_ns)
+    executed = run_on(Connection(world, world, True, ()), SPEC, RIG, SEED, folder)
+    figures = figures_of(executed, LATENCY, world.exchange_us)
+    record.loop(figures)
+    return figures
+
+
+def check_loop(figures: dict[str, Any]) -> None:
+    """The firmware does what the Python drive does: every frame there, and the same error of the estimate."""
+    assert figures["ending"] == "completed"
+    assert figures["lost"] == 0
+    periods = round(SPEC.duration_s / SPEC.sample_time_s)
+    assert periods <= figures["setpoints"] <= figures["samples"] <= periods + 100
+    assert abs(figures["rmse_N_m"] / figures["in_process_rmse_N_m"] - 1.0) < RMSE_TOLERANCE

@@ -1,0 +1,36 @@
+"""The conformance suite as a user has it: the command, its certificate, and what is asked of that here."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+from tests.targets.record import ROOT, TargetRecord
+
+ENVIRONMENT: Final = {**os.environ, "PYTHONPATH": f"{ROOT}:{os.environ.get('PYTHONPATH', '')}"}
+LIMIT_S: Final = 280.0
+
+
+def judge(record: TargetRecord, out: Path, *arguments: str) -> dict[str, Any]:
+    """Run the whole suite, motion allowed, and keep its certificate."""
+    command = [sys.executable, "-m", "hil_forceps.cli.main", "conformance", "--allow-motion", "--out", str(out)]
+    done = subprocess.run(
+        [*command, *arguments], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, check=False, timeout=LIMIT_S
+    )
+    assert done.returncode in (0, 1), done.stdout + done.stderr
+    record.suite_results(out)
+    certificate: dict[str, Any] = json.loads((out / "certificate.json").read_text(encoding="utf-8"))
+    return certificate
+
+
+def check(certificate: dict[str, Any], applicable: int, least_share: float = 0.8) -> None:
+    """Nothing failed and most has passed: a busy machine may keep a check from telling, and fails nobody."""
+    failed = {row["id"]: row["evidence"] for row in certificate["requirements"] if row["verdict"] == "fail"}
+    assert failed == {}
+    verdicts = certificate["verdicts"]
+    assert verdicts["pass"] + verdicts["inconclusive"] == applicable
+    assert verdicts["pass"] >= least_share * applicable, [
+        (row["id"], row["evidence"]) for row in certificate["requirements"] if row["verdict"] == "inconclusive"
+    ]
