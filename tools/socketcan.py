@@ -1,11 +1,12 @@
 """Runs a command where SocketCAN is: vcan0 and vcan1, both for CAN FD, up, in a network namespace of their own.
 
-    tools/socketcan.py [--where auto|native|uml] [--time real|virtual] [--results FOLDER] [--limit S] -- COMMAND ...
+    tools/socketcan.py [--where auto|native|uml] [--time auto|real|virtual] [--writable FOLDER] [--limit S] -- COMMAND
 
 Natively where this kernel has CAN and we are root or may sudo; else in User-Mode Linux, which needs no rights and
-installs nothing. There the host's files are read-only, so the same Python runs inside, and only FOLDER can be written.
-With --time virtual (User-Mode Linux only) the guest's clock stands still while anything computes and jumps to the next
-timer when all sleep: `sleep 3600` is over at once, and every time-out takes exactly what it should.
+installs nothing. There the host's files are read-only, so the same Python runs inside, and only FOLDER can be written
+(may be repeated). Time is virtual there unless asked otherwise: the guest's clock stands still while anything computes
+and jumps to the next timer when all sleep, so `sleep 3600` is over at once, and a time-out takes exactly what it should.
+The command finds HIL_FORCEPS_TIME set to real or virtual.
 
 Exit code: the command's own; 124 when the limit was reached and the guest was killed; 125 when it never came to an end
 by itself; 126 when SocketCAN can't be had, with the reason on standard error.
@@ -41,6 +42,8 @@ GUEST = """#!/bin/sh
 export PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
 mount -t proc proc /proc; mount -t sysfs sys /sys; mount -t devtmpfs dev /dev 2>/dev/null
 mkdir -p /dev/pts /dev/shm
+# One processor: whoever is flooded gets its turn when the flood pauses, so it may wait for longer than elsewhere.
+echo 8000000 >/proc/sys/net/core/rmem_default
 mount -t devpts -o mode=620,ptmxmode=666 devpts /dev/pts; ln -snf pts/ptmx /dev/ptmx
 ln -snf /proc/self/fd /dev/fd
 ln -snf /proc/self/fd/0 /dev/stdin; ln -snf /proc/self/fd/1 /dev/stdout; ln -snf /proc/self/fd/2 /dev/stderr
@@ -61,8 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that the arguments name; return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--where", choices=("auto", "native", "uml"), default="auto")
-    parser.add_argument("--time", choices=("real", "virtual"), default="real")
-    parser.add_argument("--results", type=Path, help="the one folder that a guest may write")
+    parser.add_argument("--time", choices=("auto", "real", "virtual"), default="auto")
+    parser.add_argument("--writable", type=Path, action="append", default=[], help="folder that a guest may write")
     parser.add_argument("--limit", type=float, default=600.0, metavar="S", help="kill it after so long")
     parser.add_argument("--memory-mb", type=int, default=1500, help="of the guest")
     parser.add_argument("command", nargs=argparse.REMAINDER)
@@ -71,21 +74,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not command:
         parser.error("give a command")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-    if asked.results is not None:
-        asked.results.mkdir(parents=True, exist_ok=True)
+    for folder in asked.writable:
+        folder.mkdir(parents=True, exist_ok=True)
     try:
-        if asked.time == "virtual" and asked.where == "native":
-            raise NotAvailableError("time is virtual in User-Mode Linux only")
-        if asked.where == "native" or (asked.where == "auto" and asked.time == "real" and native_reason() is None):
-            reason = native_reason()
-            if reason is not None:
-                raise NotAvailableError(reason)
+        if is_native(asked.where, asked.time):
+            os.environ["HIL_FORCEPS_TIME"] = "real"
             return run_native(command, asked.limit)
-        kernel = uml_kernel()
-        return run_uml(kernel, command, asked.results, asked.limit, asked.memory_mb, asked.time == "virtual")
+        os.environ["HIL_FORCEPS_TIME"] = "real" if asked.time == "real" else "virtual"
+        options = [f"mem={asked.memory_mb}M", *(["time-travel=inf-cpu"] if asked.time != "real" else [])]
+        return run_uml(uml_kernel(), options, command, asked.writable, asked.limit)
     except NotAvailableError as error:
         sys.stderr.write(f"no SocketCAN: {error}\n")
         return NOT_AVAILABLE
+
+
+def is_native(where: str, time: str) -> bool:
+    """Say where to run; NotAvailableError when what is asked for can't be had."""
+    if where == "uml" or (where == "auto" and time == "virtual"):
+        return False
+    if time == "virtual":
+        raise NotAvailableError("time is virtual in User-Mode Linux only")
+    reason = native_reason()
+    if reason is not None and where == "native":
+        raise NotAvailableError(reason)
+    return reason is None
 
 
 def native_command(command: Sequence[str]) -> list[str]:
@@ -131,15 +143,14 @@ def uml_kernel() -> Path:
     return CACHE / "linux"
 
 
-def run_uml(kernel: Path, command: Sequence[str], results: Path | None, limit_s: float, memory_mb: int, virtual: bool) -> int:
+def run_uml(kernel: Path, more: Sequence[str], command: Sequence[str], writable: Sequence[Path], limit_s: float) -> int:
     """Boot a guest, run the command in it with its output passed on as it comes, halt."""
     job = Path(tempfile.mkdtemp(prefix="uml-"))
     try:
-        _write_job(job, command, results)
+        _write_job(job, command, writable)
         options = [
-            f"mem={memory_mb}M", "root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro", "quiet", "loglevel=1",
+            *more, "root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro", "quiet", "loglevel=1",
             "con0=null,fd:3", "con=null", "ssl=null", f"uml_dir={job}/", "umid=guest", f"init={job}/init",
-            *(["time-travel=inf-cpu"] if virtual else []),
         ]  # fmt: skip
         code = _boot(kernel, options, job, limit_s)
         if code == NO_END:
@@ -150,15 +161,16 @@ def run_uml(kernel: Path, command: Sequence[str], results: Path | None, limit_s:
         shutil.rmtree(job, ignore_errors=True)
 
 
-def _write_job(job: Path, command: Sequence[str], results: Path | None) -> None:
-    writable = [job] if results is None else [job, results.resolve()]
-    words = {"writable": shlex.join(map(str, writable)), "job": shlex.quote(str(job)), "python": sys.executable}
+def _write_job(job: Path, command: Sequence[str], writable: Sequence[Path]) -> None:
+    folders = [job, *(folder.resolve() for folder in writable)]
+    words = {"writable": shlex.join(map(str, folders)), "job": shlex.quote(str(job)), "python": sys.executable}
     (job / "init").write_text(GUEST.format(**words))
     (job / "init").chmod(0o755)
     settings = "".join(f"export {key}={shlex.quote(value)}\n" for key, value in _environment())
     # The guest's /tmp is the host's, and read-only like the rest.
-    lines = f"{settings}export TMPDIR=/run/tmp\ncd {shlex.quote(str(Path.cwd()))}\n{NETWORK}\nexec {shlex.join(command)}\n"
-    (job / "command").write_text(lines)
+    tools = shlex.quote(str(CACHE / "usr" / "bin"))  # of can-utils
+    place = f"export TMPDIR=/run/tmp PATH=$PATH:{tools}\ncd {shlex.quote(str(Path.cwd()))}\n"
+    (job / "command").write_text(f"{settings}{place}{NETWORK}\nexec {shlex.join(command)}\n")
 
 
 def _boot(kernel: Path, options: Sequence[str], job: Path, limit_s: float) -> int:

@@ -1,6 +1,6 @@
 #!/bin/sh
 # A User-Mode Linux kernel with CAN and virtual time (`time-travel`), built from Debian's sources: kernel.sh FOLDER
-# leaves FOLDER/linux (6 MB), as a user, nothing installed; about 3 minutes on two cores. Where it stands already,
+# leaves FOLDER/linux (6 MB) and can-utils in FOLDER/usr/bin, as a user, nothing installed; about 3 minutes on two cores. Where it stands already,
 # nothing is done. Exit code 3: it can't be had here, with the reason on standard error.
 set -eu
 folder=$1
@@ -29,7 +29,7 @@ folder=$(cd "$folder" && pwd)
 work=$(mktemp -d "$folder/build.XXXXXX")
 trap 'rm -rf "$work"' EXIT
 cd "$work"
-fetch "$source"
+fetch "$source" can-utils
 command -v flex >/dev/null || fetch flex
 command -v bison >/dev/null || fetch bison m4
 command -v m4 >/dev/null || fetch m4
@@ -42,6 +42,8 @@ grep '^CONFIG_' "$config" | while read -r option; do
     grep -qxF -- "$option" .config || { echo "the kernel's configuration lost $option" >&2; exit 1; }
 done
 make -s -j"$(nproc)" ARCH=um linux >"$work/make.log" 2>&1 || { tail -20 "$work/make.log" >&2; lacking "it does not compile"; }
+mkdir -p "$folder/usr/bin"
+cp "$work"/usr/bin/*can* "$folder/usr/bin"
 strip -o "$folder/linux.new" linux
 cp "$config" "$folder/linux.config"
 mv "$folder/linux.new" "$folder/linux"
