@@ -1,9 +1,10 @@
 # Two commands: `make bench` runs the paper's simulations, `make test` everything that CI runs.
 VENV ?= .venv
 OUT ?= out
+TARGET_JOBS ?= 2
 PY := $(VENV)/bin/python
 
-.PHONY: install bench test lint types layers unit system benchmark wheel clean
+.PHONY: install bench test lint types layers unit system targets benchmark wheel clean
 
 install:
 	@tools/install.sh $(VENV)
@@ -12,7 +13,7 @@ bench: install
 	$(VENV)/bin/hil-forceps bench --config configs/paper.yaml --out $(OUT)/paper
 	$(VENV)/bin/hil-forceps bench --config configs/realistic.yaml --out $(OUT)/realistic
 
-test: lint types layers unit system
+test: lint types layers unit system targets
 
 lint: install
 	$(VENV)/bin/ruff check .
@@ -25,11 +26,19 @@ layers: install
 	$(VENV)/bin/lint-imports
 
 unit: install
-	$(PY) -m pytest -n 2 tests --ignore=tests/system --ignore=tests/bench
+	$(PY) -m pytest -n 2 tests --ignore=tests/system --ignore=tests/targets --ignore=tests/bench
 
 # One process and nothing beside it: these start processes of their own and watch the clock.
 system: install
 	$(PY) -m pytest tests/system
+
+# Conformance and simulation 2 on every target that this machine can have, then the table of what ran; a file of tests at
+# a time in each job. For figures worth publishing: TARGET_JOBS=1 and a machine with nothing else to do.
+targets: install
+	rm -rf build/targets
+	-@tools/install_targets.sh
+	$(PY) -m pytest -n $(TARGET_JOBS) --dist loadfile tests/targets; status=$$?; \
+		$(PY) -m tools.target_table || status=1; exit $$status
 
 # Figures of speed; apart from the tests because they mean nothing on a busy machine.
 benchmark: install

@@ -11,6 +11,9 @@ import errno
 import io
 import os
 import select
+import socket
+import stat
+from contextlib import suppress
 from typing import Protocol
 
 import serial
@@ -112,6 +115,8 @@ class _Descriptor:
 
     def __init__(self, descriptor: int) -> None:
         os.set_blocking(descriptor, False)
+        if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
+            _send_at_once(descriptor)
         self._descriptor = descriptor
         self._poll = select.poll()
         self._poll.register(descriptor, select.POLLIN)
@@ -139,6 +144,12 @@ class _Descriptor:
             if error.errno in CONGESTED:
                 return 0
             raise
+
+
+def _send_at_once(descriptor: int) -> None:
+    """Have a TCP socket send each packet by itself; it would wait for the answer to the one before, up to 40 ms."""
+    with socket.socket(fileno=os.dup(descriptor)) as same, suppress(OSError):  # not every socket is TCP
+        same.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
 
 class _Buffered:

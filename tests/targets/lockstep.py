@@ -1,9 +1,9 @@
 """The world outside a firmware, as its clock: the truth plant on one side, the host's link and clock on the other.
 
 A drive sample is one request over the plant's line (firmware_protocol/c/host/lockstep.c): what the sensors read,
-answered by the current to hold. The firmware takes all frames that the host has sent before, and the host gets all that
-the firmware sent with the sample, so a run is the same each time, however slow lines, emulator and machine are. Only the
-latencies are of the wall clock. The jaw's sensors, which no firmware has, are sent by the world itself.
+answered by the current to hold. The firmware takes all frames that the host has sent before, and the host gets all
+that the firmware sent with the sample, so a run is the same each time, however slow lines, emulator and machine are.
+Only the latencies are of the wall clock. The jaw's sensors, which no firmware has, are sent by the world itself.
 """
 
 import socket

@@ -159,3 +159,13 @@ def test_loop_is_a_port_without_a_descriptor() -> None:
     results = [link.send(FRAME) for _ in range(400)]
     assert results[-1] is SendResult.QUEUE_FULL
     link.close()
+
+
+def test_tcp_sends_each_packet_by_itself() -> None:
+    """Held back until the packet before is acknowledged, a frame would be up to 40 ms late."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = serial.serial_for_url(f"socket://127.0.0.1:{server.getsockname()[1]}", timeout=0)
+        link = SerialLink(port, MonotonicClock())
+        with socket.socket(fileno=os.dup(port.fileno())) as same:
+            assert same.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        link.close()

@@ -280,3 +280,24 @@ def test_a_plant_outside_is_the_clock() -> None:
         wire.frames.close()
     assert moved > 200
     assert faults > 50
+
+
+def test_time_waits_for_the_frames_that_the_plant_names(tmp_path: Path) -> None:
+    """A pseudo terminal is slower than datagrams: the answer comes when the last of five frames is there."""
+    link = tmp_path / "drive"
+    with drive("--serial-pty", str(link), "--plant", "127.0.0.1:0") as process:
+        port = os.open(link, os.O_RDWR | os.O_NOCTTY)
+        plant = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        plant.connect(("127.0.0.1", int(process.ready[-1])))
+        plant.settimeout(5.0)
+        sent = 0
+        for i in range(20):
+            plant.send(struct.pack("<IiiI", 1_000 * i, 0, 0, 1 | 2 | (5 * i + 5) << 8))
+            for _ in range(5):
+                time.sleep(2e-3 if i == 0 else 0.0)
+                os.write(port, encode_serial(Frame(0x7E1, b"")))
+            *_, sent = struct.unpack("<fBBBB", plant.recv(64))
+        assert sent >= 40  # feedback and timing of each sample, and the first heartbeat
+        os.close(port)
+        plant.close()
+    assert process.summary["not_for_us"] == 100

@@ -12,7 +12,7 @@
 #define SCB_ICSR REG32(0xE000ED04U)
 #define UART0 ((uintptr_t)0x40004000U)
 
-enum { UART_INTERRUPTS = 0xF, PENDSTCLR = 1 << 25 }; /* receive and transmit of UART0 and UART1 */
+enum { SAMPLE_US = 1000, UART_INTERRUPTS = 0xF, PENDSTCLR = 1 << 25 }; /* receive and transmit of UART0 and UART1 */
 
 static const hfp_loop_config LOOP = {1.0e-3F, 2.0F, 100.0F, 6.0e-3F, 150.0F, 1.0F}; /* of configs/paper.yaml */
 static const uint64_t SERIAL_NUMBER = 0x00C0DE000386U;
@@ -89,13 +89,15 @@ static const hfp_port PORT = {
 
 int main(void)
 {
-    const hfp_config config = hfp_config_default(1, SERIAL_NUMBER);
+    hfp_config config = hfp_config_default(1, SERIAL_NUMBER);
 
     __asm volatile("cpsid i" ::: "memory");
+    config.sample_period_us = SAMPLE_US * PLANT_FEEDBACK_DIVIDER;
     uart_start(&self.line, UART0);
     plant_start();
     NVIC_ISER = UART_INTERRUPTS;
-    if (!hfp_serial_init(&self.reader, HFP_MAX_PAYLOAD) || !hfp_node_init(&self.node, &config, &LOOP, 1, &PORT, &self)) {
+    if (!hfp_serial_init(&self.reader, HFP_MAX_PAYLOAD) ||
+        !hfp_node_init(&self.node, &config, &LOOP, PLANT_FEEDBACK_DIVIDER, &PORT, &self)) {
         return 1; /* a setting is out of its bounds: the motor stays without current */
     }
     for (;;) {

@@ -11,6 +11,8 @@
 
 enum { REQUEST_BYTES = 16, ANSWER_BYTES = 8, WHAT_SAMPLE = 1, WHAT_FRAMES = 2, FRAMES_SHIFT = 8 };
 
+const uint16_t PLANT_FEEDBACK_DIVIDER = 1; /* nothing is in a hurry */
+
 static struct {
     uart line;
     uint8_t request[REQUEST_BYTES];

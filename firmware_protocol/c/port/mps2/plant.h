@@ -10,6 +10,9 @@ typedef struct {
     uint8_t sent;
 } link_count;
 
+/* Every how manieth sample is sent: as many as the line to this plant's host carries. */
+extern const uint16_t PLANT_FEEDBACK_DIVIDER;
+
 void plant_start(void);
 uint32_t plant_now_us(void);
 void plant_measure(hfp_reading *reading);

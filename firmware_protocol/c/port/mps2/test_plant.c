@@ -12,6 +12,8 @@
 
 enum { COUNTS_PER_US = 25, SAMPLE_US = 1000, MAX_LATE_US = 10000, WAKE_COUNTS = 12500, SYST_ON = 7 };
 
+const uint16_t PLANT_FEEDBACK_DIVIDER = 2; /* in real time the emulated UART has some 100 kB/s, and a host core for them */
+
 static const float PERIOD_S = 1.0e-3F;
 static const float TIME_CONSTANT_S = 2.74e-4F; /* J / D of the paper's motor */
 static const float SPEED_PER_A = 116.4F; /* Kt / D, rad/s */
