@@ -5,7 +5,7 @@
 Natively where this kernel has CAN and we are root or may sudo; else in User-Mode Linux, which needs no rights and
 installs nothing. There the host's files are read-only, so the same Python runs inside, and only FOLDER can be written
 (may be repeated). Time is virtual there unless asked otherwise: the guest's clock stands still while anything computes
-and jumps to the next timer when all sleep, so `sleep 3600` is over at once, and a time-out takes exactly what it should.
+and jumps to the next timer when all sleep, so `sleep 3600` is over at once; a time-out takes exactly what it should.
 The command finds HIL_FORCEPS_TIME set to real or virtual.
 
 Exit code: the command's own; 124 when the limit was reached and the guest was killed; 125 when it never came to an end
@@ -102,7 +102,7 @@ def is_native(where: str, time: str) -> bool:
 
 def native_command(command: Sequence[str]) -> list[str]:
     """Return `command` in a network of its own; /sys is mounted anew because it shows the network it was mounted in."""
-    script = f"mount -t sysfs sys /sys || exit 126\n{NETWORK}\nexec \"$@\""
+    script = f'mount -t sysfs sys /sys || exit 126\n{NETWORK}\nexec "$@"'
     become = [] if os.geteuid() == 0 else ["sudo", "-n", "env", *(f"{key}={value}" for key, value in _environment())]
     return [*become, "unshare", "--net", "--mount", "sh", "-c", script, "sh", *command]
 
@@ -136,7 +136,9 @@ def run_native(command: Sequence[str], limit_s: float) -> int:
 def uml_kernel() -> Path:
     """Return a User-Mode Linux kernel with CAN and virtual time; built where there is none yet."""
     script = TOOLS / "uml_kernel.sh"
-    done = subprocess.run([str(script), str(CACHE)], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
+    done = subprocess.run(
+        [str(script), str(CACHE)], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False
+    )
     if done.returncode:
         lines = done.stderr.strip().splitlines()
         raise NotAvailableError(lines[-1] if lines else f"{script.name} ended with {done.returncode}")

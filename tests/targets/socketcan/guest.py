@@ -13,7 +13,9 @@ import pytest
 
 ROOT: Final = Path(__file__).resolve().parents[3]
 RIG: Final = ROOT / "configs" / "paper.yaml"
-FIRMWARE_VARIABLE: Final = "HIL_FORCEPS_FIRMWARE"  # where hfp-drive is: nothing can be built where nothing can be written
+FIRMWARE_VARIABLE: Final = (
+    "HIL_FORCEPS_FIRMWARE"  # where hfp-drive is: nothing can be built where nothing can be written
+)
 SLCAN_DEVICES: Final = ("slcan0", "slcan1")
 PATIENCE_S: Final = 20.0
 IS_VIRTUAL: Final = os.environ.get("HIL_FORCEPS_TIME") == "virtual"  # there no sleep ends late: see punctual.py
@@ -68,7 +70,9 @@ def slcan_line() -> Iterator[tuple[str, str]]:
     with running([sys.executable, "-m", "tests.targets.socketcan.relay"]) as cable, ExitStack() as daemons:
         for port, device in zip(cable.ready[1:], SLCAN_DEVICES, strict=True):
             command = ["slcand", "-F", "-o", "-s8", port, device]
-            daemon = daemons.enter_context(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+            daemon = daemons.enter_context(
+                subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            )
             daemons.callback(daemon.terminate)
             _wait_for(device)
             subprocess.run(["ip", "link", "set", device, "txqueuelen", "1000", "up"], check=True)
