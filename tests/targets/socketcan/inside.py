@@ -14,7 +14,7 @@ from hil_forceps.bridge.adapters import LinkSpec, open_link
 from tests.targets.closed_loop import close_loop, drive_arguments
 from tests.targets.lockstep import UdpPlantLine
 from tests.targets.record import Part, TargetRecord
-from tests.targets.socketcan.guest import ROOT, c_drive, running, service, slcan_line
+from tests.targets.socketcan.guest import IS_VIRTUAL, ROOT, c_drive, running, service, slcan_line
 
 TARGETS = {"classic": "socketcan-vcan-classic", "fd": "socketcan-vcan-fd", "slcan": "socketcan-slcan"}
 
@@ -31,6 +31,8 @@ def devices(kind: str) -> Iterator[tuple[str, str]]:
 
 def run_suite(kind: str, folder: Path) -> int:
     """Run `hil-forceps conformance` as a user would; return its exit code."""
+    sys.stdout.write(f"time: {'virtual' if IS_VIRTUAL else 'real'}\n")
+    sys.stdout.flush()
     fd = ["--fd"] if kind == "fd" else []
     with devices(kind) as (ours, theirs), running(c_drive(theirs, *fd)):
         line = ["--interface", "socketcan", "--channel", ours, *fd]
@@ -47,7 +49,7 @@ def run_loop(kind: str, folder: Path) -> int:
         plant = UdpPlantLine(("127.0.0.1", int(drive.ready[-1])))
         try:
             link = open_link(LinkSpec(interface="socketcan", channel=ours, fd=is_fd)).link
-            close_loop(TargetRecord(TARGETS[kind], Part.LOOP), link, plant, folder)
+            close_loop(TargetRecord(TARGETS[kind], Part.LOOP), link, plant, folder, is_fd)
         finally:
             plant.close()
     return 0

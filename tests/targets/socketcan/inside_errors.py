@@ -140,7 +140,8 @@ def test_fd_frame_on_a_classic_device(device: str, opened: Opener) -> None:
 
 def test_frames_of_another_process_of_this_machine_are_heard_and_our_own_are_not(opened: Opener) -> None:
     with running(c_drive("vcan0")):
-        link, identities = opened("vcan0"), []
+        link = opened("vcan0")
+        identities: list[Frame] = []
         link.send(HELLO)
         end_s = time.monotonic() + PATIENCE_S
         while not identities and time.monotonic() < end_s:

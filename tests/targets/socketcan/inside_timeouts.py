@@ -106,12 +106,16 @@ def set_timeout(host: Host, number: Index, timeout_s: float) -> None:
     host.wait(HostPhase.READY)
     host.link.send(host.machine.write_parameter(number, round(timeout_s * 1e6)))
     answers: list[Any] = []
-    host.until(lambda: bool(answers.extend(host.machine.take_responses()) or answers))
+
+    def is_answered() -> bool:
+        answers.extend(host.machine.take_responses())
+        return bool(answers)
+
+    host.until(is_answered)
     assert answers[0].op == ParamOp.OK
 
 
-@DRIVES
-@pytest.mark.parametrize("timeout_s", [0.005, 0.020, 0.137])
+@pytest.mark.parametrize(("command", "timeout_s"), [(c_drive, 0.005), (c_drive, 0.137), (python_drive, 0.020)])
 def test_watchdog(command: Command, timeout_s: float, host: Host) -> None:
     with running(command(DEVICE)):
         set_timeout(host, Index.WATCHDOG_TIMEOUT, timeout_s)
@@ -122,8 +126,7 @@ def test_watchdog(command: Command, timeout_s: float, host: Host) -> None:
     within(faulted_s - host.last_reference_s, timeout_s)
 
 
-@DRIVES
-@pytest.mark.parametrize("timeout_s", [0.050, 0.100, 1.0])
+@pytest.mark.parametrize(("command", "timeout_s"), [(c_drive, 0.050), (c_drive, 1.0), (python_drive, 0.100)])
 def test_host_heartbeat(command: Command, timeout_s: float, host: Host) -> None:
     with running(command(DEVICE)):
         set_timeout(host, Index.HOST_HEARTBEAT_TIMEOUT, timeout_s)
