@@ -21,7 +21,7 @@ from tests.targets.socketcan.guest import FIRMWARE_VARIABLE
 from tests.targets.socketcan.inside import TARGETS
 from tests.targets.suite import check
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(1500)]
+pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(2400)]
 
 LIMIT_S: Final = 900.0  # of one guest; a busy machine makes it slow, and nothing else
 NOT_AVAILABLE: Final = 126
