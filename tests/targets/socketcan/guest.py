@@ -1,6 +1,7 @@
 """What the parts that run where SocketCAN is have in common: drives as processes, and a serial line with slcan."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -56,6 +57,7 @@ def running(command: Sequence[str]) -> Iterator[Drive]:
         try:
             yield Drive(process)
         finally:
+            process.send_signal(signal.SIGCONT)  # one that a test has stopped could not end
             process.terminate()
             try:
                 process.communicate(timeout=PATIENCE_S)

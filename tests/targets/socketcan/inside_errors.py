@@ -7,6 +7,7 @@ import struct
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Final
 
 import pytest
@@ -18,7 +19,7 @@ from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.can_link import PythonCanLink
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.rig.errors import UserError
-from tests.targets.socketcan.guest import PATIENCE_S, c_drive, python_drive, running, service
+from tests.targets.socketcan.guest import PATIENCE_S, RIG, c_drive, python_drive, running, service
 
 DEVICE: Final = "vcan7"  # made and unmade here
 HELLO: Final = encode(Discover(0))
@@ -74,11 +75,13 @@ def test_device_that_is_down(device: str) -> None:
     assert "the device is down; `ip link set vcan7 up" in refusal(device)
 
 
-@pytest.mark.parametrize("command", [["info"], ["conformance"]], ids=["info", "conformance"])
-def test_command_says_it_in_a_line(command: list[str]) -> None:
-    words = service(*command, "--interface", "socketcan", "--channel", "no_such_can")
+@pytest.mark.parametrize("command", ["run", "conformance"])
+def test_commands_say_it_in_a_line(command: str, tmp_path: Path) -> None:
+    rig = ["--rig", str(RIG)] if command == "run" else []
+    words = service(command, *rig, "--out", str(tmp_path), "--interface", "socketcan", "--channel", "no_such_can")
     done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
     assert done.returncode == 2
+    assert "there is no such CAN device" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
 
 

@@ -224,11 +224,12 @@ def test_service_whose_drive_falls_silent(tmp_path: Path, host: Host) -> None:
         stop(drive)
         stopped_s = time.monotonic()
         ended_s, content = run.end()
+        host.link.receive()
         drive.process.send_signal(signal.SIGCONT)
-        wake_s = time.monotonic()
-        while not any(is_fault(frame) for _, frame in host.link.receive()):
+        end_s = time.monotonic() + PATIENCE_S
+        while not any(is_without_torque(frame) for _, frame in host.link.receive()):
             time.sleep(1.0e-4)
-            assert time.monotonic() < wake_s + PATIENCE_S
+            assert time.monotonic() < end_s
     assert content["reason"] == "drive_lost"
     assert "did not confirm that it is disabled within 500 ms" in content["message"]
     # 100 ms of silence, seen at a tick, then half a second for the drive's word
@@ -249,13 +250,13 @@ def test_sample_that_is_too_old_moves_nothing(tmp_path: Path, host: Host) -> Non
         drive.process.send_signal(signal.SIGCONT)
         _, content = run.end()
     assert content["reason"] == "completed"
-    assert content["counters"]["pipeline"]["stale"] == 1
+    assert 2 <= content["counters"]["pipeline"]["stale"] <= 4  # a tick each ms until the drive goes on
 
 
 def stop(drive: Drive) -> None:
     os.kill(drive.process.pid, signal.SIGSTOP)
 
 
-def is_fault(frame: Frame) -> bool:
+def is_without_torque(frame: Frame) -> bool:
     message = Decoder().decode(frame)
-    return isinstance(message, DriveHeartbeat) and message.state == DriveState.FAULT
+    return isinstance(message, DriveHeartbeat) and message.state in (DriveState.DISABLED, DriveState.FAULT)
