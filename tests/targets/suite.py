@@ -10,12 +10,14 @@ from typing import Any, Final
 from tests.targets.record import ROOT, TargetRecord
 
 ENVIRONMENT: Final = {**os.environ, "PYTHONPATH": f"{ROOT}:{os.environ.get('PYTHONPATH', '')}"}
-LIMIT_S: Final = 280.0
+LIMIT_S: Final = 550.0
+# Ahead of what else runs here, where that is allowed: a drive that is not woken is late, and a suite can't tell why.
+AHEAD: Final = ("nice", "-n", "-15")
 
 
 def judge(record: TargetRecord, out: Path, *arguments: str) -> dict[str, Any]:
     """Run the whole suite, motion allowed, and keep its certificate."""
-    command = [sys.executable, "-m", "hil_forceps.cli.main", "conformance", "--allow-motion", "--out", str(out)]
+    command = [*AHEAD, sys.executable, "-m", "hil_forceps.cli.main", "conformance", "--allow-motion", "--out", str(out)]
     done = subprocess.run(
         [*command, *arguments], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, check=False, timeout=LIMIT_S
     )
@@ -28,9 +30,9 @@ def judge(record: TargetRecord, out: Path, *arguments: str) -> dict[str, Any]:
 def check(certificate: dict[str, Any], applicable: int, least_share: float = 0.8) -> None:
     """Nothing failed and most has passed: a busy machine may keep a check from telling, and fails nobody."""
     failed = {row["id"]: row["evidence"] for row in certificate["requirements"] if row["verdict"] == "fail"}
-    assert failed == {}
+    assert failed == {}, f"failed: {failed}"
     verdicts = certificate["verdicts"]
-    assert verdicts["pass"] + verdicts["inconclusive"] == applicable
+    assert verdicts["pass"] + verdicts["inconclusive"] == applicable, f"not {applicable} judged: {verdicts}"
     assert verdicts["pass"] >= least_share * applicable, [
         (row["id"], row["evidence"]) for row in certificate["requirements"] if row["verdict"] == "inconclusive"
     ]

@@ -13,9 +13,9 @@ from tests.firmware_library import make
 from tests.targets.closed_loop import check_loop, close_loop, drive_arguments
 from tests.targets.lockstep import UdpPlantLine
 from tests.targets.record import Part, recorded
-from tests.targets.suite import check, judge
+from tests.targets.suite import AHEAD, check, judge
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(600)]
 
 # UDP keeps packets whole, so HFP-162, which cuts them, says nothing there.
 LINES = pytest.mark.parametrize(("line", "applicable"), [("pty", 82), ("udp", 81)])
@@ -31,7 +31,7 @@ class Process(NamedTuple):
 @contextmanager
 def drive(line: str, folder: Path, *arguments: str) -> Iterator[Process]:
     where = ("--serial-pty", str(folder / "port")) if line == "pty" else ("--udp", "127.0.0.1:0")
-    command = [str(make("host") / "hfp-drive"), *where, *arguments]
+    command = [*AHEAD, str(make("host") / "hfp-drive"), *where, *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
