@@ -43,6 +43,7 @@ def run_suite(kind: str, folder: Path) -> int:
 
 def run_loop(kind: str, folder: Path) -> int:
     """Close simulation 2 through the firmware, with the plant outside as its clock."""
+    folder.mkdir(parents=True, exist_ok=True)
     is_fd = kind == "fd"
     arguments = ["--plant", "127.0.0.1:0", *drive_arguments(), *(["--fd"] if is_fd else [])]
     with devices(kind) as (ours, theirs), running(c_drive(theirs, *arguments)) as drive:
