@@ -39,19 +39,20 @@ class Ended(NamedTuple):
 
 
 class Guests:
-    """All runs inside, started together: none of them waits for another, and virtual time minds no neighbour."""
+    """The runs inside of all tests asked for, started together: virtual time minds no neighbour."""
 
-    def __init__(self, folder: Path, pool: ThreadPoolExecutor) -> None:
+    def __init__(self, folder: Path, pool: ThreadPoolExecutor, asked: frozenset[str]) -> None:
         inside = [sys.executable, "-m", "tests.targets.socketcan.inside"]
         tests = [sys.executable, "-m", "pytest", "-v", "-p", "no:hypothesispytest"]
         self._firmware = make("host") / "hfp-drive"
         self._runs: dict[str, Future[Ended]] = {}
-        for kind in TARGETS:
-            self._start(pool, folder / f"suite-{kind}", "auto", [*inside, "suite", kind])
-        for name, time in (("timeouts", "virtual"), ("errors", "auto")):
-            self._start(pool, folder / name, time, [*tests, f"tests/targets/socketcan/inside_{name}.py", "--basetemp"])
-        for kind in TARGETS:
-            self._start(pool, folder / f"loop-{kind}", "real", [*inside, "loop", kind])
+        commands = {f"test_conformance[{kind}]": ("auto", [*inside, "suite", kind]) for kind in TARGETS}
+        for name, time in (("time_outs", "virtual"), ("errors", "auto")):
+            commands[f"test_{name}"] = (time, [*tests, f"tests/targets/socketcan/inside_{name}.py", "--basetemp"])
+        commands |= {f"test_simulation_2[{kind}]": ("real", [*inside, "loop", kind]) for kind in TARGETS}
+        for place, (name, (time, command)) in enumerate(commands.items()):
+            if name in asked:
+                self._runs[name] = pool.submit(self._run, folder / str(place), time, command)
 
     def end(self, name: str, record: TargetRecord | None = None) -> Ended:
         """Wait for a run; where there is no SocketCAN to be had, that is the outcome."""
@@ -59,9 +60,6 @@ class Guests:
         if ended.code == NOT_AVAILABLE and record is not None:
             record.not_available(ended.output.strip().splitlines()[-1])
         return ended
-
-    def _start(self, pool: ThreadPoolExecutor, folder: Path, time: str, command: Sequence[str]) -> None:
-        self._runs[folder.name] = pool.submit(self._run, folder, time, command)
 
     def _run(self, folder: Path, time: str, command: Sequence[str]) -> Ended:
         folder.mkdir()
@@ -83,16 +81,17 @@ class Guests:
 
 
 @pytest.fixture(scope="module")
-def guests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guests]:
+def guests(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Guests]:
+    asked = frozenset(item.name for item in request.session.items)
     with ThreadPoolExecutor(GUESTS_AT_ONCE) as pool:
-        yield Guests(tmp_path_factory.mktemp("socketcan"), pool)
+        yield Guests(tmp_path_factory.mktemp("socketcan"), pool, asked)
         pool.shutdown(cancel_futures=True)
 
 
 @KINDS
 def test_conformance(guests: Guests, kind: str) -> None:
     with recorded(TARGETS[kind], Part.CONFORMANCE) as record:
-        ended = guests.end(f"suite-{kind}", record)
+        ended = guests.end(f"test_conformance[{kind}]", record)
         assert ended.code in (0, 1), ended.output
         record.suite_results(ended.folder / "out")
         certificate = load(ended.folder / "out" / "certificate.json")
@@ -103,22 +102,22 @@ def test_conformance(guests: Guests, kind: str) -> None:
 @KINDS
 def test_simulation_2(guests: Guests, kind: str) -> None:
     with recorded(TARGETS[kind], Part.LOOP) as record:
-        ended = guests.end(f"loop-{kind}", record)
+        ended = guests.end(f"test_simulation_2[{kind}]", record)
         assert ended.code == 0, ended.output
         figures = load(ended.folder / TARGETS[kind] / "loop.json")
         record.loop(figures)
         check_loop(figures)
 
 
-def test_time_outs_in_virtual_time(guests: Guests) -> None:
+def test_time_outs(guests: Guests) -> None:
     with recorded("socketcan-time-travel", Part.TIMEOUTS) as record:
-        ended = guests.end("timeouts", record)
+        ended = guests.end("test_time_outs", record)
         assert ended.code == 0, ended.output
         assert "skipped" not in ended.output
 
 
-def test_errors_of_the_kernel(guests: Guests) -> None:
-    ended = guests.end("errors")
+def test_errors(guests: Guests) -> None:
+    ended = guests.end("test_errors")
     if ended.code == NOT_AVAILABLE:
         pytest.skip("the target's outcome says why SocketCAN is not available")
     assert ended.code == 0, ended.output

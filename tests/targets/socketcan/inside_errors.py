@@ -1,7 +1,5 @@
 """What the kernel's CAN does wrong, and what becomes of it: told in a line, counted, never raised."""
 
-import gc
-import re
 import socket
 import struct
 import subprocess
@@ -62,12 +60,6 @@ def refusal(channel: str, fd: bool = False) -> str:
         open_link(LinkSpec(interface="socketcan", channel=channel, fd=fd))
     (problem,) = caught.value.problems
     return problem
-
-
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_missing_channel() -> None:
-    assert re.search("no_such_can.*there is no such CAN device; see `ip link`", refusal("no_such_can"))
-    gc.collect()  # python-can leaves its socket open when it can't bind it
 
 
 def test_device_that_is_down(device: str) -> None:
