@@ -27,7 +27,7 @@ def judge(record: TargetRecord, out: Path, *arguments: str) -> dict[str, Any]:
     return certificate
 
 
-def check(certificate: dict[str, Any], applicable: int, least_share: float = 0.8) -> None:
+def check(certificate: dict[str, Any], applicable: int, least_share: float = 0.7) -> None:
     """Nothing failed and most has passed: a busy machine may keep a check from telling, and fails nobody."""
     failed = {row["id"]: row["evidence"] for row in certificate["requirements"] if row["verdict"] == "fail"}
     assert failed == {}, f"failed: {failed}"

@@ -10,7 +10,7 @@ import pytest
 
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from tests.firmware_library import make
-from tests.targets.closed_loop import check_loop, close_loop, drive_arguments
+from tests.targets.closed_loop import check_loop, check_same_motion, close_loop, drive_arguments
 from tests.targets.lockstep import UdpPlantLine
 from tests.targets.record import Part, recorded
 from tests.targets.suite import AHEAD, check, judge
@@ -57,6 +57,8 @@ def test_simulation_2(line: str, applicable: int, tmp_path: Path) -> None:  # no
         plant = UdpPlantLine(("127.0.0.1", process.plant_port))
         try:
             link = open_link(LinkSpec(serial_url=process.url)).link
-            check_loop(close_loop(record, link, plant, tmp_path))
+            figures = close_loop(record, link, plant, tmp_path)
+            check_loop(figures)
+            check_same_motion(figures)
         finally:
             plant.close()

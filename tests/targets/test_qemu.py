@@ -12,7 +12,7 @@ import pytest
 
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from tests.firmware_library import make
-from tests.targets.closed_loop import check_loop, close_loop
+from tests.targets.closed_loop import check_loop, check_same_motion, close_loop
 from tests.targets.lockstep import ANSWER_BYTES, PATIENCE_S
 from tests.targets.record import Part, TargetRecord, recorded
 from tests.targets.suite import AHEAD, check, judge
@@ -109,6 +109,8 @@ def test_simulation_2(tmp_path: Path) -> None:
         with emulator("mps2_plant", path) as url:
             plant = StreamPlantLine(path)
             try:
-                check_loop(close_loop(record, open_link(LinkSpec(serial_url=url)).link, plant, tmp_path))
+                figures = close_loop(record, open_link(LinkSpec(serial_url=url)).link, plant, tmp_path)
+                check_loop(figures)
+                check_same_motion(figures)
             finally:
                 plant.close()
