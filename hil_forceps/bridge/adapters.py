@@ -19,6 +19,7 @@ from hil_forceps.rig.errors import UserError
 IFF_UP = 1
 NET_DEVICES = Path("/sys/class/net")
 SERIAL_DEVICES = Path("/sys/class/tty")
+MARKS_OTHERS = frozenset({"socketcan"})  # a drive that is a process of this machine looks like ourselves
 ECHOING = frozenset({"udp_multicast"})  # hears its own frames, whatever it is asked, and does not mark them
 VIRTUAL_TIME = ("now_ns", "advance_until_ns", "send_frame", "receive_frames")
 
@@ -98,7 +99,7 @@ def _open_can(spec: LinkSpec) -> Connection:
         virtual = cast(VirtualTimeBus, bus)
         return Connection(VirtualTimeLink(virtual), VirtualClock(virtual), True, ())
     clock = MonotonicClock(spec.spin_ns)
-    link = PythonCanLink(bus, clock, echoes=spec.interface in ECHOING)
+    link = PythonCanLink(bus, clock, spec.interface in ECHOING, marks_own=spec.interface not in MARKS_OTHERS)
     return Connection(link, clock, False, ())
 
 

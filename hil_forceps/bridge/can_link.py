@@ -34,14 +34,18 @@ class PythonCanLink:
     A frame arrived at the kernel's or adapter's stamp where that is of the system's clock, else when it was read.
     """
 
-    def __init__(self, bus: can.BusABC, clock: Clock, echoes: bool = False) -> None:
-        """`echoes`: the interface plays back what we send and does not mark it; then we know it again by its bytes."""
+    def __init__(self, bus: can.BusABC, clock: Clock, echoes: bool = False, marks_own: bool = True) -> None:
+        """`echoes`: the interface plays back what we send and does not mark it; then we know it again by its bytes.
+
+        `marks_own`: a frame marked as sent is one that we sent. The kernel marks what any process of this machine sent.
+        """
         self.counters = dict.fromkeys(
             ("error_frames", "not_ours", "own", "read_errors", "queue_full", "send_errors", "unstamped"), 0
         )
         self._bus = bus
         self._clock = clock
         self._echoes = echoes
+        self._marks_own = marks_own
         self._sent: deque[Frame] = deque(maxlen=MAX_ECHOES)
         self._up = True
         self._closed = False
@@ -129,7 +133,7 @@ class PythonCanLink:
             if message.arbitration_id & CAN_ERR_BUSOFF:
                 self._up = False
             return False
-        if not message.is_rx:  # our own, played back by the interface
+        if self._marks_own and not message.is_rx:  # our own, played back by the interface
             self.counters["own"] += 1
             return False
         if message.is_extended_id or message.is_remote_frame or message.arbitration_id > MAX_STANDARD_ID:

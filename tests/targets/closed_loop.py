@@ -75,13 +75,14 @@ def ages_us(executed: Executed) -> list[float]:
     return [edge_us for edge_us, count in executed.record.timing["loop"]["age"]["bins"] for _ in range(count)]
 
 
-def close_loop(record: TargetRecord, link: Link, line: PlantLine, folder: Path) -> dict[str, Any]:
+def close_loop(record: TargetRecord, link: Link, line: PlantLine, folder: Path, fd: bool = False) -> dict[str, Any]:
     """Run the service against the firmware behind `link` with its plant behind `line`; keep and return the figures."""
+    rig = RIG.with_changes({"bench.transport": "fd"}) if fd else RIG
     forceps = forceps_of(RIG, paper_load(SPEC.simulation), SEED)
     assert isinstance(forceps, SimulatedForceps)  # the paper's rig has no effects
     period_ns = round(RIG.require_drive().sample_time_s * 1e9)
     world = LockstepWorld(link, line, forceps, RIG.bench.node_id, period_ns)
-    executed = run_on(Connection(world, world, True, ()), SPEC, RIG, SEED, folder)
+    executed = run_on(Connection(world, world, True, ()), SPEC, rig, SEED, folder)
     figures = figures_of(executed, LATENCY, world.exchange_us)
     record.loop(figures)
     return figures

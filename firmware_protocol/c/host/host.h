@@ -6,12 +6,13 @@
 
 #include <netinet/in.h>
 
-/* Frames as serial packets, through a stream of bytes or one a datagram. */
+/* Frames as serial packets, through a stream of bytes or one a datagram; or frames of a CAN device. */
 typedef struct {
     int in;
     int out;
     int far_end; /* of a pseudo terminal, kept open so that its settings survive a host that closes it; else -1 */
     bool datagrams;
+    bool is_can;
     bool ended; /* the other side has closed for good */
     struct sockaddr_in peer; /* whoever sent last gets the answers */
     bool has_peer;
@@ -25,9 +26,14 @@ typedef struct {
 bool link_open_pty(host_link *link, const char *path, char *where, size_t size);
 bool link_open_stdio(host_link *link, char *where, size_t size);
 bool link_open_udp(host_link *link, const char *address, char *where, size_t size);
+bool link_open_can(host_link *link, const char *device, char *where, size_t size);
 void link_close(host_link *link, const char *path);
 bool link_receive(host_link *link, hfp_frame *frame);
 bool link_send(host_link *link, const hfp_frame *frame);
+
+/* The part of link_receive and link_send that a CAN device wants. */
+bool can_receive(host_link *link, hfp_frame *frame);
+bool can_send(const host_link *link, const hfp_frame *frame);
 
 /* Bind a datagram socket to "address:port"; -1: errno says why. */
 int udp_bind(const char *address, struct sockaddr_in *bound);

@@ -187,6 +187,9 @@ static bool open_link(host *self, char *where, size_t size)
     if (chosen->pty != NULL) {
         return link_open_pty(&self->link, chosen->pty, where, size);
     }
+    if (chosen->can != NULL) {
+        return link_open_can(&self->link, chosen->can, where, size);
+    }
     return chosen->udp != NULL ? link_open_udp(&self->link, chosen->udp, where, size)
                                : link_open_stdio(&self->link, where, size);
 }

@@ -19,6 +19,7 @@ typedef struct {
 static const option OPTIONS[] = {
     {"serial-pty", TEXT, AT(pty)},
     {"udp", TEXT, AT(udp)},
+    {"can", TEXT, AT(can)},
     {"stdio", FLAG, AT(stdio)},
     {"plant", TEXT, AT(plant)},
     {"duration", SECONDS, AT(duration_s)},
@@ -51,7 +52,7 @@ enum { OPTION_COUNT = sizeof OPTIONS / sizeof OPTIONS[0] };
 static void help(void)
 {
     (void)fputs("hfp-drive: the reference firmware as a process\n"
-                "  --serial-pty LINK | --udp ADDRESS:PORT | --stdio   where it speaks (one; UDP: one packet a datagram)\n"
+                "  --serial-pty LINK | --udp ADDRESS:PORT | --can DEVICE | --stdio   where it speaks (UDP: one packet a datagram)\n"
                 "  --plant ADDRESS:PORT   a plant outside is its clock (lockstep.c); without: a test plant, real time\n"
                 "  --duration S           end after so long\n"
                 "settings, each with its value:\n",
@@ -170,8 +171,8 @@ bool options_parse(options *chosen, int count, char **arguments)
             return false;
         }
     }
-    if ((chosen->pty != NULL) + (chosen->udp != NULL) + chosen->stdio != 1) {
-        (void)fputs("one of --serial-pty, --udp and --stdio is wanted\n", stderr);
+    if ((chosen->pty != NULL) + (chosen->udp != NULL) + (chosen->can != NULL) + chosen->stdio != 1) {
+        (void)fputs("one of --serial-pty, --udp, --can and --stdio is wanted\n", stderr);
         return false;
     }
     return true;

@@ -7,6 +7,7 @@
 typedef struct {
     const char *pty; /* path of the link to the pseudo terminal */
     const char *udp; /* address:port */
+    const char *can; /* name of a SocketCAN device */
     const char *plant; /* address:port; NULL: the test plant */
     bool stdio;
     double duration_s; /* 0: until told to end */

@@ -115,6 +115,9 @@ static bool refill(host_link *link)
 
 bool link_receive(host_link *link, hfp_frame *frame)
 {
+    if (link->is_can) {
+        return can_receive(link, frame);
+    }
     do {
         while (link->at < link->filled) {
             if (hfp_serial_feed(&link->reader, link->bytes[link->at++], frame)) {
@@ -128,9 +131,13 @@ bool link_receive(host_link *link, hfp_frame *frame)
 bool link_send(host_link *link, const hfp_frame *frame)
 {
     uint8_t packet[HFP_MAX_PACKET];
-    size_t length = hfp_serial_encode(frame, packet);
+    size_t length;
     ssize_t sent;
 
+    if (link->is_can) {
+        return can_send(link, frame);
+    }
+    length = hfp_serial_encode(frame, packet);
     if (link->datagrams) {
         if (!link->has_peer) {
             return false;
