@@ -4,7 +4,7 @@ OUT ?= out
 TARGET_JOBS ?= 2
 PY := $(VENV)/bin/python
 
-.PHONY: install bench test lint types layers unit system targets hidden-effects benchmark wheel clean
+.PHONY: install bench test lint types layers unit system targets fuzz hidden-effects benchmark wheel clean
 
 install:
 	@tools/install.sh $(VENV)
@@ -39,6 +39,10 @@ targets: install
 	-@tools/install_targets.sh
 	$(PY) -m pytest -n $(TARGET_JOBS) --dist loadfile tests/targets; status=$$?; \
 		$(PY) -m tools.target_table || status=1; exit $$status
+
+# Ten million bytes into every reader and state machine of the Python side.
+fuzz: install
+	$(PY) -m firmware_protocol.conformance.fuzz 10000000
 
 # Effects hidden in data and diagnosed, hours of it; goes on where it was stopped. Then the tables of docs/diagnosis.md.
 hidden-effects: install

@@ -19,7 +19,7 @@ from hil_forceps.rig.errors import UserError
 ROOT = Path(__file__).parents[2]
 PAPER = str(ROOT / "configs" / "paper.yaml")
 TOOL = str(ROOT / "configs" / "surgical_tool.yaml")
-COMMANDS = ("bench", "run", "drive", "conformance", "decode", "replay", "info")
+COMMANDS = ("bench", "run", "drive", "conformance", "decode", "diagnose", "import", "simulate", "replay", "info")
 HEAVY = ("numba", "numpy", "matplotlib", "can", "scipy", "pydantic", "serial", "mcap", "cantools", "zstandard")
 
 
