@@ -6,6 +6,7 @@ All models that come within `SET_DROP` of the best are kept: the data can't tell
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,14 +50,19 @@ class Scan:
     scores: Scores
 
 
+class Rival(NamedTuple):
+    """A model that the data can't tell from the chosen one."""
+
+    model: Model
+    behind: float  # how far its χ² is above the best one's, both with the same noise
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Choice:
     """What was chosen, and what was looked at."""
 
     model: Model
-    rivals: tuple[
-        Model, ...
-    ]  # models of as many effects that the data can't tell from it, best first, itself among them
+    rivals: tuple[Rival, ...]  # of as many effects, the best first, the chosen one among them
     candidates: tuple[Candidate, ...]
     scan: Scan  # the last one: beside the chosen model
     whitener: Whitener
@@ -111,20 +117,27 @@ class Chooser:
     """Chooses the effects for a problem; keeps what it has fitted."""
 
     def __init__(
-        self, scene: Scene, without: frozenset[str], floor: Vector, seed: int, progress: Callable[[str], None]
+        self,
+        scene: Scene,
+        without: frozenset[str],
+        floor: Vector,
+        seed: int,
+        progress: Callable[[str], None],
+        refresh: Callable[[Problem, Vector], Problem],
     ) -> None:
         self._scene = scene
         self._without = without
         self._floor = floor
         self._seed = seed
         self._progress = progress
+        self._refresh = refresh  # what of the problem hangs on the model, taken anew
         self._candidates: list[Candidate] = []
         self._first_chi2 = 0.0
 
     def choose(self, baseline: Model, whitener: Whitener) -> Choice:
         """Choose from the refitted baseline on; `whitener` is a first guess of the noise."""
         model = baseline
-        rivals: list[Model] = [baseline]
+        rivals = [Rival(baseline, 0.0)]
         model, scan, whitener, noise = self._look(model, whitener)
         self._first_chi2 = model.fit.chi2
         for step in range(MAX_EFFECTS):
@@ -132,7 +145,7 @@ class Chooser:
             if not refined:
                 break
             best = refined[0]
-            rivals = [m for m in refined if m.fit.chi2 - best.fit.chi2 <= SET_DROP]
+            rivals = _within_reach([Rival(m, m.fit.chi2 - best.fit.chi2) for m in refined])
             model, scan, whitener, noise = self._look(best, whitener)
             if step > 0:
                 model, rivals = self._exchange(model, rivals, whitener)
@@ -141,6 +154,9 @@ class Chooser:
 
     def _look(self, model: Model, whitener: Whitener) -> tuple[Model, Scan, Whitener, Noise]:
         """Scan the catalogue beside a model; take the noise anew from what neither explains; refit with it."""
+        if model.effects:
+            model = replace(model, problem=self._refresh(model.problem, model.fit.u))
+            model = replace(model, fit=fit(model.problem, model.fit.u, whitener, steps=3))
         self._progress("looking at " + (" + ".join(model.effects) or "the known parameters"))
         places = self._places(model)
         columns, groups = probe_columns(model.problem, model.fit.u, places)
@@ -176,7 +192,7 @@ class Chooser:
         return found
 
     def refine(
-        self, model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, held: Held, steps: int = 4
+        self, model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, held: Held, steps: int = 8
     ) -> Model:
         """Refit a model with an entry added, beginning where the linear look found it."""
         self._progress(f"refitting with {probe.effect_id}")
@@ -197,7 +213,7 @@ class Chooser:
         result = fit(problem, u, whitener, held=held, steps=steps)
         return Model((*model.effects, probe.effect_id), problem, result, _at_bound(problem, result, count))
 
-    def _exchange(self, model: Model, rivals: list[Model], whitener: Whitener) -> tuple[Model, list[Model]]:
+    def _exchange(self, model: Model, rivals: list[Rival], whitener: Whitener) -> tuple[Model, list[Rival]]:
         """Replace each effect but the last by every other that stands out in its place, where that fits better."""
         for place in range(len(model.effects) - 1):
             reduced = without_effect(model, place, whitener)
@@ -205,12 +221,13 @@ class Chooser:
             for other in self._refined(reduced, scan, whitener, len(model.effects)):
                 if set(other.effects) == set(model.effects):
                     continue
-                if other.fit.chi2 < model.fit.chi2 - 1.0:
+                behind = other.fit.chi2 - model.fit.chi2
+                if behind < -1.0:
                     model = other
-                if other.fit.chi2 - model.fit.chi2 <= SET_DROP:
-                    rivals.append(other)
-        best = min(rivals, key=lambda m: m.fit.chi2)
-        return model, [m for m in rivals if m.fit.chi2 - best.fit.chi2 <= SET_DROP]
+                    rivals = [Rival(rival.model, rival.behind - behind) for rival in rivals]
+                    behind = 0.0
+                rivals.append(Rival(other, behind))
+        return model, _within_reach(rivals)
 
     def _scan(self, model: Model, whitener: Whitener, places: Sequence[Probe]) -> Scan:
         columns, groups = probe_columns(model.problem, model.fit.u, places)
@@ -231,9 +248,7 @@ class Chooser:
         )
         return Scan(tuple(places), tuple(groups), columns, found)
 
-    def _thinned(
-        self, model: Model, rivals: list[Model], scan: Scan, whitener: Whitener
-    ) -> tuple[Model, list[Model]]:
+    def _thinned(self, model: Model, rivals: list[Rival], scan: Scan, whitener: Whitener) -> tuple[Model, list[Rival]]:
         """Drop effects that no longer gain enough with the noise as it is known in the end."""
         for place in reversed(range(len(model.effects))):
             less = without_effect(model, place, whitener)
@@ -242,7 +257,7 @@ class Chooser:
                     replace(c, state="below threshold") if c.id == model.effects[place] and c.state == "named" else c
                     for c in self._candidates
                 ]
-                model, rivals = less, [less]
+                model, rivals = less, [Rival(less, 0.0)]
         return model, rivals
 
     def _places(self, model: Model) -> list[Probe]:
@@ -265,6 +280,15 @@ class Chooser:
             else:
                 state = "weaker"
             self._candidates.append(Candidate(effect_id, step, gain, scan.scores.threshold, state))  # type: ignore[arg-type]
+
+
+def _within_reach(rivals: list[Rival]) -> list[Rival]:
+    """Return those that can't be told from the best, the best first, each set of effects once."""
+    found: dict[frozenset[str], Rival] = {}
+    for rival in sorted(rivals, key=lambda rival: rival.behind):
+        if rival.behind <= SET_DROP:
+            found.setdefault(frozenset(rival.model.effects), rival)
+    return list(found.values())
 
 
 def without_effect(model: Model, place: int, whitener: Whitener) -> Model:

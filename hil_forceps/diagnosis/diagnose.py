@@ -15,7 +15,7 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record, prepare
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.leftover import Leftover, leftover
-from hil_forceps.diagnosis.problem import Mapper
+from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.scene import scene_of
 from hil_forceps.diagnosis.spectrum import Whitener, measure_noise, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknowns
@@ -91,7 +91,7 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     responses = _responses(setting, baseline, rig)
     courses = courses_of(setting, baseline)
     scene = scene_of(courses, baseline, whitener, responses)
-    chooser = Chooser(scene, options.without, setting.floor, options.seed, options.progress)
+    chooser = Chooser(scene, options.without, setting.floor, options.seed, options.progress, refresher(setting, rig))
     choice = chooser.choose(baseline, whitener)
     options.progress("looking at what is left")
     after = leftover(choice.model, choice.whitener, courses_of(setting, choice.model), responses, options.seed)
@@ -120,7 +120,7 @@ def fit_baseline(records: Sequence[Record], rig: Rig, options: Options) -> tuple
     problem = setting.problem
     whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
     rough = fit(problem, np.zeros(problem.size), whitener, steps=BASELINE_STEPS)
-    quantum = 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
+    quantum = quantum_of(rig)
     if quantum > 0.0:
         simulator = setting.simulator.with_encoder_errors(problem.theta(rough.u), problem.nuisances(rough.u), quantum)
         problem = replace(problem, simulate_runs=simulator)
@@ -133,6 +133,24 @@ def fit_baseline(records: Sequence[Record], rig: Rig, options: Options) -> tuple
     count = len(problem.shared.items)
     nominal = Model((), bare, fit(bare, baseline.fit.u[count:], whitener, steps=4))
     return setting, nominal, baseline, whitener
+
+
+def refresher(setting: Setting, rig: Rig) -> Callable[[Problem, Vector], Problem]:
+    """Return what takes the encoder's rounding anew with a better model."""
+    quantum = quantum_of(rig)
+
+    def refresh(problem: Problem, u: Vector) -> Problem:
+        if quantum <= 0.0:
+            return problem
+        found = setting.simulator.with_encoder_errors(problem.theta(u), problem.nuisances(u), quantum)
+        return replace(problem, simulate_runs=found)
+
+    return refresh
+
+
+def quantum_of(rig: Rig) -> float:
+    """Return the encoder's step in rad, 0 for an ideal one."""
+    return 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
 
 
 def courses_of(setting: Setting, model: Model) -> list[Course]:

@@ -14,7 +14,8 @@ MAX_STEPS = 12
 SMALL_FALL = 0.05  # of χ²: a step that gains less ends the fit
 FIRST_DAMPING = 1e-6
 MAX_DAMPINGS = 7
-BLOCK = 1 << 16  # rows of a product in single precision
+BLOCK = 1 << 15  # rows of a product that are made double at a time
+RIDGE = 1e-13
 
 
 class Fit(NamedTuple):
@@ -40,11 +41,21 @@ def sum_of_squares(flat: Flat) -> float:
 
 
 def gram(left: Matrix, right: Matrix) -> NDArray[np.float64]:
-    """Return leftᵀ right, in blocks so that single precision doesn't lose the small entries."""
+    """Return leftᵀ right in double precision: where only priors tell unknowns apart, the last digits count."""
     total = np.zeros((left.shape[1], right.shape[1]))
     for start in range(0, left.shape[0], BLOCK):
-        total += left[start : start + BLOCK].T @ right[start : start + BLOCK]
+        first = left[start : start + BLOCK].astype(np.float64)
+        second = first if right is left else right[start : start + BLOCK].astype(np.float64)
+        total += first.T @ second
     return total
+
+
+def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverse of a positive definite matrix whose rows are of very different size."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    values = np.maximum(values, RIDGE * float(values.max()))
+    return np.asarray((vectors / values) @ vectors.T / np.outer(size, size))
 
 
 class Held(NamedTuple):
@@ -106,7 +117,7 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
         if fall < SMALL_FALL:
             break
         at = _sensitivity(problem, u, outputs, whitener, held)
-    covariance = np.asarray(np.linalg.pinv(at.gram + np.diag(weights), hermitian=True), dtype=np.float64)
+    covariance = inverse(at.gram + np.diag(weights))
     return Fit(u, chi2, residual, outputs, at.columns, covariance, done)
 
 
@@ -144,7 +155,7 @@ def _step(
     step = np.zeros(u.size)
     for _ in range(3):
         right = slope[free] - system[np.ix_(free, ~free)] @ step[~free]
-        step[free] = np.linalg.lstsq(system[np.ix_(free, free)], right, rcond=1e-14)[0]
+        step[free] = inverse(system[np.ix_(free, free)]) @ right
         crossing = free & ((u + step < low) | (u + step > high))
         if not crossing.any():
             break

@@ -26,9 +26,10 @@ Vector = NDArray[np.float64]
 
 TWO_SIDED_95 = 1.959964
 SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assumed: 1 in 1000 by chance
-LEAST_SHIFT = 0.1  # of what was known: less is no shift, however well it is measured
+LEAST_SHIFT = 0.2  # of what was known: less is no shift, however well it is measured
 POWER_80 = 0.8416
 UNEXPLAINED_OVER_CHANCE = 1.5  # numerics and the smoothed load leave a little of their own
+ACCURACY_OF_ALL = 2e-5
 UNEXPLAINED_SHARE = 0.03  # of the misfit: what may be left beside named effects without doubting them
 
 
@@ -49,9 +50,12 @@ def judge(found: Findings) -> Judgement:
     choice, model = found.choice, found.choice.model
     shifts = parameter_shifts(model)
     explained = found.baseline.fit.chi2 - model.fit.chi2
-    unexplained = found.after.gain if found.after.gain > UNEXPLAINED_OVER_CHANCE * found.after.threshold else 0.0
+    # What numerics and the encoder's shaking leave grows with what there is to simulate.
+    least = ACCURACY_OF_ALL * (found.nominal.fit.chi2 - model.fit.chi2)
+    least = max(least, UNEXPLAINED_OVER_CHANCE * found.after.threshold)
+    unexplained = found.after.gain if found.after.gain > least else 0.0
     doubtful = unexplained > UNEXPLAINED_SHARE * (unexplained + explained)
-    sets = tuple(dict.fromkeys(rival.effects for rival in choice.rivals if rival.effects))
+    sets = tuple(dict.fromkeys(rival.model.effects for rival in choice.rivals if rival.model.effects))
     if unexplained > 0.0 and (doubtful or not model.effects):
         place, variable, _ = found.after.families[0]
         said = f"Something is there that no entry of the catalogue explains; at {place}, it varies over {variable}."
@@ -111,10 +115,9 @@ def named_effects(found: Findings) -> tuple[NamedEffect, ...]:
 def _confidence(found: Findings, effect_id: str) -> float:
     """Return the share of the weight of all models within reach that name the effect."""
     rivals = found.choice.rivals
-    best = min(rival.fit.chi2 for rival in rivals)
     # Errors of the noise's colour make χ² differences less telling than they look: half their weight.
-    weights = np.array([np.exp(-0.25 * (rival.fit.chi2 - best)) for rival in rivals])
-    has = np.array([effect_id in rival.effects for rival in rivals])
+    weights = np.array([np.exp(-0.25 * rival.behind) for rival in rivals])
+    has = np.array([effect_id in rival.model.effects for rival in rivals])
     return float(weights[has].sum() / weights.sum())
 
 

@@ -23,8 +23,10 @@ Vector = NDArray[np.float64]
 
 SUBSTEPS = 4  # of 250 µs in a row of 1 ms; more for longer rows
 LONGEST_SUBSTEP_S = 2.6e-4
-SLOWEST_SHAKE_HZ = 60.0  # below, what is left is misfit rather than rounding
+SLOWEST_SHAKE_HZ = 120.0  # below, what is left is misfit rather than rounding
 SHAKE_PASSES = 5
+FINER_FOR_STRIBECK = 3  # friction that falls with speed is unstable at heart, and wants smaller steps
+_STRIBECK = parameters.index("effects.stribeck_friction.rise_N_m")
 ROWS_FOR_INTEGRAL = 40
 ROWS_FOR_SPEED = 12  # at the beginning of a run
 
@@ -60,6 +62,8 @@ class ClosedLoop:
         )
         samples = round(record.period_s / float(self.law[drive_law.SAMPLE_TIME]))
         substeps = samples * max(1, int(np.ceil(record.period_s / samples / LONGEST_SUBSTEP_S)))
+        if theta[_STRIBECK] != 0.0:
+            substeps *= FINER_FOR_STRIBECK
         found = closed_loop.simulate(theta, self.law, quantum_rad, inputs, Start(plant, drive), substeps, samples)
         return found._replace(theta_j_rad=found.theta_j_rad + nuisance.theta_j_zero_rad)
 
@@ -93,7 +97,7 @@ class ClosedLoop:
                 left = record.channels["theta_m_rad"] - found.raw(k, theta, nuisance).theta_m_rad
                 width = max(3, round(1.0 / (SLOWEST_SHAKE_HZ * record.period_s)) | 1)
                 fast = left - uniform_filter1d(uniform_filter1d(left, width), width)
-                errors.append(np.clip(fast, -0.75 * quantum_rad, 0.75 * quantum_rad))
+                errors.append(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
             found = replace(self, encoder_error_rad=tuple(errors))
         return found
 

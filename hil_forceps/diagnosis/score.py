@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.fit import gram
+from hil_forceps.diagnosis.fit import gram, inverse
 from hil_forceps.diagnosis.problem import Matrix
 from hil_forceps.diagnosis.spectrum import Flat
 
@@ -49,14 +49,10 @@ def project(fitted: Matrix, weights: Vector, u: Vector, columns: Matrix, residua
     jj = gram(fitted, fitted) + np.diag(weights)
     jc = gram(fitted, columns)
     jr = gram(fitted, residual[:, None])[:, 0] - weights * u
-    solved = np.linalg.solve(_regular(jj), np.column_stack((jc, jr)))
+    solved = inverse(jj) @ np.column_stack((jc, jr))
     s = gram(columns, columns) - jc.T @ solved[:, :-1]
     b = gram(columns, residual[:, None])[:, 0] - jc.T @ solved[:, -1]
     return 0.5 * (s + s.T), b
-
-
-def _regular(matrix: Square) -> Square:
-    return matrix + np.diag(1e-10 * np.diag(matrix) + 1e-12)
 
 
 def score(

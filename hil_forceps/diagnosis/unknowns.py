@@ -18,7 +18,9 @@ from hil_forceps.rig.errors import UserError
 Vector = NDArray[np.float64]
 
 FRICTION_SD_OF_TORQUE = 0.3  # a friction's prior is no tighter than this share of the torque seen
-LEAST_OF_ASSUMED = 0.01  # of a value that can't be 0: a bound so low that rounding loses it lets a division fail
+WIDEST = 20.0  # a known value, friction apart, is not further off than this factor
+# No channel holds a length: both radii times s and the stiffness over s² give the same data. One radius is held.
+GAUGE = "forceps.motor_pulley_radius_m"
 STEP = 1e-3  # of the scale: finite differences
 
 
@@ -78,13 +80,15 @@ def known_parameters(rig: Rig, torque_scale_N_m: float) -> Unknowns:
         section, key = name.split(".")
         known: Parameter = getattr(getattr(rig, section), key)
         unit = _unit_of(key)
+        if name == GAUGE and known.value is not None:
+            continue
         items.append(_plant_unknown(name, unit, known, torque_scale_N_m))
     return Unknowns(tuple(item for item in items if item.scale > 0.0))
 
 
 def _plant_unknown(name: str, unit: str, known: Parameter, torque_scale_N_m: float) -> Unknown:
     friction = "coulomb" in name
-    low, high = (0.0 if friction or "viscous" in name else 1e-12), math.inf
+    low, high = 0.0, math.inf
     if known.minimum is not None and known.maximum is not None:
         low, high = known.minimum, known.maximum
     value = known.value
@@ -94,11 +98,11 @@ def _plant_unknown(name: str, unit: str, known: Parameter, torque_scale_N_m: flo
         value = math.sqrt(low * high)
         scale = 0.5 * value
         return Unknown(name, unit, value, scale, low, high, False, None)
-    if known.minimum is None:
-        low = max(low, LEAST_OF_ASSUMED * value) if low > 0.0 else low
     sd = known.sd if known.sd is not None else 0.0
     if friction:
         sd = max(sd, FRICTION_SD_OF_TORQUE * torque_scale_N_m)
+    elif known.minimum is None:
+        low, high = value / WIDEST, value * WIDEST
     if known.minimum is not None and known.sd is None:
         return Unknown(name, unit, value, 0.1 * abs(value) or (high - low) / 10.0, low, high, False, value)
     return Unknown(name, unit, value, sd, low, high, True, value)
