@@ -151,6 +151,8 @@ def _amplitudes(entry: Effect, rng: np.random.Generator) -> dict[str, float]:
     amplitudes = [p for p in entry.parameters if p.neutral is not None]
     if entry.id == "channel_skew":  # one channel is late
         amplitudes = [amplitudes[int(rng.integers(len(amplitudes)))]]
+    if not amplitudes:  # a limit: its shape is all there is
+        return {}
     sign = float(rng.choice((-1.0, 1.0)))
     if len(amplitudes) == 1:
         p = amplitudes[0]

@@ -21,6 +21,10 @@ Record = dict[str, Any]
 
 CONFIDENCE = 0.95
 REQUIRED_SIZE = 20.0
+FIGURE_TEXT = (
+    "![Confusion matrix](figures/confusion.png)\n\n"
+    "Hidden against said: shades are shares of a row, numbers are counts, as in `confusion.csv` beside the results."
+)
 
 
 def interval(hits: int, count: int) -> tuple[float, float]:
@@ -207,6 +211,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     records = read(options.folder)
     text = markdown(records)
+    if options.figures:
+        text += f"\n\n{FIGURE_TEXT}"
     if options.markdown:
         options.markdown.write_text(between_marks(options.markdown.read_text(), text))
     else:

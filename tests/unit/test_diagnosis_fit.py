@@ -69,6 +69,13 @@ def test_a_prior_pulls_and_a_tight_one_holds() -> None:
     assert held.chi2 > free.chi2 + 1000
 
 
+def test_a_prior_as_sure_as_the_data_meets_them_half_way() -> None:
+    sure = SD / math.sqrt(ROWS / 2)  # deviation of a sine's amplitude
+    problem, whitener = toy((unknown("amplitude", 1.9, sure, prior=True),), 2)
+    found = fit(problem, np.zeros(problem.size), whitener)
+    assert problem.shared.values(found.u[:1])[0] == pytest.approx(1.95, abs=0.01)
+
+
 def test_a_bound_is_kept_and_the_others_are_fitted_on_it() -> None:
     bounded = (unknown("amplitude", 3.0, 0.5, prior=False, low=2.5), BOTH[1])
     problem, whitener = toy(bounded, 3)
