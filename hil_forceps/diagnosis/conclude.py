@@ -10,7 +10,8 @@ from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.experiment import mode_of
 from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, play
 from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, trends
-from hil_forceps.diagnosis.result import AuditFinding, Diagnosis
+from hil_forceps.diagnosis.ladder import ladder
+from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Rung
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.runs.table import Run
@@ -75,6 +76,10 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         runs += evidence(records, held, *played)
         if held:
             gain = gains(records, played[1], played[2], floors, options.seed)
+    rungs: tuple[Rung, ...] = ()
+    if found.records[0].mode == "driven":
+        options.progress("climbing the ladder")
+        rungs = ladder(found.held_out or found.records, rig, model, baseline, found.choice.whitener, options.mapper)
     named = [effect.id for effect in verdict.effects]
     extended = parameters.rig_with(rig, theta_after if verdict.verdict != "consistent" else theta_nominal, named)
     diagnosis = Diagnosis(
@@ -95,5 +100,6 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         trends(tuple(floors), found.before, found.after),
         floors,
         tuple(runs),
+        rungs,
     )
     return Conclusion(diagnosis, extended)

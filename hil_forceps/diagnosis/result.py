@@ -97,6 +97,14 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
+class Rung:
+    """A step of the ladder: an entry that joined, and the errors that were left then."""
+
+    id: str  # "": the known parameters alone
+    rmse: Mapping[str, float]  # of each channel, on runs never used where there are any
+
+
+@dataclass(frozen=True, slots=True)
 class Balance:
     """Misfit of one balance (motor, wire, jaw, sensor, timing) over its noise, before and after."""
 
@@ -152,6 +160,7 @@ class Diagnosis:
     trends: tuple[Trend, ...] = ()
     noise_sd: Mapping[str, float] = field(default_factory=dict)  # floor of each channel
     runs: tuple[RunEvidence, ...] = ()
+    ladder: tuple[Rung, ...] = ()  # where the drive's law isn't known
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -173,6 +182,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "candidates": [_fields(candidate) for candidate in diagnosis.candidates],
         "balances": [_fields(balance) for balance in diagnosis.balances],
         "trends": [_fields(trend) for trend in diagnosis.trends],
+        "ladder": [{"id": r.id, "rmse": {n: _number(e) for n, e in r.rmse.items()}} for r in diagnosis.ladder],
         "noise_sd": {name: _number(sd) for name, sd in diagnosis.noise_sd.items()},
     }
     return data
