@@ -130,7 +130,9 @@ def _print(diagnosis: Diagnosis, out: Path) -> None:
             f"[{100 * gain.low:.0f}, {100 * gain.high:.0f}]"
         )
     lines += [
-        f"  ladder, {rung.id or 'known parameters'}: " + ", ".join(f"{n} {e:.4g}" for n, e in rung.rmse.items())
+        f"  ladder, {rung.id or 'known parameters'}: "
+        + ", ".join(f"{n} {e:.4g}" for n, e in rung.rmse.items())
+        + "".join(f"; {n} = {p.value:.4g} {p.unit}".rstrip() for n, p in rung.parameters.items())
         for rung in diagnosis.ladder
     ]
     problems = [f for f in diagnosis.data_audit if f.severity != "note"]

@@ -9,7 +9,7 @@ from hil_forceps.diagnosis.audit import audit
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.experiment import mode_of
 from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, play
-from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, trends
+from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, parameter_shifts, trends
 from hil_forceps.diagnosis.ladder import ladder
 from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Rung
 from hil_forceps.model import parameters
@@ -76,10 +76,13 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         runs += evidence(records, held, *played)
         if held:
             gain = gains(records, played[1], played[2], floors, options.seed)
+    shifts = verdict.shifts
     rungs: tuple[Rung, ...] = ()
     if found.records[0].mode == "driven":
         options.progress("climbing the ladder")
-        rungs = ladder(found.held_out or found.records, rig, model, baseline, found.choice.whitener, options.mapper)
+        if verdict.verdict == "unnamed":  # what the extended rig holds, then
+            shifts = parameter_shifts(baseline)
+        rungs = ladder(found.held_out or found.records, rig, found, options.mapper)
     named = [effect.id for effect in verdict.effects]
     extended = parameters.rig_with(rig, theta_after if verdict.verdict != "consistent" else theta_nominal, named)
     diagnosis = Diagnosis(
@@ -87,7 +90,7 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         verdict.sentence,
         verdict.effects,
         verdict.sets,
-        verdict.shifts,
+        shifts,
         gain,
         tuple(record.name for record in found.held_out),
         audit_findings(found),

@@ -4,23 +4,29 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil_forceps.diagnosis.choice import Model, without_effect
+from hil_forceps.diagnosis.choice import without_effect
+from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.heldout import play
+from hil_forceps.diagnosis.judge import named_effects
 from hil_forceps.diagnosis.problem import Mapper
 from hil_forceps.diagnosis.result import Rung
-from hil_forceps.diagnosis.spectrum import Whitener
 from hil_forceps.rig import Rig
 
 
 def ladder(
-    records: Sequence[Record], rig: Rig, model: Model, baseline: Model, whitener: Whitener, mapper: Mapper
+    records: Sequence[Record],
+    rig: Rig,
+    found: Findings,
+    mapper: Mapper,
 ) -> tuple[Rung, ...]:
     """Return a rung for the known parameters alone and one for each effect, in the order in which they joined.
 
     Errors are root mean squares over the rows that count of all `records`, channel by channel; each model is refitted
     without the effects above it.
     """
+    model, baseline, whitener = found.choice.model, found.baseline, found.choice.whitener
+    values = {effect.id: effect.parameters for effect in named_effects(found)}
     models = [model]
     while models[-1].effects:
         last = len(models[-1].effects) - 1
@@ -34,5 +40,6 @@ def ladder(
                 here = record.weights > 0.0
                 squares.setdefault(name, []).append(float(np.mean((measured - channels[name])[here] ** 2)))
         rmse = {name: float(np.sqrt(np.mean(values))) for name, values in squares.items()}
-        rungs.append(Rung(step.effects[-1] if step.effects else "", rmse))
+        last_id = step.effects[-1] if step.effects else ""
+        rungs.append(Rung(last_id, rmse, values.get(last_id, {})))
     return tuple(rungs)

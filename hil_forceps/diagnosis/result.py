@@ -102,6 +102,7 @@ class Rung:
 
     id: str  # "": the known parameters alone
     rmse: Mapping[str, float]  # of each channel, on runs never used where there are any
+    parameters: Mapping[str, Estimate]  # of the entry, in the model with all of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +183,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "candidates": [_fields(candidate) for candidate in diagnosis.candidates],
         "balances": [_fields(balance) for balance in diagnosis.balances],
         "trends": [_fields(trend) for trend in diagnosis.trends],
-        "ladder": [{"id": r.id, "rmse": {n: _number(e) for n, e in r.rmse.items()}} for r in diagnosis.ladder],
+        "ladder": [_rung(rung) for rung in diagnosis.ladder],
         "noise_sd": {name: _number(sd) for name, sd in diagnosis.noise_sd.items()},
     }
     return data
@@ -198,6 +199,13 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "location": effect.location,
         "parameters": parameters,
     }
+
+
+def _rung(rung: Rung) -> dict[str, Any]:
+    parameters = {
+        name: {"value": _number(p.value), "unit": p.unit, "ci95": _interval(p)} for name, p in rung.parameters.items()
+    }
+    return {"id": rung.id, "rmse": {n: _number(e) for n, e in rung.rmse.items()}, "parameters": parameters}
 
 
 def _shift(shift: Shift) -> dict[str, Any]:

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis import experiment_driven
+from hil_forceps.diagnosis.assemble import assemble
 from hil_forceps.diagnosis.conclude import Conclusion, diagnose, silent
 from hil_forceps.diagnosis.diagnose import Options, fit_baseline
+from hil_forceps.diagnosis.fit import fit
+from hil_forceps.diagnosis.spectrum import white_noise, whitening
 from hil_forceps.diagnosis.starting import completed, guess
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
@@ -136,15 +139,21 @@ def test_emps_has_the_published_parameters() -> None:
     runs = read_run(needed(DATA / "emps" / "DATA_EMPS.mat"))
     rig = load_rig(REPOSITORY / "configs" / "emps.yaml")
     records, _ = experiment_driven.prepare_driven(runs)
-    _, _, baseline, _ = fit_baseline(records, completed(records, rig), Options())
-    items = baseline.problem.shared.items
-    values = dict(
-        zip((i.name for i in items), baseline.problem.shared.values(baseline.fit.u[: len(items)]), strict=True)
-    )
+    problem = assemble(records, completed(records, rig), map).problem
+    # As published: least squares, every frequency alike.
+    alike = whitening(problem.layout, white_noise(problem.layout, np.full(len(problem.layout.band_Hz), 5e-5)))
+    found = fit(problem, np.zeros(problem.size), alike)
+    items = problem.shared.items
+    values = dict(zip((i.name for i in items), problem.shared.values(found.u[: len(items)]), strict=True))
     per_metre = 5e-3**2
     assert values["forceps.motor_inertia_kg_m2"] / per_metre == pytest.approx(95.1089, rel=0.02)
-    assert values["forceps.motor_viscous_N_m_s_per_rad"] / per_metre == pytest.approx(203.5, rel=0.05)
-    assert values["forceps.motor_coulomb_N_m"] / 5e-3 == pytest.approx(20.394, rel=0.05)
+    assert values["forceps.motor_viscous_N_m_s_per_rad"] / per_metre == pytest.approx(203.5, rel=0.02)
+    assert values["forceps.motor_coulomb_N_m"] / 5e-3 == pytest.approx(20.394, rel=0.03)
+    assert problem.nuisances(found.u)[0].integral_rad_s / 5e-3 == pytest.approx(-3.165, rel=0.05)
+    here = records[0].weights > 0.0
+    measured = records[0].channels["tau_m_N_m"][here]
+    left = measured - found.outputs[0]["tau_m_N_m"][here]
+    assert np.linalg.norm(left) / np.linalg.norm(measured) < 0.0408
 
 
 @pytest.mark.shared_data
