@@ -1,12 +1,14 @@
 """What each entry gained on the way to the chosen model: errors of every step on runs that were never used."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from hil_forceps.diagnosis.choice import without_effect
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.heldout import play
 from hil_forceps.diagnosis.judge import named_effects
 from hil_forceps.diagnosis.problem import Mapper
@@ -30,7 +32,12 @@ def ladder(
     models = [model]
     while models[-1].effects:
         last = len(models[-1].effects) - 1
-        models.append(baseline if last == 0 else without_effect(models[-1], last, whitener))
+        if last == 0:
+            models.append(baseline)
+            continue
+        less = without_effect(models[-1], last, whitener)
+        # What was left out may have stood for known parameters: they have a long way back.
+        models.append(replace(less, fit=fit(less.problem, less.fit.u, whitener)))
     rungs = []
     for step in reversed(models):
         played = play(records, rig, step.problem.theta(step.fit.u), 0.0, mapper)

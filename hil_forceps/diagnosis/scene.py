@@ -16,7 +16,7 @@ Vector = NDArray[np.float64]
 
 HARMONICS = tuple(float(h) for h in range(1, 61))
 KEPT_HARMONICS = 3
-MOST_HARMONICS = 400
+MOST_HARMONICS = 1000
 
 
 def scene_of(
