@@ -143,6 +143,12 @@ def _print(diagnosis: Diagnosis, out: Path) -> None:
             f"(noise {gain.floor_rmse:.4g}), explained {100 * gain.explained_share:.0f} % "
             f"[{100 * gain.low:.0f}, {100 * gain.high:.0f}]"
         )
+    lines += [
+        f"  ladder, {rung.id or 'known parameters'}: "
+        + ", ".join(f"{n} {e:.4g}" for n, e in rung.rmse.items())
+        + "".join(f"; {n} = {p.value:.4g} {p.unit}".rstrip() for n, p in rung.parameters.items())
+        for rung in diagnosis.ladder
+    ]
     problems = [f for f in diagnosis.data_audit if f.severity != "note"]
     lines += [f"  data, {f.run or 'all runs'}: {f.text}" for f in problems]
     lines += [f"  because {reason}" for reason in diagnosis.reasons]

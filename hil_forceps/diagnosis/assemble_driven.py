@@ -10,6 +10,7 @@ from hil_forceps.diagnosis.experiment_driven import torque_channel
 from hil_forceps.diagnosis.predict_driven import Driven, make_driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.spectrum import make_layout, transform
+from hil_forceps.diagnosis.starting import known
 from hil_forceps.diagnosis.unknowns import Unknowns, known_parameters
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
@@ -44,9 +45,14 @@ def driven_problem(
         simulator,
         theta,
         parameters.index,
-        shared if shared is not None else known_parameters(rig, seen * constant),
+        shared if shared is not None else _doubtful(known_parameters(rig, seen * constant), rig),
         zero,
         OFFSET_SHARE * seen,
         mapper,
     )
     return problem, simulator
+
+
+def _doubtful(shared: Unknowns, rig: Rig) -> Unknowns:
+    """Leave out what the rig knows exactly (`sd: 0`): without a wire, friction of the jaw is friction of the motor."""
+    return Unknowns(tuple(item for item in shared.items if known(rig, item.name).sd != 0.0))

@@ -11,9 +11,10 @@ from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.estimates import estimate_gains
 from hil_forceps.diagnosis.experiment import mode_of
 from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, play
-from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, trends
+from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, parameter_shifts, trends
+from hil_forceps.diagnosis.ladder import ladder
 from hil_forceps.diagnosis.next_experiment import propose
-from hil_forceps.diagnosis.result import AuditFinding, Diagnosis
+from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Rung
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.runs.table import Run
@@ -94,12 +95,19 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
     options.progress("looking for the next experiment")
     least = detectable(found)
     proposal = propose(found, least)
+    shifts = verdict.shifts
+    rungs: tuple[Rung, ...] = ()
+    if found.records[0].mode == "driven":
+        options.progress("climbing the ladder")
+        if verdict.verdict == "unnamed":  # what the extended rig holds, then
+            shifts = parameter_shifts(baseline)
+        rungs = ladder(found.held_out or found.records, rig, found, options.mapper)
     diagnosis = Diagnosis(
         verdict.verdict,
         verdict.sentence,
         verdict.effects,
         verdict.sets,
-        verdict.shifts,
+        shifts,
         gain,
         tuple(record.name for record in found.held_out),
         audit_findings(found),
@@ -112,5 +120,6 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         trends(tuple(floors), found.before, found.after),
         floors,
         tuple(runs),
+        rungs,
     )
     return Conclusion(diagnosis, extended, proposal.trajectory if proposal else None)

@@ -17,9 +17,9 @@ from hil_forceps.diagnosis.experiment_driven import prepare_driven
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.leftover import Leftover, leftover
 from hil_forceps.diagnosis.problem import Mapper, Problem
-from hil_forceps.diagnosis.scene import scene_of
+from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.spectrum import Whitener, measure_noise, white_noise, whitening
-from hil_forceps.diagnosis.starting import completed
+from hil_forceps.diagnosis.starting import completed, unknown_names
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -89,15 +89,18 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     if mode_of(runs, rig) == "driven":
         records, notes = prepare_driven(fitted)
         held_records, held_notes = prepare_driven(held)
-        rig = completed(records, rig)
+        given, rig = rig, completed(records, rig)
+        unknown = unknown_names(given)
     else:
+        unknown = ()
         records, notes = prepare(fitted, rig)
         held_records, held_notes = prepare(held, rig)
     options.progress("fitting the known parameters")
-    setting, nominal, baseline, whitener = fit_baseline(records, rig, options)
+    setting, nominal, baseline, whitener = fit_baseline(records, rig, options, unknown)
     responses = _responses(setting, baseline, rig)
     courses = courses_of(setting, baseline)
-    scene = scene_of(courses, baseline, whitener, responses)
+    harmonics = fine_harmonics(courses) if records[0].mode == "driven" else HARMONICS
+    scene = scene_of(courses, baseline, whitener, responses, harmonics)
     chooser = Chooser(scene, options.without, setting.floor, options.seed, options.progress, refresher(setting, rig))
     choice = chooser.choose(baseline, whitener)
     options.progress("looking at what is left")
@@ -121,10 +124,17 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     )
 
 
-def fit_baseline(records: Sequence[Record], rig: Rig, options: Options) -> tuple[Setting, Model, Model, Whitener]:
-    """Fit the known parameters, first with guessed noise, then with what that leaves; also the rig as it is given."""
+def fit_baseline(
+    records: Sequence[Record], rig: Rig, options: Options, unknown: Sequence[str] = ()
+) -> tuple[Setting, Model, Model, Whitener]:
+    """Fit the known parameters, first with guessed noise, then with what that leaves; also the rig as it is given.
+
+    `unknown`: parameters of which the rig says no value; nothing was assumed of them.
+    """
     setting = assemble(records, rig, options.mapper)
-    problem = setting.problem
+    items = setting.problem.shared.items
+    shared = Unknowns(tuple(item._replace(assumed=None) if item.name in unknown else item for item in items))
+    problem = setting.problem.with_shared(shared)
     whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
     rough = fit(problem, np.zeros(problem.size), whitener, steps=BASELINE_STEPS)
     quantum = quantum_of(rig)

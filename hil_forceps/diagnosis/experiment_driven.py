@@ -10,18 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from hil_forceps.diagnosis.experiment import BURN_IN_S, JITTER_FOR_RESAMPLING, Record, grid_of, jitter_of
+from hil_forceps.diagnosis.experiment import BURN_IN_S, JITTER_FOR_RESAMPLING, Record, grid_of, jitter_of, jumps
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MAX_ROWS = 60_000  # of all runs together
+MAX_ROWS = 30_000  # of all runs together
 HIGHEST_RATE_Hz = 260.0  # of rows: what a balance of torques tells lies far below its half
 PASS_SHARE = 0.2  # of the rate of rows: the corner of the low pass
 ORDER = 4
 FEWEST_ROWS = 50
+AROUND_JUMP_S = 0.04  # longer than the low pass answers
 STILL_SHARE = 0.03  # of the top speed: below it friction may be anything up to its level
 TOP_QUANTILE = 0.99
 CHANNELS = ("theta_m_rad", "current_A", "tau_m_N_m", "theta_j_rad", "tau_w_N_m")
@@ -62,6 +63,7 @@ def _record(run: Run, period: float, factor: int) -> Record:
         columns["current_A"] = 0.5 * (
             columns["current_A"] + np.append(columns["current_A"][1:], columns["current_A"][-1])
         )
+    edges = jumps(columns["tau_w_N_m"]) if "tau_w_N_m" in columns else np.empty(0, dtype=np.intp)
     step = float(factor * period)
     low_pass = butter(ORDER, 2.0 * PASS_SHARE / factor, output="sos")
     columns = {name: np.ascontiguousarray(sosfiltfilt(low_pass, values)[::factor]) for name, values in columns.items()}
@@ -71,6 +73,7 @@ def _record(run: Run, period: float, factor: int) -> Record:
     ends = max(1, round(BURN_IN_S / step))
     weights[:ends] = weights[-ends:] = 0.0
     weights[np.abs(np.gradient(angle, step)) < still_rad_per_s(angle, step)] = 0.0
+    weights *= _away(edges, factor, count, round(AROUND_JUMP_S / step))
     if "tau_m_N_m" in columns:
         columns.pop("current_A", None)
     load = columns.pop("tau_w_N_m", None)
@@ -88,6 +91,14 @@ def _record(run: Run, period: float, factor: int) -> Record:
         not uneven,
         jaw,
     )
+
+
+def _away(edges: NDArray[np.intp], factor: int, count: int, reach: int) -> Vector:
+    """Return 0 around the rows where the load jumps, 1 elsewhere: when it jumped between two rows nobody knows."""
+    away = np.ones(count)
+    for row in edges // factor:
+        away[max(row - reach, 0) : row + reach + 2] = 0.0
+    return away
 
 
 def still_rad_per_s(angle: Vector, period_s: float) -> float:

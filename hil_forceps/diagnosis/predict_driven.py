@@ -25,8 +25,8 @@ from hil_forceps.rig.plant import PlantParameters
 Vector = NDArray[np.float64]
 
 BANDWIDTH_SHARE = 0.45  # of the frequency of steps: records are smoothed already, this only differentiates
-LONGEST_STEP_S = 1.01e-3  # the jaw's inertia comes half a step late
-MOST_STEPS = 250_000  # of all runs together; steps are longer beyond
+LONGEST_STEP_S = 0.51e-3  # the jaw's inertia comes half a step late
+MOST_STEPS = 100_000  # of all runs together; steps are longer beyond
 
 
 class Predicted(NamedTuple):

@@ -97,6 +97,15 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
+class Rung:
+    """A step of the ladder: an entry that joined, and the errors that were left then."""
+
+    id: str  # "": the known parameters alone
+    rmse: Mapping[str, float]  # of each channel, on runs never used where there are any
+    parameters: Mapping[str, Estimate]  # of the entry, in the model with all of them
+
+
+@dataclass(frozen=True, slots=True)
 class Balance:
     """Misfit of one balance (motor, wire, jaw, sensor, timing) over its noise, before and after."""
 
@@ -152,6 +161,7 @@ class Diagnosis:
     trends: tuple[Trend, ...] = ()
     noise_sd: Mapping[str, float] = field(default_factory=dict)  # floor of each channel
     runs: tuple[RunEvidence, ...] = ()
+    ladder: tuple[Rung, ...] = ()  # where the drive's law isn't known
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -173,6 +183,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "candidates": [_fields(candidate) for candidate in diagnosis.candidates],
         "balances": [_fields(balance) for balance in diagnosis.balances],
         "trends": [_fields(trend) for trend in diagnosis.trends],
+        "ladder": [_rung(rung) for rung in diagnosis.ladder],
         "noise_sd": {name: _number(sd) for name, sd in diagnosis.noise_sd.items()},
     }
     return data
@@ -188,6 +199,13 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "location": effect.location,
         "parameters": parameters,
     }
+
+
+def _rung(rung: Rung) -> dict[str, Any]:
+    parameters = {
+        name: {"value": _number(p.value), "unit": p.unit, "ci95": _interval(p)} for name, p in rung.parameters.items()
+    }
+    return {"id": rung.id, "rmse": {n: _number(e) for n, e in rung.rmse.items()}, "parameters": parameters}
 
 
 def _shift(shift: Shift) -> dict[str, Any]:

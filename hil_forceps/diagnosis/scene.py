@@ -16,12 +16,17 @@ Vector = NDArray[np.float64]
 
 HARMONICS = tuple(float(h) for h in range(1, 61))
 KEPT_HARMONICS = 3
+MOST_HARMONICS = 1000
 
 
 def scene_of(
-    courses: Sequence[Course], model: Model, whitener: Whitener, responses: Sequence[Response] | None
+    courses: Sequence[Course],
+    model: Model,
+    whitener: Whitener,
+    responses: Sequence[Response] | None,
+    looked_at: Sequence[float] = HARMONICS,
 ) -> Scene:
-    """Return the scene of runs; the harmonics that promise most are found with the linear loop."""
+    """Return the scene of runs; the harmonics that promise most of those `looked_at` are found with the linear loop."""
     angle = np.concatenate([c.theta_m for c in courses])
     current = max(float(np.abs(c.current_A).max()) for c in courses)
     stretch = max(float(np.ptp(c.stretch_m)) for c in courses)
@@ -30,8 +35,8 @@ def scene_of(
         ripple = cogging
     else:
         ones = [np.ones_like(c.theta_m) for c in courses]
-        cogging = _harmonics(courses, ones, model, whitener, responses)
-        ripple = _harmonics(courses, [c.current_A for c in courses], model, whitener, responses)
+        cogging = _harmonics(courses, ones, model, whitener, responses, looked_at)
+        ripple = _harmonics(courses, [c.current_A for c in courses], model, whitener, responses, looked_at)
     return Scene(
         max(float(c.time_s[-1]) for c in courses),
         max(float(np.ptp(angle)), 1e-3),
@@ -43,18 +48,26 @@ def scene_of(
     )
 
 
+def fine_harmonics(courses: Sequence[Course]) -> tuple[float, ...]:
+    """Return harmonics as close as the motor's turns tell them apart: behind a gear or a screw they are not whole."""
+    turns = max(float(np.ptp(c.theta_m)) for c in courses) / (2.0 * np.pi)
+    step = max(min(1.0, 0.5 / max(turns, 1e-9)), HARMONICS[-1] / MOST_HARMONICS)
+    return tuple(float(h) for h in np.arange(1.0, HARMONICS[-1] + 0.5 * step, step))
+
+
 def _harmonics(
     courses: Sequence[Course],
     scales: Sequence[Vector],
     model: Model,
     whitener: Whitener,
     responses: Sequence[Response],
+    looked_at: Sequence[float],
 ) -> tuple[float, ...]:
     """Return the harmonics of the motor's angle whose torque, in proportion to `scales`, explains most."""
     layout = model.problem.layout
     columns: list[Flat] = []
     groups = []
-    for h in HARMONICS:
+    for h in looked_at:
         groups.append(Group(len(columns), len(columns) + 2, False))
         for wave in (np.sin, np.cos):
             signals = [s * wave(h * c.theta_m) for c, s in zip(courses, scales, strict=True)]
@@ -73,4 +86,4 @@ def _harmonics(
         0,
     )
     order = np.argsort(-found.gains)[:KEPT_HARMONICS]
-    return tuple(sorted(HARMONICS[i] for i in order))
+    return tuple(sorted(looked_at[i] for i in order))

@@ -42,10 +42,10 @@ class Guess(NamedTuple):
 
 def completed(records: Sequence[Record], rig: Rig) -> Rig:
     """Return the rig with a starting value for all that it doesn't know; UserError where nothing bounds it."""
-    names = [name for name in parameters.PLANT_NAMES if _known(rig, name).value is None]
+    names = unknown_names(rig)
     if not names:
         return rig
-    if unbounded := [name for name in names if _known(rig, name).minimum is None]:
+    if unbounded := [name for name in names if known(rig, name).minimum is None]:
         raise UserError(
             [f"{n}: is unknown and has no bounds; give {{min, max}} for the diagnosis to search in" for n in unbounded]
         )
@@ -53,12 +53,17 @@ def completed(records: Sequence[Record], rig: Rig) -> Rig:
     values |= {name: value for name, value in _guessed(guess(records), rig, records).items() if name in names}
     changes: dict[str, object] = {}
     for name in names:
-        known = _known(rig, name)
-        low, high = float(known.minimum or 0.0), float(known.maximum or 0.0)
+        bounds = known(rig, name)
+        low, high = float(bounds.minimum or 0.0), float(bounds.maximum or 0.0)
         value = min(max(values[name], low), high)
         sd = min(max((high - low) / math.sqrt(12.0), NARROWEST_SD * value), WIDEST_SD * value)
         changes[name] = {"value": value, "sd": sd, "min": low, "max": high}
     return rig.with_changes(changes)
+
+
+def unknown_names(rig: Rig) -> tuple[str, ...]:
+    """Return the parameters of the plant of which the rig says no value."""
+    return tuple(name for name in parameters.PLANT_NAMES if known(rig, name).value is None)
 
 
 def guess(records: Sequence[Record]) -> Guess:
@@ -68,26 +73,27 @@ def guess(records: Sequence[Record]) -> Guess:
     return Guess(ratio, give, inertia, viscous, coulomb, lever)
 
 
-def _known(rig: Rig, name: str) -> Parameter:
+def known(rig: Rig, name: str) -> Parameter:
+    """Return what a rig says of a parameter of the plant, by its dotted name."""
     section, key = name.split(".")
-    known: Parameter = getattr(getattr(rig, section), key)
-    return known
+    found: Parameter = getattr(getattr(rig, section), key)
+    return found
 
 
 def _value(rig: Rig, name: str) -> float:
     """Return a parameter's value, or the middle of its bounds in powers of ten."""
-    known = _known(rig, name)
-    if known.value is not None:
-        return known.value
-    low, high = float(known.minimum or 0.0), float(known.maximum or 0.0)
+    told = known(rig, name)
+    if told.value is not None:
+        return told.value
+    low, high = float(told.minimum or 0.0), float(told.maximum or 0.0)
     return math.sqrt(low * high) if low > 0.0 else 0.1 * high
 
 
 def _guessed(found: Guess, rig: Rig, records: Sequence[Record]) -> dict[str, float]:
     """Return the plant's values that the balances tell, given those that are known."""
-    known_r_m = _known(rig, R_M).value
+    known_r_m = known(rig, R_M).value
     r_j = _value(rig, R_J)
-    if known_r_m is not None and _known(rig, R_J).value is None and found.ratio > 0.0:
+    if known_r_m is not None and known(rig, R_J).value is None and found.ratio > 0.0:
         r_j = known_r_m / found.ratio
     values = {R_J: r_j}
     if found.ratio > 0.0:
@@ -97,7 +103,7 @@ def _guessed(found: Guess, rig: Rig, records: Sequence[Record]) -> dict[str, flo
     constant = 1.0
     if torque_channel(records[0]) == "current_A":
         constant = _value(rig, K_T)
-        if _known(rig, K_T).value is None and found.lever > 0.0 and found.ratio > 0.0:
+        if known(rig, K_T).value is None and found.lever > 0.0 and found.ratio > 0.0:
             constant = found.ratio / found.lever
             values[K_T] = constant
     told = {

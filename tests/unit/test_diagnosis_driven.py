@@ -1,0 +1,167 @@
+"""Diagnosis where the drive's law isn't known: the measured motion drives the simulation."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil_forceps.diagnosis import experiment_driven
+from hil_forceps.diagnosis.assemble import assemble
+from hil_forceps.diagnosis.conclude import Conclusion, diagnose, silent
+from hil_forceps.diagnosis.diagnose import Options, fit_baseline
+from hil_forceps.diagnosis.fit import fit
+from hil_forceps.diagnosis.spectrum import white_noise, whitening
+from hil_forceps.diagnosis.starting import completed, guess
+from hil_forceps.rig import Rig, load_rig
+from hil_forceps.rig.errors import UserError
+from hil_forceps.runs.readers import read_run
+from hil_forceps.runs.table import Run
+from tests.hidden_effects.generator import Case, make_case
+
+REPOSITORY = Path(__file__).parents[2]
+DATA = Path("/work/shared/data")
+SCENARIOS = (("multisine", "trapezoid"), ("teleoperation",))
+UNKNOWN = {
+    "forceps.motor_pulley_radius_m": {"min": 1e-3, "max": 4e-3},
+    "forceps.wire_stiffness_N_per_m": {"min": 1e3, "max": 1e6},
+    "motor.torque_constant_N_m_per_A": {"min": 1e-3, "max": 1e-1},
+}
+
+
+def hidden(effects: Mapping[str, Mapping[str, float]], seed: int = 1) -> Case:
+    return make_case(effects, seed, scenarios=SCENARIOS)
+
+
+def without_drive(case: Case) -> Rig:
+    return case.assumed.model_copy(update={"drive": None})
+
+
+def concluded(case: Case) -> Conclusion:
+    return diagnose(case.runs, without_drive(case), Options(hold_out=tuple(run.name for run in case.held_out)))
+
+
+@pytest.mark.parametrize(
+    ("effect_id", "values"),
+    [
+        ("wire_hardening", {"beta_per_m2": 3e8}),
+        ("wire_hysteresis", {"force_N": 0.3, "stretch_m": 5e-6}),
+        ("load_dependent_friction", {"mu": 0.1}),
+    ],
+)
+def test_a_hidden_effect_is_the_first_that_is_named(effect_id: str, values: dict[str, float]) -> None:
+    found = concluded(hidden({effect_id: values})).diagnosis
+    assert next(c.id for c in found.candidates if c.state == "named") == effect_id
+    first, second = found.ladder[0].rmse, found.ladder[1].rmse
+    assert found.ladder[0].id == ""
+    assert min(second[name] / first[name] for name in first) < 0.7
+
+
+def test_nothing_hidden_leaves_little_unexplained() -> None:
+    case = hidden({})
+    found = concluded(case).diagnosis
+    assert set(found.noise_sd) == {"current_A", "theta_j_rad"}
+    # The sensors' white noise, as far as it passes the low pass: its share of the band is twice the corner.
+    white = case.assumed.noise.current_A * np.sqrt(2.0 * experiment_driven.PASS_SHARE)
+    for rung in found.ladder:
+        assert rung.rmse["current_A"] < 1.3 * white
+
+
+def test_starting_values_come_from_the_balances() -> None:
+    case = hidden({})
+    records, notes = experiment_driven.prepare_driven(case.fit)
+    assert all("one row in 4 used" in note for note in notes)
+    plant = case.true.plant()
+    found = guess(records)
+    assert found.ratio == pytest.approx(plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m, rel=0.01)
+    rig = completed(records, without_drive(case).with_changes(UNKNOWN)).plant()
+    assert rig.motor_pulley_radius_m == pytest.approx(plant.motor_pulley_radius_m, rel=0.01)
+    assert rig.wire_stiffness_N_per_m == pytest.approx(plant.wire_stiffness_N_per_m, rel=0.1)
+    assert rig.torque_constant_N_m_per_A == pytest.approx(plant.torque_constant_N_m_per_A, rel=0.05)
+
+
+def test_what_is_unknown_is_fitted_and_reported_as_unknown() -> None:
+    case = hidden({})
+    rig = without_drive(case).with_changes(UNKNOWN)
+    records, _ = experiment_driven.prepare_driven(case.fit)
+    _, _, baseline, _ = fit_baseline(records, completed(records, rig), Options(), tuple(UNKNOWN))
+    items = {item.name: item for item in baseline.problem.shared.items}
+    assert {name for name, item in items.items() if item.assumed is None} == set(UNKNOWN)
+    values = baseline.problem.shared.values(baseline.fit.u[: len(items)])
+    fitted = dict(zip(items, values, strict=True))
+    stiffness = case.true.plant().wire_stiffness_N_per_m
+    assert fitted["forceps.wire_stiffness_N_per_m"] == pytest.approx(stiffness, rel=0.1)
+
+
+def test_what_nothing_bounds_is_refused() -> None:
+    case = hidden({})
+    records, _ = experiment_driven.prepare_driven(case.fit)
+    with pytest.raises(UserError, match="no bounds"):
+        completed(records, without_drive(case).with_changes({"forceps.wire_stiffness_N_per_m": "unknown"}))
+
+
+def test_the_load_may_be_missing_where_the_jaw_is_seen() -> None:
+    case = make_case({}, 1, scenarios=SCENARIOS, drop=("tau_w_N_m", "theta_m_ref_rad"))
+    records, _ = experiment_driven.prepare_driven(case.fit)
+    assert all(list(record.channels) == ["current_A"] and record.theta_j_rad is not None for record in records)
+    assert not silent(case.runs, case.assumed)
+
+
+def test_rows_at_rest_near_jumps_and_in_gaps_do_not_count() -> None:
+    time_s = np.arange(4000) * 1e-3
+    angle = np.where(time_s < 2.0, np.sin(np.pi * time_s), 0.0)
+    load = np.where(time_s < 1.2, 0.0, 1e-3)
+    kept = (time_s < 0.6) | (time_s > 0.7)
+    columns = {"time_s": time_s, "theta_m_rad": angle, "current_A": 0.01 * np.ones(4000), "tau_w_N_m": load}
+    (record,), _ = experiment_driven.prepare_driven([Run("a", {name: v[kept] for name, v in columns.items()})])
+    counted = record.time_s[record.weights > 0.0]
+    assert counted.size > 300
+    assert not np.any((counted > 0.6) & (counted < 0.7))
+    assert not np.any((counted > 1.17) & (counted < 1.23))
+    assert not np.any(counted > 2.1)
+
+
+def test_many_long_runs_are_thinned_out_to_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiment_driven, "MAX_ROWS", 2000)
+    records, notes = experiment_driven.prepare_driven(hidden({}).fit)
+    assert sum(record.time_s.size for record in records) < 2100
+    assert len(notes) == len(records)
+
+
+def needed(path: Path) -> Path:
+    if not path.exists():
+        pytest.skip(f"{path} is not there; see docs/real-data.md for where to get it")
+    return path
+
+
+@pytest.mark.shared_data
+def test_emps_has_the_published_parameters() -> None:
+    runs = read_run(needed(DATA / "emps" / "DATA_EMPS.mat"))
+    rig = load_rig(REPOSITORY / "configs" / "emps.yaml")
+    records, _ = experiment_driven.prepare_driven(runs)
+    problem = assemble(records, completed(records, rig), map).problem
+    # As published: least squares, every frequency alike.
+    alike = whitening(problem.layout, white_noise(problem.layout, np.full(len(problem.layout.band_Hz), 5e-5)))
+    found = fit(problem, np.zeros(problem.size), alike)
+    items = problem.shared.items
+    values = dict(zip((i.name for i in items), problem.shared.values(found.u[: len(items)]), strict=True))
+    per_metre = 5e-3**2
+    assert values["forceps.motor_inertia_kg_m2"] / per_metre == pytest.approx(95.1089, rel=0.02)
+    assert values["forceps.motor_viscous_N_m_s_per_rad"] / per_metre == pytest.approx(203.5, rel=0.02)
+    assert values["forceps.motor_coulomb_N_m"] / 5e-3 == pytest.approx(20.394, rel=0.03)
+    assert problem.nuisances(found.u)[0].integral_rad_s / 5e-3 == pytest.approx(-3.165, rel=0.05)
+    here = records[0].weights > 0.0
+    measured = records[0].channels["tau_m_N_m"][here]
+    left = measured - found.outputs[0]["tau_m_N_m"][here]
+    assert np.linalg.norm(left) / np.linalg.norm(measured) < 0.0408
+
+
+@pytest.mark.shared_data
+def test_the_surgical_tool_starts_from_its_own_balances() -> None:
+    path = needed(DATA / "surgical_tool" / "Tool_4_Maryland_L_4.zip")
+    runs = [run for run in read_run(path) if run.name in ("02", "25", "48")]
+    records, _ = experiment_driven.prepare_driven(runs)
+    found = guess(records)
+    assert 0.5 < found.ratio < 2.0
+    assert found.give_rad_per_N_m > 0.0
+    assert found.coulomb > 0.01
