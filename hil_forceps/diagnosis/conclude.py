@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.audit import audit
@@ -14,10 +15,12 @@ from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, pl
 from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, parameter_shifts, trends
 from hil_forceps.diagnosis.ladder import ladder
 from hil_forceps.diagnosis.next_experiment import propose
-from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Rung
+from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Gain, Rung
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.runs.table import Run
+
+Vector = NDArray[np.float64]
 
 FEWEST_QUANTA = 20  # an angle that moves over fewer counts has not moved
 
@@ -86,9 +89,11 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         played: list[Played] = [
             play(records, rig, theta, quantum, options.mapper) for theta in (theta_nominal, theta_before, theta_after)
         ]
-        estimated, estimate_gain = estimate_gains(
-            records, (refitted, extended if named else refitted), played[2].channels, floors, options.seed
-        )
+        estimated: list[dict[str, Vector]] = [{} for _ in records]
+        estimate_gain: dict[str, Gain] = {}
+        if records[0].mode == "closed_loop":  # else no current goes with every angle
+            rigs = (refitted, extended if named else refitted)
+            estimated, estimate_gain = estimate_gains(records, rigs, played[2].channels, floors, options.seed)
         runs += evidence(records, held, played[0], played[1], played[2], estimated)
         if held:
             gain = gains(records, played[1], played[2], floors, options.seed) | estimate_gain
