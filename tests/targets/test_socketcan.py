@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(2400)]
 LIMIT_S: Final = 900.0  # of one guest; a busy machine makes it slow, and nothing else
 NOT_AVAILABLE: Final = 126
 GUESTS_AT_ONCE: Final = 2
-APPLICABLE: Final = {"classic": 74, "fd": 79, "slcan": 74}
+APPLICABLE: Final = {"classic": 78, "fd": 83, "slcan": 78}
 KINDS: Final = pytest.mark.parametrize("kind", list(TARGETS))
 
 
