@@ -4,7 +4,7 @@ OUT ?= out
 TARGET_JOBS ?= 2
 PY := $(VENV)/bin/python
 
-.PHONY: install bench test lint types layers unit system targets fuzz hidden-effects benchmark wheel clean
+.PHONY: install bench test lint types layers unit system targets targets-virtual fuzz hidden-effects benchmark wheel clean
 
 install:
 	@tools/install.sh $(VENV)
@@ -13,7 +13,8 @@ bench: install
 	$(VENV)/bin/hil-forceps bench --config configs/paper.yaml --out $(OUT)/paper
 	$(VENV)/bin/hil-forceps bench --config configs/realistic.yaml --out $(OUT)/realistic
 
-test: lint types layers unit system targets
+# The targets that watch a real clock, or need a kernel or an emulator of their own, are `make targets`.
+test: lint types layers unit system targets-virtual
 
 lint: install
 	$(VENV)/bin/ruff check .
@@ -31,6 +32,10 @@ unit: install
 # One process and nothing beside it: these start processes of their own and watch the clock.
 system: install
 	$(PY) -m pytest tests/system
+
+# The Python drive and the emulated STM32, both in virtual time.
+targets-virtual: install
+	$(PY) -m pytest tests/targets/test_unicorn.py tests/targets/test_python_drive.py -k "not pty and not multicast"
 
 # Conformance and simulation 2 on every target that this machine can have, then the table of what ran; a file of tests at
 # a time in each job. For figures worth publishing: TARGET_JOBS=1 and a machine with nothing else to do.
