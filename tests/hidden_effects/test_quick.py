@@ -6,7 +6,7 @@ from tests.hidden_effects.cases import Spec
 from tests.hidden_effects.tally import Record, in_set, named_right
 from tests.hidden_effects.trial import run_case
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 
 def ran(spec: Spec) -> Record:

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.session import Plan, feedback_period_s, host_config, run_session, service_config
 from hil_forceps.bridge.adapters import LinkSpec, open_link
@@ -61,6 +63,8 @@ def apart(found: Findings) -> float:
     return gain["pulley_eccentricity"] + 2.0 - gain["spool_radius_change"]
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_experiment_separates_as_predicted(tmp_path: Path) -> None:
     case = make_case(
         {"pulley_eccentricity": {"cosine": 0.0, "sine": 0.004}}, 8, scenarios=(("trapezoid",), ()), rig=LIMITED
