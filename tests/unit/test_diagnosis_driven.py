@@ -1,5 +1,6 @@
 """Diagnosis where the drive's law isn't known: the measured motion drives the simulation."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator import Case, make_case
 
 REPOSITORY = Path(__file__).parents[2]
-DATA = Path("/work/shared/data")
+DATA = Path(os.environ.get("HIL_FORCEPS_DATA", REPOSITORY.parent / "shared" / "data"))
 SCENARIOS = (("multisine", "trapezoid"), ("teleoperation",))
 UNKNOWN = {
     "forceps.motor_pulley_radius_m": {"min": 1e-3, "max": 4e-3},

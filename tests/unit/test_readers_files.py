@@ -1,6 +1,7 @@
 """`read_run`: every kind of file is told by what it is, gives the same numbers, and bad ones are refused in words."""
 
 import importlib
+import os
 import struct
 import zipfile
 from collections.abc import Callable
@@ -23,7 +24,8 @@ from hil_forceps.runs.table import Run
 pa: Any = importlib.import_module("pyarrow")
 pq: Any = importlib.import_module("pyarrow.parquet")
 
-EMPS = Path("/work/shared/data/emps")
+ROOT = Path(__file__).parents[2]
+EMPS = Path(os.environ.get("HIL_FORCEPS_DATA", ROOT.parent / "shared" / "data")) / "emps"
 COUNT = 200
 
 
