@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(600)]
 
 TARGET = "qemu-mps2-uart"
 QEMU = "qemu-system-arm"
-MARGINS = ("--line-ms", "30", "--flood-s", "200")
+MARGINS = ("--line-ms", "60", "--flood-s", "200")
 
 
 class StreamPlantLine:

@@ -118,7 +118,7 @@ def found_again_after_anything(s: Session) -> str:
     for number in range(tried):
         junk = chance.randbytes(chance.randrange(1, 300))
         send_bytes(s, junk + b"\x00")
-        s.run(s.margins.gap_ns)
+        s.run(s.margins.gap_ns + len(junk) * SLOWEST_BYTE_NS)
         send_bytes(s, request(s))
         expect(answered(s), f"no answer after {len(junk)} bytes of garbage (number {number})")
     expect(s.observe() == DriveState.DISABLED, f"{s.state_name()} after garbage")
@@ -159,7 +159,8 @@ def long_packets_skipped(s: Session) -> str:
     expect(not found, f"the end of a packet that is too long: {found}")
     for _ in range(20):
         send_bytes(s, b"\xff" * 500)
-        s.run(500 * SLOWEST_BYTE_NS)  # or the line has not brought them all when the answer is due
+        # Or the line has not brought them all when the answer is due.
+        s.run(500 * SLOWEST_BYTE_NS + s.margins.line_ns)
     send_bytes(s, b"\x00" + request(s))
     expect(answered(s), "no answer after 10000 bytes without a delimiter")
     return "too long packets skipped whole, the next one found"
