@@ -1,5 +1,6 @@
-"""What all tests share: the same examples at every run, and no judging by the clock."""
+"""What all tests share: the same examples at every run, no judging by the clock, and the longest first."""
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
@@ -9,3 +10,8 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("house")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put what is slow first: a long test that begins last keeps one process busy and the others idle."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)

@@ -197,17 +197,21 @@ def sizes() -> dict[str, int]:
     """Return bytes of flash and RAM, as the linker and the compiler have them."""
     path = image()
     make("arm")
+    make("mps2")
     found = {}
     for name, file in (
-        ("node, flash", "node.o"),
-        ("node and serial line, flash", "node_serial.o"),
-        ("example image, flash", path.name),
+        ("node", "node.o"),
+        ("node and serial line", "node_serial.o"),
+        ("example image", path.name),
+        ("mps2 image", "mps2.elf"),
     ):
         said = subprocess.run(
             ["arm-none-eabi-size", str(path.parent / file)], check=True, capture_output=True, text=True
         )
-        text, data, _ = said.stdout.splitlines()[1].split()[:3]
-        found[name] = int(text) + int(data)
+        text, data, bss = map(int, said.stdout.splitlines()[1].split()[:3])
+        found[f"{name}, flash"] = text + data
+        if file == "mps2.elf":
+            found[f"{name}, RAM"] = data + bss
     table, binary = path.parent / "sizes.o", path.parent / "sizes.bin"
     subprocess.run(["arm-none-eabi-objcopy", "-O", "binary", "-j", ".rodata", str(table), str(binary)], check=True)
     listing = subprocess.run(["arm-none-eabi-nm", str(table)], check=True, capture_output=True, text=True).stdout

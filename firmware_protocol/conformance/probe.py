@@ -147,6 +147,7 @@ class Probe:
                 return now_ns
             if now_ns >= give_up_ns:
                 raise Inconclusive("the line takes no more frames")
+            self._watch_host(now_ns)  # it is the line that makes us wait
             self.port.wait_until(now_ns + self.margins.gap_ns // 4)
 
     def send_heartbeat(

@@ -50,11 +50,14 @@ class Session(Probe):
 
     # -- parameters ---------------------------------------------------------------------------------------------------
 
-    def request(self, op: int, index: int, value: int = 0) -> tuple[int, int] | None:
-        """Send PARAM_REQUEST; return result and value of the first answer to it, None when there is none in time."""
+    def request(self, op: int, index: int, value: int = 0, backlog_ns: int = 0) -> tuple[int, int] | None:
+        """Send PARAM_REQUEST; return result and value of the first answer to it, None when there is none in time.
+
+        `backlog_ns`: what the line may need besides for what was sent before.
+        """
         self.responses.clear()
         self.send(wire.sealed8(Function.PARAM_REQUEST, self.node, wire.param_body(op, index, value)))
-        self.run(ANSWER_NS + self.margins.line_ns, lambda: self._answer(index) is not None)
+        self.run(ANSWER_NS + self.margins.line_ns + backlog_ns, lambda: self._answer(index) is not None)
         return self._answer(index)
 
     def _answer(self, index: int) -> tuple[int, int] | None:

@@ -1,6 +1,5 @@
 """Simulation 2 of the paper with a firmware in the loop, beside the same run in process."""
 
-import math
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -9,20 +8,23 @@ from typing import Any, Final
 
 import numpy as np
 
-from hil_forceps.bench.execute import Executed, execute, run_on
+from hil_forceps.bench.execute import Executed, run_on
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bridge.adapters import Connection
+from hil_forceps.bridge.can_link import VirtualTimeLink
+from hil_forceps.bridge.clocks import VirtualClock
 from hil_forceps.bridge.ports import Link
 from hil_forceps.rig import load_rig
 from tests.targets.lockstep import LockstepWorld, PlantLine
 from tests.targets.record import ROOT, TargetRecord, latency_figures
-from virtual_bus.drive import drive_config_of, forceps_of
+from tests.targets.setting import rmse_N_m, setting
+from virtual_bus.drive import SimulatedDrive, drive_config_of, forceps_of
 from virtual_bus.forceps import SimulatedForceps
-from virtual_bus.load import paper_load
+from virtual_bus.interface import VirtualForcepsBus
 
 RIG: Final = load_rig(ROOT / "configs" / "paper.yaml")
 SEED: Final = 1
-SPEC: Final = RunSpec(2, "kalman", True, RIG.bench.host_period_s, True)
+SPEC: Final = RunSpec(2, "kalman", True, RIG.bench.host_period_s, True, setting().duration_s)
 LATENCY: Final = "wall clock, from a sample asked of the firmware, with the setpoint before it, to its frames decoded"
 JAW_TOLERANCE_RAD: Final = 1.0e-4  # measured 1.7e-5; a gain of the position loop that is a tenth off makes 1e-2
 RMSE_TOLERANCE: Final = 0.01  # single precision in the firmware, and frames that take no time: 0.0003 measured
@@ -39,8 +41,9 @@ def drive_arguments() -> list[str]:
 @cache
 def in_process() -> Executed:
     """Run it with the Python drive on the virtual bus, once."""
+    bus = VirtualForcepsBus("in process", nodes=[SimulatedDrive(RIG, setting().load, seed=SEED)])
     with TemporaryDirectory() as folder:
-        return execute(SPEC, RIG, SEED, Path(folder))
+        return run_on(Connection(VirtualTimeLink(bus), VirtualClock(bus), True, ()), SPEC, RIG, SEED, Path(folder))
 
 
 def figures_of(executed: Executed, latency: str, latencies_us: Sequence[float]) -> dict[str, Any]:
@@ -50,8 +53,8 @@ def figures_of(executed: Executed, latency: str, latencies_us: Sequence[float]) 
         "simulation": SPEC.simulation,
         "algorithm": SPEC.algorithm,
         "duration_s": SPEC.duration_s,
-        "rmse_N_m": executed.record.metrics.tau_w_rmse_N_m,
-        "in_process_rmse_N_m": in_process().record.metrics.tau_w_rmse_N_m,
+        "rmse_N_m": rmse_N_m(executed),
+        "in_process_rmse_N_m": rmse_N_m(in_process()),
         "jaw_difference_rad": _jaw_difference_rad(executed),
         "latency": latency,
         "latency_us": latency_figures(latencies_us),
@@ -78,7 +81,7 @@ def ages_us(executed: Executed) -> list[float]:
 def close_loop(record: TargetRecord, link: Link, line: PlantLine, folder: Path, fd: bool = False) -> dict[str, Any]:
     """Run the service against the firmware behind `link` with its plant behind `line`; keep and return the figures."""
     rig = RIG.with_changes({"bench.transport": "fd"}) if fd else RIG
-    forceps = forceps_of(RIG, paper_load(SPEC.simulation), SEED)
+    forceps = forceps_of(RIG, setting().load, SEED)
     assert isinstance(forceps, SimulatedForceps)  # the paper's rig has no effects
     period_ns = round(RIG.require_drive().sample_time_s * 1e9)
     world = LockstepWorld(link, line, forceps, RIG.bench.node_id, period_ns)
@@ -91,7 +94,7 @@ def close_loop(record: TargetRecord, link: Link, line: PlantLine, folder: Path, 
 def check_loop(figures: dict[str, Any]) -> None:
     """The firmware does what the Python drive does: every frame there, and the same error of the estimate."""
     periods = round(SPEC.duration_s / SPEC.sample_time_s)
-    ratio = figures["rmse_N_m"] / figures["in_process_rmse_N_m"] if figures["rmse_N_m"] else math.nan
+    ratio = figures["rmse_N_m"] / figures["in_process_rmse_N_m"]
     assert (figures["ending"], figures["lost"]) == ("completed", 0), (
         f"ended: {figures['ending']}, {figures['lost']} lost"
     )

@@ -6,6 +6,7 @@ HIL_FORCEPS_TARGETS_DIR is where the folders are, build/targets otherwise. HIL_F
 the targets that may not be missing here.
 """
 
+import fcntl
 import json
 import os
 import shutil
@@ -107,6 +108,10 @@ class TargetRecord:
 
     def finish(self, state: State, reason: str = "") -> None:
         """Say how this part went."""
+        with _alone(self.folder):  # parts may end in processes of their own
+            self._finish(state, reason)
+
+    def _finish(self, state: State, reason: str) -> None:
         path = self.folder / "outcome.json"
         parts = json.loads(path.read_text(encoding="utf-8"))["parts"] if path.exists() else {}
         seconds = round(time.monotonic() - self._begin_s, 1)
@@ -160,6 +165,14 @@ def latency_figures(latencies_us: Sequence[float]) -> dict[str, Any]:
         "max": round(float(values.max()), 1),
         "histogram": {"edges_us": list(HISTOGRAM_EDGES_US), "counts": [int(n) for n in counts]},
     }
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other processes out of a folder while the body runs."""
+    with (folder / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:

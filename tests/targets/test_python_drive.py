@@ -13,7 +13,7 @@ from tests.targets.closed_loop import ages_us, check_loop, figures_of, in_proces
 from tests.targets.record import ROOT, Part, recorded
 from tests.targets.suite import AHEAD, ENVIRONMENT, check, judge
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 RIG = ROOT / "configs" / "paper.yaml"
 GROUP = "239.74.163.79"
@@ -50,6 +50,7 @@ def test_simulation_2_in_virtual_time() -> None:
         check_loop(figures)
 
 
+@pytest.mark.realtime
 def test_over_a_pseudo_terminal(tmp_path: Path) -> None:
     link = tmp_path / "port"
     with recorded("python-pty", Part.CONFORMANCE) as record, drive("--serial-pty", str(link)):
@@ -59,6 +60,7 @@ def test_over_a_pseudo_terminal(tmp_path: Path) -> None:
         assert "issued" in certificate
 
 
+@pytest.mark.realtime
 def test_over_udp_multicast_fd(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))

@@ -1,13 +1,9 @@
-"""The firmware's object code under Unicorn, its bxCAN on a bus with bit times, in virtual time: suite and simulation 2.
+"""The firmware's object code under Unicorn, a bxCAN and a bus with bit times, in virtual time: suite, simulation 2."""
 
-HIL_FORCEPS_TARGETS_FULL=1 closes the loop over the 20 s of the paper, else over 3 s with one pulse of the same load.
-"""
-
-import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import pytest
@@ -25,17 +21,17 @@ from hil_forceps.bridge.clocks import VirtualClock
 from hil_forceps.rig import Rig, load_rig
 from tests.targets.page import column
 from tests.targets.record import ROOT, Part, latency_figures, recorded
+from tests.targets.setting import rmse_N_m, setting
 from tests.targets.unicorn_bench import NODE, BenchNode, DeviceNode, needs_compiler
 from tools.target_table import MARKS
 from virtual_bus.drive import SimulatedDrive
 from virtual_bus.interface import VirtualForcepsBus
-from virtual_bus.load import PAPER_TORQUE_N_M, LoadProfile, paper_load, piecewise_linear
+from virtual_bus.load import paper_load
 from virtual_bus.node import Node
 
 TARGET: Final = "unicorn-bxcan"
 APPLICABLE: Final = 78
 COUNTED_S: Final = 1.0  # of a run with each instruction counted, which is slow
-FULL: Final = os.environ.get("HIL_FORCEPS_TARGETS_FULL") == "1"
 HOST_PHASE_US: Final = 600.0
 WORST_FRAMES_US: Final = 2 * 135.0  # one frame on the wire may be in the way of the reference
 pytestmark = pytest.mark.slow
@@ -113,21 +109,6 @@ def test_without_its_filter_the_controller_lets_foreign_frames_through(monkeypat
     assert result.verdict is Verdict.FAIL, result.evidence
 
 
-class Setting(NamedTuple):
-    """How long a run is, what it is loaded with, and from when it is judged."""
-
-    duration_s: float
-    load: LoadProfile
-    judged_from_s: float
-
-
-def setting() -> Setting:
-    if FULL:
-        return Setting(20.0, paper_load(2), 9.0)
-    torque = [0.0, PAPER_TORQUE_N_M, PAPER_TORQUE_N_M, 0.0]
-    return Setting(3.0, piecewise_linear([1.0, 1.0, 2.0, 2.0], torque), 0.9)
-
-
 def run(nodes: list[Node], name: str, algorithm: str, rig: Rig, out: Path, duration_s: float) -> Executed:
     spec = RunSpec(2, algorithm, True, rig.bench.host_period_s, True, duration_s)
     bus = VirtualForcepsBus(name, nodes=nodes)
@@ -135,14 +116,6 @@ def run(nodes: list[Node], name: str, algorithm: str, rig: Rig, out: Path, durat
     assert executed.record.ending == "completed"
     assert executed.record.frames_lost == 0
     return executed
-
-
-def rmse_N_m(executed: Executed) -> float:
-    traces = executed.traces
-    error = (traces.tau_w_est - traces.tau_w_true)[traces.time_s >= setting().judged_from_s]
-    assert error.size > 1000
-    assert np.abs(traces.tau_w_true).max() == pytest.approx(PAPER_TORQUE_N_M, abs=1e-7)
-    return float(np.sqrt(np.mean(np.square(error))))
 
 
 def figures(algorithm: str, out: Path) -> dict[str, Any]:

@@ -1,12 +1,13 @@
 """The record of targets and its table: nothing that did not run looks as if it had."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.targets.record import TARGETS, Part, TargetRecord, latency_figures, recorded
+from tests.targets.record import TARGETS, Part, State, TargetRecord, latency_figures, recorded
 from tools.target_table import BEGIN, END, main
 
 CERTIFICATE = {
@@ -100,6 +101,15 @@ def test_one_failed_part_is_a_failed_target(root: Path) -> None:
     outcome = json.loads((root / "c-process-pty" / "outcome.json").read_text())
     assert (outcome["state"], outcome["reason"]) == ("failed", "HFP-121")
     assert main([]) == 1
+
+
+def test_parts_that_end_at_once_are_all_kept(root: Path) -> None:
+    for _ in range(20):
+        records = [TargetRecord("c-process-pty", part) for part in (Part.CONFORMANCE, Part.LOOP)]
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(lambda record: record.finish(State.RAN), records))
+        outcome = json.loads((root / "c-process-pty" / "outcome.json").read_text())
+        assert (set(outcome["parts"]), outcome["state"]) == ({"conformance", "loop"}, "ran")
 
 
 def test_a_run_that_was_cut_off_has_failed(root: Path) -> None:

@@ -92,10 +92,14 @@ def one_answer_at_a_time(s: Session) -> str:
         for _ in range(3):
             s.run(s.margins.gap_ns)
             last_ns = s.send(Frame(arbitration_id(Function.DISCOVER, s.node), b""))
+        s.run(s.margins.gap_ns)
+        s.request(ParamOp.READ, Index.NODE)
         s.run(2 * IDENTITY_NS + s.margins.line_ns)
         got = answers(s)
         require(bool(got), "no answer to DISCOVER")
-        if got[0][0] < last_ns + s.margins.line_ns:
+        # On a line that is slow for a moment, what was asked after them and answered before proves the same.
+        answered_ns = s.responses[0][0] if s.responses else got[0][0]
+        if got[0][0] < last_ns + s.margins.line_ns and got[0][0] <= answered_ns:
             continue  # it answered before it had them all
         clear += 1
         expect(len(got) == 1, f"{len(got)} answers to four DISCOVER within {(last_ns - sent_ns) / MS:.1f} ms")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from fastcrc.crc8 import autosar
 
 from firmware_protocol.conformance import wire
-from firmware_protocol.conformance.checks.ids import param_read, quiet
+from firmware_protocol.conformance.checks.ids import line_time_ns, param_read, quiet
 from firmware_protocol.conformance.port import MS, Capability
 from firmware_protocol.conformance.registry import Need, check, expect, require
 from firmware_protocol.conformance.session import ENABLE, IDENTITY_NS, LOW, Session
@@ -153,6 +153,7 @@ def _drops(s: Session) -> Iterator[tuple[str, Frame]]:
     yield "short PARAM_REQUEST", wire.sealed8(Function.PARAM_REQUEST, s.node, bytes(6))
     beat = wire.sealed8(Function.HOST_HEARTBEAT, s.node, wire.heartbeat_body(ENABLE, 1, 0, s.host_sequence + 1))
     yield "damaged HOST_HEARTBEAT", wire.damaged(beat)
+    s.heartbeat(LOW)  # the last may be longer ago than the drive remembers it
     again = wire.heartbeat_body(ENABLE, 1, 0, s.host_sequence)
     yield "repeated HOST_HEARTBEAT", wire.sealed8(Function.HOST_HEARTBEAT, s.node, again)
     yield "reference while DISABLED", s.setpoint_frame(s.measured().theta_m, 1)
@@ -168,13 +169,14 @@ def _drops(s: Session) -> Iterator[tuple[str, Frame]]:
 def dropped_frames_are_counted_once(s: Session) -> str:
     s.heartbeat(LOW)
     s.beating = False
-    drops = list(_drops(s))
-    for name, frame in drops:
+    kinds = 0
+    for name, frame in _drops(s):
+        kinds += 1
         before = s.rejected()
         _dropped(s, name, frame)
         grown = s.rejected() - before
         expect(grown == 1, f"{name} {frame.data.hex(' ')}: rejected grew by {grown}")
-    return f"{len(drops)} kinds of dropped frames counted once each, without any other effect"
+    return f"{kinds} kinds of dropped frames counted once each, without any other effect"
 
 
 @check(25)
@@ -194,7 +196,7 @@ def garbage_changes_nothing(s: Session) -> str:
             continue
         s.send(frame)
         expected += 1
-        s.run(s.margins.gap_ns)
+        s.run(s.margins.gap_ns + line_time_ns(s, frame))
     found = quiet(s, 5 * MS)
     expect(not found, f"after garbage: {found}")
     grown = s.rejected() - before

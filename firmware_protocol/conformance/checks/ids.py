@@ -3,14 +3,16 @@
 from collections.abc import Iterator
 
 from firmware_protocol.conformance import wire
-from firmware_protocol.conformance.port import MS
+from firmware_protocol.conformance.port import MS, Capability
 from firmware_protocol.conformance.registry import Need, check, expect, require
 from firmware_protocol.conformance.session import ANSWER_NS, ENABLE, IDENTITY_NS, LOW, Session
 from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, Frame, arbitration_id
 from firmware_protocol.messages import DriveState, Function, ParamOp
 from firmware_protocol.parameters import Index
+from firmware_protocol.serial_framing import encode_serial
 
 FUNCTIONS = 64
+SLOWEST_BYTE_NS = 21_702  # ten bits at 460.8 kbit/s (HFP-167)
 
 
 def quiet(s: Session, duration_ns: int) -> str:
@@ -22,6 +24,11 @@ def quiet(s: Session, duration_ns: int) -> str:
     if s.identities:
         return f"answered by {s.identities[0][1]}"
     return "" if s.state == DriveState.DISABLED else f"went to {s.state_name()}"
+
+
+def line_time_ns(s: Session, frame: Frame) -> int:
+    """Return how long the slowest serial line that there may be is busy with a frame; 0 where there is none."""
+    return len(encode_serial(frame)) * SLOWEST_BYTE_NS if s.port.capabilities & Capability.SERIAL else 0
 
 
 def param_read(function: int, node: int) -> Frame:

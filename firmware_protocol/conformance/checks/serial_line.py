@@ -8,7 +8,7 @@ from cobs import cobs
 from firmware_protocol.codec import CRC16_INIT
 from firmware_protocol.conformance import wire
 from firmware_protocol.conformance.checks.frames import walk
-from firmware_protocol.conformance.checks.ids import param_read, quiet
+from firmware_protocol.conformance.checks.ids import SLOWEST_BYTE_NS, param_read, quiet
 from firmware_protocol.conformance.port import MS
 from firmware_protocol.conformance.registry import Inconclusive, Need, check, expect, require
 from firmware_protocol.conformance.session import ANSWER_NS, Session
@@ -17,7 +17,6 @@ from firmware_protocol.messages import DriveState, Function, ParamOp
 from firmware_protocol.parameters import Index
 from firmware_protocol.serial_framing import FD_FLAG, encode_serial
 
-SLOWEST_BYTE_NS = 21_702  # ten bits at 460.8 kbit/s (HFP-167)
 LONGEST = 69  # bytes of a packet before its delimiter: id, 64 bytes, CRC, one of COBS
 
 

@@ -1,0 +1,41 @@
+"""How long simulation 2 runs on every target, with what load, and from when it is judged.
+
+HIL_FORCEPS_TARGETS_FULL=1: the 20 s of the paper, for figures to publish. Else 3 s with one pulse of the same load: the
+same start from rest, zero, both edges and the same torque, so what a firmware gets wrong shows as well.
+"""
+
+import os
+from typing import Final, NamedTuple
+
+import numpy as np
+import pytest
+
+from hil_forceps.bench.execute import Executed
+from virtual_bus.load import PAPER_TORQUE_N_M, LoadProfile, paper_load, piecewise_linear
+
+FULL: Final = os.environ.get("HIL_FORCEPS_TARGETS_FULL") == "1"
+
+
+class Setting(NamedTuple):
+    """How long a run is, what it is loaded with, and from when it is judged."""
+
+    duration_s: float
+    load: LoadProfile
+    judged_from_s: float
+
+
+def setting() -> Setting:
+    """Return the setting that this run of the tests has."""
+    if FULL:
+        return Setting(20.0, paper_load(2), 9.0)
+    torque_N_m = [0.0, PAPER_TORQUE_N_M, PAPER_TORQUE_N_M, 0.0]
+    return Setting(3.0, piecewise_linear([1.0, 1.0, 2.0, 2.0], torque_N_m), 0.9)
+
+
+def rmse_N_m(executed: Executed) -> float:
+    """Return the error of the estimated torque; AssertionError when the run was not long enough, or not under load."""
+    traces = executed.traces
+    error = (traces.tau_w_est - traces.tau_w_true)[traces.time_s >= setting().judged_from_s]
+    assert error.size > 1000, f"{error.size} samples to judge"
+    assert np.abs(traces.tau_w_true).max() == pytest.approx(PAPER_TORQUE_N_M, abs=1e-7)
+    return float(np.sqrt(np.mean(np.square(error))))
