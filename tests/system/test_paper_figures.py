@@ -12,7 +12,7 @@ from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import Metrics
 from hil_forceps.rig import Rig, load_rig
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("paper")]  # the runs are made once, for all
 
 ROOT = Path(__file__).resolve().parents[2]
 PAPER = ROOT / "configs" / "paper.yaml"

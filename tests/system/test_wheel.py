@@ -13,7 +13,7 @@ import pytest
 
 import hil_forceps
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("wheel")]  # it is built once, for all
 
 ROOT = Path(__file__).resolve().parents[2]
 
