@@ -18,6 +18,12 @@ missing() {
         [ "$(arm-none-eabi-gcc -print-file-name=nano.specs)" = nano.specs ]; then
         printf '%s ' "$NEWLIB"
     fi
+    # Nor does clang without its sanitizers, whose package is called after its version.
+    if command -v clang >/dev/null 2>&1 &&
+        ! ls "$(clang -print-resource-dir)"/lib/*/libclang_rt.fuzzer* >/dev/null 2>&1; then
+        version=$(clang -dumpversion)
+        printf '%s ' "libclang-rt-${version%%.*}-dev"
+    fi
 }
 
 packages=$(missing)
@@ -44,6 +50,9 @@ fi
 export DEBIAN_FRONTEND=noninteractive
 # shellcheck disable=SC2086 # words, on purpose
 $as_root apt-get update -qq && $as_root apt-get install -y -qq --no-install-recommends $packages >/dev/null
+packages=$(missing) # what a compiler wants shows when it is there
+# shellcheck disable=SC2086
+[ -z "$packages" ] || $as_root apt-get install -y -qq --no-install-recommends $packages >/dev/null
 
 packages=$(missing)
 if [ -n "$packages" ]; then
