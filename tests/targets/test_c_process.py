@@ -13,7 +13,7 @@ from tests.firmware_library import make
 from tests.targets.closed_loop import check_loop, check_same_motion, close_loop, drive_arguments
 from tests.targets.lockstep import UdpPlantLine
 from tests.targets.record import Part, recorded
-from tests.targets.suite import AHEAD, check, judge
+from tests.targets.suite import DRIVE_AHEAD, check, judge
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -31,7 +31,7 @@ class Process(NamedTuple):
 @contextmanager
 def drive(line: str, folder: Path, *arguments: str) -> Iterator[Process]:
     where = ("--serial-pty", str(folder / "port")) if line == "pty" else ("--udp", "127.0.0.1:0")
-    command = [*AHEAD, str(make("host") / "hfp-drive"), *where, *arguments]
+    command = [*DRIVE_AHEAD, str(make("host") / "hfp-drive"), *where, *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:

@@ -11,7 +11,7 @@ import pytest
 
 from tests.targets.closed_loop import ages_us, check_loop, figures_of, in_process
 from tests.targets.record import ROOT, Part, recorded
-from tests.targets.suite import AHEAD, ENVIRONMENT, check, judge
+from tests.targets.suite import DRIVE_AHEAD, ENVIRONMENT, check, judge
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -21,7 +21,7 @@ GROUP = "239.74.163.79"
 
 @contextmanager
 def drive(*arguments: str) -> Iterator[None]:
-    command = [*AHEAD, sys.executable, "-m", "virtual_bus", "--rig", str(RIG), "--simulation", "0", *arguments]
+    command = [*DRIVE_AHEAD, sys.executable, "-m", "virtual_bus", "--rig", str(RIG), "--simulation", "0", *arguments]
     with subprocess.Popen(command, cwd=ROOT, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:

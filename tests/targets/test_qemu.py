@@ -15,7 +15,7 @@ from tests.firmware_library import make
 from tests.targets.closed_loop import check_loop, check_same_motion, close_loop
 from tests.targets.lockstep import ANSWER_BYTES, PATIENCE_S
 from tests.targets.record import Part, TargetRecord, recorded
-from tests.targets.suite import AHEAD, check, judge
+from tests.targets.suite import DRIVE_AHEAD, check, judge
 
 # The suite is real time; QEMU stops now and then for longer than a bus, and takes a flood byte by byte.
 pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(600)]
@@ -63,7 +63,8 @@ def emulator(image: str, second_uart: Path | None = None) -> Iterator[str]:
     lines = [f"tcp:127.0.0.1:{port},server=on,wait=off,nodelay=on"]
     if second_uart is not None:
         lines.append(f"unix:{second_uart},server=on,wait=off")
-    command = [*AHEAD, QEMU, "-M", "mps2-an386", "-nographic", "-monitor", "none", "-kernel", str(image_path(image))]
+    machine = ["-M", "mps2-an386", "-nographic", "-monitor", "none", "-kernel", str(image_path(image))]
+    command = [*DRIVE_AHEAD, QEMU, *machine]
     command += [word for line in lines for word in ("-serial", line)]
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     try:
