@@ -13,8 +13,8 @@ bench: install
 	$(VENV)/bin/hil-forceps bench --config configs/paper.yaml --out $(OUT)/paper
 	$(VENV)/bin/hil-forceps bench --config configs/realistic.yaml --out $(OUT)/realistic
 
-# What computes first, two at a time; then what watches the clock. On two cores with nothing else to do some 15 minutes,
-# and 4 more the first time where SocketCAN needs a kernel built.
+# What computes first, two at a time; then what watches the clock. Some 4 minutes more the first time, where SocketCAN
+# needs a kernel built.
 test: lint types layers unit system targets-short
 
 lint: install
