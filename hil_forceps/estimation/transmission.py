@@ -30,6 +30,8 @@ State = NDArray[np.float64]
 ELEMENTS = 3
 _SHAPE, _GAIN, _FRICTION, _LOADED = 4, 3, 4, 2  # how many powers of x each group has
 TERMS = _SHAPE + _GAIN + ELEMENTS * (_FRICTION + _LOADED) + 3
+TERM_DRIVE = _SHAPE  # the term u itself, low-passed
+TERM_SPEED = TERMS - 3
 _SLOPE = 1  # the term x, which isn't held at the ends of the range for the jaw's angle
 
 TAU_W, THETA_J = 3, 4
@@ -107,7 +109,7 @@ def step(state: State, c: Vector, time_ns: int, theta_m_rad: float, theta_drive_
 @kernel
 def _fill(state: State, c: Vector, row: Vector) -> float:
     """Put the terms of the model into `row` [TERMS]; return x as it is outside the range."""
-    free = (state[_FIRST + 1] - c[_MIDDLE]) / c[_HALF]
+    free: float = (state[_FIRST + 1] - c[_MIDDLE]) / c[_HALF]
     x = min(1.0, max(-1.0, free))
     drive = state[_FIRST + 5]
     # the low-pass itself tells speed and acceleration: nothing is differenced
@@ -183,3 +185,12 @@ def for_angle(rows: Vector, free: Vector) -> Vector:
     changed = rows.copy()
     changed[:, _SLOPE] = free
     return changed
+
+
+def term_names() -> tuple[str, ...]:
+    """Return the model's terms in words, in the order of the coefficients; u is what drives."""
+    groups = [("", _SHAPE), ("u", _GAIN)]
+    for n in range(1, ELEMENTS + 1):
+        groups += [(f"z{n}", _FRICTION), (f"z{n} u", _LOADED)]
+    names = [f"{head} x^{power}".strip() for head, count in groups for power in range(count)]
+    return (*names, "speed", "speed u", "acceleration")

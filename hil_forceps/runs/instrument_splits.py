@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from hil_forceps.runs.instrument_report import SAME_FREQUENCY_Hz, RunInfo
+from hil_forceps.runs.instrument_report import RunInfo, SAME_FREQUENCY_Hz
 
 ODD_LOADS, EXTREMES = "odd loads", "highest frequency and load"
 
@@ -24,9 +24,7 @@ def splits(runs: Sequence[RunInfo]) -> tuple[Split, ...]:
     top_frequency, top_level = max(frequencies.values(), default=0), max(levels.values(), default=0)
     held = {
         ODD_LOADS: {name for name, level in levels.items() if level % 2},
-        EXTREMES: {
-            run.name for run in runs if frequencies[run.name] == top_frequency or levels[run.name] == top_level
-        },
+        EXTREMES: {run.name for run in runs if frequencies[run.name] == top_frequency or levels[run.name] == top_level},
     }
     made = []
     for name, out in held.items():

@@ -1,8 +1,8 @@
-"""Fit of the transmission model to training runs: linear least squares within each structure, the structure by
-leaving out one load level at a time.
+"""Fit of the transmission model to training runs.
 
-What isn't linear (the low-pass, the presliding lengths) comes from a small fixed grid, the same for every data set; of
-its points the one is taken that predicts a load level best that it wasn't fitted to. Only training runs are seen.
+Within a structure it is linear least squares. What isn't linear (the low-pass, the presliding lengths) comes from a
+small fixed grid, the same for every data set; of its points the one is taken that predicts a load level best that it
+wasn't fitted to, the levels left out one at a time. Only training runs are seen.
 """
 
 import math
