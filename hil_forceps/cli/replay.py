@@ -18,7 +18,7 @@ from hil_forceps.report.instrument import write_instrument_figures
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.black_boxes import black_boxes as black_boxes_of
-from hil_forceps.runs.comparison_files import comparison_table, write_comparison
+from hil_forceps.runs.comparison_files import comparison_tables, write_comparison
 from hil_forceps.runs.instrument import compare_instrument, evaluate, read_instrument
 from hil_forceps.runs.instrument_report import Table as Cells
 from hil_forceps.runs.instrument_report import write_report
@@ -117,9 +117,9 @@ def _instrument(source: Path, rig_path: Path, out: Path, with_learned: bool) -> 
     _print(report.table(), f"{report.name}: estimated from the motor side against measured at the jaw", 3)
     for assumed in report.assumed:
         sys.stdout.write(f"assumed: {assumed}\n")
-    if comparison.splits:
-        _print(comparison_table(comparison), f"{report.name}: on runs held out", 4)
-    else:
+    for split, cells in comparison_tables(comparison):
+        _print(cells, f"{report.name}, RMSE on what was held out: {split}", 2)
+    if not comparison.splits:
         sys.stdout.write("no comparison on runs held out: it takes runs at two loads or two frequencies\n")
     sys.stdout.write(
         f"{len(figures)} figures, instrument.json, instrument_runs.csv, instrument_comparison.json and "

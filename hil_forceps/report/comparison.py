@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from hil_forceps.report.save import save_figure
 from hil_forceps.report.simulation import MILLI
@@ -93,5 +94,8 @@ def _points(axes: Axes, scores: Sequence[HeldOut], quantity: str) -> None:
             label = f"{_SOURCES[source]}, {'whole motion' if part == WHOLE else 'closing strokes'}"
             axes.scatter(values, places, s=16, marker=marker, c=faces, edgecolors=colors, linewidths=0.8, label=label)
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_yticks(range(len(methods)), methods)
     axes.set_ylim(len(methods) - 0.5, -0.5)

@@ -10,23 +10,34 @@ from hil_forceps.runs.instrument_comparison import PUBLISHED_PROTOCOL, Compariso
 from hil_forceps.runs.instrument_report import (
     CLOSING,
     PUBLISHED_THETA_J_RMSE_RAD,
+    WHOLE,
     PUBLISHED_TAU_W_RMSE_N_m,
     Table,
 )
 from hil_forceps.runs.transmission_fit import TransmissionFit
 
+PUBLISHED = PUBLISHED_TAU_W_RMSE_N_m, PUBLISHED_THETA_J_RMSE_RAD
 
-def comparison_table(comparison: Comparison) -> Table:
-    """Errors on what was held out, split by split, best jaw torque first; the published figures last."""
-    headers = ("split", "driven by", "part", "method", "τ_w RMSE (mN m)", "θ_j RMSE (deg)")
-    order = {name: place for place, name in enumerate(dict.fromkeys(score.split for score in comparison.overall))}
-    scores = sorted(
-        comparison.overall, key=lambda s: (order[s.split], s.source != "tau_m_N_m", s.part, s.tau_w_rmse_N_m)
-    )
-    rows = [(s.split, s.source, s.part, s.method, *_cells(s.tau_w_rmse_N_m, s.theta_j_rmse_rad)) for s in scores]
-    published = _cells(PUBLISHED_TAU_W_RMSE_N_m, PUBLISHED_THETA_J_RMSE_RAD)
-    rows.append((PUBLISHED_PROTOCOL, "motor side", CLOSING, "published network", *published))
-    return Table(headers, tuple(rows))
+
+def comparison_tables(comparison: Comparison) -> list[tuple[str, Table]]:
+    """Per split a table of errors, each source's best whole-motion torque first; the published figures end the last."""
+    headers = ("driven by", "method", "whole: τ_w (mN m)", "θ_j (deg)", "closing: τ_w (mN m)", "θ_j (deg)")
+    tables = []
+    for split in dict.fromkeys(score.split for score in comparison.overall):
+        pairs: dict[tuple[str, str], dict[str, HeldOut]] = {}
+        for score in comparison.overall:
+            if score.split == split:
+                pairs.setdefault((score.source, score.method), {})[score.part] = score
+        ordered = sorted(pairs.items(), key=lambda pair: (pair[0][0] != "tau_m_N_m", _rank(pair[1])))
+        rows = [(*key, *_cells(parts.get(WHOLE)), *_cells(parts.get(CLOSING))) for key, parts in ordered]
+        if split == PUBLISHED_PROTOCOL:
+            rows.append(("motor side", "published network", "-", "-", *_numbers(*PUBLISHED)))
+        tables.append((split, Table(headers, tuple(rows))))
+    return tables
+
+
+def _rank(parts: dict[str, HeldOut]) -> float:
+    return (parts.get(WHOLE) or parts[CLOSING]).tau_w_rmse_N_m
 
 
 def write_comparison(comparison: Comparison, out: Path) -> tuple[Path, Path]:
@@ -63,5 +74,9 @@ def _fit(fit: TransmissionFit) -> dict[str, object]:
     }
 
 
-def _cells(tau_w_N_m: float, theta_j_rad: float) -> tuple[str, str]:
+def _cells(score: HeldOut | None) -> tuple[str, str]:
+    return ("-", "-") if score is None else _numbers(score.tau_w_rmse_N_m, score.theta_j_rmse_rad)
+
+
+def _numbers(tau_w_N_m: float, theta_j_rad: float) -> tuple[str, str]:
     return f"{tau_w_N_m * 1e3:.2f}", f"{math.degrees(theta_j_rad):.3f}"
