@@ -4,9 +4,10 @@ The paper's balance (1)-(3) has Coulomb friction and one ratio. A wire in a long
 that builds up over a way (Dahl, "A solid friction model", 1968; a sum of such elements as in Al-Bender, Lampaert,
 Swevers, IEEE TAC 50(11), 2005), grows with the tension (capstan) and differs along the stroke, as the ratio does. With
 x the low-passed pulley angle θ scaled to −1 … 1 over its range, u what drives the pulley (torque, or current), ω and α
-speed and acceleration and z_i the friction elements,
+speed and acceleration, z_i the friction elements and s = tanh(ω/ω_0) the friction that turns round at once (a rotor's),
 
-    τ̂_w = Σ c_p x^p + u Σ a_p x^p + Σ_i z_i (Σ f_ip x^p + u Σ h_ip x^p) + (b + b' u) ω + J α
+    τ̂_w = Σ c_p x^p + u Σ a_p x^p + Σ_i z_i (Σ f_ip x^p + u Σ h_ip x^p) + s (Σ d_p x^p + u Σ e_p x^p)
+          + (b + b' u) ω + J α
     θ̂_j = the same with other coefficients, and ρ θ in place of c_1 x
 
     dz_i/dθ_d = (1 − z_i sgn dθ_d) / δ_i
@@ -28,8 +29,9 @@ Vector = NDArray[np.float64]
 State = NDArray[np.float64]
 
 ELEMENTS = 3
-_SHAPE, _GAIN, _FRICTION, _LOADED = 4, 3, 4, 2  # how many powers of x each group has
-TERMS = _SHAPE + _GAIN + ELEMENTS * (_FRICTION + _LOADED) + 3
+_SHAPE, _GAIN, _FRICTION, _LOADED, _SUDDEN = 4, 3, 4, 2, 2  # how many powers of x each group has
+TERMS = _SHAPE + _GAIN + ELEMENTS * (_FRICTION + _LOADED) + 2 * _SUDDEN + 3
+REST_RAD_PER_S = 0.02  # ω_0: slower than this the direction isn't told well
 TERM_DRIVE = _SHAPE  # the term u itself, low-passed
 TERM_SPEED = TERMS - 3
 _SLOPE = 1  # the term x, which isn't held at the ends of the range for the jaw's angle
@@ -120,6 +122,9 @@ def _fill(state: State, c: Vector, row: Vector) -> float:
     for n in range(ELEMENTS):
         at = _powers(row, at, x, _FRICTION, state[_Z + n])
         at = _powers(row, at, x, _LOADED, state[_Z + n] * drive)
+    direction = np.tanh(speed / REST_RAD_PER_S)
+    at = _powers(row, at, x, _SUDDEN, direction)
+    at = _powers(row, at, x, _SUDDEN, direction * drive)
     row[at] = speed
     row[at + 1] = speed * drive
     row[at + 2] = acceleration
@@ -192,5 +197,6 @@ def term_names() -> tuple[str, ...]:
     groups = [("", _SHAPE), ("u", _GAIN)]
     for n in range(1, ELEMENTS + 1):
         groups += [(f"z{n}", _FRICTION), (f"z{n} u", _LOADED)]
+    groups += [("s", _SUDDEN), ("s u", _SUDDEN)]
     names = [f"{head} x^{power}".strip() for head, count in groups for power in range(count)]
     return (*names, "speed", "speed u", "acceleration")
