@@ -13,23 +13,36 @@ from hil_forceps.bench.assembly import make_pipeline, settings_of
 from hil_forceps.bridge.replay import replay as replay_recording
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.report.comparison import write_comparison_figures
 from hil_forceps.report.instrument import write_instrument_figures
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
-from hil_forceps.runs.instrument import replay_instrument
+from hil_forceps.runs.black_boxes import black_boxes as black_boxes_of
+from hil_forceps.runs.comparison_files import comparison_tables, write_comparison
+from hil_forceps.runs.instrument import compare_instrument, evaluate, read_instrument
+from hil_forceps.runs.instrument_report import Table as Cells
+from hil_forceps.runs.instrument_report import write_report
 from hil_forceps.runs.recording import read_recording
 
 EXIT_DIFFERENT = 1
 RECORDING_SUFFIX = ".mcap"
 
 
-def replay(source: Path, *, rig: Path | None = None, out: Path | None = None, algorithm: str | None = None) -> int:
+def replay(
+    source: Path,
+    *,
+    rig: Path | None = None,
+    out: Path | None = None,
+    algorithm: str | None = None,
+    black_boxes: bool = False,
+) -> int:
     """Send what was recorded through the estimators again.
 
     A recording of ours (.mcap): the same samples must give the same references, byte for byte; exit code 1 and the
     first difference when they don't. Runs of a real instrument (folder or zip of the surgical-tool format, or CSV):
     jaw torque and jaw angle estimated from the motor side, against what was measured at the jaw; needs --rig and
-    --out.
+    --out. The estimators of the bench on all runs, then a transmission model fitted to some runs and held against
+    others, beside regressions.
 
     Parameters
     ----------
@@ -42,6 +55,8 @@ def replay(source: Path, *, rig: Path | None = None, out: Path | None = None, al
         Folder for tables and figures.
     algorithm
         For a recording: another estimator than the recorded one; then only its estimates are compared.
+    black_boxes
+        For runs of an instrument: gradient boosting and a network in the comparison too; needs scikit-learn.
     """
     if not source.exists():
         raise UserError(f"{source}: no such file or folder")
@@ -49,7 +64,7 @@ def replay(source: Path, *, rig: Path | None = None, out: Path | None = None, al
         return _recording(source, algorithm)
     if rig is None or out is None:
         raise UserError(f"{source}: runs of an instrument need --rig RIG.yaml and --out DIR")
-    return _instrument(source, rig, out)
+    return _instrument(source, rig, out, black_boxes)
 
 
 def _recording(path: Path, algorithm: str | None) -> int:
@@ -80,9 +95,11 @@ def _recording(path: Path, algorithm: str | None) -> int:
     return EXIT_DIFFERENT
 
 
-def _instrument(source: Path, rig_path: Path, out: Path) -> int:
+def _instrument(source: Path, rig_path: Path, out: Path, with_learned: bool) -> int:
     rig = load_rig(rig_path)
     make_folder(out)
+    if with_learned:
+        black_boxes_of(with_learned=True)  # says at once what isn't installed
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("replay", total=None)
@@ -90,21 +107,32 @@ def _instrument(source: Path, rig_path: Path, out: Path) -> int:
         def progress(done: int, total: int, what: str) -> None:
             bar.update(task, completed=done, total=total or None, description=what)
 
-        report = replay_instrument(source, rig, out, progress)
+        runs = read_instrument(source, progress)
+        report = evaluate(source.stem, runs, rig, progress)
+        comparison = compare_instrument(runs, rig, with_learned=with_learned, progress=progress)
+        write_report(report, out)
+        write_comparison(comparison, out)
         bar.update(task, description="figures")
-        figures = write_instrument_figures(report, out)
-    cells = report.table()
-    table = Table(
-        title=f"{report.name}: estimated from the motor side against measured at the jaw",
-        title_justify="left",
-        box=SIMPLE_HEAD,
+        figures = [*write_instrument_figures(report, out), *write_comparison_figures(comparison, out)]
+    _print(report.table(), f"{report.name}: estimated from the motor side against measured at the jaw", 3)
+    for assumed in report.assumed:
+        sys.stdout.write(f"assumed: {assumed}\n")
+    for split, cells in comparison_tables(comparison):
+        _print(cells, f"{report.name}, RMSE on what was held out: {split}", 2)
+    if not comparison.splits:
+        sys.stdout.write("no comparison on runs held out: it takes runs at two loads or two frequencies\n")
+    sys.stdout.write(
+        f"{len(figures)} figures, instrument.json, instrument_runs.csv, instrument_comparison.json and "
+        f"instrument_comparison.csv are in {out}/\n"
     )
+    return 0
+
+
+def _print(cells: Cells, title: str, texts: int) -> None:
+    """Print a table whose first `texts` columns are words."""
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
     for place, header in enumerate(cells.headers):
-        table.add_column(header.replace(" (", "\n("), justify="right" if place > 2 else "left", no_wrap=place == 0)
+        table.add_column(header.replace(" (", "\n("), justify="right" if place >= texts else "left", no_wrap=place == 0)
     for row in cells.rows:
         table.add_row(*row)
     Console().print(table)
-    for assumed in report.assumed:
-        sys.stdout.write(f"assumed: {assumed}\n")
-    sys.stdout.write(f"{len(figures)} figures, instrument.json and instrument_runs.csv are in {out}/\n")
-    return 0

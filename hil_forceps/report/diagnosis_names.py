@@ -27,6 +27,7 @@ class Scale(NamedTuple):
 
 _QUANTITIES = {
     "theta_m_rad": Quantity(r"$\theta_m$", "motor angle", "rad"),
+    "theta_drive_rad": Quantity(r"$\theta_d$", "angle before the gear", "rad"),
     "theta_m_ref_rad": Quantity(r"$\theta_m^{\mathrm{ref}}$", "reference", "rad"),
     "current_A": Quantity("$i$", "motor current", "A"),
     "voltage_V": Quantity("$u$", "motor voltage", "V"),

@@ -17,6 +17,7 @@ from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig, UserError
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.runs.csv_table import read_csv
+from hil_forceps.runs.instrument_comparison import Comparison, compare
 from hil_forceps.runs.instrument_report import (
     WHOLE,
     Array,
@@ -34,6 +35,7 @@ from hil_forceps.runs.table import Run
 Progress = Callable[[int, int, str], None]  # done, of (0: not known), what
 
 CONSTANT = "constant"  # the trivial predictor: the mean of what was measured
+COMPARED = ("improved", "kalman")  # the paper's own and the plain model's best, beside the transmission estimator
 RIGID = "rigid"  # the wire does not stretch, nothing rubs and nothing has inertia
 SOURCES = ("tau_m_N_m", "current_A")
 FEWEST_SECONDS = 2 * DROPPED_S + 1.0
@@ -58,13 +60,45 @@ def replay_instrument(
     that is returned. UserError when runs can't be read or lack what was measured at the jaw, or when the rig leaves
     something unknown that can't be fitted; OSError as the disk raises it.
     """
-    runs = []
-    for run in _read(Path(path)):
-        runs.append(run)
-        _tell(progress, len(runs), 0, f"read run {run.name}")
-    report = evaluate(Path(path).stem, runs, rig, progress)
+    report = evaluate(Path(path).stem, read_instrument(path, progress), rig, progress)
     write_report(report, Path(out))
     return report
+
+
+def read_instrument(path: str | Path, progress: Progress | None = None) -> list[Run]:
+    """Read the runs of a surgical-tool folder or zip, or one CSV; UserError when they can't be used here."""
+    runs: list[Run] = []
+    for run in _read(Path(path)):
+        _check(run)
+        runs.append(run)
+        _tell(progress, len(runs), 0, f"read run {run.name}")
+    return runs
+
+
+def compare_instrument(
+    runs: Sequence[Run], rig: Rig, *, with_learned: bool = False, progress: Progress | None = None
+) -> Comparison:
+    """Fit the transmission estimator and what it is compared with to training runs, score them on those held out.
+
+    `with_learned` adds what needs scikit-learn. Errors as in `replay_instrument` and `compare`.
+    """
+    plans: dict[tuple[str, ...], _Plan] = {}
+
+    def bench(train: Sequence[Run], run: Run, source: str) -> dict[str, Estimated]:
+        key = tuple(each.name for each in train)
+        if key not in plans:
+            plans[key] = _fill_gaps(rig, train)
+        return _estimates(run, _motor_torque(run, source, plans[key]), plans[key], COMPARED)
+
+    sources = [source for source in SOURCES if all(source in run.columns for run in runs)]
+    return compare(
+        runs,
+        [_describe(run) for run in runs],
+        sources,
+        bench,
+        with_learned=with_learned,
+        note=None if progress is None else lambda what: progress(0, 0, what),
+    )
 
 
 def evaluate(name: str, runs: Sequence[Run], rig: Rig, progress: Progress | None = None) -> InstrumentReport:
@@ -124,13 +158,15 @@ def _motor_torque(run: Run, source: str, plan: _Plan) -> Array:
     return run.columns[source] * (plan.plant.torque_constant_N_m_per_A if source == "current_A" else 1.0)
 
 
-def _estimates(run: Run, motor_torque_N_m: Array, plan: _Plan) -> dict[str, Estimated]:
+def _estimates(
+    run: Run, motor_torque_N_m: Array, plan: _Plan, methods: Sequence[str] = ESTIMATOR_IDS
+) -> dict[str, Estimated]:
     plant = plan.plant
     ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
     theta_m_rad = run.columns["theta_m_rad"]
     estimated = {RIGID: Estimated(motor_torque_N_m / ratio, ratio * theta_m_rad)}
     sample_time_s = round(run.sample_time_s, 9)
-    for method in ESTIMATOR_IDS:
+    for method in methods:
         estimator = make_estimator(method, plan.rig, sample_time_s, over_wire=False)
         tau_w, elongation_m = batch.run(estimator, run.time_ns, theta_m_rad, motor_torque_N_m)
         # (3) solved for the jaw

@@ -35,7 +35,7 @@ class Channel(NamedTuple):
 # negative at the jaw's torque sensor. With these signs both powers come out right in every file: the spindle puts
 # energy in over a cycle (mean of τ_m θ̇_m > 0), the load takes some (mean of τ_w θ̇_j > 0), and θ_j rises with θ_m.
 #
-# θ_m is the spindle's own encoder, not the motor's (column 8, 4096·35 counts per spindle turn, opposite sign),
+# θ_m is the spindle's own encoder, not the motor's (column 8, here `theta_drive_rad`, in turns of the spindle),
 # although that one is 17 times finer: the gear between them has about 2° of play, and the torque sensor sits on the
 # spindle's side of it, so (1) holds for the spindle and not for the motor.
 CHANNELS = (
@@ -44,6 +44,7 @@ CHANNELS = (
     Channel(3, "current_A", 1.0),
     Channel(4, "theta_j_rad", _TURN / 4000),
     Channel(5, "tau_w_N_m", -_NEWTON_METRES_PER_COUNT),
+    Channel(8, "theta_drive_rad", _TURN / (4096 * 35)),
     Channel(9, "theta_m_ref_rad", -_TURN / 8192),
 )
 TIME_POSITION = 0

@@ -10,11 +10,12 @@ Column = NDArray[np.float64]
 
 REQUIRED_COLUMNS = ("time_s", "theta_m_rad")
 TORQUE_COLUMNS = ("current_A", "tau_m_N_m")  # at least one: without either nothing drives the motor pulley
-OPTIONAL_COLUMNS = ("theta_m_ref_rad", "voltage_V", "theta_j_rad", "tau_w_N_m")
+OPTIONAL_COLUMNS = ("theta_m_ref_rad", "theta_drive_rad", "voltage_V", "theta_j_rad", "tau_w_N_m")
 KNOWN_COLUMNS = (
     "time_s",
     "theta_m_ref_rad",
     "theta_m_rad",
+    "theta_drive_rad",  # the motor's own encoder before a gear, in turns of the pulley that it drives
     "current_A",
     "voltage_V",
     "theta_j_rad",
