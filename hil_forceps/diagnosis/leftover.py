@@ -183,7 +183,8 @@ def _without(columns: Matrix, residual: Flat) -> Flat:
     """Return what the columns don't explain."""
     size = np.sqrt(np.maximum(np.einsum("ij,ij->j", columns, columns, dtype=np.float64), 1e-30))
     unit = (columns / size).astype(np.float32)
-    return residual - unit @ (inverse(gram(unit, unit)) @ gram(unit, residual[:, None])[:, 0]).astype(np.float32)
+    share = inverse(gram(unit, unit)) @ gram(unit, residual[:, None])[:, 0]
+    return np.asarray(residual - unit @ share.astype(np.float32), dtype=np.float32)
 
 
 def leftover(

@@ -1,12 +1,13 @@
 """The colour of the load cell's noise, from what it does in the simulation that the measured load drives.
 
-Above some 100 Hz the load itself changes little, and its spectrum is that of its noise. Below, noise and load can't be told
-apart in one channel. But noise moves the simulated motor and the simulated jaw and not the real ones, both at once and each
-in a known way: the cross-spectrum of both residuals holds it, free of their sensors' own noise. It is the same in all runs,
-what effects do isn't: of all runs the quieter ones count.
+Above some 100 Hz the load itself changes little, and its spectrum is that of its noise. Below, noise and load can't be
+told apart in one channel. But noise moves the simulated motor and the simulated jaw and not the real ones, both at once
+and each in a known way: the cross-spectrum of both residuals holds it, free of their sensors' own noise. It is the same
+in all runs, what effects do isn't: of all runs the quieter ones count.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,19 +42,18 @@ def load_noise(layout: Layout, left: Flat, responses: Sequence[Response], record
         return LoadNoise(np.array([0.0, top]), np.full(2, float(np.median(high[1]))))
     low = edges[edges < ALONE_HZ]
     cuts = np.concatenate(([0.0], np.sqrt(low[1:] * low[:-1]), [ALONE_HZ]))
-    found = np.array([_low(layout, pair, left, responses[pair[0].run], records, cuts) for pair in pairs])
+    found = np.array([_low(pair, left, responses[pair[0].run], records, cuts) for pair in pairs])
     least = float(high[1].min())  # no sensor is quieter at low frequency
-    power = np.nanquantile(np.vstack((found, np.full(low.size, np.nan)))[:-1], QUIETER, axis=0)
-    power = np.maximum(np.nan_to_num(power), least)
+    seen = np.isfinite(found).any(axis=0)
+    power = np.full(low.size, least)
+    power[seen] = np.maximum(np.nanquantile(found[:, seen], QUIETER, axis=0), least)
     middle = (low >= LOWEST_HZ) & (low < UPPER_HZ)
     if middle.any():
         power[low < LOWEST_HZ] = np.median(power[middle])
     return LoadNoise(np.concatenate((low, high[0])), np.concatenate((power, high[1])))
 
 
-def _low(
-    layout: Layout, pair: tuple[Part, Part], left: Flat, response: Response, records: Sequence[Record], cuts: Vector
-) -> Vector:
+def _low(pair: tuple[Part, Part], left: Flat, response: Response, records: Sequence[Record], cuts: Vector) -> Vector:
     """Return a run's noise power between the cuts; NaN where it has too few bins."""
     motor, jaw = pair
     record = records[motor.run]
@@ -83,7 +83,7 @@ def _high(records: Sequence[Record], cuts: Vector) -> tuple[Vector, Vector]:
         power = np.abs(fft.rfft(third)) ** 2 / max(np.count_nonzero(third), 1)
         frequency = fft.rfftfreq(third.size, record.period_s)
         power /= np.maximum((2.0 * np.sin(np.pi * frequency * record.period_s)) ** 6, 1e-12)
-        spans = [power[(frequency >= a) & (frequency <= b)] for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+        spans = [power[(frequency >= a) & (frequency <= b)] for a, b in pairwise(cuts)]
         found.append([float(np.median(span)) / np.log(2.0) if span.size else np.nan for span in spans])
     return np.sqrt(cuts[1:] * cuts[:-1]), np.nanmedian(np.array(found), axis=0)
 

@@ -3,8 +3,11 @@
 The measured load drives the simulation. Its noise would too: an effect that merely averages the load, or that hangs on
 a direction which the noise turns, would then seem to explain something. So the load is smoothed between its jumps, by a
 penalty on the third difference. Its strength is chosen instant by instant: the strongest that doesn't bend the load by
-more than its noise (Lepski, Theory Probab. Appl. 35, 1990; Eilers, Anal. Chem. 75, 2003). Corners, where a ramp begins
-or ends, are found first and stay free: rounded off, they would ring less than they did, as if the wire were damped.
+more than its noise (Lepski, Theory Probab. Appl. 35, 1990; Eilers, Anal. Chem. 75, 2003).
+
+Fast changes are let through only where they stand far above the noise. A corner that is rounded off makes the simulated
+wire ring less than the real one; that is noise to all entries. A corner put some milliseconds beside its place makes it
+ring out of step, and whatever stops the ringing then explains something: a damped wire, where there is none.
 """
 
 from typing import NamedTuple
@@ -19,9 +22,8 @@ Vector = NDArray[np.float64]
 CUTOFFS = (0.002, 0.004, 0.008, 0.016, 0.032, 0.064, 0.125, 0.25)  # of the sampling frequency
 MOST_BENT = 3.5  # standard deviations of a local mean
 FEWEST_ROWS = 8  # of a stretch between jumps that is smoothed at all
-CORNER_REACHES = (12, 40, 120)  # rows to each side that a corner is looked for in
-CORNER_DEGREE = 5  # of what is smooth within them
-CORNER_IN_SD = 6.0
+FAST = 0.03  # cutoffs from here on let through what makes the wire ring
+MOST_BENT_FAST = 10.0
 _GRID = (np.arange(4096) + 0.5) / 8192.0  # frequencies, of the sampling frequency
 
 
@@ -70,11 +72,10 @@ def _level(cutoff: float, power: Vector) -> _Level:
 def _adaptive(values: Vector, levels: list[_Level]) -> Vector:
     """Smooth as strongly as each instant allows."""
     result = values
-    ramps = _ramps(values.size, corners(values))
     for cutoff, width, deviation in levels:  # the weakest first; a stronger one takes over where it does no harm
-        smooth = smoothed(values, cutoff, ramps)
+        smooth = smoothed(values, cutoff)
         bent = np.abs(uniform_filter1d(values - smooth, width)) / deviation
-        harmless = maximum_filter1d(bent, 2 * width) < MOST_BENT
+        harmless = maximum_filter1d(bent, 2 * width) < (MOST_BENT if cutoff < FAST else MOST_BENT_FAST)
         weight = uniform_filter1d(harmless.astype(np.float64), width)
         result = result + weight * (smooth - result)
     return result
@@ -84,41 +85,8 @@ def _strength(cutoff: float) -> float:
     return float((2.0 * np.sin(np.pi * cutoff)) ** -6)
 
 
-def corners(values: Vector) -> NDArray[np.intp]:
-    """Return the rows of a stretch (n) at which its slope changes at once, each one standing far above the noise."""
-    taken = np.zeros(values.size, dtype=np.bool_)
-    found: list[int] = []
-    for reach in CORNER_REACHES:
-        if values.size < 4 * reach:
-            break
-        bend = np.abs(np.convolve(values, _corner_kernel(reach)[::-1], mode="valid"))
-        usual = float(np.median(bend)) / 0.6745
-        tops = np.flatnonzero((bend >= maximum_filter1d(bend, 2 * reach + 1)) & (bend > CORNER_IN_SD * usual))
-        fresh = [int(row) + reach for row in tops if not taken[row + reach]]
-        found += fresh
-        for row in fresh:
-            taken[max(0, row - 2 * reach) : row + 2 * reach + 1] = True
-    return np.array(sorted(found), dtype=np.intp)
-
-
-def _corner_kernel(reach: int) -> Vector:
-    """Return the weights that measure a corner in the middle of 2 reach + 1 rows, blind for anything smooth."""
-    x = np.arange(-reach, reach + 1) / reach
-    corner = np.maximum(x, 0.0)
-    smooth = np.polynomial.chebyshev.chebvander(x, CORNER_DEGREE)
-    left = corner - smooth @ np.linalg.lstsq(smooth, corner, rcond=None)[0]
-    return np.asarray(left / np.linalg.norm(left))
-
-
-def _ramps(n: int, at: NDArray[np.intp]) -> Vector:
-    """Return ramps (n, 2 m) that begin at each corner and at the row behind it: corners lie between the rows."""
-    rows = np.arange(n)[:, None]
-    begins = np.concatenate((at, at + 1))[None, :]
-    return np.asarray(np.maximum(rows - begins, 0.0) / n)
-
-
-def smoothed(values: Vector, cutoff: float, ramps: Vector | None = None) -> Vector:
-    """Minimise Σ (y − z)² + λ Σ (Δ³ (z − ramps a))² over z and a; `ramps` (rows, any number): none when not given."""
+def smoothed(values: Vector, cutoff: float) -> Vector:
+    """Minimise Σ (y − z)² + λ Σ (Δ³ z)²; `cutoff` is of the sampling frequency."""
     n = values.size
     strength = _strength(cutoff)
     taps = np.array([-1.0, 3.0, -3.0, 1.0])
@@ -129,9 +97,4 @@ def smoothed(values: Vector, cutoff: float, ramps: Vector | None = None) -> Vect
             # Row i of the differences touches columns i … i + 3.
             bands[3 - offset, k + offset : n - 3 + k + offset] += strength * product
     bands[3] += 1.0
-    both = values[:, None] if ramps is None else np.column_stack((values, ramps))
-    rough = both - np.asarray(solveh_banded(bands, both, check_finite=False))  # what smoothing takes away
-    if ramps is None or ramps.size == 0:
-        return values - rough[:, 0]
-    heights = np.linalg.lstsq(ramps.T @ rough[:, 1:], ramps.T @ rough[:, 0], rcond=1e-10)[0]
-    return np.asarray(values - rough[:, 0] + rough[:, 1:] @ heights)
+    return np.asarray(solveh_banded(bands, values, check_finite=False), dtype=np.float64)
