@@ -4,7 +4,7 @@ Every entry is looked for at several shapes by its linear sensitivity; the best 
 All models that come within `SET_DROP` of the best are kept: the data can't tell them apart.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from hil_forceps.diagnosis.entries import Probe, Scene, free_names, probes
 from hil_forceps.diagnosis.fit import Fit, Held, fit, gram, hold
 from hil_forceps.diagnosis.problem import Matrix, Problem
 from hil_forceps.diagnosis.result import Candidate
+from hil_forceps.diagnosis.robust import inflations
 from hil_forceps.diagnosis.score import COST_PER_COLUMN, Group, Scores, score
 from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, transform, whitening
 from hil_forceps.model import parameters
@@ -67,6 +68,7 @@ class Choice:
     scan: Scan  # the last one: beside the chosen model
     whitener: Whitener
     noise: Noise
+    inflation: Mapping[str, float]  # of each entry: how much more than white noise chance gives it
 
 
 def probe_columns(problem: Problem, u: Vector, probe_list: Sequence[Probe]) -> tuple[Matrix, list[Group]]:
@@ -96,8 +98,8 @@ def _probe_theta(problem: Problem, base: Vector, probe: Probe, amplitude: str) -
     return theta
 
 
-def noise_of(model: Model, scan_columns: Matrix, whitener: Whitener, floor: Vector) -> Noise:
-    """Return the noise: what no fitted unknown and no entry of the catalogue explains, no less than `floor`."""
+def noise_of(model: Model, scan_columns: Matrix, whitener: Whitener, floor: Vector) -> tuple[Noise, Flat]:
+    """Return the noise, no less than `floor`, and its course: what no fitted unknown and no entry explains."""
     problem, found = model.problem, model.fit
     columns = np.concatenate((found.jacobian, scan_columns), axis=1)
     white = whitener.apply(columns)
@@ -109,8 +111,9 @@ def noise_of(model: Model, scan_columns: Matrix, whitener: Whitener, floor: Vect
     left = whitener.apply(found.residual)
     left -= white @ (white.T @ left)
     leverage = np.einsum("ij,ij->i", white, white)
-    noise = measure_noise(problem.layout, whitener.undo(left), leverage)
-    return noise._replace(power=np.maximum(noise.power, floor))
+    course = whitener.undo(left)
+    noise = measure_noise(problem.layout, course, leverage)
+    return noise._replace(power=np.maximum(noise.power, floor)), course
 
 
 class Chooser:
@@ -133,6 +136,8 @@ class Chooser:
         self._refresh = refresh  # what of the problem hangs on the model, taken anew
         self._candidates: list[Candidate] = []
         self._first_chi2 = 0.0
+        self._course: Flat | None = None  # of the noise, as the last look left it
+        self.inflation: dict[str, float] = {}  # of each entry: how much more than white noise chance gives it
 
     def choose(self, baseline: Model, whitener: Whitener) -> Choice:
         """Choose from the refitted baseline on; `whitener` is a first guess of the noise."""
@@ -145,12 +150,12 @@ class Chooser:
             if not refined:
                 break
             best = refined[0]
-            rivals = _within_reach([Rival(m, m.fit.chi2 - best.fit.chi2) for m in refined])
+            rivals = self._within_reach([Rival(m, m.fit.chi2 - best.fit.chi2) for m in refined])
             model, scan, whitener, noise = self._look(best, whitener)
             if step > 0:
                 model, rivals = self._exchange(model, rivals, whitener)
         model, rivals = self._thinned(model, rivals, scan, whitener)
-        return Choice(model, tuple(rivals), tuple(self._candidates), scan, whitener, noise)
+        return Choice(model, tuple(rivals), tuple(self._candidates), scan, whitener, noise, self.inflation)
 
     def _look(self, model: Model, whitener: Whitener) -> tuple[Model, Scan, Whitener, Noise]:
         """Scan the catalogue beside a model; take the noise anew from what neither explains; refit with it."""
@@ -160,7 +165,7 @@ class Chooser:
         self._progress("looking at " + (" + ".join(model.effects) or "the known parameters"))
         places = self._places(model)
         columns, groups = probe_columns(model.problem, model.fit.u, places)
-        noise = noise_of(model, columns, whitener, self._floor)
+        noise, self._course = noise_of(model, columns, whitener, self._floor)
         whitener = whitening(model.problem.layout, noise)
         model = replace(model, fit=fit(model.problem, model.fit.u, whitener, steps=3))
         return model, self._scored(model, whitener, places, columns, groups), whitener, noise
@@ -183,7 +188,8 @@ class Chooser:
         for i in short:
             refit = self.refine(model, scan.probes[i], scan.scores.amplitudes[i], whitener, held)
             extra = len(refit.problem.shared.items) - len(model.problem.shared.items)
-            gain = model.fit.chi2 - refit.fit.chi2 - COST_PER_COLUMN * (extra - 1)
+            gain = (model.fit.chi2 - refit.fit.chi2) / self.inflation[scan.probes[i].effect_id]
+            gain -= COST_PER_COLUMN * (extra - 1)
             gains[scan.probes[i].effect_id] = gain
             if gain > threshold and not refit.at_bound:
                 found.append(refit)
@@ -227,7 +233,7 @@ class Chooser:
                     rivals = [Rival(rival.model, rival.behind - behind) for rival in rivals]
                     behind = 0.0
                 rivals.append(Rival(other, behind))
-        return model, _within_reach(rivals)
+        return model, self._within_reach(rivals)
 
     def _scan(self, model: Model, whitener: Whitener, places: Sequence[Probe]) -> Scan:
         columns, groups = probe_columns(model.problem, model.fit.u, places)
@@ -236,29 +242,43 @@ class Chooser:
     def _scored(
         self, model: Model, whitener: Whitener, places: Sequence[Probe], columns: Matrix, groups: Sequence[Group]
     ) -> Scan:
+        fitted, white = whitener.apply(model.fit.jacobian), whitener.apply(columns)
+        assert self._course is not None
+        inflation = inflations(model.problem.layout, fitted, white, groups, whitener.apply(self._course))
         found = score(
-            whitener.apply(model.fit.jacobian),
+            fitted,
             model.problem.prior_weights(),
             model.fit.u,
-            whitener.apply(columns),
+            white,
             groups,
             whitener.apply(model.fit.residual),
             CHANCE,
             self._seed,
         )
+        found = found._replace(gains=found.gains / inflation)
+        for probe, much in zip(places, inflation, strict=True):
+            self.inflation[probe.effect_id] = max(self.inflation.get(probe.effect_id, 1.0), float(much))
         return Scan(tuple(places), tuple(groups), columns, found)
 
     def _thinned(self, model: Model, rivals: list[Rival], scan: Scan, whitener: Whitener) -> tuple[Model, list[Rival]]:
         """Drop effects that no longer gain enough with the noise as it is known in the end."""
         for place in reversed(range(len(model.effects))):
             less = without_effect(model, place, whitener)
-            if less.fit.chi2 - model.fit.chi2 < scan.scores.threshold:
+            if less.fit.chi2 - model.fit.chi2 < scan.scores.threshold * self.inflation[model.effects[place]]:
                 self._candidates = [
                     replace(c, state="below threshold") if c.id == model.effects[place] and c.state == "named" else c
                     for c in self._candidates
                 ]
                 model, rivals = less, [Rival(less, 0.0)]
         return model, rivals
+
+    def _within_reach(self, rivals: list[Rival]) -> list[Rival]:
+        """Return those that can't be told from the best, the best first, each set of effects once."""
+        found: dict[frozenset[str], Rival] = {}
+        for rival in sorted(rivals, key=lambda rival: rival.behind):
+            if rival.behind <= SET_DROP * max(self.inflation.get(name, 1.0) for name in rival.model.effects):
+                found.setdefault(frozenset(rival.model.effects), rival)
+        return list(found.values())
 
     def _places(self, model: Model) -> list[Probe]:
         return [p for p in probes(self._scene, self._without) if p.effect_id not in model.effects]
@@ -280,15 +300,6 @@ class Chooser:
             else:
                 state = "weaker"
             self._candidates.append(Candidate(effect_id, step, gain, scan.scores.threshold, state))  # type: ignore[arg-type]
-
-
-def _within_reach(rivals: list[Rival]) -> list[Rival]:
-    """Return those that can't be told from the best, the best first, each set of effects once."""
-    found: dict[frozenset[str], Rival] = {}
-    for rival in sorted(rivals, key=lambda rival: rival.behind):
-        if rival.behind <= SET_DROP:
-            found.setdefault(frozenset(rival.model.effects), rival)
-    return list(found.values())
 
 
 def without_effect(model: Model, place: int, whitener: Whitener) -> Model:

@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis import linear, predict_driven
 from hil_forceps.diagnosis.assemble import Setting, assemble
 from hil_forceps.diagnosis.audit import Finding, audit
-from hil_forceps.diagnosis.choice import Choice, Chooser, Model
+from hil_forceps.diagnosis.choice import Choice, Chooser, Model, noise_of
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.experiment import Record, mode_of, prepare
+from hil_forceps.diagnosis.experiment import Record, mode_of, prepare, smoothed_anew, with_raw_load
 from hil_forceps.diagnosis.experiment_driven import prepare_driven
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.leftover import Leftover, leftover
+from hil_forceps.diagnosis.load_noise import load_noise
 from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
-from hil_forceps.diagnosis.spectrum import Whitener, measure_noise, white_noise, whitening
+from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, white_noise, whitening
 from hil_forceps.diagnosis.starting import completed, unknown_names
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
@@ -95,6 +96,7 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
         unknown = ()
         records, notes = prepare(fitted, rig)
         held_records, held_notes = prepare(held, rig)
+        records, held_records = without_load_noise(records, held_records, rig, options)
     options.progress("fitting the known parameters")
     setting, nominal, baseline, whitener = fit_baseline(records, rig, options, unknown)
     responses = _responses(setting, baseline, rig)
@@ -124,6 +126,29 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     )
 
 
+def without_load_noise(
+    records: list[Record], held_out: list[Record], rig: Rig, options: Options
+) -> tuple[list[Record], list[Record]]:
+    """Return records whose load is smoothed by its noise, with the colour that the rig as assumed shows it to have."""
+    if any(record.raw_load_N_m is None for record in (*records, *held_out)):
+        return records, held_out
+    options.progress("looking at the load cell's noise")
+    raw = with_raw_load(records)
+    setting = assemble(raw, rig, options.mapper)
+    problem = setting.problem
+    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
+    assumed, _, left = assumed_noise(problem, whitener, setting.floor)
+    noise = load_noise(problem.layout, left, _responses(setting, assumed, rig), raw)
+    return smoothed_anew(records, noise), smoothed_anew(held_out, noise)
+
+
+def assumed_noise(problem: Problem, whitener: Whitener, floor: Vector) -> tuple[Model, Noise, Flat]:
+    """Return the rig as assumed beside the data, and the noise that no parameter near it explains, with its course."""
+    assumed = Model((), problem, fit(problem, np.zeros(problem.size), whitener, steps=0))
+    noise, course = noise_of(assumed, np.empty((problem.layout.size, 0), dtype=np.float32), whitener, floor)
+    return assumed, noise, course
+
+
 def fit_baseline(
     records: Sequence[Record], rig: Rig, options: Options, unknown: Sequence[str] = ()
 ) -> tuple[Setting, Model, Model, Whitener]:
@@ -136,7 +161,9 @@ def fit_baseline(
     shared = Unknowns(tuple(item._replace(assumed=None) if item.name in unknown else item for item in items))
     problem = setting.problem.with_shared(shared)
     whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
-    rough = fit(problem, np.zeros(problem.size), whitener, steps=BASELINE_STEPS)
+    # What the load cell's noise does is many times the encoder's: taken for signal, it would bend every parameter.
+    _, noise, _ = assumed_noise(problem, whitener, setting.floor)
+    rough = fit(problem, np.zeros(problem.size), whitening(problem.layout, noise), steps=BASELINE_STEPS)
     quantum = quantum_of(rig)
     if quantum > 0.0:
         simulator = setting.simulator.with_encoder_errors(problem.theta(rough.u), problem.nuisances(rough.u), quantum)

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.smoothing import smooth_load
+from hil_forceps.diagnosis.smoothing import LoadNoise, smooth_load
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
@@ -19,7 +19,7 @@ Mode = Literal["closed_loop", "driven"]
 MAX_ROWS = 240_000  # of all runs together; longer ones are cut, and that is said
 BURN_IN_S = 0.15  # the state before the first row is known roughly: it settles within this
 JITTER_FOR_RESAMPLING = 0.02  # of the row period
-JUMP_IN_SD = 12.0  # an increment of τ_w this far above its usual size is a step of the load
+JUMP_IN_SD = 8.0  # an increment of τ_w this far above its usual size is a step of the load
 AFTER_GAP_S = 0.05
 
 
@@ -36,6 +36,7 @@ class Record(NamedTuple):
     edge_rows: Rows
     weights: Vector  # 1 where a row counts, 0 where it doesn't (burn-in, gaps)
     evenly_logged: bool  # no gap, no resampling: the drive's law can be followed row by row
+    raw_load_N_m: Vector | None = None  # as measured
     theta_j_rad: Vector | None = None  # in mode "driven" without a measured load: it drives, too
 
 
@@ -87,12 +88,28 @@ def _record(run: Run, rig: Rig, budget: int) -> tuple[Record, list[str]]:
         grid - grid[0],
         columns.get("theta_m_ref_rad", np.zeros(grid.size)),
         {name: columns[name] for name in used if name in columns},
-        smooth_load(tau_w, edges) if tau_w is not None else None,
+        smooth_load(tau_w, edges, period) if tau_w is not None else None,
         edges,
         weights,
         not uneven,
+        tau_w,
     )
     return record, notes
+
+
+def with_raw_load(records: Sequence[Record]) -> list[Record]:
+    """Return records with the load as it was measured."""
+    return [r if r.raw_load_N_m is None else r._replace(tau_w_N_m=r.raw_load_N_m) for r in records]
+
+
+def smoothed_anew(records: Sequence[Record], noise: LoadNoise) -> list[Record]:
+    """Return records whose load is smoothed with what has been found of its noise."""
+    return [
+        r
+        if r.raw_load_N_m is None
+        else r._replace(tau_w_N_m=smooth_load(r.raw_load_N_m, r.edge_rows, r.period_s, noise))
+        for r in records
+    ]
 
 
 def grid_of(time: Vector, period: float) -> tuple[Rows, Vector, Mask]:

@@ -103,9 +103,10 @@ def named_effects(found: Findings) -> tuple[NamedEffect, ...]:
     named = []
     for effect_id in model.effects:
         parameters = {}
+        wider = float(np.sqrt(found.choice.inflation.get(effect_id, 1.0)))
         for item, value, deviation in zip(items, values, sd, strict=True):
             if item.name.startswith(f"effects.{effect_id}."):
-                half = TWO_SIDED_95 * float(deviation) * item.scale
+                half = TWO_SIDED_95 * float(deviation) * item.scale * wider
                 parameters[item.name.rsplit(".", 1)[1]] = Estimate(
                     float(value), float(value) - half, float(value) + half, item.unit
                 )

@@ -7,6 +7,7 @@ encoder's, which the loop feeds into it, and shows what happens between command 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.problem import Nuisance, Outputs
+from hil_forceps.diagnosis.smoothing import smoothed
 from hil_forceps.model import closed_loop, drive_law, parameters
 from hil_forceps.model.closed_loop import Channels, Inputs, Start
 from hil_forceps.model.drive_law import DriveState
@@ -24,11 +26,21 @@ Vector = NDArray[np.float64]
 SUBSTEPS = 4  # of 250 µs in a row of 1 ms; more for longer rows
 LONGEST_SUBSTEP_S = 2.6e-4
 SLOWEST_SHAKE_HZ = 120.0  # below, what is left is misfit rather than rounding
+CLIP = 0.5
 SHAKE_PASSES = 5
+REPLICAS = 6
+REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually ends
 FINER_FOR_STRIBECK = 3  # friction that falls with speed is unstable at heart, and wants smaller steps
 _STRIBECK = parameters.index("effects.stribeck_friction.rise_N_m")
 ROWS_FOR_INTEGRAL = 40
 ROWS_FOR_SPEED = 12  # at the beginning of a run
+
+
+class Slow(NamedTuple):
+    """The slow part of what rounding does."""
+
+    theta_m_rad: Vector
+    theta_j_rad: Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +51,7 @@ class ClosedLoop:
     law: Vector
     starts: tuple[Start, ...]
     encoder_error_rad: tuple[Vector, ...]  # of each run; empty: none
+    slow: tuple[Slow, ...] = ()  # of each run: what the encoder's rounding does below `SLOWEST_SHAKE_HZ`
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
         """Return the transformed channels of each run."""
@@ -65,7 +78,11 @@ class ClosedLoop:
         if theta[_STRIBECK] != 0.0:
             substeps *= FINER_FOR_STRIBECK
         found = closed_loop.simulate(theta, self.law, quantum_rad, inputs, Start(plant, drive), substeps, samples)
-        return found._replace(theta_j_rad=found.theta_j_rad + nuisance.theta_j_zero_rad)
+        jaw = found.theta_j_rad + nuisance.theta_j_zero_rad
+        if not self.slow or quantum_rad > 0.0:
+            return found._replace(theta_j_rad=jaw)
+        slow = self.slow[run]
+        return found._replace(theta_m_rad=found.theta_m_rad + slow.theta_m_rad, theta_j_rad=jaw + slow.theta_j_rad)
 
     def outputs(self, run: int, channels: Channels) -> dict[str, Vector]:
         """Transform simulated channels."""
@@ -89,21 +106,45 @@ class ClosedLoop:
 
     def with_encoder_errors(self, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float) -> "ClosedLoop":
         """Return the same with the encoder's rounding as it happened: the fast part of what a fit leaves in θ_m."""
-        found = self
+        found = replace(self, slow=())
         for _ in range(SHAKE_PASSES):
             # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
             errors = []
             for k, (record, nuisance) in enumerate(zip(self.records, nuisances, strict=True)):
                 left = record.channels["theta_m_rad"] - found.raw(k, theta, nuisance).theta_m_rad
-                width = max(3, round(1.0 / (SLOWEST_SHAKE_HZ * record.period_s)) | 1)
-                fast = left - uniform_filter1d(uniform_filter1d(left, width), width)
-                errors.append(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
-            found = replace(self, encoder_error_rad=tuple(errors))
-        return found
+                fast = left - low_pass(left, shake_width(record.period_s))
+                errors.append(np.clip(fast, -CLIP * quantum_rad, CLIP * quantum_rad))
+            found = replace(found, encoder_error_rad=tuple(errors))
+        runs = enumerate(nuisances)
+        return replace(found, slow=tuple(found.slow_rounding(k, theta, n, quantum_rad) for k, n in runs))
+
+    def slow_rounding(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> Slow:
+        """Return what rounding does slowly: a motor that creeps or dwells lingers where the count changes.
+
+        Its angle is then off the counts' mean by up to half a count, for as long as it dwells. Simulated with the
+        counting, for loads that differ by as much as noise may have changed them; what all have in common is the answer.
+        """
+        record = self.records[run]
+        still = replace(self.unshaken(), slow=())
+        shaken = self.raw(run, theta, nuisance)
+        plain = still.raw(run, theta, nuisance)
+        total_m, total_j = np.zeros(record.time_s.size), np.zeros(record.time_s.size)
+        loads = loads_like(record) if on_grid(record.channels["theta_m_rad"], quantum_rad) else []
+        for load in loads:
+            records = tuple(record._replace(tau_w_N_m=load) if k == run else r for k, r in enumerate(self.records))
+            other = replace(still, records=records)
+            counted, smooth = other.raw(run, theta, nuisance, quantum_rad), other.raw(run, theta, nuisance)
+            total_m += (counted.theta_m_rad - smooth.theta_m_rad) / len(loads)
+            total_j += (counted.theta_j_rad - smooth.theta_j_rad) / len(loads)
+        width = shake_width(record.period_s)
+        if loads:
+            total_m -= shaken.theta_m_rad - plain.theta_m_rad
+            total_j -= shaken.theta_j_rad - plain.theta_j_rad
+        return Slow(low_pass(total_m, width), low_pass(total_j, width))
 
     def unshaken(self) -> "ClosedLoop":
         """Return the same without the encoder's rounding."""
-        return replace(self, encoder_error_rad=(np.empty(0),) * len(self.records))
+        return replace(self, encoder_error_rad=(np.empty(0),) * len(self.records), slow=())
 
     def course(self, run: int, theta: Vector, nuisance: Nuisance) -> Course:
         """Return what a run went through inside."""
@@ -122,6 +163,32 @@ class ClosedLoop:
             record.time_s,
             record.period_s,
         )
+
+
+def shake_width(period_s: float) -> int:
+    """Return the rows of the moving averages that part slow from fast."""
+    return max(3, round(1.0 / (SLOWEST_SHAKE_HZ * period_s)) | 1)
+
+
+def low_pass(values: Vector, width: int) -> Vector:
+    """Return two moving averages, one after the other."""
+    return np.asarray(uniform_filter1d(uniform_filter1d(values, width), width))
+
+
+def on_grid(angle: Vector, quantum_rad: float) -> bool:
+    """Tell whether angles are whole counts from 0: else it is not known where the count changes."""
+    counts = angle / quantum_rad
+    return bool(np.max(np.abs(counts - np.rint(counts))) < 0.02)
+
+
+def loads_like(record: Record) -> list[Vector | None]:
+    """Return the load as it may have been: with what smoothing has taken away, moved in time and smoothed."""
+    load, raw = record.tau_w_N_m, record.raw_load_N_m
+    if load is None or raw is None:
+        return [load]
+    noise = raw - load
+    rng = np.random.default_rng(raw.size)
+    return [load + smoothed(np.roll(noise, int(rng.integers(raw.size))), REPLICA_CUTOFF) for _ in range(REPLICAS)]
 
 
 def follows_law(record: Record, law: Vector) -> bool:

@@ -4,7 +4,13 @@ The measured load drives the simulation. Its noise would too: an effect that mer
 a direction which the noise turns, would then seem to explain something. So the load is smoothed between its jumps, by a
 penalty on the third difference. Its strength is chosen instant by instant: the strongest that doesn't bend the load by
 more than its noise (Lepski, Theory Probab. Appl. 35, 1990; Eilers, Anal. Chem. 75, 2003).
+
+Fast changes are let through only where they stand far above the noise. A corner that is rounded off makes the simulated
+wire ring less than the real one; that is noise to all entries. A corner put some milliseconds beside its place makes it
+ring out of step, and whatever stops the ringing then explains something: a damped wire, where there is none.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,31 +22,60 @@ Vector = NDArray[np.float64]
 CUTOFFS = (0.002, 0.004, 0.008, 0.016, 0.032, 0.064, 0.125, 0.25)  # of the sampling frequency
 MOST_BENT = 3.5  # standard deviations of a local mean
 FEWEST_ROWS = 8  # of a stretch between jumps that is smoothed at all
+FAST = 0.03  # cutoffs from here on let through what makes the wire ring
+MOST_BENT_FAST = 10.0
+_GRID = (np.arange(4096) + 0.5) / 8192.0  # frequencies, of the sampling frequency
 
 
-def smooth_load(tau_w: Vector, edge_rows: NDArray[np.intp]) -> Vector:
-    """Return the load without its noise; the rows after which it jumps are kept apart."""
+class LoadNoise(NamedTuple):
+    """What is known of the load cell's noise: at each frequency the variance that white noise of that power has."""
+
+    frequency_Hz: Vector
+    power: Vector
+
+
+def smooth_load(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noise: LoadNoise | None = None) -> Vector:
+    """Return the load without its noise; the rows after which it jumps are kept apart.
+
+    `noise`: its colour; None where that isn't known: then it is taken as white, as strong as it is from row to row.
+    """
     pieces = np.split(tau_w, edge_rows + 1)
-    noise = _noise(pieces)
-    if noise <= 0.0:
+    if noise is None:
+        white = white_deviation(pieces)
+        noise = LoadNoise(np.array([0.0, 0.5 / period_s]), np.full(2, white**2))
+    if float(noise.power.max()) <= 0.0:
         return tau_w
-    return np.concatenate([_adaptive(piece, noise) if piece.size >= FEWEST_ROWS else piece for piece in pieces])
+    power = np.interp(_GRID / period_s, noise.frequency_Hz, noise.power)
+    levels = [_level(cutoff, power) for cutoff in reversed(CUTOFFS)]
+    return np.concatenate([_adaptive(piece, levels) if piece.size >= FEWEST_ROWS else piece for piece in pieces])
 
 
-def _noise(pieces: list[Vector]) -> float:
+def white_deviation(pieces: list[Vector]) -> float:
     """Return the standard deviation of what changes from row to row without any course."""
     third = np.concatenate([np.diff(piece, n=3) for piece in pieces if piece.size >= FEWEST_ROWS] or [np.zeros(1)])
     return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
 
 
-def _adaptive(values: Vector, noise: float) -> Vector:
+class _Level(NamedTuple):
+    cutoff: float
+    width: int  # rows of the local mean that is looked at
+    deviation: float  # of that mean by noise
+
+
+def _level(cutoff: float, power: Vector) -> _Level:
+    width = max(3, round(0.5 / cutoff) | 1)
+    cut = _strength(cutoff) * (2.0 * np.sin(np.pi * _GRID)) ** 6
+    passed = np.sin(np.pi * width * _GRID) / (width * np.sin(np.pi * _GRID)) * cut / (1.0 + cut)
+    return _Level(cutoff, width, float(np.sqrt(np.mean(power * passed**2))))
+
+
+def _adaptive(values: Vector, levels: list[_Level]) -> Vector:
     """Smooth as strongly as each instant allows."""
     result = values
-    for cutoff in reversed(CUTOFFS):  # the weakest first; a stronger one takes over where it does no harm
-        smooth = _smoothed(values, cutoff)
-        width = max(3, round(0.5 / cutoff) | 1)
-        bent = np.abs(uniform_filter1d(values - smooth, width)) * np.sqrt(width) / noise
-        harmless = maximum_filter1d(bent, 2 * width) < MOST_BENT
+    for cutoff, width, deviation in levels:  # the weakest first; a stronger one takes over where it does no harm
+        smooth = smoothed(values, cutoff)
+        bent = np.abs(uniform_filter1d(values - smooth, width)) / deviation
+        harmless = maximum_filter1d(bent, 2 * width) < (MOST_BENT if cutoff < FAST else MOST_BENT_FAST)
         weight = uniform_filter1d(harmless.astype(np.float64), width)
         result = result + weight * (smooth - result)
     return result
@@ -50,8 +85,8 @@ def _strength(cutoff: float) -> float:
     return float((2.0 * np.sin(np.pi * cutoff)) ** -6)
 
 
-def _smoothed(values: Vector, cutoff: float) -> Vector:
-    """Minimise Σ (y − z)² + λ Σ (Δ³ z)²."""
+def smoothed(values: Vector, cutoff: float) -> Vector:
+    """Minimise Σ (y − z)² + λ Σ (Δ³ z)²; `cutoff` is of the sampling frequency."""
     n = values.size
     strength = _strength(cutoff)
     taps = np.array([-1.0, 3.0, -3.0, 1.0])
@@ -62,4 +97,4 @@ def _smoothed(values: Vector, cutoff: float) -> Vector:
             # Row i of the differences touches columns i … i + 3.
             bands[3 - offset, k + offset : n - 3 + k + offset] += strength * product
     bands[3] += 1.0
-    return np.asarray(solveh_banded(bands, values, check_finite=False))
+    return np.asarray(solveh_banded(bands, values, check_finite=False), dtype=np.float64)

@@ -1,0 +1,103 @@
+"""The colour of the load cell's noise, from what it does in the simulation that the measured load drives.
+
+Above some 100 Hz the load itself changes little, and its spectrum is that of its noise. Below, noise and load can't be
+told apart in one channel. But noise moves the simulated motor and the simulated jaw and not the real ones, both at once
+and each in a known way: the cross-spectrum of both residuals holds it, free of their sensors' own noise. It is the same
+in all runs, what effects do isn't: of all runs the quieter ones count.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.linear import Response
+from hil_forceps.diagnosis.smoothing import LoadNoise
+from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Flat, Layout, Part
+
+Vector = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+CLIPPED = 3.0  # medians: what stands out of a band is no noise
+LOWEST_HZ, UPPER_HZ = 5.0, 15.0  # below the first, noise is taken to be as strong as between both
+FEWEST_BINS = 12
+ALONE_HZ = 100.0  # from here on the load's own spectrum is that of its noise
+EDGE_ROWS = 4
+QUIETER = 0.35  # quantile over the runs
+
+
+def load_noise(layout: Layout, left: Flat, responses: Sequence[Response], records: Sequence[Record]) -> LoadNoise:
+    """Return the noise of the load cell; `left`: residual of a simulation driven by the load as measured (`records`).
+
+    Only its colour where the jaw's angle is measured; else white.
+    """
+    edges = layout.band_Hz[[name == JAW for name in layout.band_channel]]
+    top = 0.5 / min(record.period_s for record in records)
+    high = _high(records, np.geomspace(ALONE_HZ, top, 6))
+    pairs = _pairs(layout)
+    if not pairs:
+        return LoadNoise(np.array([0.0, top]), np.full(2, float(np.median(high[1]))))
+    low = edges[edges < ALONE_HZ]
+    cuts = np.concatenate(([0.0], np.sqrt(low[1:] * low[:-1]), [ALONE_HZ]))
+    found = np.array([_low(pair, left, responses[pair[0].run], records, cuts) for pair in pairs])
+    least = float(high[1].min())  # no sensor is quieter at low frequency
+    seen = np.isfinite(found).any(axis=0)
+    power = np.full(low.size, least)
+    power[seen] = np.maximum(np.nanquantile(found[:, seen], QUIETER, axis=0), least)
+    middle = (low >= LOWEST_HZ) & (low < UPPER_HZ)
+    if middle.any():
+        power[low < LOWEST_HZ] = np.median(power[middle])
+    return LoadNoise(np.concatenate((low, high[0])), np.concatenate((power, high[1])))
+
+
+def _low(pair: tuple[Part, Part], left: Flat, response: Response, records: Sequence[Record], cuts: Vector) -> Vector:
+    """Return a run's noise power between the cuts; NaN where it has too few bins."""
+    motor, jaw = pair
+    record = records[motor.run]
+    frequency = np.arange((jaw.stop - jaw.start) // 2) / (jaw.rows * record.period_s)
+    here = np.searchsorted(cuts, frequency, side="right") - 1
+    inside = (here >= 0) & (here < cuts.size - 1)
+    both = (response.gains["jaw"][JAW] * response.gains["jaw"][MOTOR].conj())[inside]
+    here = here[inside]
+    r_m, r_j = (_clipped(_bins(left, part)[inside], here, cuts.size - 1) for part in (motor, jaw))
+    product = np.bincount(here, (r_j * r_m.conj() * both.conj()).real, cuts.size - 1)
+    weight = np.bincount(here, np.abs(both) ** 2, cuts.size - 1)
+    # r is scaled so that its real part alone has the variance of white noise.
+    power = np.maximum(product / np.maximum(weight, 1e-300), 0.0) / 2.0
+    count = np.bincount(here, minlength=cuts.size - 1)
+    return np.where(count >= FEWEST_BINS, power, np.nan)
+
+
+def _high(records: Sequence[Record], cuts: Vector) -> tuple[Vector, Vector]:
+    """Return frequencies and power of the load's own spectrum: of third differences, which see none of its course."""
+    found = []
+    for record in records:
+        load = record.raw_load_N_m
+        assert load is not None
+        third = np.diff(load, n=3)
+        for row in record.edge_rows:
+            third[max(0, row - EDGE_ROWS) : row + EDGE_ROWS] = 0.0
+        power = np.abs(fft.rfft(third)) ** 2 / max(np.count_nonzero(third), 1)
+        frequency = fft.rfftfreq(third.size, record.period_s)
+        power /= np.maximum((2.0 * np.sin(np.pi * frequency * record.period_s)) ** 6, 1e-12)
+        spans = [power[(frequency >= a) & (frequency <= b)] for a, b in pairwise(cuts)]
+        found.append([float(np.median(span)) / np.log(2.0) if span.size else np.nan for span in spans])
+    return np.sqrt(cuts[1:] * cuts[:-1]), np.nanmedian(np.array(found), axis=0)
+
+
+def _bins(flat: Flat, part: Part) -> Complex:
+    return flat[part.start : part.stop].view(np.complex64).astype(np.complex128)
+
+
+def _clipped(bins: Complex, here: NDArray[np.intp], bands: int) -> Complex:
+    size = np.abs(bins)
+    usual = np.array([np.median(size[here == b]) if np.any(here == b) else 0.0 for b in range(bands)])[here]
+    return bins * np.minimum(1.0, CLIPPED * usual / np.maximum(size, 1e-300))
+
+
+def _pairs(layout: Layout) -> list[tuple[Part, Part]]:
+    motor = {part.run: part for part in layout.parts if part.channel == MOTOR}
+    return [(motor[part.run], part) for part in layout.parts if part.channel == JAW and part.run in motor]
