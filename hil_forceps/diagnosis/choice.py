@@ -29,6 +29,9 @@ SHORTLIST_DROP = 40.0  # of the linear gain below the best
 SET_DROP = 6.0
 ACCURACY = 0.004  # of the misfit already explained: a further effect must gain more than numerics and smoothing leave
 CHANCE = 0.005  # family-wise, of naming something where nothing is
+# Chance under exact noise gives 14 or 15. What is not exact (noise of the load below its smoothing, friction that the
+# encoder's rounding shakes loose) gave up to 36 in runs without any effect. An effect of d = 8 gives 64 on average.
+LEAST_GAIN = 28.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -255,7 +258,7 @@ class Chooser:
             CHANCE,
             self._seed,
         )
-        found = found._replace(gains=found.gains / inflation)
+        found = found._replace(gains=found.gains / inflation, threshold=max(found.threshold, LEAST_GAIN))
         for probe, much in zip(places, inflation, strict=True):
             self.inflation[probe.effect_id] = max(self.inflation.get(probe.effect_id, 1.0), float(much))
         return Scan(tuple(places), tuple(groups), columns, found)

@@ -36,8 +36,8 @@ class Record(NamedTuple):
     edge_rows: Rows
     weights: Vector  # 1 where a row counts, 0 where it doesn't (burn-in, gaps)
     evenly_logged: bool  # no gap, no resampling: the drive's law can be followed row by row
-    raw_load_N_m: Vector | None = None  # as measured
     theta_j_rad: Vector | None = None  # in mode "driven" without a measured load: it drives, too
+    raw_load_N_m: Vector | None = None  # as measured; only in closed loop
 
 
 def prepare(runs: Sequence[Run], rig: Rig) -> tuple[list[Record], list[str]]:
@@ -92,7 +92,7 @@ def _record(run: Run, rig: Rig, budget: int) -> tuple[Record, list[str]]:
         edges,
         weights,
         not uneven,
-        tau_w,
+        raw_load_N_m=tau_w,
     )
     return record, notes
 

@@ -26,7 +26,6 @@ Vector = NDArray[np.float64]
 SUBSTEPS = 4  # of 250 µs in a row of 1 ms; more for longer rows
 LONGEST_SUBSTEP_S = 2.6e-4
 SLOWEST_SHAKE_HZ = 120.0  # below, what is left is misfit rather than rounding
-CLIP = 0.5
 SHAKE_PASSES = 5
 REPLICAS = 6
 REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually ends
@@ -113,7 +112,7 @@ class ClosedLoop:
             for k, (record, nuisance) in enumerate(zip(self.records, nuisances, strict=True)):
                 left = record.channels["theta_m_rad"] - found.raw(k, theta, nuisance).theta_m_rad
                 fast = left - low_pass(left, shake_width(record.period_s))
-                errors.append(np.clip(fast, -CLIP * quantum_rad, CLIP * quantum_rad))
+                errors.append(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
             found = replace(found, encoder_error_rad=tuple(errors))
         runs = enumerate(nuisances)
         return replace(found, slow=tuple(found.slow_rounding(k, theta, n, quantum_rad) for k, n in runs))
@@ -122,7 +121,7 @@ class ClosedLoop:
         """Return what rounding does slowly: a motor that creeps or dwells lingers where the count changes.
 
         Its angle is then off the counts' mean by up to half a count, for as long as it dwells. Simulated with the
-        counting, for loads that differ by as much as noise may have changed them; what all have in common is the answer.
+        counting, for loads that differ by as much as noise may have changed them; what all have in common is it.
         """
         record = self.records[run]
         still = replace(self.unshaken(), slow=())

@@ -1,9 +1,9 @@
 """How much more than stationary noise a column's product with the noise varies: the sandwich of robust statistics.
 
 Whitening makes noise white on the average over a run. Where it isn't stationary, as an encoder's rounding that stands
-still while the motor dwells, a column that lives just there meets more noise than the average, and chance gives it more.
-So products are summed block by block, and their scatter over the blocks is put beside what whitened noise would have
-(White, Econometrica 48, 1980; blocks: Newey and West, Econometrica 55, 1987).
+still while the motor dwells, a column that lives just there meets more noise than the average, and chance gives it
+more. So products are summed block by block, and their scatter over the blocks is put beside what whitened noise would
+have (White, Econometrica 48, 1980; blocks: Newey and West, Econometrica 55, 1987).
 """
 
 from collections.abc import Sequence

@@ -21,9 +21,6 @@ def test_a_hidden_effect_is_found() -> None:
     assert named_right(record), (record["verdict"], record["named"])
 
 
-@pytest.mark.xfail(
-    strict=True, reason="something of the motor's friction is left over, and the verdict doubts the name"
-)
 def test_a_hidden_slack_is_found() -> None:
     record = ran(Spec("slack", "effect", ("wire_slack",), 50.0, 7, "mixed"))
     assert named_right(record) or in_set(record), (record["verdict"], record["named"])

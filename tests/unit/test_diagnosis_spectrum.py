@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.smoothing import smooth_load
+from hil_forceps.diagnosis.smoothing import LoadNoise, smooth_load
 from hil_forceps.diagnosis.spectrum import Layout, Noise, make_layout, measure_noise, transform, white_noise, whitening
 
 ROWS, RUNS, PERIOD_S = 4000, 3, 1e-3
@@ -31,7 +31,7 @@ def test_smoothing_takes_noise_out_of_a_slow_load_and_keeps_the_load() -> None:
     rng = np.random.default_rng(1)
     time = np.arange(ROWS) * PERIOD_S
     load = np.sin(2 * np.pi * 0.8 * time)
-    smooth = smooth_load(load + 0.02 * rng.standard_normal(ROWS), NO_EDGES)
+    smooth = smooth_load(load + 0.02 * rng.standard_normal(ROWS), NO_EDGES, PERIOD_S)
     assert np.std(smooth - load) < 0.25 * 0.02
 
 
@@ -39,13 +39,40 @@ def test_smoothing_leaves_a_jump_where_it_is() -> None:
     rng = np.random.default_rng(2)
     load = np.where(np.arange(ROWS) <= 1500, 0.0, 1.0)
     noisy = load + 0.01 * rng.standard_normal(ROWS)
-    smooth = smooth_load(noisy, np.array([1500], dtype=np.intp))
+    smooth = smooth_load(noisy, np.array([1500], dtype=np.intp), PERIOD_S)
     assert abs(smooth[1500]) < 0.02
     assert abs(smooth[1501] - 1.0) < 0.02
 
 
+def test_coloured_noise_is_smoothed_once_its_colour_is_known() -> None:
+    rng = np.random.default_rng(4)
+    time = np.arange(ROWS) * PERIOD_S
+    load = np.sin(2 * np.pi * 0.3 * time)
+    noise = 0.02 * coloured(rng, 0.9)
+    frequency = np.linspace(0.0, 0.5 / PERIOD_S, 200)
+    power = 0.02**2 * 0.19 / np.abs(1.0 - 0.9 * np.exp(-2j * np.pi * frequency * PERIOD_S)) ** 2
+    taken_as_white = smooth_load(load + noise, NO_EDGES, PERIOD_S) - load
+    known = smooth_load(load + noise, NO_EDGES, PERIOD_S, LoadNoise(frequency, power)) - load
+    assert np.std(known) < 0.7 * np.std(taken_as_white)
+    assert np.std(np.diff(known)) < 0.1 * np.std(np.diff(taken_as_white))
+
+
+def test_where_the_counts_drive_the_motor_tells_nothing() -> None:
+    weights = [np.ones(ROWS)] * RUNS
+    layout = make_layout([("theta_m_rad", "theta_j_rad")] * RUNS, weights, [PERIOD_S] * RUNS, 80.0)
+    rng = np.random.default_rng(5)
+    flat = rng.standard_normal(layout.size).astype(np.float32)
+    noise = measure_noise(layout, flat)
+    fast = layout.band_Hz >= 80.0
+    motor = np.array([name == "theta_m_rad" for name in layout.band_channel])
+    assert fast[motor].any()
+    assert np.all(noise.power[motor & fast] > 1e5)
+    assert np.all(noise.power[~(motor & fast)] < 2.0)
+    assert np.all(noise.mix[fast] == 0.0)
+
+
 def test_a_constant_load_stays_as_it_is() -> None:
-    assert np.array_equal(smooth_load(np.full(100, 2.0), NO_EDGES), np.full(100, 2.0))
+    assert np.array_equal(smooth_load(np.full(100, 2.0), NO_EDGES, PERIOD_S), np.full(100, 2.0))
 
 
 def test_the_transform_keeps_the_variance_of_white_noise() -> None:

@@ -1,0 +1,60 @@
+"""The colour of the load cell's noise is found from runs, and the encoder's slow rounding is followed."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from scipy.ndimage import uniform_filter1d
+
+from hil_forceps.diagnosis import diagnose
+from hil_forceps.diagnosis.diagnose import Options, fit_baseline, without_load_noise
+from hil_forceps.diagnosis.experiment import Record, prepare
+from hil_forceps.diagnosis.linear import Response
+from hil_forceps.diagnosis.load_noise import load_noise
+from hil_forceps.diagnosis.predict import ClosedLoop
+from hil_forceps.diagnosis.smoothing import LoadNoise
+from hil_forceps.diagnosis.spectrum import Flat, Layout
+from tests.hidden_effects.generator import COLOURED, RIG, WHITE, NoiseKind, make_case, run_seed, simulate
+from tests.hidden_effects.generator_scenarios import SCENARIOS
+
+KINDS = ("multisine", "slow")
+
+
+@pytest.mark.parametrize(("kind", "plateau", "rms"), [(WHITE, 1.0e-5, 3.0e-6), (COLOURED, 4.36e-5, 7.0e-6)])
+def test_the_colour_is_found_and_smoothed_by(
+    kind: NoiseKind, plateau: float, rms: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = make_case({}, 31, scenarios=(KINDS, ()), noise=kind)
+    seen: list[LoadNoise] = []
+    found = load_noise
+
+    def spy(layout: Layout, left: Flat, responses: Sequence[Response], records: Sequence[Record]) -> LoadNoise:
+        seen.append(found(layout, left, responses, records))
+        return seen[-1]
+
+    monkeypatch.setattr(diagnose, "load_noise", spy)
+    records, _ = prepare(case.fit, case.assumed)
+    smooth, _ = without_load_noise(records, [], case.assumed, Options())
+    slow = seen[0].frequency_Hz < 12.0
+    assert np.median(np.sqrt(seen[0].power[slow])) == pytest.approx(plateau, rel=0.25)
+    for place, (name, record) in enumerate(zip(KINDS, smooth, strict=True)):
+        _, true = simulate(RIG, SCENARIOS[name], run_seed(31, place))
+        assert record.tau_w_N_m is not None
+        assert np.std(record.tau_w_N_m - true.tau_w_N_m) < rms
+
+
+def test_the_jaw_of_a_motor_that_creeps_is_where_the_counting_puts_it() -> None:
+    rig = RIG.with_changes({"noise.tau_w_N_m": 1.0e-8})  # or the load's error moves the jaw by more
+    case = make_case({}, 32, scenarios=(("slow",), ()), rig=rig)
+    records, _ = prepare(case.fit, case.assumed)
+    setting, _, baseline, _ = fit_baseline(records, case.assumed, Options())
+    simulator = setting.simulator
+    assert isinstance(simulator, ClosedLoop)
+    theta, nuisances = baseline.problem.theta(baseline.fit.u), baseline.problem.nuisances(baseline.fit.u)
+    measured = records[0].channels["theta_j_rad"]
+    with_it = measured - simulator.raw(0, theta, nuisances[0]).theta_j_rad
+    without = with_it + simulator.slow[0].theta_j_rad
+    dwelling = np.abs(np.gradient(records[0].reference_rad, 1e-3)) < 1e-6
+    assert np.count_nonzero(dwelling) > 2000
+    left, before = (np.std(uniform_filter1d(values, 50)[dwelling]) for values in (with_it, without))
+    assert left < 0.9 * before
