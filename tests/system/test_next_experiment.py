@@ -30,7 +30,8 @@ LIMITED = RIG.with_changes(
 TIED = {"pulley_eccentricity", "spool_radius_change"}
 # The whole catalogue takes three times as long and names the same.
 LOOKED_FOR = TIED | {"encoder_scale", "encoder_eccentricity", "wire_hardening", "wire_slack", "jaw_gravity"}
-FACTOR = 1.5  # between predicted and achieved separation
+BELOW = 1.5  # how many times less than predicted may be reached
+ABOVE = 2.0  # and more: predicted is what four of five cases reach, not their mean
 
 
 def investigated(runs: list[Run], rig: Rig) -> Findings:
@@ -59,7 +60,8 @@ def on_the_bench(rig: Rig, trajectory: Trajectory, out: Path) -> Run:
 
 def apart(found: Findings) -> float:
     """Return how much less the eccentric pulley leaves than the growing spool, in χ²."""
-    gain = {c.id: c.score for c in found.choice.candidates if c.step == 0}
+    much = found.choice.inflation  # which scores are divided by
+    gain = {c.id: c.score * much.get(c.id, 1.0) for c in found.choice.candidates if c.step == 0}
     # Its second parameter costs it 2 in the score.
     return gain["pulley_eccentricity"] + 2.0 - gain["spool_radius_change"]
 
@@ -88,4 +90,4 @@ def test_the_experiment_separates_as_predicted(tmp_path: Path, monkeypatch: pyte
 
     assert [rival.model.effects for rival in second.choice.rivals] == [("pulley_eccentricity",)]
     achieved = (apart(second) - apart(first)) ** 0.5
-    assert predicted / FACTOR < achieved < predicted * FACTOR
+    assert predicted / BELOW < achieved < predicted * ABOVE
