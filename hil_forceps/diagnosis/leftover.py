@@ -13,10 +13,9 @@ from scipy.signal import lfilter
 
 from hil_forceps.diagnosis.choice import CHANCE, Model
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.fit import gram, inverse
 from hil_forceps.diagnosis.linear import Place, Response, column, direct_column
 from hil_forceps.diagnosis.problem import Matrix
-from hil_forceps.diagnosis.robust import inflations
+from hil_forceps.diagnosis.robust import inflations, left_by
 from hil_forceps.diagnosis.score import Group, score
 from hil_forceps.diagnosis.spectrum import Flat, Whitener
 
@@ -179,14 +178,6 @@ def _rates(i: Vector) -> list[Vector]:
     return [first, np.diff(first, prepend=0.0), np.roll(first, 1), np.roll(first, 2)]
 
 
-def _without(columns: Matrix, residual: Flat) -> Flat:
-    """Return what the columns don't explain."""
-    size = np.sqrt(np.maximum(np.einsum("ij,ij->j", columns, columns, dtype=np.float64), 1e-30))
-    unit = (columns / size).astype(np.float32)
-    share = inverse(gram(unit, unit)) @ gram(unit, residual[:, None])[:, 0]
-    return np.asarray(residual - unit @ share.astype(np.float32), dtype=np.float32)
-
-
 def leftover(
     model: Model, whitener: Whitener, courses: Sequence[Course], responses: Sequence[Response] | None, seed: int
 ) -> Leftover:
@@ -213,7 +204,7 @@ def leftover(
     white = (white / norms).astype(np.float32)
     fitted, residual = whitener.apply(model.fit.jacobian), whitener.apply(model.fit.residual)
     found = score(fitted, model.problem.prior_weights(), model.fit.u, white, groups, residual, CHANCE, seed)
-    noise = _without(np.concatenate((fitted, white), axis=1), residual)
+    noise = left_by(np.concatenate((fitted, white), axis=1), residual[:, None])[:, 0]
     found = found._replace(gains=found.gains / inflations(layout, fitted, white, groups, noise))
     order = np.argsort(-found.gains)
     families = tuple((*names[i], float(found.gains[i])) for i in order)

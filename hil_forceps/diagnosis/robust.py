@@ -27,9 +27,7 @@ def inflations(layout: Layout, fitted: Matrix, columns: Matrix, groups: Sequence
 
     All whitened: `fitted` columns are projected out of `columns`; `noise`: what neither explains.
     """
-    size = np.sqrt(np.maximum(np.einsum("ij,ij->j", fitted, fitted, dtype=np.float64), 1e-30))
-    known = (fitted / size).astype(np.float32)
-    clean = columns - known @ (inverse(gram(known, known)) @ gram(known, columns)).astype(np.float32)
+    clean = left_by(fitted, columns)
     sums = _block_sums(layout, clean, noise)
     scatter = sums.T @ sums
     expected = gram(clean, clean)
@@ -45,6 +43,17 @@ def inflations(layout: Layout, fitted: Matrix, columns: Matrix, groups: Sequence
         root = vectors[:, kept] / np.sqrt(values[kept])
         found[i] = max(1.0, float(np.trace(root.T @ (seen / np.outer(size, size)) @ root)) / int(kept.sum()))
     return found
+
+
+def left_by(fitted: Matrix, columns: Matrix) -> Matrix:
+    """Return what the `fitted` columns don't explain of others; those that hold nothing explain nothing."""
+    size = np.sqrt(np.einsum("ij,ij->j", fitted, fitted, dtype=np.float64))
+    useful = size > 1e-12 * max(float(size.max(initial=0.0)), 1e-12)
+    unit = (fitted[:, useful] / size[useful]).astype(np.float32)
+    if unit.shape[1] == 0:
+        return columns
+    share = inverse(gram(unit, unit)) @ gram(unit, columns)
+    return np.asarray(columns - unit @ share.astype(np.float32), dtype=np.float32)
 
 
 def _block_sums(layout: Layout, columns: Matrix, noise: Flat) -> Vector:

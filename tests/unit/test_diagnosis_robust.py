@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil_forceps.diagnosis.robust import inflations
+from hil_forceps.diagnosis.robust import inflations, left_by
 from hil_forceps.diagnosis.score import Group
 from hil_forceps.diagnosis.spectrum import Layout, fill, make_layout
 
@@ -30,3 +30,14 @@ def test_a_column_where_noise_is_strong_meets_more_of_it(strength: float, low: f
     found = inflations(where, fitted, column, groups, noise)
     assert low <= found[0] <= high
     assert 1.0 <= found[1] <= 1.9
+
+
+def test_a_column_that_holds_nothing_explains_nothing() -> None:
+    rng = np.random.default_rng(2)
+    fitted = rng.standard_normal((500, 3)).astype(np.float32)
+    fitted[:, 1] = 0.0
+    columns = rng.standard_normal((500, 2)).astype(np.float32)
+    left = left_by(fitted, columns)
+    assert np.all(np.isfinite(left))
+    assert np.abs(fitted.T @ left).max() < 1e-3
+    assert np.array_equal(left_by(np.zeros((500, 1), np.float32), columns), columns)
