@@ -16,7 +16,7 @@ from scipy import fft
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.smoothing import LoadNoise
-from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Flat, Layout, Part
+from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Flat, Layout, Part, pairs
 
 Vector = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -37,12 +37,12 @@ def load_noise(layout: Layout, left: Flat, responses: Sequence[Response], record
     edges = layout.band_Hz[[name == JAW for name in layout.band_channel]]
     top = 0.5 / min(record.period_s for record in records)
     high = _high(records, np.geomspace(ALONE_HZ, top, 6))
-    pairs = _pairs(layout)
-    if not pairs:
+    both = pairs(layout)
+    if not both:
         return LoadNoise(np.array([0.0, top]), np.full(2, float(np.median(high[1]))))
     low = edges[edges < ALONE_HZ]
     cuts = np.concatenate(([0.0], np.sqrt(low[1:] * low[:-1]), [ALONE_HZ]))
-    found = np.array([_low(pair, left, responses[pair[0].run], records, cuts) for pair in pairs])
+    found = np.array([_low(pair, left, responses[pair[0].run], records, cuts) for pair in both])
     least = float(high[1].min())  # no sensor is quieter at low frequency
     seen = np.isfinite(found).any(axis=0)
     power = np.full(low.size, least)
@@ -96,8 +96,3 @@ def _clipped(bins: Complex, here: NDArray[np.intp], bands: int) -> Complex:
     size = np.abs(bins)
     usual = np.array([np.median(size[here == b]) if np.any(here == b) else 0.0 for b in range(bands)])[here]
     return bins * np.minimum(1.0, CLIPPED * usual / np.maximum(size, 1e-300))
-
-
-def _pairs(layout: Layout) -> list[tuple[Part, Part]]:
-    motor = {part.run: part for part in layout.parts if part.channel == MOTOR}
-    return [(motor[part.run], part) for part in layout.parts if part.channel == JAW and part.run in motor]

@@ -124,11 +124,14 @@ class ClosedLoop:
         counting, for loads that differ by as much as noise may have changed them; what all have in common is it.
         """
         record = self.records[run]
-        still = replace(self.unshaken(), slow=())
+        nothing = np.zeros(record.time_s.size)
+        if not on_grid(record.channels["theta_m_rad"], quantum_rad):
+            return Slow(nothing, nothing)
+        still = self.unshaken()
         shaken = self.raw(run, theta, nuisance)
         plain = still.raw(run, theta, nuisance)
-        total_m, total_j = np.zeros(record.time_s.size), np.zeros(record.time_s.size)
-        loads = loads_like(record) if on_grid(record.channels["theta_m_rad"], quantum_rad) else []
+        total_m, total_j = nothing.copy(), nothing.copy()
+        loads = loads_like(record)
         for load in loads:
             records = tuple(record._replace(tau_w_N_m=load) if k == run else r for k, r in enumerate(self.records))
             other = replace(still, records=records)
@@ -136,9 +139,8 @@ class ClosedLoop:
             total_m += (counted.theta_m_rad - smooth.theta_m_rad) / len(loads)
             total_j += (counted.theta_j_rad - smooth.theta_j_rad) / len(loads)
         width = shake_width(record.period_s)
-        if loads:
-            total_m -= shaken.theta_m_rad - plain.theta_m_rad
-            total_j -= shaken.theta_j_rad - plain.theta_j_rad
+        total_m -= shaken.theta_m_rad - plain.theta_m_rad
+        total_j -= shaken.theta_j_rad - plain.theta_j_rad
         return Slow(low_pass(total_m, width), low_pass(total_j, width))
 
     def unshaken(self) -> "ClosedLoop":

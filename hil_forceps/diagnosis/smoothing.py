@@ -41,7 +41,7 @@ def smooth_load(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
     """
     pieces = np.split(tau_w, edge_rows + 1)
     if noise is None:
-        white = white_deviation(pieces)
+        white = _white_deviation(pieces)
         noise = LoadNoise(np.array([0.0, 0.5 / period_s]), np.full(2, white**2))
     if float(noise.power.max()) <= 0.0:
         return tau_w
@@ -50,7 +50,7 @@ def smooth_load(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
     return np.concatenate([_adaptive(piece, levels) if piece.size >= FEWEST_ROWS else piece for piece in pieces])
 
 
-def white_deviation(pieces: list[Vector]) -> float:
+def _white_deviation(pieces: list[Vector]) -> float:
     """Return the standard deviation of what changes from row to row without any course."""
     third = np.concatenate([np.diff(piece, n=3) for piece in pieces if piece.size >= FEWEST_ROWS] or [np.zeros(1)])
     return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))

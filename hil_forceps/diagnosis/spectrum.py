@@ -148,13 +148,14 @@ class Whitener(NamedTuple):
 MOTOR, JAW = "theta_m_rad", "theta_j_rad"
 
 
-def _pairs(layout: Layout) -> tuple[tuple[int, int, int], ...]:
+def pairs(layout: Layout) -> list[tuple[Part, Part]]:
+    """Return θ_m and θ_j of each run that has both."""
     motor = {part.run: part for part in layout.parts if part.channel == MOTOR}
-    return tuple(
-        (part.start, part.stop, motor[part.run].start)
-        for part in layout.parts
-        if part.channel == JAW and part.run in motor
-    )
+    return [(motor[part.run], part) for part in layout.parts if part.channel == JAW and part.run in motor]
+
+
+def _pairs(layout: Layout) -> tuple[tuple[int, int, int], ...]:
+    return tuple((jaw.start, jaw.stop, motor.start) for motor, jaw in pairs(layout))
 
 
 def white_noise(layout: Layout, power: Vector) -> Noise:
