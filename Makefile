@@ -30,9 +30,10 @@ layers: install
 unit: install
 	$(PY) -m pytest -n 2 --dist loadgroup -m "not realtime" $(TESTS)
 
-# One process and nothing beside it: these start processes of their own and watch the clock.
+# One process and nothing beside it: these start processes of their own and watch the clock. On a machine that others
+# use, too, a process may be kept waiting for longer than a drive waits: then a test is tried again, and the summary says so.
 system: install
-	$(PY) -m pytest -m realtime $(TESTS)
+	$(PY) -m pytest -m realtime --reruns 2 --only-rerun AssertionError $(TESTS)
 
 # Conformance and simulation 2 on every target that this machine can have, then the table of what ran. What runs in
 # virtual time goes first, for it needs no quiet machine. `make targets` closes the loop over the 20 s of the paper and
@@ -40,13 +41,15 @@ system: install
 # 3 s, and two at a time.
 targets: export HIL_FORCEPS_TARGETS_FULL = 1
 targets: TARGET_JOBS = 1
+targets: TARGET_RERUNS = 0
 targets-short: TARGET_JOBS = 2
+targets-short: TARGET_RERUNS = 1
 targets targets-short: install
 	rm -rf build/targets
 	-@tools/install_targets.sh
 	status=0; \
 		$(PY) -m pytest -n 2 --dist worksteal -m "not realtime" tests/targets || status=1; \
-		$(PY) -m pytest -n $(TARGET_JOBS) --dist worksteal -m realtime tests/targets || status=1; \
+		$(PY) -m pytest -n $(TARGET_JOBS) --dist worksteal -m realtime --reruns $(TARGET_RERUNS) tests/targets || status=1; \
 		$(PY) -m tools.target_table || status=1; \
 		exit $$status
 

@@ -35,6 +35,7 @@ class Log(NamedTuple):
     theta_j_rad: NDArray[np.float64]
     tau_w_N_m: NDArray[np.float64]
     truth: NDArray[np.float64]  # (rows, TRUTH_COLUMNS): before this sample's command
+    rounding_rad: NDArray[np.float64]  # what counting added to the encoder's angle, at every sample of the drive
 
 
 @kernel
@@ -69,6 +70,7 @@ def run_loop(
     env: Environment,
     law: LoopParameters,
     quantum_rad: float,
+    encoder_error_rad: NDArray[np.float64],
     reference_rad: NDArray[np.float64],
     load_time_ns: NDArray[np.int64],
     load_N_m: NDArray[np.float64],
@@ -81,7 +83,7 @@ def run_loop(
 ) -> None:
     """Fill `truth` at each sample and `taps` with what was `rest_ns` before the end of the period after it."""
     memory = np.zeros(3)
-    memory[1] = counted(encoder_angle(state[0], e), quantum_rad)
+    memory[1] = counted(encoder_angle(state[0], e), quantum_rad) + encoder_error_rad[0]
     delay_ns = round(e.delay * 1.0e9)
     columns = state.size
     for k in range(reference_rad.size):
@@ -93,7 +95,7 @@ def run_loop(
         truth[k, columns] = jaw_load(m.theta_j, load, env)
         truth[k, columns + 1] = x
         truth[k, columns + 2] = tension_of(m, Memory(m.theta_m, x, state[5], state[6], state[7], state[8]), p, e)
-        theta_enc = counted(encoder_angle(m.theta_m, e), quantum_rad)
+        theta_enc = counted(encoder_angle(m.theta_m, e), quantum_rad) + encoder_error_rad[k]
         command = law_step(memory, reference_rad[k] - theta_enc, theta_enc, law)
         push_command(queue, acting_command(command, e), delay_ns)
         end_ns = now_ns + period_ns
@@ -135,12 +137,13 @@ def simulated_log(
     jaw_start_rad: float,
     max_step_s: float,
     env: Environment | None = None,
+    encoder_error_rad: NDArray[np.float64] | None = None,
 ) -> Log:
     """Simulate from rest, one sample of the drive for each of `reference_rad`, and return the `rows` among them.
 
     The load's time is 0 at the first of the rows. A channel with skew T_s is what it was T_s before its row (after it,
     where T_s is negative), so the rows must lie as far as that from both ends; ValueError where they don't, or
-    the step is too coarse.
+    the step is too coarse. `encoder_error_rad`, one for each sample: added to what the drive reads, not to the rows.
     """
     check_step(p, e, law.current_limit_A, max_step_s)
     samples = reference_rad.size
@@ -164,6 +167,7 @@ def simulated_log(
         environment,
         law,
         quantum_rad,
+        np.zeros(samples) if encoder_error_rad is None else encoder_error_rad,
         reference_rad,
         load.time_ns,
         load.torque_N_m,
@@ -179,4 +183,8 @@ def simulated_log(
     sense(theta_m, e, quantum_rad, theta_enc)
     load_ns = (taken - first) * period_ns - skew_ns[3]
     sense_load(touching, load_ns, load.time_ns, load.torque_N_m, environment, tau_w)
-    return Log(theta_enc, (1.0 + e.current_error) * current + e.current_offset, theta_j, tau_w, truth[taken])
+    exact, rounded = np.zeros(samples), np.zeros(samples)
+    sense(truth[:, 0], e, 0.0, exact)
+    sense(truth[:, 0], e, quantum_rad, rounded)
+    measured_A = (1.0 + e.current_error) * current + e.current_offset
+    return Log(theta_enc, measured_A, theta_j, tau_w, truth[taken], rounded - exact)

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.entries import Probe, Scene, free_names, probes
 from hil_forceps.diagnosis.fit import Fit, Held, fit, gram, hold
+from hil_forceps.diagnosis.probing import sized_columns
 from hil_forceps.diagnosis.problem import Matrix, Problem
 from hil_forceps.diagnosis.result import Candidate
 from hil_forceps.diagnosis.robust import inflations
 from hil_forceps.diagnosis.score import COST_PER_COLUMN, Group, Scores, score
-from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, transform, whitening
+from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, whitening
 from hil_forceps.model import parameters
 from hil_forceps.rig.catalogue import effect
 
@@ -72,33 +73,6 @@ class Choice:
     whitener: Whitener
     noise: Noise
     inflation: Mapping[str, float]  # of each entry: how much more than white noise chance gives it
-
-
-def probe_columns(problem: Problem, u: Vector, probe_list: Sequence[Probe]) -> tuple[Matrix, list[Group]]:
-    """Simulate every place: one column per amplitude, at the probe's size (not divided by it)."""
-    base = problem.theta(u)
-    nuisances = problem.nuisances(u)
-    before = problem.predicted(u)
-    tasks: list[Vector] = []
-    groups = []
-    for probe in probe_list:
-        first = len(tasks)
-        tasks += [_probe_theta(problem, base, probe, name) for name in probe.amplitudes or ("",)]
-        groups.append(Group(first, len(tasks), probe.one_sided))
-
-    def run(theta: Vector) -> Flat:
-        return transform(problem.layout, problem.simulate_runs(theta, nuisances)) - before
-
-    columns = list(problem.mapper(run, tasks))
-    return np.nan_to_num(np.stack(columns, axis=1)), groups
-
-
-def _probe_theta(problem: Problem, base: Vector, probe: Probe, amplitude: str) -> Vector:
-    theta = base.copy()
-    for name, value in probe.start.items():
-        if name == amplitude or name not in probe.amplitudes:
-            theta[problem.index_of(f"effects.{probe.effect_id}.{name}")] = value
-    return theta
 
 
 def noise_of(model: Model, scan_columns: Matrix, whitener: Whitener, floor: Vector) -> tuple[Noise, Flat]:
@@ -167,7 +141,8 @@ class Chooser:
             model = replace(model, fit=fit(model.problem, model.fit.u, whitener, steps=3))
         self._progress("looking at " + (" + ".join(model.effects) or "the known parameters"))
         places = self._places(model)
-        columns, groups = probe_columns(model.problem, model.fit.u, places)
+        fitted = whitener.apply(model.fit.jacobian)
+        places, columns, groups = sized_columns(model.problem, model.fit.u, places, fitted, whitener)
         noise, self._course = noise_of(model, columns, whitener, self._floor)
         whitener = whitening(model.problem.layout, noise)
         model = replace(model, fit=fit(model.problem, model.fit.u, whitener, steps=3))
@@ -239,7 +214,8 @@ class Chooser:
         return model, self._within_reach(rivals)
 
     def _scan(self, model: Model, whitener: Whitener, places: Sequence[Probe]) -> Scan:
-        columns, groups = probe_columns(model.problem, model.fit.u, places)
+        fitted = whitener.apply(model.fit.jacobian)
+        places, columns, groups = sized_columns(model.problem, model.fit.u, places, fitted, whitener)
         return self._scored(model, whitener, places, columns, groups)
 
     def _scored(

@@ -75,8 +75,7 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
     theta_nominal = parameters.vector(rig)
     quantum = 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
     layout = model.problem.layout
-    counts = np.bincount(layout.band_of, minlength=len(layout.band_channel)).astype(float)
-    floors = floors_of(found.choice.noise, layout.band_channel, counts)
+    floors = floors_of(found.choice.noise, layout, found.setting.simulator.integral_per_s)
     named = [effect.id for effect in verdict.effects]
     extended = parameters.rig_with(rig, theta_after if verdict.verdict != "consistent" else theta_nominal, named)
     refitted = parameters.rig_with(rig, theta_before, ())

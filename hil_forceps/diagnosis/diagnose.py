@@ -17,6 +17,7 @@ from hil_forceps.diagnosis.experiment_driven import prepare_driven
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.leftover import Leftover, leftover
 from hil_forceps.diagnosis.load_noise import load_noise
+from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, white_noise, whitening
@@ -208,10 +209,11 @@ def courses_of(setting: Setting, model: Model) -> list[Course]:
 def _responses(setting: Setting, baseline: Model, rig: Rig) -> list[linear.Response]:
     theta = baseline.problem.theta(baseline.fit.u)
     plant = PlantParameters(*(float(value) for value in theta[: len(PlantParameters._fields)]))
-    if setting.simulator.records[0].mode == "driven":
-        return [predict_driven.responses(plant, record) for record in setting.simulator.records]
-    law = rig.require_drive()
-    return [linear.responses(plant, law, r.time_s.size, r.period_s) for r in setting.simulator.records]
+    simulator = setting.simulator
+    if not isinstance(simulator, ClosedLoop):
+        return [predict_driven.responses(plant, record) for record in simulator.records]
+    law, added = rig.require_drive(), simulator.integral_per_s
+    return [linear.responses(plant, law, r.time_s.size, r.period_s, added) for r in simulator.records]
 
 
 __all__ = ["Findings", "Options", "courses_of", "fit_baseline", "investigate", "split_runs"]

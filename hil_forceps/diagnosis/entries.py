@@ -15,8 +15,8 @@ DRIFT_TIMES = (0.15, 0.6, 3.0)  # of the longest run
 CREEP_TIMES_S = (0.03, 0.15, 0.7, 3.0)
 HYSTERESIS_STRETCHES = (0.03, 0.15, 0.6)  # of the stretch's range
 PRESLIDING_ANGLES = (0.003, 0.02, 0.1)  # of the angle's range
-STRIBECK_QUANTILES = (0.15, 0.4, 0.75)  # of the speed while moving
-MIN_AMPLITUDE_SHARE = 1e-6
+STRIBECK_QUANTILES = (0.03, 0.1, 0.3, 0.7)  # of the speed while moving
+LIMIT_SHARES = (0.9985, 0.995, 0.98, 0.85, 0.6)  # of the largest current
 
 
 class Scene(NamedTuple):
@@ -54,7 +54,7 @@ def probes(scene: Scene, without: frozenset[str] = frozenset()) -> list[Probe]:
 def _with_shape(entry: Effect, shape: Mapping[str, float], scene: Scene) -> list[Probe]:
     if entry.id == "current_saturation":
         # Its parameter is no amplitude: the limit is lowered a little below what the runs reach.
-        return [Probe(entry.id, {"limit_A": share * scene.current_max_A}, (), True) for share in (0.98, 0.85, 0.6)]
+        return [Probe(entry.id, {"limit_A": share * scene.current_max_A}, (), True) for share in LIMIT_SHARES]
     sizes = {p.name: _size(entry, p.typical, scene) for p in entry.parameters if p.neutral is not None}
     if entry.id == "channel_skew":  # each channel is a place of its own
         return [Probe(entry.id, {**dict.fromkeys(sizes, 0.0), name: sizes[name]}, (name,), False) for name in sizes]

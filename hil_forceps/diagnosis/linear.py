@@ -27,8 +27,13 @@ class Response(NamedTuple):
     gains: Mapping[Place, Mapping[str, Complex]]
 
 
-def responses(plant: PlantParameters, law: DriveLaw, rows: int, period_s: float) -> Response:
-    """Return what a motor torque [N m], a wire force [N] and a jaw load [N m] do to θ_m and θ_j in closed loop."""
+def responses(
+    plant: PlantParameters, law: DriveLaw, rows: int, period_s: float, integral_per_s: float = 0.0
+) -> Response:
+    """Return what a motor torque [N m], a wire force [N] and a jaw load [N m] do to θ_m and θ_j in closed loop.
+
+    `integral_per_s`: of the integral of θ_m, as added to it.
+    """
     frequency = fft.rfftfreq(rows, period_s)
     omega = 2.0 * np.pi * np.maximum(frequency, 1e-3)
     a, b = continuous(plant)
@@ -41,6 +46,7 @@ def responses(plant: PlantParameters, law: DriveLaw, rows: int, period_s: float)
     closed = motor / (1.0 + loop * motor[:, 0])[:, None]
     torque = -loop[:, None] * closed
     jaw = jaw + jaw[:, :1] * torque
+    closed *= (1.0 + integral_per_s * period_s / (1.0 - np.exp(-1j * omega * period_s)))[:, None]
     places: tuple[Place, ...] = ("motor", "jaw", "wire")
     return Response({place: {"theta_m_rad": closed[:, k], "theta_j_rad": jaw[:, k]} for k, place in enumerate(places)})
 

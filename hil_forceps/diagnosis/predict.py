@@ -17,6 +17,7 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.problem import Nuisance, Outputs
 from hil_forceps.diagnosis.smoothing import smoothed
+from hil_forceps.diagnosis.spectrum import MOTOR
 from hil_forceps.model import closed_loop, drive_law, parameters
 from hil_forceps.model.closed_loop import Channels, Inputs, Start
 from hil_forceps.model.drive_law import DriveState
@@ -97,7 +98,20 @@ class ClosedLoop:
         if follows_law(record, self.law):
             command = drive_law.law_current(self.law, record.reference_rad, seen_rad, self.starts[run].drive)
             found["current_A"] = channels["current_A"] - np.concatenate((channels["current_A"][:1], command[:-1]))
+        if share := self.integral_per_s * record.period_s:
+            found[MOTOR] = channels[MOTOR] + share * np.cumsum(channels[MOTOR] - record.reference_rad)
         return found
+
+    @property
+    def integral_per_s(self) -> float:
+        """Return what of the error's integral is added to θ_m: as much as the law takes; 0 where it can't be said.
+
+        The drive's integral holds the angle against every steady torque, so what is steady hardly shows in the angle
+        and its noise there is low, in a handful of bins; in proportional and integral part together it shows evenly.
+        """
+        if not all(follows_law(record, self.law) for record in self.records) or self.law[drive_law.KP] <= 0.0:
+            return 0.0
+        return float(self.law[drive_law.KI] / self.law[drive_law.KP])
 
     def measured(self) -> Outputs:
         """Return the transformed channels as measured."""

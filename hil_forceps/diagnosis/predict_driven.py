@@ -47,6 +47,7 @@ class Driven:
     records: tuple[Record, ...]
     inputs: tuple[Inputs, ...]  # of each run, on a grid of steps
     substeps: int  # of a row
+    integral_per_s: float = 0.0  # no law is known that would have summed the angle
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
         """Return the channels of each run."""

@@ -76,9 +76,18 @@ def quantum_rad(rig: Rig) -> float:
 
 
 def simulate(
-    rig: Rig, scenario: Scenario, seed: int, *, ideal: bool = False, step_s: float = PLANT_STEP_S
+    rig: Rig,
+    scenario: Scenario,
+    seed: int,
+    *,
+    ideal: bool = False,
+    rounding_rad: NDArray[np.float64] | None = None,
+    step_s: float = PLANT_STEP_S,
 ) -> tuple[NDArray[np.float64], Log]:
-    """Return the reference and the log of a run without noise; `ideal`: the encoder doesn't count either."""
+    """Return the reference and the log of a run without noise.
+
+    `ideal`: the encoder doesn't count either. The drive then reads what `rounding_rad` adds, sample by sample.
+    """
     law = rig.require_drive()
     course = course_of(scenario, seed)
     per_row = round(scenario.row_s / law.sample_time_s)
@@ -102,6 +111,7 @@ def simulate(
         jaw_start,
         step_s,
         course.environment,
+        rounding_rad,
     )
     return reference[lead : lead + rows : per_row], log
 

@@ -127,8 +127,7 @@ def _baseline(model: Model, true: Rig) -> dict[str, list[float]]:
 def held_out_gain(found: Findings, rig: Rig, options: Options) -> dict[str, list[float]]:
     """Return the explained share on held-out runs with its interval, channel by channel."""
     layout = found.choice.model.problem.layout
-    counts = np.bincount(layout.band_of, minlength=len(layout.band_channel)).astype(float)
-    floors = floors_of(found.choice.noise, layout.band_channel, counts)
+    floors = floors_of(found.choice.noise, layout, found.setting.simulator.integral_per_s)
     quantum = 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
     models = (found.baseline, found.choice.model)
     before, after = (
