@@ -21,7 +21,6 @@ Vector = NDArray[np.float64]
 ZERO_SD_RAD = 2e-3  # of a jaw sensor's zero from run to run
 INTEGRAL_SHARE = 0.003  # of the current seen: how well the drive's integral at the start is known
 LEAST_INTEGRAL_A = 5e-4
-DEAF_FROM_HZ = 80.0  # somewhat below where the encoder's counts begin to drive the simulation
 
 
 class Setting(NamedTuple):
@@ -46,7 +45,6 @@ def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknow
         [list(record.channels) for record in records],
         [record.weights for record in records],
         [record.period_s for record in records],
-        DEAF_FROM_HZ if rig.encoder.counts_per_rev is not None else np.inf,
     )
     current = max(float(np.sqrt(np.mean(record.channels["current_A"] ** 2))) for record in records)
     torque = current * float(theta[parameters.index("motor.torque_constant_N_m_per_A")])

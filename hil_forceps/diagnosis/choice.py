@@ -44,6 +44,11 @@ class Model:
     fit: Fit
     at_bound: bool = False
 
+    @property
+    def worth(self) -> float:
+        """Return χ² and what chance takes off it for each unknown: the lower the better."""
+        return self.fit.chi2 + COST_PER_COLUMN * len(self.problem.shared.items)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
@@ -127,7 +132,7 @@ class Chooser:
             if not refined:
                 break
             best = refined[0]
-            rivals = self._within_reach([Rival(m, m.fit.chi2 - best.fit.chi2) for m in refined])
+            rivals = self._within_reach([Rival(m, m.worth - best.worth) for m in refined])
             model, scan, whitener, noise = self._look(best, whitener)
             if step > 0:
                 model, rivals = self._exchange(model, rivals, whitener)
@@ -171,7 +176,7 @@ class Chooser:
             gains[scan.probes[i].effect_id] = gain
             if gain > threshold and not refit.at_bound:
                 found.append(refit)
-        found.sort(key=lambda m: m.fit.chi2)
+        found.sort(key=lambda m: m.worth)
         self._note(scan, best, gains, found, step)
         return found
 
@@ -205,7 +210,7 @@ class Chooser:
             for other in self._refined(reduced, scan, whitener, len(model.effects)):
                 if set(other.effects) == set(model.effects):
                     continue
-                behind = other.fit.chi2 - model.fit.chi2
+                behind = other.worth - model.worth
                 if behind < -1.0:
                     model = other
                     rivals = [Rival(rival.model, rival.behind - behind) for rival in rivals]
@@ -272,7 +277,7 @@ class Chooser:
                 state = "not excited"
             elif gain <= scan.scores.threshold:
                 state = "below threshold"
-            elif any(m.effects[-1] == effect_id and m.fit.chi2 - found[0].fit.chi2 <= SET_DROP for m in found):
+            elif any(m.effects[-1] == effect_id and m.worth - found[0].worth <= SET_DROP for m in found):
                 state = "tied"
             elif effect_id in gains and all(m.effects[-1] != effect_id for m in found):
                 state = "at a bound"

@@ -18,6 +18,7 @@ from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.leftover import Leftover, leftover
 from hil_forceps.diagnosis.load_noise import load_noise
 from hil_forceps.diagnosis.predict import ClosedLoop
+from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, white_noise, whitening
@@ -33,6 +34,7 @@ Progress = Callable[[str], None]
 
 HELD_OUT_SHARE = 3  # one run in three is held out
 BASELINE_STEPS = 10
+REFRESHES = 3  # of the encoder's rounding, which hangs on the fit that it changes
 
 
 def no_progress(_: str) -> None:
@@ -165,15 +167,16 @@ def fit_baseline(
     # What the load cell's noise does is many times the encoder's: taken for signal, it would bend every parameter.
     _, noise, _ = assumed_noise(problem, whitener, setting.floor)
     rough = fit(problem, np.zeros(problem.size), whitening(problem.layout, noise), steps=BASELINE_STEPS)
-    quantum = quantum_of(rig)
-    if quantum > 0.0:
-        simulator = setting.simulator.with_encoder_errors(problem.theta(rough.u), problem.nuisances(rough.u), quantum)
-        problem = replace(problem, simulate_runs=simulator)
-        setting = setting._replace(problem=problem, simulator=simulator)
     noise = measure_noise(problem.layout, rough.residual)
     noise = noise._replace(power=np.maximum(noise.power, setting.floor))
     whitener = whitening(problem.layout, noise)
-    baseline = Model((), problem, fit(problem, rough.u, whitener, steps=4))
+    refresh, found = refresher(setting, rig), rough
+    for _ in range(REFRESHES):
+        problem = refresh(problem, found.u)
+        found = fit(problem, found.u, whitener, steps=4)
+    assert isinstance(problem.simulate_runs, ClosedLoop | Driven)
+    setting = setting._replace(problem=problem, simulator=problem.simulate_runs)
+    baseline = Model((), problem, found)
     bare = problem.with_shared(Unknowns(()))
     count = len(problem.shared.items)
     nominal = Model((), bare, fit(bare, baseline.fit.u[count:], whitener, steps=4))
@@ -199,8 +202,9 @@ def quantum_of(rig: Rig) -> float:
 
 
 def courses_of(setting: Setting, model: Model) -> list[Course]:
-    """Return what each run went through, without the encoder's shaking."""
-    still = setting.simulator.unshaken()
+    """Return what each run went through, without the encoder's shaking and without what is quick in the load."""
+    simulator = setting.simulator
+    still = simulator.calmed() if isinstance(simulator, ClosedLoop) else simulator
     theta = model.problem.theta(model.fit.u)
     nuisances = model.problem.nuisances(model.fit.u)
     return [still.course(k, theta, nuisance) for k, nuisance in enumerate(nuisances)]

@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.problem import Mapper
 from hil_forceps.diagnosis.result import Gain, RunEvidence
-from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Layout, Noise, deafness, measure_noise, white_noise, whitening
+from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Layout, Noise, measure_noise, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
 
@@ -103,13 +103,13 @@ def gain_of(first: Vector, second: Vector, floor: float, rng: np.random.Generato
 def floors_of(noise: Noise, layout: Layout, integral_per_s: float) -> dict[str, float]:
     """Return the rms of the noise of each channel, over all frequencies.
 
-    θ_m counts as it is measured: also where it is deaf, and without the sum of it that the fit adds (`integral_per_s`).
+    θ_m counts as it is measured, without the sum of it that the fit adds (`integral_per_s`).
     For the current this is the noise of what the drive's law does not explain: the sensor's alone.
     """
     channels = np.array(layout.band_channel)
     counts = np.bincount(layout.band_of, minlength=channels.size).astype(float)
     motor, jaw = channels == MOTOR, channels == JAW
-    power = noise.power / deafness(layout)
+    power = noise.power.copy()
     if motor.any() and jaw.any() and motor.sum() == jaw.sum():
         power[jaw] += np.abs(noise.mix[jaw]) ** 2 * power[motor]
     power[motor] /= 1.0 + (integral_per_s / (2.0 * np.pi * layout.band_Hz[motor])) ** 2

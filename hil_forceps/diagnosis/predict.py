@@ -21,6 +21,7 @@ from hil_forceps.diagnosis.spectrum import MOTOR
 from hil_forceps.model import closed_loop, drive_law, parameters
 from hil_forceps.model.closed_loop import Channels, Inputs, Start
 from hil_forceps.model.drive_law import DriveState
+from hil_forceps.rig.catalogue import effect
 
 Vector = NDArray[np.float64]
 
@@ -29,6 +30,21 @@ LONGEST_SUBSTEP_S = 2.6e-4
 SLOWEST_SHAKE_HZ = 120.0  # below, what is left is misfit rather than rounding
 SHAKE_PASSES = 5
 REPLICAS = 6
+CALM_S = 0.04
+STAND_IN_SHARE = 0.37  # of a run: how far the rounding is moved that stands in for the one that happened
+_PATH = tuple(
+    (parameters.index(f"effects.{name}.{p.name}"), parameters.off_value(f"effects.{name}.{p.name}"))
+    for name in (
+        "current_offset",
+        "current_gain",
+        "amplifier_deadband",
+        "electrical_lag",
+        "actuation_delay",
+        "channel_skew",
+        "current_saturation",
+    )
+    for p in effect(name).parameters
+)
 REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually ends
 FINER_FOR_STRIBECK = 3  # friction that falls with speed is unstable at heart, and wants smaller steps
 _STRIBECK = parameters.index("effects.stribeck_friction.rise_N_m")
@@ -36,11 +52,12 @@ ROWS_FOR_INTEGRAL = 40
 ROWS_FOR_SPEED = 12  # at the beginning of a run
 
 
-class Slow(NamedTuple):
-    """The slow part of what rounding does."""
+class Offset(NamedTuple):
+    """What is added to simulated channels of a run."""
 
     theta_m_rad: Vector
     theta_j_rad: Vector
+    current_A: Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,11 +68,39 @@ class ClosedLoop:
     law: Vector
     starts: tuple[Start, ...]
     encoder_error_rad: tuple[Vector, ...]  # of each run; empty: none
-    slow: tuple[Slow, ...] = ()  # of each run: what the encoder's rounding does below `SLOWEST_SHAKE_HZ`
+    slow: tuple[Offset, ...] = ()  # of each run: what the encoder's rounding does below `SLOWEST_SHAKE_HZ`
+    offset: tuple[Offset, ...] = ()  # of each run: what its rounding does more than the one that stands in for it
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
-        """Return the transformed channels of each run."""
-        return [self.outputs(k, self.raw(k, theta, nuisance)) for k, nuisance in enumerate(nuisances)]
+        """Return the transformed channels of each run.
+
+        The rounding as it happened is taken from the residual, so whatever depends on how the motor answers to it would
+        depend on the residual: inertia and friction came out at half and at three times as much again. So the motor is
+        shaken by a rounding of the same kind at another time, once as it is and once with the other sign: the mean
+        holds what shaking does to dry friction, and nothing else of it. What the rounding as it happened does besides
+        is a fixed offset, taken anew with each better model. Only the current's own path answers to it, where it is a
+        signal.
+        """
+        if not self.offset:
+            return [self.outputs(k, self.raw(k, theta, nuisance)) for k, nuisance in enumerate(nuisances)]
+        others = self.shaken_by_others()
+        found = []
+        for k, nuisance in enumerate(nuisances):
+            both = [other.outputs(k, other.raw(k, theta, nuisance), self.offset[k]) for other in others]
+            outputs = {name: 0.5 * (values + both[1][name]) for name, values in both[0].items()}
+            if follows_law(self.records[k], self.law) and path_differs(theta):
+                outputs["current_A"] = self.outputs(k, self.raw(k, theta, nuisance))["current_A"]
+            found.append(outputs)
+        return found
+
+    def shaken_by_others(self) -> tuple["ClosedLoop", "ClosedLoop"]:
+        """Return the same with the rounding of another time in each run, with either sign."""
+        moved = tuple(np.roll(error, round(STAND_IN_SHARE * error.size)) for error in self.encoder_error_rad)
+        opposite = tuple(-error for error in moved)
+        records = tuple(with_calm_load(record) for record in self.records)
+        calm = replace(self, records=records, slow=(), offset=())
+        first, second = (replace(calm, encoder_error_rad=errors) for errors in (moved, opposite))
+        return first, second
 
     def raw(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float = 0.0) -> Channels:
         """Simulate a run: recorded channels and what is inside."""
@@ -84,12 +129,20 @@ class ClosedLoop:
         slow = self.slow[run]
         return found._replace(theta_m_rad=found.theta_m_rad + slow.theta_m_rad, theta_j_rad=jaw + slow.theta_j_rad)
 
-    def outputs(self, run: int, channels: Channels) -> dict[str, Vector]:
-        """Transform simulated channels."""
+    def outputs(self, run: int, channels: Channels, offset: Offset | None = None) -> dict[str, Vector]:
+        """Transform simulated channels, with an offset added to them."""
         angle = channels.theta_m_rad
         error = self.encoder_error_rad[run]
         seen = angle + error if error.size else angle
-        return self.transformed(run, {name: getattr(channels, name) for name in self.records[run].channels}, seen)
+        found = {name: np.asarray(getattr(channels, name)) for name in self.records[run].channels}
+        if offset is not None:
+            law = follows_law(self.records[run], self.law)
+            found |= {
+                name: values + getattr(offset, name)
+                for name, values in found.items()
+                if name in Offset._fields and not (law and name == "current_A")
+            }
+        return self.transformed(run, found, seen)
 
     def transformed(self, run: int, channels: dict[str, Vector], seen_rad: Vector) -> dict[str, Vector]:
         """Put what the law does not explain in place of the current; `seen_rad`: angle with the encoder's rounding."""
@@ -119,7 +172,7 @@ class ClosedLoop:
 
     def with_encoder_errors(self, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float) -> "ClosedLoop":
         """Return the same with the encoder's rounding as it happened: the fast part of what a fit leaves in θ_m."""
-        found = replace(self, slow=())
+        found = replace(self, slow=(), offset=())
         for _ in range(SHAKE_PASSES):
             # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
             errors = []
@@ -128,19 +181,30 @@ class ClosedLoop:
                 fast = left - low_pass(left, shake_width(record.period_s))
                 errors.append(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
             found = replace(found, encoder_error_rad=tuple(errors))
-        runs = enumerate(nuisances)
-        return replace(found, slow=tuple(found.slow_rounding(k, theta, n, quantum_rad) for k, n in runs))
+        slow = tuple(found.slow_share(k, theta, n, quantum_rad) for k, n in enumerate(nuisances))
+        found = replace(found, slow=slow)
+        others = found.shaken_by_others()
+        offsets = []
+        for k, nuisance in enumerate(nuisances):
+            own, first, second = (s.raw(k, theta, nuisance) for s in (found, *others))
+            offsets.append(
+                Offset(*(getattr(own, n) - 0.5 * (getattr(first, n) + getattr(second, n)) for n in Offset._fields))
+            )
+        return replace(found, offset=tuple(offsets))
 
-    def slow_rounding(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> Slow:
-        """Return what rounding does slowly: a motor that creeps or dwells lingers where the count changes.
+    def slow_share(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> Offset:
+        """Return what rounding does slowly, less what the load's noise does to the simulation alone.
 
-        Its angle is then off the counts' mean by up to half a count, for as long as it dwells. Simulated with the
-        counting, for loads that differ by as much as noise may have changed them; what all have in common is it.
+        A motor that creeps or dwells lingers where the count changes: its angle is off the counts' mean by up to half a
+        count, for as long as it dwells. And the noise in the load shakes the simulated motor, not the real one, and
+        works its dry friction loose. Both are simulated for loads that differ by as much noise again, in pairs whose
+        noise is opposite; what all have in common is it, and what more noise adds, less noise would take away
+        (simulation and extrapolation: Cook and Stefanski, J. Am. Stat. Assoc. 89, 1994).
         """
         record = self.records[run]
         nothing = np.zeros(record.time_s.size)
         if not on_grid(record.channels["theta_m_rad"], quantum_rad):
-            return Slow(nothing, nothing)
+            return Offset(nothing, nothing, nothing)
         still = self.unshaken()
         shaken = self.raw(run, theta, nuisance)
         plain = still.raw(run, theta, nuisance)
@@ -150,16 +214,24 @@ class ClosedLoop:
             records = tuple(record._replace(tau_w_N_m=load) if k == run else r for k, r in enumerate(self.records))
             other = replace(still, records=records)
             counted, smooth = other.raw(run, theta, nuisance, quantum_rad), other.raw(run, theta, nuisance)
-            total_m += (counted.theta_m_rad - smooth.theta_m_rad) / len(loads)
-            total_j += (counted.theta_j_rad - smooth.theta_j_rad) / len(loads)
+            total_m += (counted.theta_m_rad - 2.0 * smooth.theta_m_rad + plain.theta_m_rad) / len(loads)
+            total_j += (counted.theta_j_rad - 2.0 * smooth.theta_j_rad + plain.theta_j_rad) / len(loads)
         width = shake_width(record.period_s)
         total_m -= shaken.theta_m_rad - plain.theta_m_rad
         total_j -= shaken.theta_j_rad - plain.theta_j_rad
-        return Slow(low_pass(total_m, width), low_pass(total_j, width))
+        return Offset(low_pass(total_m, width), low_pass(total_j, width), nothing)
 
     def unshaken(self) -> "ClosedLoop":
         """Return the same without the encoder's rounding."""
-        return replace(self, encoder_error_rad=(np.empty(0),) * len(self.records), slow=())
+        return replace(self, encoder_error_rad=(np.empty(0),) * len(self.records), slow=(), offset=())
+
+    def calmed(self) -> "ClosedLoop":
+        """Return the same without the rounding and without what is quick in the load, which is noise for the most part.
+
+        What depends on a course of it isn't tied to the load's noise, as the residual is: else friction that holds the
+        simulated motor against that noise would seem to explain something.
+        """
+        return replace(self.unshaken(), records=tuple(with_calm_load(record) for record in self.records))
 
     def course(self, run: int, theta: Vector, nuisance: Nuisance) -> Course:
         """Return what a run went through inside."""
@@ -180,6 +252,23 @@ class ClosedLoop:
         )
 
 
+def with_calm_load(record: Record) -> Record:
+    """Return a record without what is quick in its load; jumps are kept."""
+    load = record.tau_w_N_m
+    if load is None:
+        return record
+    width = max(1, round(CALM_S / record.period_s))
+    pieces = np.split(load, record.edge_rows + 1)
+    return record._replace(
+        tau_w_N_m=np.concatenate([low_pass(piece, width) if piece.size else piece for piece in pieces])
+    )
+
+
+def path_differs(theta: Vector) -> bool:
+    """Tell whether something changes the current between the law and its sensor."""
+    return any(theta[place] != off for place, off in _PATH)
+
+
 def shake_width(period_s: float) -> int:
     """Return the rows of the moving averages that part slow from fast."""
     return max(3, round(1.0 / (SLOWEST_SHAKE_HZ * period_s)) | 1)
@@ -197,13 +286,15 @@ def on_grid(angle: Vector, quantum_rad: float) -> bool:
 
 
 def loads_like(record: Record) -> list[Vector | None]:
-    """Return the load as it may have been: with what smoothing has taken away, moved in time and smoothed."""
-    load, raw = record.tau_w_N_m, record.raw_load_N_m
-    if load is None or raw is None:
+    """Return the load with as much noise again as smoothing leaves in it, in pairs of opposite noise."""
+    load = record.tau_w_N_m
+    if load is None:
         return [load]
-    noise = raw - load
-    rng = np.random.default_rng(raw.size)
-    return [load + smoothed(np.roll(noise, int(rng.integers(raw.size))), REPLICA_CUTOFF) for _ in range(REPLICAS)]
+    rng = np.random.default_rng(load.size)
+    noises = [
+        smoothed(record.load_noise_N_m * rng.standard_normal(load.size), REPLICA_CUTOFF) for _ in range(REPLICAS // 2)
+    ]
+    return [load + sign * noise for noise in noises for sign in (1.0, -1.0)]
 
 
 def follows_law(record: Record, law: Vector) -> bool:

@@ -17,7 +17,6 @@ Bands = NDArray[np.intp]
 
 BANDS = 28
 LOWEST_HZ = 0.4
-SILENT = 1.0e6
 LEAST_ENTRIES = 60  # of a band: fewer, and it joins its neighbour
 
 
@@ -41,14 +40,12 @@ class Layout(NamedTuple):
     band_of: Bands
     band_channel: tuple[str, ...]  # channel of each band
     band_Hz: Vector  # middle of each band
-    deaf_from_Hz: float = np.inf  # from here on θ_m is taken to drive the simulation, and tells nothing besides
 
 
 def make_layout(
     channels: Sequence[Sequence[str]],
     weights: Sequence[Vector],
     period_s: Sequence[float],
-    deaf_from_Hz: float = np.inf,
 ) -> Layout:
     """Lay out the channels of each run; bands of like frequency of a channel are shared among the runs."""
     parts: list[Part] = []
@@ -72,7 +69,7 @@ def make_layout(
             band_of[part.start : part.stop] = len(labels) + np.searchsorted(edges[1:-1], f, side="right")
         labels += [name] * (edges.size - 1)
         middles += list(np.sqrt(np.maximum(edges[:-1], 0.1) * edges[1:]))
-    return Layout(tuple(parts), start, band_of, tuple(labels), np.array(middles), deaf_from_Hz)
+    return Layout(tuple(parts), start, band_of, tuple(labels), np.array(middles))
 
 
 def _edges(frequencies: Vector) -> Vector:
@@ -178,7 +175,6 @@ def measure_noise(layout: Layout, flat: Flat, leverage: Flat | None = None) -> N
         cross += np.bincount(here, product.real, bands) + 1j * np.bincount(here, product.imag, bands)
         power_of_motor += np.bincount(here, np.abs(motor) ** 2, bands)
     known = power_of_motor > 0.0
-    known &= layout.band_Hz < layout.deaf_from_Hz
     mix[known] = cross[known] / power_of_motor[known]
     for start, stop, source in _pairs(layout):
         here = layout.band_of[start:stop:2]
@@ -187,16 +183,7 @@ def measure_noise(layout: Layout, flat: Flat, leverage: Flat | None = None) -> N
     count = np.bincount(layout.band_of, minlength=bands)
     total = np.bincount(layout.band_of, weights=left**2, minlength=bands)
     used = np.bincount(layout.band_of, weights=leverage, minlength=bands) if leverage is not None else 0.0
-    return Noise(np.asarray(total / np.maximum(count - used, 0.25 * count)) * deafness(layout), mix)
-
-
-def deafness(layout: Layout) -> Vector:
-    """Return the factor on each band's noise that silences θ_m where it drives the simulation.
-
-    There its residual is the encoder's rounding, and so is what drives: they go together, as if an entry explained it.
-    """
-    motor = np.array([name == MOTOR for name in layout.band_channel])
-    return np.where(motor & (layout.band_Hz >= layout.deaf_from_Hz), SILENT, 1.0)
+    return Noise(np.asarray(total / np.maximum(count - used, 0.25 * count)), mix)
 
 
 def whitening(layout: Layout, noise: Noise) -> Whitener:

@@ -40,6 +40,7 @@ MAX_LOG = 3.0  # of a parameter, in one step of a refit
 MAX_REFITS = 6
 NEAR = 0.02
 SAME_AS_ZERO = ("wire_permanent_stretch",)  # nothing but a jaw sensor of known zero can show it
+ZERO_SD_RAD = 2.0e-3  # how well that is known, from run to run
 MAX_SEARCHES = 20
 LOAD = "tau_w_N_m"
 PULSE_N_M = 1.0e-3
@@ -192,8 +193,10 @@ def _whitened(
         response, root = _noise(key, name, own_seed, outputs, LOAD in channels)
         if LOAD in channels:  # the load as measured is what a simulation is driven by
             spectra = spectra - response * np.fft.rfft(log.tau_w_N_m, norm="ortho")[:, np.newaxis]
-        if zeros and "theta_j_rad" in outputs:
-            spectra[0, outputs.index("theta_j_rad")] = 0.0
+        if "theta_j_rad" in outputs:
+            jaw = outputs.index("theta_j_rad")
+            spread = math.sqrt(spectra.shape[0] * 2.0) * ZERO_SD_RAD / assumed.noise.theta_j_rad
+            spectra[0, jaw] *= 0.0 if zeros else 1.0 / math.hypot(1.0, spread)
         white = np.linalg.solve(root, spectra[:, :, np.newaxis])[:, :, 0] * math.sqrt(2.0)
         white[0] /= math.sqrt(2.0)
         parts += [white.real.ravel(), white.imag.ravel()]
