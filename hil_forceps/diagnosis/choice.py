@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.entries import Probe, Scene, free_names, probes
-from hil_forceps.diagnosis.fit import Fit, Held, fit, gram, hold
+from hil_forceps.diagnosis.fit import Fit, Held, chi2_of, fit, gram, hold
 from hil_forceps.diagnosis.probing import sized_columns
 from hil_forceps.diagnosis.problem import Matrix, Problem
 from hil_forceps.diagnosis.result import Candidate
@@ -26,6 +26,7 @@ Vector = NDArray[np.float64]
 
 MAX_EFFECTS = 3
 SHORTLIST = 7
+MAX_HALVINGS = 6
 SHORTLIST_DROP = 40.0  # of the linear gain below the best
 SET_DROP = 6.0
 ACCURACY = 0.004  # of the misfit already explained: a further effect must gain more than numerics and smoothing leave
@@ -191,14 +192,13 @@ class Chooser:
             start[name] *= float(amplitude)
         for p in entry.parameters:
             start[p.name] = float(np.clip(start.get(p.name, p.neutral or 0.0), p.minimum, p.maximum))
-        free = free_names(entry, probe)
         count = len(model.problem.shared.items)
-        shared = model.problem.shared.with_effect(probe.effect_id, start, free)
-        base = model.problem.base.copy()
-        for name, value in start.items():
-            base[parameters.index(f"effects.{probe.effect_id}.{name}")] = value
-        problem = replace(model.problem.with_shared(shared), base=base)
-        u = np.concatenate((model.fit.u[:count], np.zeros(len(shared.items) - count), model.fit.u[count:]))
+        for _ in range(MAX_HALVINGS):
+            problem, u = _with_effect(model, probe, start)
+            residual = problem.measured - problem.predicted(u)
+            if not probe.amplitudes or chi2_of(problem, residual, whitener, u) < model.fit.chi2:
+                break  # else the linear look has promised too much
+            start |= {name: 0.5 * start[name] for name in probe.amplitudes}
         result = fit(problem, u, whitener, held=held, steps=steps)
         return Model((*model.effects, probe.effect_id), problem, result, _at_bound(problem, result, count))
 
@@ -284,6 +284,17 @@ class Chooser:
             else:
                 state = "weaker"
             self._candidates.append(Candidate(effect_id, step, gain, scan.scores.threshold, state))  # type: ignore[arg-type]
+
+
+def _with_effect(model: Model, probe: Probe, start: dict[str, float]) -> tuple[Problem, Vector]:
+    """Return the problem with an entry added, and where to begin: the model with the entry at `start`."""
+    count = len(model.problem.shared.items)
+    shared = model.problem.shared.with_effect(probe.effect_id, start, free_names(effect(probe.effect_id), probe))
+    base = model.problem.base.copy()
+    for name, value in start.items():
+        base[parameters.index(f"effects.{probe.effect_id}.{name}")] = value
+    problem = replace(model.problem.with_shared(shared), base=base)
+    return problem, np.concatenate((model.fit.u[:count], np.zeros(len(shared.items) - count), model.fit.u[count:]))
 
 
 def without_effect(model: Model, place: int, whitener: Whitener) -> Model:

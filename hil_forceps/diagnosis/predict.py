@@ -46,7 +46,7 @@ _PATH = tuple(
     for p in effect(name).parameters
 )
 REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually ends
-FINER_FOR_STRIBECK = 3  # friction that falls with speed is unstable at heart, and wants smaller steps
+FINER_FOR_STRIBECK = 1  # friction that falls with speed is unstable at heart, and wants smaller steps
 _STRIBECK = parameters.index("effects.stribeck_friction.rise_N_m")
 ROWS_FOR_INTEGRAL = 40
 ROWS_FOR_SPEED = 12  # at the beginning of a run

@@ -94,13 +94,20 @@ def _gain(s: Square, b: Vector, group: Group, good: NDArray[np.bool_]) -> tuple[
 
 def _threshold(s: Square, groups: Sequence[Group], good: NDArray[np.bool_], chance: float, seed: int) -> float:
     """Return the highest gain that noise alone gives in all but `chance` of data sets."""
+    # Columns differ in size by orders of magnitude: the rounding of the largest would drown the smallest.
+    size = np.sqrt(np.maximum(np.diag(s), 1e-30))
+    kept = np.flatnonzero(good)
+    place = np.full(size.size, -1)
+    place[kept] = np.arange(kept.size)
+    s = (s / np.outer(size, size))[np.ix_(kept, kept)]
     values, vectors = np.linalg.eigh(s)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     rng = np.random.default_rng(seed)
     slopes = root @ rng.standard_normal((s.shape[0], DRAWS))
     highest = np.zeros(DRAWS)
     for group in groups:
-        chosen = np.arange(group.first, group.stop)[good[group.first : group.stop]]
+        chosen = place[group.first : group.stop]
+        chosen = chosen[chosen >= 0]
         if chosen.size == 0:
             continue
         inverse = np.linalg.pinv(s[np.ix_(chosen, chosen)], rcond=1e-9, hermitian=True)

@@ -57,20 +57,6 @@ def test_coloured_noise_is_smoothed_once_its_colour_is_known() -> None:
     assert np.std(np.diff(known)) < 0.1 * np.std(np.diff(taken_as_white))
 
 
-def test_where_the_counts_drive_the_motor_tells_nothing() -> None:
-    weights = [np.ones(ROWS)] * RUNS
-    layout = make_layout([("theta_m_rad", "theta_j_rad")] * RUNS, weights, [PERIOD_S] * RUNS, 80.0)
-    rng = np.random.default_rng(5)
-    flat = rng.standard_normal(layout.size).astype(np.float32)
-    noise = measure_noise(layout, flat)
-    fast = layout.band_Hz >= 80.0
-    motor = np.array([name == "theta_m_rad" for name in layout.band_channel])
-    assert fast[motor].any()
-    assert np.all(noise.power[motor & fast] > 1e5)
-    assert np.all(noise.power[~(motor & fast)] < 2.0)
-    assert np.all(noise.mix[fast] == 0.0)
-
-
 def test_a_constant_load_stays_as_it_is() -> None:
     assert np.array_equal(smooth_load(np.full(100, 2.0), NO_EDGES, PERIOD_S), np.full(100, 2.0))
 
