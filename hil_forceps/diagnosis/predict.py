@@ -58,6 +58,7 @@ class Offset(NamedTuple):
     theta_m_rad: Vector
     theta_j_rad: Vector
     current_A: Vector
+    seen_rad_s: Vector  # to the integral of what the drive reads
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,13 +84,13 @@ class ClosedLoop:
         """
         if not self.offset:
             return [self.outputs(k, self.raw(k, theta, nuisance)) for k, nuisance in enumerate(nuisances)]
-        others = self.shaken_by_others()
+        others, own = self.shaken_by_others(), replace(self, slow=(), offset=())
         found = []
         for k, nuisance in enumerate(nuisances):
             both = [other.outputs(k, other.raw(k, theta, nuisance), self.offset[k]) for other in others]
             outputs = {name: 0.5 * (values + both[1][name]) for name, values in both[0].items()}
             if follows_law(self.records[k], self.law) and path_differs(theta):
-                outputs["current_A"] = self.outputs(k, self.raw(k, theta, nuisance))["current_A"]
+                outputs["current_A"] = own.outputs(k, own.raw(k, theta, nuisance))["current_A"]
             found.append(outputs)
         return found
 
@@ -140,9 +141,12 @@ class ClosedLoop:
             found |= {
                 name: values + getattr(offset, name)
                 for name, values in found.items()
-                if name in Offset._fields and not (law and name == "current_A")
+                if not (law and name == "current_A")
             }
-        return self.transformed(run, found, seen)
+        found = self.transformed(run, found, seen)
+        if offset is not None:
+            found[MOTOR] = found[MOTOR] + self.integral_per_s * offset.seen_rad_s
+        return found
 
     def transformed(self, run: int, channels: dict[str, Vector], seen_rad: Vector) -> dict[str, Vector]:
         """Put what the law does not explain in place of the current; `seen_rad`: angle with the encoder's rounding."""
@@ -152,7 +156,7 @@ class ClosedLoop:
             command = drive_law.law_current(self.law, record.reference_rad, seen_rad, self.starts[run].drive)
             found["current_A"] = channels["current_A"] - np.concatenate((channels["current_A"][:1], command[:-1]))
         if share := self.integral_per_s * record.period_s:
-            found[MOTOR] = channels[MOTOR] + share * np.cumsum(channels[MOTOR] - record.reference_rad)
+            found[MOTOR] = channels[MOTOR] + share * np.cumsum(seen_rad - record.reference_rad)
         return found
 
     @property
@@ -187,9 +191,13 @@ class ClosedLoop:
         offsets = []
         for k, nuisance in enumerate(nuisances):
             own, first, second = (s.raw(k, theta, nuisance) for s in (found, *others))
-            offsets.append(
-                Offset(*(getattr(own, n) - 0.5 * (getattr(first, n) + getattr(second, n)) for n in Offset._fields))
+            motor, jaw, current = (
+                getattr(own, name) - 0.5 * (getattr(first, name) + getattr(second, name))
+                for name in ("theta_m_rad", "theta_j_rad", "current_A")
             )
+            # Others' roundings cancel, and the slow part isn't what the drive has read on the average.
+            read = motor - slow[k].theta_m_rad + found.encoder_error_rad[k]
+            offsets.append(Offset(motor, jaw, current, np.cumsum(read) * self.records[k].period_s))
         return replace(found, offset=tuple(offsets))
 
     def slow_share(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> Offset:
@@ -204,7 +212,7 @@ class ClosedLoop:
         record = self.records[run]
         nothing = np.zeros(record.time_s.size)
         if not on_grid(record.channels["theta_m_rad"], quantum_rad):
-            return Offset(nothing, nothing, nothing)
+            return Offset(nothing, nothing, nothing, nothing)
         still = self.unshaken()
         shaken = self.raw(run, theta, nuisance)
         plain = still.raw(run, theta, nuisance)
@@ -219,7 +227,7 @@ class ClosedLoop:
         width = shake_width(record.period_s)
         total_m -= shaken.theta_m_rad - plain.theta_m_rad
         total_j -= shaken.theta_j_rad - plain.theta_j_rad
-        return Offset(low_pass(total_m, width), low_pass(total_j, width), nothing)
+        return Offset(low_pass(total_m, width), low_pass(total_j, width), nothing, nothing)
 
     def unshaken(self) -> "ClosedLoop":
         """Return the same without the encoder's rounding."""

@@ -18,20 +18,28 @@ OFFSET_A = 1.5e-4
 KINDS = ("multisine", "trapezoid")
 
 
-def test_a_steady_offset_of_a_seventh_of_the_current_s_noise_shows() -> None:
+def test_a_steady_offset_of_a_seventh_of_the_current_s_noise_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     case = make_case({"current_offset": {"offset_A": OFFSET_A}}, 51, scenarios=(KINDS, ()))
     records, _ = prepare(case.fit, case.assumed)
-    setting, _, baseline, whitener = fit_baseline(records, case.assumed, Options())
-    assert setting.simulator.integral_per_s == pytest.approx(15.0 / 1.2)
-    problem, found = baseline.problem, baseline.fit
-    columns, groups = probe_columns(
-        problem, found.u, [Probe("current_offset", {"offset_A": OFFSET_A}, ("offset_A",), False)]
-    )
-    fitted, white = whitener.apply(found.jacobian), whitener.apply(columns)
-    residual = whitener.apply(found.residual)
-    scores = score(fitted, problem.prior_weights(), found.u, white, groups, residual, 0.01, 0)
-    assert scores.gains[0] > 40.0  # less than 10 without the integral
-    assert scores.amplitudes[0][0] == pytest.approx(1.0, abs=0.25)
+
+    def found() -> tuple[float, float]:
+        """Return the offset's gain and what it is of the true one."""
+        setting, _, baseline, whitener = fit_baseline(records, case.assumed, Options())
+        assert setting.simulator.integral_per_s in (pytest.approx(15.0 / 1.2), 0.0)
+        problem, fit = baseline.problem, baseline.fit
+        place = Probe("current_offset", {"offset_A": OFFSET_A}, ("offset_A",), False)
+        columns, groups = probe_columns(problem, fit.u, [place])
+        fitted, white = whitener.apply(fit.jacobian), whitener.apply(columns)
+        residual = whitener.apply(fit.residual)
+        scores = score(fitted, problem.prior_weights(), fit.u, white, groups, residual, 0.01, 0)
+        return float(scores.gains[0]), float(scores.amplitudes[0][0])
+
+    gain, amplitude = found()
+    monkeypatch.setattr(ClosedLoop, "integral_per_s", 0.0)
+    without, _ = found()
+    assert gain > 25.0
+    assert gain > 4.0 * without
+    assert amplitude == pytest.approx(1.0, abs=0.25)
 
 
 def test_the_linear_loop_says_the_same_of_a_steady_torque() -> None:
