@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.assemble_driven import driven_problem
 from hil_forceps.diagnosis.experiment import Record
-from hil_forceps.diagnosis.predict import ClosedLoop, make_starts
+from hil_forceps.diagnosis.first_rows import make_starts
+from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.spectrum import make_layout, transform

@@ -21,6 +21,7 @@ from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
+from hil_forceps.diagnosis.shaking import with_encoder_errors
 from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, white_noise, whitening
 from hil_forceps.diagnosis.starting import completed, unknown_names
 from hil_forceps.diagnosis.unknowns import Unknowns
@@ -188,9 +189,9 @@ def refresher(setting: Setting, rig: Rig) -> Callable[[Problem, Vector], Problem
     quantum = quantum_of(rig)
 
     def refresh(problem: Problem, u: Vector) -> Problem:
-        if quantum <= 0.0:
+        if quantum <= 0.0 or not isinstance(setting.simulator, ClosedLoop):
             return problem
-        found = setting.simulator.with_encoder_errors(problem.theta(u), problem.nuisances(u), quantum)
+        found = with_encoder_errors(setting.simulator, problem.theta(u), problem.nuisances(u), quantum)
         return replace(problem, simulate_runs=found)
 
     return refresh

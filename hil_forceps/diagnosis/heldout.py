@@ -11,8 +11,10 @@ from hil_forceps.diagnosis.assemble import assemble
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.fit import fit
+from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.problem import Mapper
 from hil_forceps.diagnosis.result import Gain, RunEvidence
+from hil_forceps.diagnosis.shaking import with_encoder_errors
 from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Layout, Noise, measure_noise, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
@@ -38,8 +40,8 @@ def play(records: Sequence[Record], rig: Rig, theta: Vector, quantum_rad: float,
     whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
     found = fit(problem, np.zeros(problem.size), whitener, steps=NUISANCE_STEPS)
     simulator = setting.simulator
-    if quantum_rad > 0.0:
-        simulator = simulator.with_encoder_errors(theta, problem.nuisances(found.u), quantum_rad)
+    if quantum_rad > 0.0 and isinstance(simulator, ClosedLoop):
+        simulator = with_encoder_errors(simulator, theta, problem.nuisances(found.u), quantum_rad)
         problem = replace(problem, simulate_runs=simulator)
     noise = measure_noise(problem.layout, found.residual)
     noise = noise._replace(power=np.maximum(noise.power, setting.floor))

@@ -16,20 +16,15 @@ from scipy.ndimage import uniform_filter1d
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.problem import Nuisance, Outputs
-from hil_forceps.diagnosis.smoothing import smoothed
 from hil_forceps.diagnosis.spectrum import MOTOR
 from hil_forceps.model import closed_loop, drive_law, parameters
 from hil_forceps.model.closed_loop import Channels, Inputs, Start
-from hil_forceps.model.drive_law import DriveState
 from hil_forceps.rig.catalogue import effect
 
 Vector = NDArray[np.float64]
 
 SUBSTEPS = 4  # of 250 µs in a row of 1 ms; more for longer rows
 LONGEST_SUBSTEP_S = 2.6e-4
-SLOWEST_SHAKE_HZ = 120.0  # below, what is left is misfit rather than rounding
-SHAKE_PASSES = 5
-REPLICAS = 6
 CALM_S = 0.04
 STAND_IN_SHARE = 0.37  # of a run: how far the rounding is moved that stands in for the one that happened
 _PATH = tuple(
@@ -45,11 +40,6 @@ _PATH = tuple(
     )
     for p in effect(name).parameters
 )
-REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually ends
-FINER_FOR_STRIBECK = 1  # friction that falls with speed is unstable at heart, and wants smaller steps
-_STRIBECK = parameters.index("effects.stribeck_friction.rise_N_m")
-ROWS_FOR_INTEGRAL = 40
-ROWS_FOR_SPEED = 12  # at the beginning of a run
 
 
 class Offset(NamedTuple):
@@ -69,7 +59,7 @@ class ClosedLoop:
     law: Vector
     starts: tuple[Start, ...]
     encoder_error_rad: tuple[Vector, ...]  # of each run; empty: none
-    slow: tuple[Offset, ...] = ()  # of each run: what the encoder's rounding does below `SLOWEST_SHAKE_HZ`
+    slow: tuple[Offset, ...] = ()  # of each run: what the encoder's rounding does slowly
     offset: tuple[Offset, ...] = ()  # of each run: what its rounding does more than the one that stands in for it
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
@@ -121,8 +111,6 @@ class ClosedLoop:
         )
         samples = round(record.period_s / float(self.law[drive_law.SAMPLE_TIME]))
         substeps = samples * max(1, int(np.ceil(record.period_s / samples / LONGEST_SUBSTEP_S)))
-        if theta[_STRIBECK] != 0.0:
-            substeps *= FINER_FOR_STRIBECK
         found = closed_loop.simulate(theta, self.law, quantum_rad, inputs, Start(plant, drive), substeps, samples)
         jaw = found.theta_j_rad + nuisance.theta_j_zero_rad
         if not self.slow or quantum_rad > 0.0:
@@ -174,61 +162,6 @@ class ClosedLoop:
         """Return the transformed channels as measured."""
         return [self.transformed(k, r.channels, r.channels["theta_m_rad"]) for k, r in enumerate(self.records)]
 
-    def with_encoder_errors(self, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float) -> "ClosedLoop":
-        """Return the same with the encoder's rounding as it happened: the fast part of what a fit leaves in θ_m."""
-        found = replace(self, slow=(), offset=())
-        for _ in range(SHAKE_PASSES):
-            # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
-            errors = []
-            for k, (record, nuisance) in enumerate(zip(self.records, nuisances, strict=True)):
-                left = record.channels["theta_m_rad"] - found.raw(k, theta, nuisance).theta_m_rad
-                fast = left - low_pass(left, shake_width(record.period_s))
-                errors.append(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
-            found = replace(found, encoder_error_rad=tuple(errors))
-        slow = tuple(found.slow_share(k, theta, n, quantum_rad) for k, n in enumerate(nuisances))
-        found = replace(found, slow=slow)
-        others = found.shaken_by_others()
-        offsets = []
-        for k, nuisance in enumerate(nuisances):
-            own, first, second = (s.raw(k, theta, nuisance) for s in (found, *others))
-            motor, jaw, current = (
-                getattr(own, name) - 0.5 * (getattr(first, name) + getattr(second, name))
-                for name in ("theta_m_rad", "theta_j_rad", "current_A")
-            )
-            # Others' roundings cancel, and the slow part isn't what the drive has read on the average.
-            read = motor - slow[k].theta_m_rad + found.encoder_error_rad[k]
-            offsets.append(Offset(motor, jaw, current, np.cumsum(read) * self.records[k].period_s))
-        return replace(found, offset=tuple(offsets))
-
-    def slow_share(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> Offset:
-        """Return what rounding does slowly, less what the load's noise does to the simulation alone.
-
-        A motor that creeps or dwells lingers where the count changes: its angle is off the counts' mean by up to half a
-        count, for as long as it dwells. And the noise in the load shakes the simulated motor, not the real one, and
-        works its dry friction loose. Both are simulated for loads that differ by as much noise again, in pairs whose
-        noise is opposite; what all have in common is it, and what more noise adds, less noise would take away
-        (simulation and extrapolation: Cook and Stefanski, J. Am. Stat. Assoc. 89, 1994).
-        """
-        record = self.records[run]
-        nothing = np.zeros(record.time_s.size)
-        if not on_grid(record.channels["theta_m_rad"], quantum_rad):
-            return Offset(nothing, nothing, nothing, nothing)
-        still = self.unshaken()
-        shaken = self.raw(run, theta, nuisance)
-        plain = still.raw(run, theta, nuisance)
-        total_m, total_j = nothing.copy(), nothing.copy()
-        loads = loads_like(record)
-        for load in loads:
-            records = tuple(record._replace(tau_w_N_m=load) if k == run else r for k, r in enumerate(self.records))
-            other = replace(still, records=records)
-            counted, smooth = other.raw(run, theta, nuisance, quantum_rad), other.raw(run, theta, nuisance)
-            total_m += (counted.theta_m_rad - 2.0 * smooth.theta_m_rad + plain.theta_m_rad) / len(loads)
-            total_j += (counted.theta_j_rad - 2.0 * smooth.theta_j_rad + plain.theta_j_rad) / len(loads)
-        width = shake_width(record.period_s)
-        total_m -= shaken.theta_m_rad - plain.theta_m_rad
-        total_j -= shaken.theta_j_rad - plain.theta_j_rad
-        return Offset(low_pass(total_m, width), low_pass(total_j, width), nothing, nothing)
-
     def unshaken(self) -> "ClosedLoop":
         """Return the same without the encoder's rounding."""
         return replace(self, encoder_error_rad=(np.empty(0),) * len(self.records), slow=(), offset=())
@@ -277,80 +210,15 @@ def path_differs(theta: Vector) -> bool:
     return any(theta[place] != off for place, off in _PATH)
 
 
-def shake_width(period_s: float) -> int:
-    """Return the rows of the moving averages that part slow from fast."""
-    return max(3, round(1.0 / (SLOWEST_SHAKE_HZ * period_s)) | 1)
-
-
 def low_pass(values: Vector, width: int) -> Vector:
     """Return two moving averages, one after the other."""
     return np.asarray(uniform_filter1d(uniform_filter1d(values, width), width))
-
-
-def on_grid(angle: Vector, quantum_rad: float) -> bool:
-    """Tell whether angles are whole counts from 0: else it is not known where the count changes."""
-    counts = angle / quantum_rad
-    return bool(np.max(np.abs(counts - np.rint(counts))) < 0.02)
-
-
-def loads_like(record: Record) -> list[Vector | None]:
-    """Return the load with as much noise again as smoothing leaves in it, in pairs of opposite noise."""
-    load = record.tau_w_N_m
-    if load is None:
-        return [load]
-    rng = np.random.default_rng(load.size)
-    noises = [
-        smoothed(record.load_noise_N_m * rng.standard_normal(load.size), REPLICA_CUTOFF) for _ in range(REPLICAS // 2)
-    ]
-    return [load + sign * noise for noise in noises for sign in (1.0, -1.0)]
 
 
 def follows_law(record: Record, law: Vector) -> bool:
     """Tell whether the law can be followed row by row: every sample of the drive is a row, none is missing."""
     samples = record.period_s / float(law[drive_law.SAMPLE_TIME])
     return record.evenly_logged and abs(samples - 1.0) < 0.02
-
-
-def make_starts(records: Sequence[Record], theta: Vector, law: Vector) -> tuple[Start, ...]:
-    """Return the state before the first row of each run, from its first rows."""
-    return tuple(_start(record, theta, law) for record in records)
-
-
-def _start(record: Record, theta: Vector, law: Vector) -> Start:
-    angle = record.channels["theta_m_rad"]
-    few = min(ROWS_FOR_SPEED, angle.size)
-    speed = float(np.polyfit(record.time_s[:few], angle[:few], 1)[0]) if few > 1 else 0.0
-    if abs(angle[few - 1] - angle[0]) < 2.5 * _quantum(angle):
-        speed = 0.0
-    load = float(record.tau_w_N_m[0]) if record.tau_w_N_m is not None else 0.0
-    at_rest = closed_loop.rest(theta, float(angle[0]), load / theta[parameters.index("forceps.jaw_pulley_radius_m")])
-    current = record.channels["current_A"]
-    period = float(law[drive_law.SAMPLE_TIME])
-    integral = _integral(record, law, speed)
-    ratio = (
-        theta[parameters.index("forceps.motor_pulley_radius_m")]
-        / theta[parameters.index("forceps.jaw_pulley_radius_m")]
-    )
-    plant = at_rest.plant._replace(omega_m_rad_per_s=speed, omega_j_rad_per_s=speed * float(ratio))
-    held = float(np.mean(current[: min(ROWS_FOR_SPEED, current.size)]))
-    plant = plant._replace(current_A=held)
-    return Start(plant, DriveState(integral, float(angle[0]) - speed * period, speed, held))
-
-
-def _integral(record: Record, law: Vector, speed: float) -> float:
-    """Return the drive's integral before the first row: what the measured current asks for, over the first rows."""
-    ki = float(law[drive_law.KI])
-    if ki <= 0.0:
-        return 0.0
-    rows = min(ROWS_FOR_INTEGRAL, record.time_s.size - 1)
-    angle, reference = record.channels["theta_m_rad"][:rows], record.reference_rad[:rows]
-    idle = DriveState(0.0, float(angle[0]) - speed * record.period_s, speed, 0.0)
-    without = drive_law.law_current(law, reference, angle, idle)
-    missing = record.channels["current_A"][1 : rows + 1] - without
-    limit = float(law[drive_law.LIMIT])
-    free = np.abs(without) < limit
-    wanted = float(np.mean(missing[free])) if free.any() else 0.0
-    return max(-limit, min(limit, wanted)) / ki
 
 
 def _sensor_share(theta: Vector, start: Start, law: Vector) -> float:
@@ -361,12 +229,6 @@ def _sensor_share(theta: Vector, start: Start, law: Vector) -> float:
     if ki <= 0.0:
         return 0.0
     return (start.plant.current_A - offset) / gain / ki - start.plant.current_A / ki
-
-
-def _quantum(angle: Vector) -> float:
-    steps = np.abs(np.diff(angle))
-    steps = steps[steps > 1e-12]
-    return float(steps.min()) if steps.size else 0.0
 
 
 def _settled(theta: Vector, start: Start, record: Record) -> closed_loop.State:

@@ -77,10 +77,6 @@ class Driven:
         """Return the channels as measured."""
         return [dict(record.channels) for record in self.records]
 
-    def with_encoder_errors(self, _theta: Vector, _nuisances: Sequence[Nuisance], _quantum_rad: float) -> "Driven":
-        """Return the same: no loop answers to the encoder's rounding."""
-        return self
-
     def unshaken(self) -> "Driven":
         """Return the same."""
         return self

@@ -1,0 +1,101 @@
+"""What the encoder's rounding does to the motor, as it happened in each run."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.predict import ClosedLoop, Offset, low_pass
+from hil_forceps.diagnosis.problem import Nuisance
+from hil_forceps.diagnosis.smoothing import smoothed
+
+Vector = NDArray[np.float64]
+
+SLOWEST_SHAKE_HZ = 120.0  # below, what is left is misfit rather than rounding
+SHAKE_PASSES = 5
+REPLICAS = 6
+REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually ends
+
+
+def with_encoder_errors(
+    loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float
+) -> ClosedLoop:
+    """Return the same with the encoder's rounding as it happened: the fast part of what a fit leaves in θ_m."""
+    found = replace(loop, slow=(), offset=())
+    for _ in range(SHAKE_PASSES):
+        # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
+        errors = []
+        for k, (record, nuisance) in enumerate(zip(loop.records, nuisances, strict=True)):
+            left = record.channels["theta_m_rad"] - found.raw(k, theta, nuisance).theta_m_rad
+            fast = left - low_pass(left, shake_width(record.period_s))
+            errors.append(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
+        found = replace(found, encoder_error_rad=tuple(errors))
+    slow = tuple(slow_share(found, k, theta, n, quantum_rad) for k, n in enumerate(nuisances))
+    found = replace(found, slow=slow)
+    others = found.shaken_by_others()
+    offsets = []
+    for k, nuisance in enumerate(nuisances):
+        own, first, second = (s.raw(k, theta, nuisance) for s in (found, *others))
+        motor, jaw, current = (
+            getattr(own, name) - 0.5 * (getattr(first, name) + getattr(second, name))
+            for name in ("theta_m_rad", "theta_j_rad", "current_A")
+        )
+        # Others' roundings cancel, and the slow part isn't what the drive has read on the average.
+        read = motor - slow[k].theta_m_rad + found.encoder_error_rad[k]
+        offsets.append(Offset(motor, jaw, current, np.cumsum(read) * loop.records[k].period_s))
+    return replace(found, offset=tuple(offsets))
+
+
+def slow_share(loop: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> Offset:
+    """Return what rounding does slowly, less what the load's noise does to the simulation alone.
+
+    A motor that creeps or dwells lingers where the count changes: its angle is off the counts' mean by up to half a
+    count, for as long as it dwells. And the noise in the load shakes the simulated motor, not the real one, and
+    works its dry friction loose. Both are simulated for loads that differ by as much noise again, in pairs whose
+    noise is opposite; what all have in common is it, and what more noise adds, less noise would take away
+    (simulation and extrapolation: Cook and Stefanski, J. Am. Stat. Assoc. 89, 1994).
+    """
+    record = loop.records[run]
+    nothing = np.zeros(record.time_s.size)
+    if not on_grid(record.channels["theta_m_rad"], quantum_rad):
+        return Offset(nothing, nothing, nothing, nothing)
+    still = loop.unshaken()
+    shaken = loop.raw(run, theta, nuisance)
+    plain = still.raw(run, theta, nuisance)
+    total_m, total_j = nothing.copy(), nothing.copy()
+    loads = loads_like(record)
+    for load in loads:
+        records = tuple(record._replace(tau_w_N_m=load) if k == run else r for k, r in enumerate(loop.records))
+        other = replace(still, records=records)
+        counted, smooth = other.raw(run, theta, nuisance, quantum_rad), other.raw(run, theta, nuisance)
+        total_m += (counted.theta_m_rad - 2.0 * smooth.theta_m_rad + plain.theta_m_rad) / len(loads)
+        total_j += (counted.theta_j_rad - 2.0 * smooth.theta_j_rad + plain.theta_j_rad) / len(loads)
+    width = shake_width(record.period_s)
+    total_m -= shaken.theta_m_rad - plain.theta_m_rad
+    total_j -= shaken.theta_j_rad - plain.theta_j_rad
+    return Offset(low_pass(total_m, width), low_pass(total_j, width), nothing, nothing)
+
+
+def shake_width(period_s: float) -> int:
+    """Return the rows of the moving averages that part slow from fast."""
+    return max(3, round(1.0 / (SLOWEST_SHAKE_HZ * period_s)) | 1)
+
+
+def on_grid(angle: Vector, quantum_rad: float) -> bool:
+    """Tell whether angles are whole counts from 0: else it is not known where the count changes."""
+    counts = angle / quantum_rad
+    return bool(np.max(np.abs(counts - np.rint(counts))) < 0.02)
+
+
+def loads_like(record: Record) -> list[Vector | None]:
+    """Return the load with as much noise again as smoothing leaves in it, in pairs of opposite noise."""
+    load = record.tau_w_N_m
+    if load is None:
+        return [load]
+    rng = np.random.default_rng(load.size)
+    noises = [
+        smoothed(record.load_noise_N_m * rng.standard_normal(load.size), REPLICA_CUTOFF) for _ in range(REPLICAS // 2)
+    ]
+    return [load + sign * noise for noise in noises for sign in (1.0, -1.0)]
