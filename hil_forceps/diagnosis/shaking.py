@@ -22,7 +22,10 @@ REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually end
 def with_encoder_errors(
     loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float
 ) -> ClosedLoop:
-    """Return the same with the encoder's rounding as it happened: the fast part of what a fit leaves in θ_m."""
+    """Return the same with the encoder's rounding as it happened: the fast part of what a fit leaves in θ_m.
+
+    Its offset is what this does more than the roundings that stand in for it, at `theta` and `nuisances`.
+    """
     found = replace(loop, slow=(), offset=())
     for _ in range(SHAKE_PASSES):
         # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
@@ -49,13 +52,11 @@ def with_encoder_errors(
 
 
 def slow_share(loop: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> Offset:
-    """Return what rounding does slowly, less what the load's noise does to the simulation alone.
+    """Return what rounding does slowly: a motor that creeps or dwells lingers where the count changes.
 
-    A motor that creeps or dwells lingers where the count changes: its angle is off the counts' mean by up to half a
-    count, for as long as it dwells. And the noise in the load shakes the simulated motor, not the real one, and
-    works its dry friction loose. Both are simulated for loads that differ by as much noise again, in pairs whose
-    noise is opposite; what all have in common is it, and what more noise adds, less noise would take away
-    (simulation and extrapolation: Cook and Stefanski, J. Am. Stat. Assoc. 89, 1994).
+    Its angle is then off the counts' mean by up to half a count, for as long as it dwells. Simulated with the counting,
+    for loads that differ by as much noise again as smoothing leaves, in pairs of opposite noise; what all have in
+    common is it.
     """
     record = loop.records[run]
     nothing = np.zeros(record.time_s.size)
@@ -70,8 +71,8 @@ def slow_share(loop: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, qu
         records = tuple(record._replace(tau_w_N_m=load) if k == run else r for k, r in enumerate(loop.records))
         other = replace(still, records=records)
         counted, smooth = other.raw(run, theta, nuisance, quantum_rad), other.raw(run, theta, nuisance)
-        total_m += (counted.theta_m_rad - 2.0 * smooth.theta_m_rad + plain.theta_m_rad) / len(loads)
-        total_j += (counted.theta_j_rad - 2.0 * smooth.theta_j_rad + plain.theta_j_rad) / len(loads)
+        total_m += (counted.theta_m_rad - smooth.theta_m_rad) / len(loads)
+        total_j += (counted.theta_j_rad - smooth.theta_j_rad) / len(loads)
     width = shake_width(record.period_s)
     total_m -= shaken.theta_m_rad - plain.theta_m_rad
     total_j -= shaken.theta_j_rad - plain.theta_j_rad
