@@ -68,6 +68,8 @@ def replay(
     if others:
         if rig is None or out is None:
             raise UserError("runs of an axis need --rig RIG.yaml and --out DIR")
+        if algorithm is not None or black_boxes:
+            raise UserError("several sources are runs of an axis: --algorithm and --black-boxes don't go with them")
         return replay_axis([source, *others], rig, out)
     if source.suffix.lower() == RECORDING_SUFFIX:
         return _recording(source, algorithm)
