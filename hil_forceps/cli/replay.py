@@ -4,15 +4,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
 from hil_forceps.bench.assembly import make_pipeline, settings_of
 from hil_forceps.bridge.replay import replay as replay_recording
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.cli.replay_axis import replay_axis
+from hil_forceps.cli.tables import print_cells
 from hil_forceps.report.comparison import write_comparison_figures
 from hil_forceps.report.instrument import write_instrument_figures
 from hil_forceps.rig import load_rig
@@ -20,7 +20,6 @@ from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.black_boxes import black_boxes as black_boxes_of
 from hil_forceps.runs.comparison_files import comparison_tables, write_comparison
 from hil_forceps.runs.instrument import compare_instrument, evaluate, read_instrument
-from hil_forceps.runs.instrument_report import Table as Cells
 from hil_forceps.runs.instrument_report import write_report
 from hil_forceps.runs.recording import read_recording
 
@@ -30,7 +29,7 @@ RECORDING_SUFFIX = ".mcap"
 
 def replay(
     source: Path,
-    *,
+    *others: Path,
     rig: Path | None = None,
     out: Path | None = None,
     algorithm: str | None = None,
@@ -44,10 +43,16 @@ def replay(
     --out. The estimators of the bench on all runs, then a transmission model fitted to some runs and held against
     others, beside regressions.
 
+    Two sources or more: runs of an axis that one motor moves, without a jaw (EMPS, or CSV with theta_m_rad and
+    tau_m_N_m). Terms of its inverse model are chosen and fitted on the first and held against the others; needs --rig
+    for the radius, and --out.
+
     Parameters
     ----------
     source
         Recording, folder, zip or CSV.
+    others
+        More runs of an axis, to test on.
     rig
         For runs of an instrument: the rig file to estimate with; what it leaves `unknown` of ratio and offsets is
         fitted, nothing else.
@@ -58,8 +63,14 @@ def replay(
     black_boxes
         For runs of an instrument: gradient boosting and a network in the comparison too; needs scikit-learn.
     """
-    if not source.exists():
-        raise UserError(f"{source}: no such file or folder")
+    if missing := [path for path in (source, *others) if not path.exists()]:
+        raise UserError([f"{path}: no such file or folder" for path in missing])
+    if others:
+        if rig is None or out is None:
+            raise UserError("runs of an axis need --rig RIG.yaml and --out DIR")
+        if algorithm is not None or black_boxes:
+            raise UserError("several sources are runs of an axis: --algorithm and --black-boxes don't go with them")
+        return replay_axis([source, *others], rig, out)
     if source.suffix.lower() == RECORDING_SUFFIX:
         return _recording(source, algorithm)
     if rig is None or out is None:
@@ -114,11 +125,11 @@ def _instrument(source: Path, rig_path: Path, out: Path, with_learned: bool) -> 
         write_comparison(comparison, out)
         bar.update(task, description="figures")
         figures = [*write_instrument_figures(report, out), *write_comparison_figures(comparison, out)]
-    _print(report.table(), f"{report.name}: estimated from the motor side against measured at the jaw", 3)
+    print_cells(report.table(), f"{report.name}: estimated from the motor side against measured at the jaw", 3)
     for assumed in report.assumed:
         sys.stdout.write(f"assumed: {assumed}\n")
     for split, cells in comparison_tables(comparison):
-        _print(cells, f"{report.name}, RMSE on what was held out: {split}", 2)
+        print_cells(cells, f"{report.name}, RMSE on what was held out: {split}", 2)
     if not comparison.splits:
         sys.stdout.write("no comparison on runs held out: it takes runs at two loads or two frequencies\n")
     sys.stdout.write(
@@ -126,13 +137,3 @@ def _instrument(source: Path, rig_path: Path, out: Path, with_learned: bool) -> 
         f"instrument_comparison.csv are in {out}/\n"
     )
     return 0
-
-
-def _print(cells: Cells, title: str, texts: int) -> None:
-    """Print a table whose first `texts` columns are words."""
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
-    for place, header in enumerate(cells.headers):
-        table.add_column(header.replace(" (", "\n("), justify="right" if place >= texts else "left", no_wrap=place == 0)
-    for row in cells.rows:
-        table.add_row(*row)
-    Console().print(table)
