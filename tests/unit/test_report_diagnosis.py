@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.result import (
@@ -23,11 +24,13 @@ from hil_forceps.diagnosis.result import (
     NamedEffect,
     NextExperiment,
     RunEvidence,
+    Rung,
     Shift,
     Trend,
     Verdict,
 )
 from hil_forceps.report.diagnosis import write_figures, write_report
+from hil_forceps.report.diagnosis_evidence import ladder_figure
 from hil_forceps.report.diagnosis_figures import panels
 from hil_forceps.report.style import house_style
 from hil_forceps.rig import catalogue
@@ -278,6 +281,36 @@ def test_every_verdict_gives_a_page_with_what_is_there(case: str, tmp_path: Path
         assert catalogue.effect(effect.id).summary in page.text
     for reason in diagnosis.reasons:
         assert reason in page.text
+
+
+LADDER = (
+    Rung("", {"current_A": 5.1e-3, "theta_j_rad": 3.9e-3}, {}, {}),
+    Rung(
+        "wire_slack",
+        {"current_A": 4.9e-3, "theta_j_rad": 4e-4},
+        {"current_A": 0.08, "theta_j_rad": 0.991},
+        {"half_width_m": Estimate(2.06e-6, 1.98e-6, 2.14e-6, "m")},
+    ),
+    Rung("jaw_coupling", {"current_A": 5.2e-3, "theta_j_rad": 3e-4}, {"current_A": -0.12, "theta_j_rad": 2e-3}, {}),
+)
+
+
+def test_ladder_is_drawn_and_tabulated_with_the_gain_of_each_step(tmp_path: Path) -> None:
+    diagnosis = replace(wire_slack(runs=3), ladder=LADDER, varies_over=("theta",))
+    page = page_of(diagnosis, tmp_path)
+    assert "The ladder" in page.headings
+    assert page.images == IMAGES["effects"] + 1
+    for words in ("known parameters", "99.1 %", "−12 %", "1.98", "1.5 times its noise floor", "motor angle"):
+        assert words in page.text, words
+    drawn = ladder_figure(diagnosis)
+    assert [text.get_text() for text in drawn.axes[0].get_yticklabels()] == [
+        "known parameters", "+ wire slack", "+ jaw coupling",
+    ]  # fmt: skip
+    widths = [bar.get_width() for bar in drawn.axes[0].patches if isinstance(bar, Rectangle)]
+    assert widths == pytest.approx([5.1, 4.9, 5.2])
+    assert "(mA)" in drawn.axes[0].get_xlabel()
+    alone = replace(diagnosis, ladder=LADDER[:1], held_out=(), gain={})
+    assert "none was held out" in page_of(alone, tmp_path).text
 
 
 def test_text_from_outside_stays_text(tmp_path: Path) -> None:
