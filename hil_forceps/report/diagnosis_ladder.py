@@ -5,6 +5,7 @@ from hil_forceps.report.diagnosis_names import quantity
 from hil_forceps.report.diagnosis_words import DASH, effect_words, escaped, number, percent, table, with_interval
 
 FIRST = "known parameters"
+MOST_TRENDS = 3
 
 
 def ladder_section(diagnosis: Diagnosis, image: str) -> str:
@@ -41,8 +42,18 @@ def _left(diagnosis: Diagnosis) -> str:
             parts.append(f"{escaped(quantity(name).words)} {number(error / floor)} times its noise floor")
     if not parts:
         return ""
-    over = ", ".join(escaped(quantity(name).words) for name in diagnosis.varies_over)
+    over = ", ".join(escaped(quantity(name).words) for name in diagnosis.varies_over) or _trends(diagnosis)
     return f"<p>What stays: {', '.join(parts)}{f'; it varies over {over}' if over else ''}.</p>"
+
+
+def _trends(diagnosis: Diagnosis) -> str:
+    """Name the smooth curves that explain most of what is left, where no verdict does."""
+    ranked = sorted((trend for trend in diagnosis.trends if trend.after > 1.0), key=lambda trend: -trend.after)
+    return ", ".join(
+        f"{escaped(quantity(trend.variable).words)} ({escaped(quantity(trend.channel).words)}, "
+        f"{number(trend.after)} times what chance gives)"
+        for trend in ranked[:MOST_TRENDS]
+    )
 
 
 def noise_floor(diagnosis: Diagnosis, name: str) -> float:
