@@ -12,7 +12,7 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from virtual_bus.effects import effect_numbers
 from virtual_bus.effects_forceps import ForcepsWithEffects
-from virtual_bus.effects_motion import check_step
+from virtual_bus.effects_start import check_step
 from virtual_bus.forceps import SimulatedForceps
 from virtual_bus.load import LoadProfile
 from virtual_bus.plant import truth_parameters

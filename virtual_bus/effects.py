@@ -58,6 +58,13 @@ class EffectNumbers(NamedTuple):
     pulley_cosine: float
     spool_pitch: float
     saturation: float
+    play: float
+    lever_sine: float
+    lever_cosine: float
+    coupling_stiffness: float
+    coupling_torque: float
+    loaded_mu: float
+    loaded_angle: float
 
 
 def effect_numbers(effects: Mapping[str, Mapping[str, float]]) -> EffectNumbers:

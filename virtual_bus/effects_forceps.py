@@ -5,11 +5,9 @@ from numpy.typing import NDArray
 
 from virtual_bus.effects import EffectNumbers
 from virtual_bus.effects_command import Queue, acting_command, empty_queue, push_command
-from virtual_bus.effects_motion import (
-    advance_with_effects,
-    rest_with_effects,
-)
+from virtual_bus.effects_motion import advance_with_effects
 from virtual_bus.effects_plant import Environment, elongation_of, encoder_angle
+from virtual_bus.effects_start import rest_with_effects
 from virtual_bus.forceps import NOT_STARTED_NS, Sensed, Truth, unpacked_loop, unpacked_plant
 from virtual_bus.kernel import kernel
 from virtual_bus.load import LoadProfile
@@ -147,5 +145,5 @@ class ForcepsWithEffects:
     def truth(self, now_ns: int) -> Truth:
         """Return what really is at this instant; the current is what it was until now."""
         theta_m, theta_j = float(self._state[0]), float(self._state[2])
-        x = elongation_of(theta_m, theta_j, self._plant, self._effects)
+        x = elongation_of(theta_m - float(self._state[11]), theta_j, self._plant, self._effects)
         return Truth(theta_m, theta_j, self._load.torque_at(now_ns - self._zero_ns), x, float(self._state[10]))

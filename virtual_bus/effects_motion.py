@@ -1,7 +1,7 @@
 """The truth plant with effects in time: friction that holds and lets go, commands that arrive late, edges of the load.
 
 The numbers of one forceps live in two arrays that `advance_with_effects` changes in place: `state`, in the order of
-`STATE`, and the queue of commands under way.
+`effects_start.STATE`, and the queue of commands under way.
 """
 
 import math
@@ -16,6 +16,7 @@ from virtual_bus.effects_plant import (
     Inputs,
     Memory,
     Motion,
+    behind_at,
     current_at,
     elongation_of,
     jaw_drive,
@@ -28,48 +29,10 @@ from virtual_bus.effects_plant import (
 )
 from virtual_bus.kernel import kernel
 from virtual_bus.load import load_at, segment_of
-from virtual_bus.plant import MAX_POLE_TIMES_STEP, TruthParameters, smooth_dynamics
+from virtual_bus.plant import TruthParameters
 
-STATE = (
-    "theta_m", "omega_m", "theta_j", "omega_j", "creep", "presliding", "hysteresis", "side_m", "side_j",
-    "target_A", "current_A",
-)  # fmt: skip
 MAX_EVENTS = 4  # of friction in one step; a body that changes its mind more often is held for the rest of it
 ROOT_ITERATIONS = 4
-
-
-def rest_with_effects(p: TruthParameters, e: EffectNumbers, theta_j_rad: float) -> NDArray[np.float64]:
-    """Return the state at rest, the jaw at `theta_j_rad`, the wire without tension, nothing remembered."""
-    theta_m = (p.jaw_pulley_radius_m * theta_j_rad + e.stretch) / p.motor_pulley_radius_m
-    for _ in range(50):  # the radius varies by far less than itself, so this converges
-        theta_m -= (elongation_of(theta_m, theta_j_rad, p, e) - e.stretch) / p.motor_pulley_radius_m
-    state = np.zeros(len(STATE))
-    state[0], state[2] = theta_m, theta_j_rad
-    return state
-
-
-def check_step(p: TruthParameters, e: EffectNumbers, current_limit_A: float, step_s: float) -> None:
-    """ValueError when a step is too coarse for what effects add to stiffness and damping, up to the drive's limit.
-
-    Memories and the lag of the current are exact at any step; what has a time constant of 10 ms or more is no matter.
-    """
-    force = p.torque_constant_N_m_per_A * current_limit_A / p.motor_pulley_radius_m
-    linear = force / p.wire_stiffness_N_per_m
-    stretches = np.roots([e.beta, 0.0, 1.0, -linear]) if e.beta > 0.0 else np.array([linear])
-    stretch = float(np.abs(stretches[np.abs(stretches.imag).argmin()]))
-    stiffness = p.wire_stiffness_N_per_m * (1.0 + 3.0 * e.beta * stretch**2)
-    stiffness += e.hysteresis_force / e.hysteresis_stretch
-    matrix = smooth_dynamics(p._replace(wire_stiffness_N_per_m=stiffness))
-    matrix[1, 0] -= e.presliding_level / e.presliding_angle / p.motor_inertia_kg_m2
-    ways = np.array([p.motor_pulley_radius_m, -p.jaw_pulley_radius_m])
-    inertias = np.array([p.motor_inertia_kg_m2, p.jaw_inertia_kg_m2])
-    matrix[np.ix_([1, 3], [1, 3])] -= e.damping * np.outer(ways, ways) / inertias[:, np.newaxis]
-    fastest = float(np.abs(np.linalg.eigvals(matrix)).max())
-    if fastest * step_s > MAX_POLE_TIMES_STEP:
-        raise ValueError(
-            f"a plant step of {step_s:g} s is too coarse for the effects, which make a mode at {fastest:.4g} 1/s; "
-            f"use {MAX_POLE_TIMES_STEP / fastest:.2g} s or less"
-        )
 
 
 @kernel
@@ -113,19 +76,25 @@ def released(
         drive = jaw_drive(m.theta_j, tension, u.load_N_m + u.load_slope * offset_s, p, e, env)
         level = jaw_level(m.theta_j, p, e)
         side_j = side_of(drive, level, level)
-    return Memory(memory.theta_m, memory.elongation, memory.presliding, memory.hysteresis, side_m, side_j)
+    return Memory(
+        memory.theta_m, memory.elongation, memory.presliding, memory.hysteresis, side_m, side_j, memory.behind,
+        memory.loaded,
+    )  # fmt: skip
 
 
 @kernel
 def remembered(m: Motion, memory: Memory, side_m: float, side_j: float, p: TruthParameters, e: EffectNumbers) -> Memory:
     """Return the memory at the end of a way."""
-    x = elongation_of(m.theta_m, m.theta_j, p, e)
-    presliding, hysteresis = 0.0, 0.0
+    behind = behind_at(m, memory, e)
+    x = elongation_of(m.theta_m - behind, m.theta_j, p, e)
+    presliding, hysteresis, loaded = 0.0, 0.0, 0.0
     if e.presliding_level != 0.0:
         presliding = slipped(memory.presliding, m.theta_m - memory.theta_m, e.presliding_angle)
     if e.hysteresis_force != 0.0:
         hysteresis = slipped(memory.hysteresis, x - memory.elongation, e.hysteresis_stretch)
-    return Memory(m.theta_m, x, presliding, hysteresis, side_m, side_j)
+    if e.loaded_mu != 0.0:
+        loaded = slipped(memory.loaded, m.theta_m - memory.theta_m, e.loaded_angle)
+    return Memory(m.theta_m, x, presliding, hysteresis, side_m, side_j, behind, loaded)
 
 
 @kernel
@@ -266,8 +235,8 @@ def advance_with_effects(
     were at the times `tap_ns` (in `start_ns` < t <= `end_ns`; the current from before a change at that time).
     """
     m = Motion(state[0], state[1], state[2], state[3], state[4])
-    x = elongation_of(m.theta_m, m.theta_j, p, e)
-    memory = Memory(m.theta_m, x, state[5], state[6], state[7], state[8])
+    x = elongation_of(m.theta_m - state[11], m.theta_j, p, e)
+    memory = Memory(m.theta_m, x, state[5], state[6], state[7], state[8], state[11], state[12])
     target, current = state[9], state[10]
     tally, room = queue.tally, queue.due_ns.size
     left_ns = start_ns
@@ -296,4 +265,4 @@ def advance_with_effects(
         left_ns = right_ns
     state[0], state[1], state[2], state[3], state[4] = m.theta_m, m.omega_m, m.theta_j, m.omega_j, m.creep
     state[5], state[6], state[7], state[8] = memory.presliding, memory.hysteresis, memory.side_m, memory.side_j
-    state[9], state[10] = target, current
+    state[9], state[10], state[11], state[12] = target, current, memory.behind, memory.loaded

@@ -31,6 +31,8 @@ class Memory(NamedTuple):
     hysteresis: float  # z of the wire
     side_m: float  # direction in which dry friction brakes the motor: ±1, or 0 while it holds
     side_j: float
+    behind: float  # the pulley is behind the motor by this within the play, rad
+    loaded: float  # z of the micro-slip that grows with tension
 
 
 class Environment(NamedTuple):
@@ -118,19 +120,55 @@ def wound(theta_m: float, p: TruthParameters, e: EffectNumbers) -> float:
 
 
 @kernel
-def elongation_of(theta_m: float, theta_j: float, p: TruthParameters, e: EffectNumbers) -> float:
-    """Return x in m."""
-    return wound(theta_m, p, e) - p.jaw_pulley_radius_m * theta_j
+def played(behind: float, way: float, play: float) -> float:
+    """Return by how much the pulley is behind the motor after a way of one direction: it is taken along at ±play."""
+    behind += way
+    if behind > play:
+        return play
+    return -play if behind < -play else behind
+
+
+@kernel
+def behind_at(m: Motion, memory: Memory, e: EffectNumbers) -> float:
+    """Return by how much the pulley is behind the motor, rad."""
+    return played(memory.behind, m.theta_m - memory.theta_m, e.play) if e.play > 0.0 else 0.0
+
+
+@kernel
+def jaw_lever(theta_j: float, p: TruthParameters, e: EffectNumbers) -> float:
+    """Return the lever at which the wire pulls the jaw, m."""
+    return p.jaw_pulley_radius_m * (1.0 + wave(e.lever_sine, e.lever_cosine, theta_j))
+
+
+@kernel
+def taken_by_jaw(theta_j: float, p: TruthParameters, e: EffectNumbers) -> float:
+    """Return the wire that the jaw has taken from angle 0 on in m: the integral of its lever."""
+    length = p.jaw_pulley_radius_m * theta_j
+    if e.lever_sine != 0.0 or e.lever_cosine != 0.0:
+        # 1 − cos, without cancellation near angle 0
+        length += p.jaw_pulley_radius_m * (
+            e.lever_cosine * math.sin(theta_j) + 2.0 * e.lever_sine * math.sin(0.5 * theta_j) ** 2
+        )
+    return length
+
+
+@kernel
+def elongation_of(theta_p: float, theta_j: float, p: TruthParameters, e: EffectNumbers) -> float:
+    """Return x in m for a motor pulley at `theta_p`: the motor's angle less what the play takes off."""
+    return wound(theta_p, p, e) - taken_by_jaw(theta_j, p, e)
 
 
 @kernel
 def tension_of(m: Motion, memory: Memory, p: TruthParameters, e: EffectNumbers) -> float:
     """Return the tension of the wire in N."""
-    x = elongation_of(m.theta_m, m.theta_j, p, e)
+    behind = behind_at(m, memory, e)
+    x = elongation_of(m.theta_m - behind, m.theta_j, p, e)
     stretch = dead_zone(x - e.stretch - m.creep, e.slack)
     force = p.wire_stiffness_N_per_m * stretch * (1.0 + e.beta * stretch**2)
     if e.damping != 0.0 and (stretch != 0.0 or e.slack == 0.0):
-        force += e.damping * (pulley_radius(m.theta_m, p, e) * m.omega_m - p.jaw_pulley_radius_m * m.omega_j)
+        taken_along = e.play == 0.0 or (abs(behind) >= e.play and behind * m.omega_m > 0.0)
+        winding = pulley_radius(m.theta_m - behind, p, e) * m.omega_m if taken_along else 0.0
+        force += e.damping * (winding - jaw_lever(m.theta_j, p, e) * m.omega_j)
     if e.hysteresis_force != 0.0:
         force += e.hysteresis_force * slipped(memory.hysteresis, x - memory.elongation, e.hysteresis_stretch)
     return force
@@ -147,7 +185,10 @@ def motor_drive(
     torque -= p.motor_viscous_N_m_s_per_rad * warmed(e.viscous_change, e.viscous_time, time_s) * m.omega_m
     if e.presliding_level != 0.0:
         torque -= e.presliding_level * slipped(memory.presliding, m.theta_m - memory.theta_m, e.presliding_angle)
-    return torque - pulley_radius(m.theta_m, p, e) * tension
+    if e.loaded_mu != 0.0:
+        grip = slipped(memory.loaded, m.theta_m - memory.theta_m, e.loaded_angle)
+        torque -= e.loaded_mu * p.motor_pulley_radius_m * abs(tension) * grip
+    return torque - pulley_radius(m.theta_m - behind_at(m, memory, e), p, e) * tension
 
 
 @kernel
@@ -175,7 +216,8 @@ def jaw_drive(
 ) -> float:
     """Return all torque on the jaw but its dry friction, N m."""
     weight = wave(e.gravity_sine, e.gravity_cosine, theta_j)
-    return p.jaw_pulley_radius_m * tension - weight - jaw_load(theta_j, load_N_m, env)
+    held = e.coupling_stiffness * theta_j + e.coupling_torque
+    return jaw_lever(theta_j, p, e) * tension - weight - held - jaw_load(theta_j, load_N_m, env)
 
 
 @kernel

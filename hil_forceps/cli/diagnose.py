@@ -17,7 +17,7 @@ from hil_forceps.cli.run import write_trajectory
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs
 from hil_forceps.diagnosis.diagnose import Options
-from hil_forceps.diagnosis.result import Diagnosis, to_json
+from hil_forceps.diagnosis.result import Diagnosis, Rung, to_json
 from hil_forceps.report.diagnosis import write_figures, write_report
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
@@ -123,6 +123,10 @@ def _read(paths: Sequence[Path]) -> list[Run]:
     return result
 
 
+def _gain_of(rung: Rung, channel: str) -> str:
+    return f" (gains {100 * rung.gain[channel]:.0f} %)" if channel in rung.gain else ""
+
+
 def _print(diagnosis: Diagnosis, out: Path) -> None:
     lines = [f"{diagnosis.verdict}: {diagnosis.sentence}"]
     for effect in diagnosis.effects:
@@ -145,13 +149,17 @@ def _print(diagnosis: Diagnosis, out: Path) -> None:
         )
     lines += [
         f"  ladder, {rung.id or 'known parameters'}: "
-        + ", ".join(f"{n} {e:.4g}" for n, e in rung.rmse.items())
-        + "".join(f"; {n} = {p.value:.4g} {p.unit}".rstrip() for n, p in rung.parameters.items())
+        + ", ".join(f"{n} {e:.4g}" + _gain_of(rung, n) for n, e in rung.rmse.items())
+        + "".join(
+            f"; {n} = {p.value:.4g} [{p.low:.4g}, {p.high:.4g}] {p.unit}".rstrip() for n, p in rung.parameters.items()
+        )
         for rung in diagnosis.ladder
     ]
     problems = [f for f in diagnosis.data_audit if f.severity != "note"]
     lines += [f"  data, {f.run or 'all runs'}: {f.text}" for f in problems]
     lines += [f"  because {reason}" for reason in diagnosis.reasons]
+    if diagnosis.varies_over:
+        lines.append(f"  what stays unexplained varies over {', '.join(diagnosis.varies_over)}")
     if diagnosis.next_experiment is not None:
         following = diagnosis.next_experiment
         lines.append(f"  next: {following.name} (separation {following.predicted_separation:.1f} sd); {following.why}")

@@ -8,6 +8,7 @@ from hil_forceps.diagnosis.audit_finding import Finding, Severity, View
 from hil_forceps.diagnosis.audit_law import audit_law
 from hil_forceps.diagnosis.audit_runs import audit_excitation, audit_together
 from hil_forceps.diagnosis.audit_stamps import audit_stamps
+from hil_forceps.diagnosis.audit_strokes import audit_strokes
 from hil_forceps.rig.schema import Rig
 from hil_forceps.runs.table import Run
 
@@ -20,9 +21,9 @@ def audit(runs: Sequence[Run], rig: Rig | None) -> list[Finding]:
     """Return what the runs show by themselves, against each other and against the rig; problems first.
 
     Looks at stamps, quanta, stuck and clipped channels, noise, spikes, shifts, signs, units, the drive's law, the
-    pulleys' ratio, duplicates, and what the runs excite; without a rig, at what needs none. Nothing is changed in the
-    runs. Takes the time of some FFTs and sorts over the rows. A channel that gives one finding of a kind gives no
-    second of it.
+    pulleys' ratio, duplicates, a gear's counts, zeros of the torques, and what the runs excite; without a rig, at
+    what needs none. Nothing is changed in the runs. Takes the time of some FFTs and sorts over the rows. A channel
+    that gives one finding of a kind gives no second of it.
     """
     views = [View(run) for run in runs]
     found: dict[tuple[str, str, str], Finding] = {}
@@ -43,3 +44,4 @@ def _findings(views: Sequence[View], rig: Rig | None) -> Iterator[Finding]:
             yield from audit_torque(view, rig, has_law)
         yield from audit_excitation(view)
     yield from audit_together(views)
+    yield from audit_strokes(views, law_known=rig is not None and rig.drive is not None)

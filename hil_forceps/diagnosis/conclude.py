@@ -11,11 +11,13 @@ from hil_forceps.diagnosis.audit import audit
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.estimates import estimate_gains
 from hil_forceps.diagnosis.experiment import mode_of
+from hil_forceps.diagnosis.gauge import with_scale
 from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, play
 from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, parameter_shifts, trends
 from hil_forceps.diagnosis.ladder import ladder
 from hil_forceps.diagnosis.next_experiment import propose
 from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Gain, Rung
+from hil_forceps.diagnosis.strokes import Strokes, floors_with_strokes
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.runs.table import Run
@@ -75,7 +77,9 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
     theta_nominal = parameters.vector(rig)
     quantum = 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
     layout = model.problem.layout
-    floors = floors_of(found.choice.noise, layout, found.setting.simulator.integral_per_s)
+    unexplained = floors_of(found.choice.noise, layout, found.setting.simulator.integral_per_s)
+    floors, repeated = floors_with_strokes((*found.records, *found.held_out), unexplained)
+    held_floors, _ = floors_with_strokes(found.held_out, unexplained)
     named = [effect.id for effect in verdict.effects]
     extended = parameters.rig_with(rig, theta_after if verdict.verdict != "consistent" else theta_nominal, named)
     refitted = parameters.rig_with(rig, theta_before, ())
@@ -95,17 +99,20 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
             estimated, estimate_gain = estimate_gains(records, rigs, played[2].channels, floors, options.seed)
         runs += evidence(records, held, played[0], played[1], played[2], estimated)
         if held:
-            gain = gains(records, played[1], played[2], floors, options.seed) | estimate_gain
+            gain = gains(records, played[1], played[2], held_floors, options.seed) | estimate_gain
     options.progress("looking for the next experiment")
     least = detectable(found)
     proposal = propose(found, least)
     shifts = verdict.shifts
     rungs: tuple[Rung, ...] = ()
+    scale: tuple[str, ...] = ()
     if found.records[0].mode == "driven":
         options.progress("climbing the ladder")
         if verdict.verdict == "unnamed":  # what the extended rig holds, then
             shifts = parameter_shifts(baseline)
-        rungs = ladder(found.held_out or found.records, rig, found, options.mapper)
+        shifts, scale = with_scale(shifts, rig)
+        there = held_floors if found.held_out else floors
+        rungs = ladder(found.held_out or found.records, rig, found, options.mapper, there)
     diagnosis = Diagnosis(
         verdict.verdict,
         verdict.sentence,
@@ -114,11 +121,11 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         shifts,
         gain,
         tuple(record.name for record in found.held_out),
-        audit_findings(found),
+        (*audit_findings(found), *map(_said, repeated)),
         least,
         proposal.result if proposal else None,
         verdict.varies_over,
-        verdict.reasons,
+        (*verdict.reasons, *scale),
         found.choice.candidates,
         balances(found.before, found.after),
         trends(tuple(floors), found.before, found.after),
@@ -127,3 +134,10 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         rungs,
     )
     return Conclusion(diagnosis, extended, proposal.trajectory if proposal else None)
+
+
+def _said(strokes: Strokes) -> AuditFinding:
+    """Say what a run that repeats itself shows of its noise."""
+    floors = ", ".join(f"{name} by {floor:.3g}" for name, floor in strokes.floor_rms.items())
+    text = f"the same stroke every {strokes.period_s:.4g} s, {strokes.times:.1f} times; noise between strokes: {floors}"
+    return AuditFinding("strokes", "note", strokes.run, "", text)

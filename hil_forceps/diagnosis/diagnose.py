@@ -15,6 +15,7 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record, mode_of, prepare, smoothed_anew, with_raw_load
 from hil_forceps.diagnosis.experiment_driven import prepare_driven
 from hil_forceps.diagnosis.fit import fit
+from hil_forceps.diagnosis.jaw_zero import without_jaw_zero
 from hil_forceps.diagnosis.leftover import Leftover, leftover
 from hil_forceps.diagnosis.load_noise import load_noise
 from hil_forceps.diagnosis.predict import ClosedLoop
@@ -94,6 +95,8 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     if mode_of(runs, rig) == "driven":
         records, notes = prepare_driven(fitted)
         held_records, held_notes = prepare_driven(held)
+        records, held_records, zeros = without_jaw_zero(records, held_records)
+        notes = [*notes, *zeros]
         given, rig = rig, completed(records, rig)
         unknown = unknown_names(given)
     else:

@@ -15,6 +15,7 @@ DRIFT_TIMES = (0.15, 0.6, 3.0)  # of the longest run
 CREEP_TIMES_S = (0.03, 0.15, 0.7, 3.0)
 HYSTERESIS_STRETCHES = (0.03, 0.15, 0.6)  # of the stretch's range
 PRESLIDING_ANGLES = (0.003, 0.02, 0.1)  # of the angle's range
+PLAY_SHARE = 0.01  # of the angle's range
 STRIBECK_QUANTILES = (0.03, 0.1, 0.3, 0.7)  # of the speed while moving
 LIMIT_SHARES = (0.9985, 0.995, 0.98, 0.85, 0.6)  # of the largest current
 
@@ -65,6 +66,8 @@ def _with_shape(entry: Effect, shape: Mapping[str, float], scene: Scene) -> list
 def _size(entry: Effect, typical: float, scene: Scene) -> float:
     if entry.id == "wire_slack":
         return 0.02 * scene.stretch_range_m
+    if entry.id == "transmission_play":
+        return min(typical, PLAY_SHARE * scene.angle_range_rad)
     if entry.id == "wire_hardening":
         return 0.05 / max(scene.stretch_range_m, 1e-9) ** 2
     if entry.id == "amplifier_deadband":
@@ -77,6 +80,7 @@ def _shapes(entry: Effect, scene: Scene) -> list[dict[str, float]]:
     looked_at: dict[str, tuple[str, Sequence[float]]] = {
         "stribeck_friction": ("speed_rad_per_s", scene.speeds_rad_per_s),
         "presliding_friction": ("angle_rad", [share * scene.angle_range_rad for share in PRESLIDING_ANGLES]),
+        "loaded_presliding": ("angle_rad", [share * scene.angle_range_rad for share in PRESLIDING_ANGLES]),
         "viscous_drift": ("time_constant_s", [share * scene.duration_s for share in DRIFT_TIMES]),
         "torque_constant_drift": ("time_constant_s", [share * scene.duration_s for share in DRIFT_TIMES]),
         "wire_hysteresis": ("stretch_m", [share * scene.stretch_range_m for share in HYSTERESIS_STRETCHES]),

@@ -22,6 +22,8 @@ BENT = frozenset(
     {
         "stribeck_friction",
         "presliding_friction",
+        "loaded_presliding",
+        "transmission_play",
         "load_dependent_friction",
         "coulomb_asymmetry",
         "jaw_position_friction",

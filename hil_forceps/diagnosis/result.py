@@ -102,6 +102,7 @@ class Rung:
 
     id: str  # "": the known parameters alone
     rmse: Mapping[str, float]  # of each channel, on runs never used where there are any
+    gain: Mapping[str, float]  # of this step: share of the squared error that the known parameters leave above noise
     parameters: Mapping[str, Estimate]  # of the entry, in the model with all of them
 
 
@@ -205,7 +206,12 @@ def _rung(rung: Rung) -> dict[str, Any]:
     parameters = {
         name: {"value": _number(p.value), "unit": p.unit, "ci95": _interval(p)} for name, p in rung.parameters.items()
     }
-    return {"id": rung.id, "rmse": {n: _number(e) for n, e in rung.rmse.items()}, "parameters": parameters}
+    return {
+        "id": rung.id,
+        "rmse": {name: _number(error) for name, error in rung.rmse.items()},
+        "gain": {name: _number(gain) for name, gain in rung.gain.items()},
+        "parameters": parameters,
+    }
 
 
 def _shift(shift: Shift) -> dict[str, Any]:

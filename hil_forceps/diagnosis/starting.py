@@ -1,8 +1,9 @@
 """Starting values where a rig says little: ratio, stiffness, friction and K_t by least squares, before any simulation.
 
-    θ_j = (r_m/r_j) θ_m − τ_w/(k r_j²) + zero
+    θ_j = (r_m/r_j) θ_m − τ_w/(k r_j²) − F sgn ω + zero
     τ_m = I α + D ω + C sgn ω + (r_m/r_j) τ_w + zero
 
+One zero for all runs: what differs between runs, the level of the load above all, tells most.
 Only for the fit to begin near its end: nothing of it is reported.
 """
 
@@ -123,10 +124,9 @@ def _torque_balance(records: Sequence[Record]) -> tuple[float, float, float, flo
         load = record.tau_w_N_m if record.tau_w_N_m is not None else np.zeros(omega.size)
         columns = np.column_stack((alpha, omega, np.sign(omega), load))
         here = record.weights > 0.0
-        rows.append(columns[here] - columns[here].mean(axis=0))
-        torque = record.channels[torque_channel(record)][here]
-        right.append(torque - torque.mean())
-    found = _least_squares(np.concatenate(rows), np.concatenate(right))
+        rows.append(columns[here])
+        right.append(record.channels[torque_channel(record)][here])
+    found = _least_squares(*_centred(rows, right))
     return float(found[0]), float(found[1]), float(found[2]), float(found[3])
 
 
@@ -139,13 +139,20 @@ def _angles(records: Sequence[Record]) -> tuple[float, float]:
         here = record.weights > 0.0
         # Without a load cell the motor's torque stands for the load, up to a factor.
         load = record.tau_w_N_m if record.tau_w_N_m is not None else np.zeros(jaw.size)
-        columns = np.column_stack((record.reference_rad, -load))[here]
-        rows.append(columns - columns.mean(axis=0))
-        right.append(jaw[here] - jaw[here].mean())
+        # Friction at the jaw stretches the wire one way and the other; left out, it would be taken for load.
+        way = np.sign(np.gradient(record.reference_rad))
+        rows.append(np.column_stack((record.reference_rad, -load, way))[here])
+        right.append(jaw[here])
     if not rows:
         return math.nan, math.nan
-    found = _least_squares(np.concatenate(rows), np.concatenate(right))
+    found = _least_squares(*_centred(rows, right))
     return float(found[0]), float(found[1])
+
+
+def _centred(rows: Sequence[NDArray[np.float64]], right: Sequence[Vector]) -> tuple[NDArray[np.float64], Vector]:
+    """Return all runs with one zero: levels of load that differ from run to run tell more than what varies within."""
+    columns, values = np.concatenate(rows), np.concatenate(right)
+    return columns - columns.mean(axis=0), np.asarray(values - values.mean())
 
 
 def _least_squares(columns: NDArray[np.float64], right: Vector) -> Vector:

@@ -1,10 +1,10 @@
 """What is known of effects, taken out of an estimator's samples and put into its estimates.
 
 The estimators work on the paper's plant. Around them, sample by sample: the encoder's errors leave the angle, and the
-winding of the wire on an uneven pulley goes into it; the errors of the current sensor, drift, ripple, cogging and the
-friction beyond the paper's leave the motor's torque. Of what comes out, the jaw's weight and its friction beyond the
-paper's leave the load, and the tension goes through the wire's own law (hardening, dead zone, hysteresis, creep, moved
-zero) to the elongation.
+winding of the wire on an uneven pulley, behind the play, goes into it; the errors of the current sensor, drift, ripple,
+cogging and the friction beyond the paper's leave the motor's torque. Of what comes out, the jaw's weight, what it is
+coupled to and its friction beyond the paper's leave the load, its lever is put in, and the tension goes through the
+wire's own law (hardening, dead zone, hysteresis, creep, moved zero) to the elongation.
 
 The elongation that comes out is the one that (10) needs: r_j θ_j^ref + x̂ is r_m times the angle that the encoder shows.
 A current that lags or comes late was not held over the interval before its sample; of the currents at both ends its
@@ -26,10 +26,14 @@ from hil_forceps.model.parameters import vector
 from hil_forceps.model.physics import (
     Physics,
     cogging_N_m,
+    coupling_N_m,
     encoder_rad,
     gravity_N_m,
     jaw_level_N_m,
+    lever_m,
+    lost_after,
     motor_level_N_m,
+    paid_angle,
     radius_m,
     ripple,
     slide,
@@ -58,6 +62,8 @@ class Memory(NamedTuple):
     current_A: float  # true, at the last sample
     speed: float  # low-passed
     presliding: float
+    loaded: float  # z of the presliding that grows with tension
+    lost_rad: float  # how far the pulley stays behind the motor
     loop: float
     creep_m: float
     stretched_m: float  # elongation less its moved zero and creep
@@ -106,7 +112,7 @@ def begin(p: Physics, time_ns: int, shown_rad: float, torque_N_m: float) -> Memo
     current_A = _true_current(p, torque_N_m)
     angle = _true_angle(p, shown_rad)
     now = float(time_ns)
-    return Memory(now, now, angle, shown_rad, current_A, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Memory(now, now, angle, shown_rad, current_A, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @inlined
@@ -131,11 +137,13 @@ def before(
     """Return the memory at a sample, and the angle and the torque that the paper's plant would have shown."""
     dt_s = (time_ns - m.last_ns) * 1e-9
     theta_m = _true_angle(p, shown_rad)
-    speed, presliding = m.speed, m.presliding
+    speed, presliding, loaded, lost = m.speed, m.presliding, m.loaded, m.lost_rad
     if dt_s > 0.0:
         share = tuning.corner_rad_per_s * dt_s / (1.0 + tuning.corner_rad_per_s * dt_s)
         speed += share * ((theta_m - m.theta_m) / dt_s - speed)
         presliding = slide(presliding, theta_m - m.theta_m, p.presliding_angle)
+        loaded = slide(loaded, theta_m - m.theta_m, p.loaded_angle)
+        lost = lost_after(p, lost, theta_m - m.theta_m)
     time_s = (time_ns - m.first_ns) * 1e-9
     current = _true_current(p, torque_N_m)
     mean = current
@@ -146,13 +154,15 @@ def before(
     level = motor_level_N_m(p, speed, m.tension_N)
     level += max(0.0, p.asymmetry) if speed > 0.0 else max(0.0, -p.asymmetry)
     friction = viscosity(p, time_s) * speed + level * _direction(speed, tuning.still) + p.presliding_level * presliding
+    friction += p.loaded_mu * p.r_m * abs(m.tension_N) * loaded
     # r f = torque − friction − inertia: through the nominal radius, with the friction that the estimator takes off.
-    seen = p.r_m / radius_m(p, theta_m) * (torque - friction) + paper
+    theta_p = theta_m - lost
+    seen = p.r_m / radius_m(p, theta_p) * (torque - friction) + paper
     memory = Memory(
-        m.first_ns, max(m.last_ns, float(time_ns)), theta_m, shown_rad, current, speed, presliding, m.loop,
-        m.creep_m, m.stretched_m, m.tension_N, m.tau_w_N_m, m.elongation_m,
+        m.first_ns, max(m.last_ns, float(time_ns)), theta_m, shown_rad, current, speed, presliding, loaded, lost,
+        m.loop, m.creep_m, m.stretched_m, m.tension_N, m.tau_w_N_m, m.elongation_m,
     )  # fmt: skip
-    return memory, wound_m(p, theta_m) / p.r_m, seen
+    return memory, wound_m(p, theta_p) / p.r_m, seen
 
 
 @inlined
@@ -182,13 +192,13 @@ def after(p: Physics, m: Memory, tuning: Tuning, dt_s: float, tau_w_N_m: float, 
         kept = math.exp(-max(0.0, dt_s) / p.creep_time)
         creep = kept * creep + (1.0 - kept) * p.creep_share * tension / p.k
     elongation = stretched + p.zero_stretch + creep
-    wound = wound_m(p, m.theta_m)
-    theta_j = (wound - elongation) / p.r_j
+    theta_j = paid_angle(p, wound_m(p, m.theta_m - m.lost_rad) - elongation)
     direction = _direction(m.speed * p.r_m / p.r_j, tuning.still)
-    load = tau_w_N_m - gravity_N_m(p, theta_j) - (jaw_level_N_m(p, theta_j) - p.jaw_coulomb) * direction
+    load = tau_w_N_m + (lever_m(p, theta_j) - p.r_j) * tension - gravity_N_m(p, theta_j) - coupling_N_m(p, theta_j)
+    load -= (jaw_level_N_m(p, theta_j) - p.jaw_coulomb) * direction
     return Memory(
-        m.first_ns, m.last_ns, m.theta_m, m.shown, m.current_A, m.speed, m.presliding, loop, creep, stretched,
-        tension, load, elongation + p.r_m * m.shown - wound,
+        m.first_ns, m.last_ns, m.theta_m, m.shown, m.current_A, m.speed, m.presliding, m.loaded, m.lost_rad, loop,
+        creep, stretched, tension, load, p.r_m * m.shown - p.r_j * theta_j,
     )  # fmt: skip
 
 

@@ -21,6 +21,8 @@ from hil_forceps.model.physics import (
     State,
     dead_zone,
     encoder_rad,
+    followed,
+    paid_angle,
     state_dependent,
     torque_constant,
     viscosity,
@@ -75,7 +77,8 @@ class Channels(NamedTuple):
 def rest(theta: Vector, theta_m_rad: float, tension_N: float = 0.0, current_A: float = 0.0) -> Start:
     """Return the start of a forceps at rest with the motor at `theta_m_rad` (true) and `tension_N` in the wire.
 
-    Creep and hysteresis are relaxed; the drive has the angle as it is, no quantisation, and holds `current_A`.
+    Creep, hysteresis and play are in their middle; the drive has the angle as it is, no quantisation, and holds
+    `current_A`.
     """
     p = Physics(*theta.tolist())
     stretch = tension_N / p.k
@@ -84,8 +87,8 @@ def rest(theta: Vector, theta_m_rad: float, tension_N: float = 0.0, current_A: f
         stretch -= (stretch + p.hardening * stretch**3 - tension_N / p.k) / slope
     if tension_N != 0.0:
         stretch += math.copysign(p.slack, tension_N)
-    theta_j = (wound_m(p, theta_m_rad) - p.zero_stretch - stretch) / p.r_j
-    plant = State(theta_m_rad, 0.0, theta_j, 0.0, 0.0, 0.0, 0.0, current_A)
+    theta_j = paid_angle(p, wound_m(p, theta_m_rad) - p.zero_stretch - stretch)
+    plant = State(theta_m_rad, 0.0, theta_j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, current_A)
     return Start(plant, DriveState(0.0, encoder_rad(p, theta_m_rad), 0.0, current_A))
 
 
@@ -102,7 +105,8 @@ def _load(first: float, last: float, step: int, steps: int, edge: float) -> tupl
 @inlined
 def _record(out: Vector, row: int, p: Physics, x: State, tau_w_N_m: float) -> None:
     """Write a row: all as it is, before the sensors' channels are made of it."""
-    w = wire(p, x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s, x.creep_m, x.loop)
+    speed = followed(p, x.lost_rad, x.omega_m_rad_per_s)
+    w = wire(p, x.theta_m_rad - x.lost_rad, speed, x.theta_j_rad, x.omega_j_rad_per_s, x.creep_m, x.loop)
     out[0, row] = encoder_rad(p, x.theta_m_rad)
     out[1, row] = x.current_A
     out[2, row] = x.theta_j_rad

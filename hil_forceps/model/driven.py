@@ -15,10 +15,14 @@ from hil_forceps.model.parameters import Vector
 from hil_forceps.model.physics import (
     Physics,
     cogging_N_m,
+    coupling_N_m,
     dead_zone,
+    followed,
     gravity_N_m,
     jaw_level_N_m,
+    lost_after,
     motor_level_N_m,
+    paid_angle,
     ripple,
     slide,
     torque_constant,
@@ -48,6 +52,8 @@ class Start(NamedTuple):
     creep_m: float = 0.0
     loop: float = 0.0
     presliding: float = 0.0
+    loaded: float = 0.0
+    lost_rad: float = 0.0
 
 
 class Channels(NamedTuple):
@@ -73,8 +79,8 @@ class _Columns(NamedTuple):
 @kernel
 def _slip(
     p: Physics,
-    theta_m: float,
-    omega_m: float,
+    theta_p: float,
+    omega_p: float,
     before: tuple[float, float],
     load: float,
     h: float,
@@ -86,7 +92,7 @@ def _slip(
     end = speed
     for _ in range(_NEWTON):
         angle = theta + h * end
-        w = wire(p, theta_m, omega_m, angle, end, creep, loop0)
+        w = wire(p, theta_p, omega_p, angle, end, creep, loop0)
         pull, slope = w.tension_N, 0.0
         if p.loop_force != 0.0:
             way = w.elongation_m - wound0
@@ -96,8 +102,8 @@ def _slip(
         if not w.slack:
             stretch = dead_zone(w.elongation_m - p.zero_stretch - creep, p.slack)
             slope += p.k * (1.0 + 3.0 * p.hardening * stretch * stretch) + p.damping / h
-        gap = p.I_j * (end - speed) / h - p.r_j * pull + gravity_N_m(p, angle) + load
-        change = gap / (p.I_j / h + p.r_j * p.r_j * h * slope)
+        gap = p.I_j * (end - speed) / h - w.lever_m * pull + gravity_N_m(p, angle) + coupling_N_m(p, angle) + load
+        change = gap / (p.I_j / h + (w.lever_m * w.lever_m * slope + p.coupling_stiffness) * h)
         end -= change
         if abs(change) < 1e-12 * (1.0 + abs(end)):
             break
@@ -107,8 +113,8 @@ def _slip(
 @kernel
 def _jaw_speed(
     p: Physics,
-    theta_m: float,
-    omega_m: float,
+    theta_p: float,
+    omega_p: float,
     before: tuple[float, float],
     load: float,
     h: float,
@@ -116,35 +122,40 @@ def _jaw_speed(
 ) -> float:
     """Return the jaw's speed at the end of a step: friction holds it where its level is enough."""
     level = jaw_level_N_m(p, before[0])
-    forward = _slip(p, theta_m, omega_m, before, load + level, h, wire_state)
+    forward = _slip(p, theta_p, omega_p, before, load + level, h, wire_state)
     if forward > 0.0 or level == 0.0:
         return forward
-    return min(0.0, _slip(p, theta_m, omega_m, before, load - level, h, wire_state))
+    return min(0.0, _slip(p, theta_p, omega_p, before, load - level, h, wire_state))
 
 
 @kernel
 def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: bool, start: Start) -> Vector:
     rows = c.motor.angle_rad.shape[0]
     out = np.empty((_ROWS, rows))
-    creep, loop, presliding = start
+    creep, loop, presliding, loaded, lost = start
     kept = np.exp(-row_s / p.creep_time)
     theta_j, omega_j = c.jaw.angle_rad[0], c.jaw.speed_rad_per_s[0]
     wound0 = 0.0
     for n in range(rows):
         theta_m, omega_m = c.motor.angle_rad[n], c.motor.speed_rad_per_s[n]
         time_s = n * row_s
+        if n > 0:
+            way = theta_m - c.motor.angle_rad[n - 1]
+            lost = lost_after(p, lost, way)
+            if p.presliding_level != 0.0:
+                presliding = slide(presliding, way, p.presliding_angle)
+            if p.loaded_mu != 0.0:
+                loaded = slide(loaded, way, p.loaded_angle)
+        theta_p, omega_p = theta_m - lost, followed(p, lost, omega_m)
         if not known_load:
             theta_j, omega_j = c.jaw.angle_rad[n], c.jaw.speed_rad_per_s[n]
         elif n > 0:
-            omega_j = _jaw_speed(p, theta_m, omega_m, (theta_j, omega_j), c.tau_w_N_m[n], row_s, (creep, loop, wound0))
+            omega_j = _jaw_speed(p, theta_p, omega_p, (theta_j, omega_j), c.tau_w_N_m[n], row_s, (creep, loop, wound0))
             theta_j += row_s * omega_j
-        w = wire(p, theta_m, omega_m, theta_j, omega_j, creep, loop)
-        if n > 0:
-            if p.loop_force != 0.0:
-                loop = slide(loop, w.elongation_m - wound0, p.loop_stretch)
-                w = wire(p, theta_m, omega_m, theta_j, omega_j, creep, loop)
-            if p.presliding_level != 0.0:
-                presliding = slide(presliding, theta_m - c.motor.angle_rad[n - 1], p.presliding_angle)
+        w = wire(p, theta_p, omega_p, theta_j, omega_j, creep, loop)
+        if n > 0 and p.loop_force != 0.0:
+            loop = slide(loop, w.elongation_m - wound0, p.loop_stretch)
+            w = wire(p, theta_p, omega_p, theta_j, omega_j, creep, loop)
         wound0 = w.elongation_m
         constant = torque_constant(p, time_s)
         level = motor_level_N_m(p, omega_m, w.tension_N) + abs(p.asymmetry) * (
@@ -152,14 +163,17 @@ def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: boo
         )
         sign = max(-1.0, min(1.0, omega_m / still)) if still > 0.0 else np.sign(omega_m)
         torque = p.I_m * c.motor.acceleration_rad_per_s2[n] + viscosity(p, time_s) * omega_m + level * sign
-        torque += p.presliding_level * presliding + w.radius_m * w.tension_N - cogging_N_m(p, theta_m)
+        torque += p.presliding_level * presliding + p.loaded_mu * p.r_m * abs(w.tension_N) * loaded
+        torque += w.radius_m * w.tension_N - cogging_N_m(p, theta_m)
         out[0, n] = torque / (constant * (1.0 + ripple(p, theta_m)))
         out[1, n] = theta_j
         out[2, n] = c.tau_w_N_m[n]
         if not known_load:
             friction = jaw_level_N_m(p, theta_j) * np.sign(omega_j)
             inertia = p.I_j * c.jaw.acceleration_rad_per_s2[n]
-            out[2, n] = p.r_j * w.tension_N - friction - gravity_N_m(p, theta_j) - inertia
+            out[2, n] = (
+                w.lever_m * w.tension_N - friction - gravity_N_m(p, theta_j) - coupling_N_m(p, theta_j) - inertia
+            )
         out[3, n] = torque
         out[4, n] = w.tension_N
         out[5, n] = w.elongation_m
@@ -181,7 +195,7 @@ def motor_angle_rad(theta: Vector, theta_enc_rad: Vector, row_s: float) -> Vecto
 
 def _resting_jaw(p: Physics, theta_m: float, tau_w_N_m: float) -> float:
     """Return the jaw's angle in balance with the load, the wire's memory relaxed."""
-    theta_j = p.r_m * theta_m / p.r_j
+    theta_j = paid_angle(p, p.r_m * theta_m)
     step_s = 1.0  # a step so long that inertia has no say
     state = (0.0, 0.0, wire(p, theta_m, 0.0, theta_j, 0.0, 0.0, 0.0).elongation_m)
     for _ in range(5):

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from hil_forceps.model.kernel import inlined
 
 _TURN = 2.0 * math.pi
+_ROUNDS = 12  # of Newton's method
 
 
 class Physics(NamedTuple):
@@ -67,6 +68,13 @@ class Physics(NamedTuple):
     pulley_cosine: float
     pitch: float
     limit: float
+    play: float
+    lever_sine: float
+    lever_cosine: float
+    coupling_stiffness: float
+    coupling_torque: float
+    loaded_mu: float
+    loaded_angle: float
 
 
 class State(NamedTuple):
@@ -79,15 +87,18 @@ class State(NamedTuple):
     creep_m: float  # x_c
     loop: float  # z of the wire's hysteresis
     presliding: float  # z of the motor's presliding
+    loaded: float  # z of the presliding that grows with tension
+    lost_rad: float  # p: how far the pulley stays behind the motor
     current_A: float  # true current
 
 
 class Wire(NamedTuple):
     """The wire at an instant."""
 
-    elongation_m: float  # wound(θ_m) − r_j θ_j
+    elongation_m: float  # wound(θ_p) − paid(θ_j)
     tension_N: float
     radius_m: float  # of the motor pulley where the wire leaves it
+    lever_m: float  # at which it pulls the jaw
     slack: bool
 
 
@@ -126,18 +137,62 @@ def radius_m(p: Physics, theta_m: float) -> float:
 
 
 @inlined
+def paid_m(p: Physics, theta_j: float) -> float:
+    """Return the length of wire that the jaw takes from θ_j = 0 on, the integral of its lever."""
+    paid = p.r_j * theta_j
+    if p.lever_cosine != 0.0 or p.lever_sine != 0.0:
+        paid += p.r_j * (p.lever_cosine * math.sin(theta_j) + p.lever_sine * (1.0 - math.cos(theta_j)))
+    return paid
+
+
+@inlined
+def lever_m(p: Physics, theta_j: float) -> float:
+    """Return the lever at which the wire pulls the jaw."""
+    lever = p.r_j
+    if p.lever_cosine != 0.0 or p.lever_sine != 0.0:
+        lever += p.r_j * (p.lever_cosine * math.cos(theta_j) + p.lever_sine * math.sin(theta_j))
+    return lever
+
+
+@inlined
+def paid_angle(p: Physics, length_m: float) -> float:
+    """Return the jaw's angle at which it has taken a length of wire: Newton's method, exact without a lever's curve."""
+    theta_j = length_m / p.r_j
+    if p.lever_cosine != 0.0 or p.lever_sine != 0.0:
+        for _ in range(_ROUNDS):
+            theta_j -= (paid_m(p, theta_j) - length_m) / lever_m(p, theta_j)
+    return theta_j
+
+
+@inlined
+def lost_after(p: Physics, lost_rad: float, way_rad: float) -> float:
+    """Return how far the pulley stays behind after a way of the motor: the play operator, exact."""
+    if p.play == 0.0:
+        return 0.0
+    return max(-p.play, min(p.play, lost_rad + way_rad))
+
+
+@inlined
+def followed(p: Physics, lost_rad: float, omega_m: float) -> float:
+    """Return the pulley's speed: the motor's at the end of the play that it moves to, 0 within."""
+    if p.play == 0.0 or lost_rad * omega_m >= p.play * abs(omega_m):
+        return omega_m
+    return 0.0
+
+
+@inlined
 def wire(
-    p: Physics, theta_m: float, omega_m: float, theta_j: float, omega_j: float, creep_m: float, loop: float
+    p: Physics, theta_p: float, omega_p: float, theta_j: float, omega_j: float, creep_m: float, loop: float
 ) -> Wire:
-    """Return the wire's state from the angles and speeds."""
-    radius = radius_m(p, theta_m)
-    elongation = wound_m(p, theta_m) - p.r_j * theta_j
+    """Return the wire's state from the angles and speeds of motor pulley and jaw."""
+    radius, lever = radius_m(p, theta_p), lever_m(p, theta_j)
+    elongation = wound_m(p, theta_p) - paid_m(p, theta_j)
     stretch = dead_zone(elongation - p.zero_stretch - creep_m, p.slack)
     slack = stretch == 0.0 and p.slack > 0.0
     tension = p.k * stretch * (1.0 + p.hardening * stretch * stretch) + p.loop_force * loop
     if not slack:
-        tension += p.damping * (radius * omega_m - p.r_j * omega_j)
-    return Wire(elongation, tension, radius, slack)
+        tension += p.damping * (radius * omega_p - lever * omega_j)
+    return Wire(elongation, tension, radius, lever, slack)
 
 
 @inlined
@@ -146,6 +201,12 @@ def gravity_N_m(p: Physics, theta_j: float) -> float:
     if p.gravity_cosine == 0.0 and p.gravity_sine == 0.0:
         return 0.0
     return p.gravity_cosine * math.cos(theta_j) + p.gravity_sine * math.sin(theta_j)
+
+
+@inlined
+def coupling_N_m(p: Physics, theta_j: float) -> float:
+    """Return the load of what the jaw is coupled to."""
+    return p.coupling_stiffness * theta_j + p.coupling_torque
 
 
 @inlined
@@ -212,7 +273,9 @@ def state_dependent(p: Physics) -> bool:
     """Whether anything beyond the linear plant with constant friction is on."""
     motor = abs(p.stribeck_rise) + abs(p.presliding_level) + abs(p.load_mu) + abs(p.viscous_change)
     motor += abs(p.cogging_sine) + abs(p.cogging_cosine) + abs(p.ripple_sine) + abs(p.ripple_cosine)
+    motor += abs(p.play) + abs(p.loaded_mu)
     jaw = abs(p.jaw_slope) + abs(p.jaw_curvature) + abs(p.gravity_sine) + abs(p.gravity_cosine)
+    jaw += abs(p.lever_sine) + abs(p.lever_cosine) + abs(p.coupling_stiffness) + abs(p.coupling_torque)
     of_wire = abs(p.slack) + abs(p.hardening) + abs(p.loop_force) + abs(p.creep_share) + abs(p.zero_stretch)
     of_wire += abs(p.pulley_sine) + abs(p.pulley_cosine) + abs(p.pitch)
     return motor + jaw + of_wire != 0.0

@@ -3,8 +3,8 @@
 The linear plant answers exactly to what the step brings (`gains`); what the effects add to it is evaluated at the start
 and at the end that follows from its value at the start, and put in as a line between. Stiff additions of the wire and
 of presliding are held back by their own stiffness, so that no size of an effect makes the step unstable. Dry friction
-has its own rule (`friction`). A step in which the wire comes taut or slack, or the motor passes the speeds at which its
-friction falls, is taken again in short pieces.
+has its own rule (`friction`). A step in which the wire comes taut or slack, the motor passes through its play or the
+speeds at which its friction falls, is taken again in short pieces.
 """
 
 from typing import NamedTuple
@@ -37,8 +37,11 @@ from hil_forceps.model.physics import (
     State,
     Wire,
     cogging_N_m,
+    coupling_N_m,
+    followed,
     gravity_N_m,
     jaw_level_N_m,
+    lost_after,
     motor_level_N_m,
     ripple,
     slide,
@@ -182,7 +185,8 @@ def _excess(p: Physics, g: Gains, s: int, m: Motion, w: Wire, d: Drive, current_
     linear += g[s, DAMPING] * (p.r_m * m.omega_m - p.r_j * m.omega_j)
     motor = d.torque_constant * current_A * ripple(p, m.theta_m) + cogging_N_m(p, m.theta_m)
     motor -= (d.viscosity - g[s, VISCOSITY]) * m.omega_m + (w.radius_m - p.r_m) * w.tension_N
-    return Excess(w.tension_N - linear, motor, -gravity_N_m(p, m.theta_j))
+    jaw = (w.lever_m - p.r_j) * w.tension_N - gravity_N_m(p, m.theta_j) - coupling_N_m(p, m.theta_j)
+    return Excess(w.tension_N - linear, motor, jaw)
 
 
 @inlined
@@ -203,8 +207,18 @@ def held_back(change: float, way: float, way_of_mean: float, way_of_slope: float
 
 
 @inlined
-def _wire_of(p: Physics, m: Motion, creep_m: float, loop: float) -> Wire:
-    return wire(p, m.theta_m, m.omega_m, m.theta_j, m.omega_j, creep_m, loop)
+def _wire_of(p: Physics, m: Motion, lost_rad: float, creep_m: float, loop: float) -> Wire:
+    speed = followed(p, lost_rad, m.omega_m)
+    return wire(p, m.theta_m - lost_rad, speed, m.theta_j, m.omega_j, creep_m, loop)
+
+
+@inlined
+def _rub_N_m(p: Physics, presliding: float, loaded: float, tension_N: float) -> float:
+    """Return the friction that builds up over a way."""
+    rub = p.presliding_level * presliding
+    if p.loaded_mu != 0.0:
+        rub += p.loaded_mu * p.r_m * abs(tension_N) * loaded
+    return rub
 
 
 @inlined
@@ -213,7 +227,7 @@ def _corrections(
 ) -> Torques:
     """Return what the change of the effects over the step adds to the torques at its start, held.
 
-    `ways`: of the wire (its elongation) and of presliding's z.
+    `ways`: the wire's (its elongation), and how much the friction that builds up over a way has changed.
     """
     by_mean = p.r_m * p.r_m * g[s, MOTOR_WAY + MOTOR_MEAN] + p.r_j * p.r_j * g[s, JAW_WAY + JAW_MEAN]
     by_mean -= p.r_m * p.r_j * (g[s, MOTOR_WAY + JAW_MEAN] + g[s, JAW_WAY + MOTOR_MEAN])
@@ -221,9 +235,9 @@ def _corrections(
     by_slope -= p.r_m * p.r_j * (g[s, MOTOR_WAY + JAW_SLOPE] + g[s, JAW_WAY + MOTOR_SLOPE])
     pull, pull_slope = held_back(last.wire - first.wire, ways[0], by_mean, by_slope)
     rub, rub_slope = 0.0, 0.0
-    if p.presliding_level != 0.0:
-        change, way = p.presliding_level * ways[1], end.theta_m - x.theta_m_rad
-        rub, rub_slope = held_back(change, way, g[s, MOTOR_WAY + MOTOR_MEAN], g[s, MOTOR_WAY + MOTOR_SLOPE])
+    if ways[1] != 0.0:
+        way = end.theta_m - x.theta_m_rad
+        rub, rub_slope = held_back(ways[1], way, g[s, MOTOR_WAY + MOTOR_MEAN], g[s, MOTOR_WAY + MOTOR_SLOPE])
     motor, jaw = last.motor - first.motor, last.jaw - first.jaw
     return Torques(
         0.5 * motor - p.r_m * pull - rub,
@@ -240,11 +254,12 @@ def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kep
     `base`: where the gains for a step of this length begin; `inertia`: I/h of motor and jaw; `kept`: what creep keeps.
     """
     now = Motion(x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s)
-    w0 = _wire_of(p, now, x.creep_m, x.loop)
+    w0 = _wire_of(p, now, x.lost_rad, x.creep_m, x.loop)
     s = base + (SLACK if w0.slack else TAUT)
     first = _excess(p, g, s, now, w0, d, d.current - 0.5 * d.current_slope)
+    rubbed = _rub_N_m(p, x.presliding, x.loaded, w0.tension_N)
     u = Torques(
-        d.torque_constant * d.current + first.motor - p.presliding_level * x.presliding - p.r_m * first.wire,
+        d.torque_constant * d.current + first.motor - rubbed - p.r_m * first.wire,
         d.torque_constant * d.current_slope,
         first.jaw + p.r_j * first.wire - d.load,
         -d.load_slope,
@@ -257,12 +272,15 @@ def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kep
     end = settled(g, s, x, free, push, inertia, Levels(level, level, rest, forward, backward), jaw)
 
     creep = kept * x.creep_m + (1.0 - kept) * p.creep_share * w0.tension_N / p.k
-    w1 = _wire_of(p, end, creep, x.loop)
+    way = end.theta_m - now.theta_m
+    lost = lost_after(p, x.lost_rad, way)
+    w1 = _wire_of(p, end, lost, creep, x.loop)
     if p.loop_force != 0.0:
-        w1 = _wire_of(p, end, creep, slide(x.loop, w1.elongation_m - w0.elongation_m, p.loop_stretch))
+        w1 = _wire_of(p, end, lost, creep, slide(x.loop, w1.elongation_m - w0.elongation_m, p.loop_stretch))
     last = _excess(p, g, s, end, w1, d, d.current + 0.5 * d.current_slope)
-    slipped = slide(x.presliding, end.theta_m - now.theta_m, p.presliding_angle) if p.presliding_level != 0.0 else 0.0
-    ways = (w1.elongation_m - w0.elongation_m, slipped - x.presliding)
+    slipped = slide(x.presliding, way, p.presliding_angle) if p.presliding_level != 0.0 else 0.0
+    loaded = slide(x.loaded, way, p.loaded_angle) if p.loaded_mu != 0.0 else 0.0
+    ways = (w1.elongation_m - w0.elongation_m, _rub_N_m(p, slipped, loaded, w1.tension_N) - rubbed)
     free = added(g, s, free, _corrections(p, g, s, x, end, ways, first, last))
     motor = Levels(level, motor_level_N_m(p, end.omega_m, w1.tension_N), rest, forward, backward)
     jaw = Levels(level_j, jaw_level_N_m(p, end.theta_j), level_j, 0.0, 0.0)
@@ -273,14 +291,18 @@ def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kep
 @inlined
 def _remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: float, current_A: float) -> State:
     """Return the state at the end of a step, with what wire and friction remember of it."""
-    creep, loop, presliding = x.creep_m, x.loop, x.presliding
+    creep, loop, presliding, loaded = x.creep_m, x.loop, x.presliding, x.loaded
+    way = end.theta_m - x.theta_m_rad
+    lost = lost_after(p, x.lost_rad, way)
     if p.creep_share != 0.0:
         creep = kept * creep + (1.0 - kept) * p.creep_share * 0.5 * (w0.tension_N + w1.tension_N) / p.k
     if p.presliding_level != 0.0:
-        presliding = slide(presliding, end.theta_m - x.theta_m_rad, p.presliding_angle)
+        presliding = slide(presliding, way, p.presliding_angle)
+    if p.loaded_mu != 0.0:
+        loaded = slide(loaded, way, p.loaded_angle)
     if p.loop_force != 0.0:
-        loop = slide(loop, _wire_of(p, end, creep, loop).elongation_m - w0.elongation_m, p.loop_stretch)
-    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, creep, loop, presliding, current_A)
+        loop = slide(loop, _wire_of(p, end, lost, creep, loop).elongation_m - w0.elongation_m, p.loop_stretch)
+    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, creep, loop, presliding, loaded, lost, current_A)
 
 
 @inlined
@@ -292,15 +314,18 @@ def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: 
     u = Torques(d.torque_constant * d.current, d.torque_constant * d.current_slope, -d.load, -d.load_slope)
     free, push = free_motion(p, g, TAUT, x, u), _push(p, g, TAUT, x, u)
     end = settled(g, TAUT, x, free, push, inertia, motor, jaw)
-    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep_m, x.loop, x.presliding, d.current_end)
+    kept = (x.creep_m, x.loop, x.presliding, x.loaded, x.lost_rad)
+    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, *kept, d.current_end)
 
 
 @inlined
 def _sudden(p: Physics, x: State, end: State) -> bool:
     """Whether something happened in a step that wants shorter ones."""
+    if p.play > 0.0 and (abs(x.lost_rad) < p.play or abs(end.lost_rad) < p.play):
+        return True
     if p.slack > 0.0:
-        before = _wire_of(p, Motion(x.theta_m_rad, 0.0, x.theta_j_rad, 0.0), x.creep_m, x.loop)
-        after = _wire_of(p, Motion(end.theta_m_rad, 0.0, end.theta_j_rad, 0.0), end.creep_m, end.loop)
+        before = _wire_of(p, Motion(x.theta_m_rad, 0.0, x.theta_j_rad, 0.0), x.lost_rad, x.creep_m, x.loop)
+        after = _wire_of(p, Motion(end.theta_m_rad, 0.0, end.theta_j_rad, 0.0), end.lost_rad, end.creep_m, end.loop)
         if before.slack != after.slack or before.tension_N * after.tension_N < 0.0:
             return True
     if p.stribeck_rise == 0.0:

@@ -11,8 +11,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from hil_forceps.diagnosis.result import Candidate, Diagnosis, Gain
-from hil_forceps.report.diagnosis_layout import legend, letters, panels
-from hil_forceps.report.diagnosis_names import parameter_words, quantity
+from hil_forceps.report.diagnosis_ladder import label, noise_floor
+from hil_forceps.report.diagnosis_layout import LETTERS, legend, letters, panels
+from hil_forceps.report.diagnosis_names import parameter_words, quantity, scale_for
 from hil_forceps.report.diagnosis_view import BASELINE, EXTENDED, FLOOR
 from hil_forceps.report.style import (
     DOUBLE_COLUMN,
@@ -37,6 +38,7 @@ STATE_COLORS = {
     "not excited": "#ececec",
 }
 ROW_MM = 4.2
+RUNG_MM = 6.0
 LABELS_MM = 36.0  # room for the longest id
 
 
@@ -137,6 +139,38 @@ def gain_figure(diagnosis: Diagnosis) -> Figure:
         panel_letter(error, "a")
         panel_letter(share, "b")
         legend(figure, error)
+    return figure
+
+
+def ladder_figure(diagnosis: Diagnosis) -> Figure:
+    """Error of each channel after each step, a panel a channel; the dashed line is the noise floor."""
+    rungs = diagnosis.ladder
+    names = list(rungs[0].rmse)
+    rows = np.arange(len(rungs), dtype=np.float64)
+    with house_style():
+        figure = new_figure(DOUBLE_COLUMN, 24 + RUNG_MM * len(rungs))
+        grid = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
+        for axes, name, letter in zip(grid, names, LETTERS, strict=False):
+            errors = np.array([rung.rmse.get(name, math.nan) for rung in rungs])
+            scale = scale_for(quantity(name).unit, errors)
+            colors = [BASELINE.color, *[EXTENDED.color] * (len(rungs) - 1)]
+            axes.barh(rows, np.nan_to_num(scale.factor * errors), height=0.6, color=colors)
+            for row, error in zip(rows, errors, strict=True):
+                text = f"{scale.factor * error:.3g}" if math.isfinite(error) else "none"
+                axes.annotate(
+                    text, (0.0, row), (3, 0), textcoords="offset points", va="center", fontsize=6.5, color="white"
+                )
+            if floor := noise_floor(diagnosis, name):
+                axes.axvline(scale.factor * floor, color=FLOOR.color, ls=FLOOR.dash, lw=0.9, label="noise floor")
+            axes.set_xlim(0, 1.08 * float(np.nanmax(scale.factor * errors)))
+            axes.set_xlabel(f"RMSE of the {quantity(name).words} ({scale.unit})")
+            axes.grid(visible=False, axis="y")
+            panel_letter(axes, letter)
+        grid[0].set_yticks(rows, [label(rung) for rung in rungs])
+        grid[0].set_ylim(len(rungs) - 0.5, -0.5)
+        handles, labels = grid[0].get_legend_handles_labels()
+        if handles:
+            figure.legend(handles, labels, loc="outside upper center")
     return figure
 
 

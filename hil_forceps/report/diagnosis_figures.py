@@ -10,10 +10,14 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from hil_forceps.diagnosis.result import Diagnosis, RunEvidence
-from hil_forceps.report.diagnosis_evidence import balances_figure, candidates_figure, gain_figure, shifts_figure
-from hil_forceps.report.diagnosis_names import (
-    quantity,
+from hil_forceps.report.diagnosis_evidence import (
+    balances_figure,
+    candidates_figure,
+    gain_figure,
+    ladder_figure,
+    shifts_figure,
 )
+from hil_forceps.report.diagnosis_names import quantity
 from hil_forceps.report.diagnosis_residuals import loops_figure, spectra_figure, variables_figure
 from hil_forceps.report.diagnosis_traces import (
     estimated_in,
@@ -54,6 +58,12 @@ def panels(diagnosis: Diagnosis) -> list[Panel]:
             "the mark is what chance gives in 1 % of data sets, the whole catalogue together."
         )
         found.append(Panel("candidates", caption, lambda: candidates_figure(diagnosis)))
+    if diagnosis.ladder:
+        caption = (
+            "The ladder: error of each channel with the known parameters alone and after each entry that joined, "
+            "refitted each time; dashed: noise floor."
+        )
+        found.append(Panel("ladder", caption, lambda: ladder_figure(diagnosis)))
     if diagnosis.parameter_shifts:
         caption = "Parameters of the rig, fitted against assumed. Grey: the interval holds the assumed value."
         found.append(Panel("parameters", caption, lambda: shifts_figure(diagnosis)))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from hil_forceps.diagnosis.result import Diagnosis
+from hil_forceps.report.diagnosis_ladder import ladder_section
 from hil_forceps.report.diagnosis_sections import (
     audit,
     candidates,
@@ -30,6 +31,7 @@ def page(diagnosis: Diagnosis, images: Images) -> str:
         ("Spectra", images.get("spectra", "")),
         ("Which balance fails", images.get("balances", "")),
         ("Candidates and their evidence", images.get("candidates", "") + candidates(diagnosis)),
+        ("The ladder", ladder_section(diagnosis, images.get("ladder", ""))),
         ("Parameters", images.get("parameters", "") + shifts(diagnosis)),
         ("What can't be told apart", tied(diagnosis)),
         ("Before and after on held-out runs", gains(diagnosis, images.get("gain", "")) + images.get("held_out", "")),

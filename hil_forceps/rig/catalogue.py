@@ -5,10 +5,11 @@ Plain data. The mind's model and the simulated world implement each entry on the
     law      i_ref: the drive's law on θ_enc; i_ref → deadband → saturation → delay → lag → i (true current)
     sensors  i_meas = (1 + g) i + i0;  θ_enc = quantised((1 + s) θ_m + A_s sin θ_m + A_c cos θ_m);  a skewed channel is
              recorded as it was T_s earlier (in the log alone, not in the loop)
-    motor    I_m ω̇_m = K_t(t) i (1 + ripple(θ_m)) + cogging(θ_m) − D(t) ω_m − F_m − r(θ_m) f
-    wire     x = wound(θ_m) − r_j θ_j,  wound' = r(θ_m);  e = x − x0 − x_c;  d = dz(e, δ)
+    motor    I_m ω̇_m = K_t(t) i (1 + ripple(θ_m)) + cogging(θ_m) − D(t) ω_m − F_m − r(θ_p) f
+    play     θ_p = θ_m − p,  |p| ≤ ψ,  ṗ = ω_m, but 0 where p would leave ±ψ; without play θ_p = θ_m
+    wire     x = wound(θ_p) − paid(θ_j),  wound' = r(θ_p),  paid' = r_j(θ_j);  e = x − x0 − x_c;  d = dz(e, δ)
              f = k d (1 + β d²) + c ẋ [where d ≠ 0 or δ = 0] + h z
-    jaw      I_j ω̇_j = r_j f − F_j(θ_j) − gravity(θ_j) − τ_w
+    jaw      I_j ω̇_j = r_j(θ_j) f − F_j(θ_j) − gravity(θ_j) − coupling(θ_j) − τ_w
     friction F = level · sgn ω while moving; at rest whatever holds, up to the level
 
 Times of drifts count from the first row of a run (in the world: from the start of the load profile or of the run).
@@ -323,6 +324,49 @@ EFFECTS: tuple[Effect, ...] = (
         (_P("limit_A", "A", 0.0, 200.0, None, 0.2, "the limit that acts"),),
         "supply voltage, thermal protection",
         "commands above the limit",
+    ),
+    Effect(
+        "transmission_play",
+        "motor",
+        "lost motion behind the motor's encoder at each reversal, held by friction: play of a gear, slack guides",
+        "θ_p = θ_m − p,  ṗ = ω_m within |p| ≤ ψ (play operator); the wire is wound by θ_p, its pull reaches the motor",
+        # What nothing holds in its gap is a dead zone of tension, `wire_slack` with δ = r_m ψ: no sensor tells those.
+        (_P("half_width_rad", "rad", 0.0, 0.5, 0.0, 2e-3, "half the lost motion at the motor pulley, ψ"),),
+        "Krasnosel'skii, Pokrovskii, Systems with Hysteresis, 1989 (play); Nordin, Gutman, Automatica 38(10), 2002",
+        "reversals under tension that keeps its sign, and a jaw sensor",
+    ),
+    Effect(
+        "transmission_curve",
+        "jaw",
+        "the ratio depends on the jaw's angle: the wire pulls at a lever or an uneven pulley",
+        "r_j(θ_j) = r_j (1 + E_c cos θ_j + E_s sin θ_j)",
+        _wave("", 0.5, 0.01),
+        "lever arm l cos(θ − φ) of a wire at a lever; mounting error of a pulley",
+        "a jaw sensor, motion over its range, several loads",
+    ),
+    Effect(
+        "jaw_coupling",
+        "jaw",
+        "spring between the jaw and what it is coupled to at rest: the other jaw, its wire, the wrist",
+        "coupling = k_c θ_j + τ_c, a load on the jaw",
+        (
+            _P("stiffness_N_m_per_rad", "N_m_per_rad", 0.0, 0.1, 0.0, 2e-5, "stiffness, k_c"),
+            _P("torque_N_m", "N_m", -0.1, 0.1, 0.0, 1e-5, "torque at angle zero, τ_c"),
+        ),
+        "coupled tendon-driven joints: Tsai, Robot Analysis, 1999 (chapter 10); Hooke's law",
+        "the jaw over a wide range of angles, at one load",
+    ),
+    Effect(
+        "loaded_presliding",
+        "motor",
+        "friction that grows with the tension of the wire and builds up over a way",
+        "F_m += μ r_m |f| z,  ż = ω_m (1 − z sgn ω_m)/δ",
+        (
+            _P("mu", "", 0.0, 2.0, 0.0, 0.02, "friction torque over tension times radius once it slides, μ"),
+            _P("angle_rad", "rad", 1e-5, 2.0, None, 0.02, "angle over which it builds up, δ"),
+        ),
+        "sheath as a chain of Dahl elements: Palli, Melchiorri, ICRA 2006; Do et al., Mechatronics 24(1), 2014",
+        "reversals under different loads",
     ),
 )
 

@@ -44,6 +44,9 @@ SIZES: dict[str, dict[str, float]] = {
     "current_gain": {"relative_error": 0.1},
     "pulley_eccentricity": {"sine": 0.1},
     "spool_radius_change": {"pitch_m_per_turn": 4e-4},
+    "transmission_curve": {"sine": 0.1, "cosine": 0.1},
+    "jaw_coupling": {"stiffness_N_m_per_rad": 2e-4},
+    "loaded_presliding": {"mu": 0.1},
 }
 ELONGATION_SIZES: dict[str, dict[str, float]] = {
     "wire_slack": {"half_width_m": 1e-5},
@@ -54,6 +57,8 @@ ELONGATION_SIZES: dict[str, dict[str, float]] = {
     "encoder_eccentricity": {},
     "encoder_scale": {"relative_error": 1e-2},
     "pulley_eccentricity": {"sine": 0.05},
+    "transmission_play": {"half_width_rad": 1e-2},
+    "transmission_curve": {"sine": 0.05},
 }
 
 

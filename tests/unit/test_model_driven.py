@@ -43,6 +43,12 @@ def closed(theta: Vector, quantum_rad: float = 0.0) -> Channels:
     return closed_loop.simulate(theta, law, quantum_rad, inputs, closed_loop.rest(theta, 0.6), 8)
 
 
+SMOOTH = {
+    None, "jaw_gravity", "wire_hardening", "wire_creep", "torque_ripple", "pulley_eccentricity",
+    "transmission_curve", "jaw_coupling", "loaded_presliding",
+}  # fmt: skip
+
+
 def off(a: Vector, b: Vector) -> float:
     return float(np.sqrt(np.mean((a - b)[ROWS] ** 2)))
 
@@ -62,19 +68,32 @@ def test_predicts_what_the_closed_loop_did(effect_id: str | None) -> None:
     seen = driven.simulate(theta, given._replace(tau_w_N_m=None, theta_j_rad=c.theta_j_rad), bandwidth_Hz=100.0)
     assert off(seen.current_A, c.current_A) < 1.5e-3
     assert off(seen.tau_w_N_m, c.tau_w_N_m) < 1e-5
-    if effect_id in {None, "jaw_gravity", "wire_hardening", "wire_creep", "torque_ripple", "pulley_eccentricity"}:
+    if effect_id in SMOOTH:
         assert off(loaded.current_A, c.current_A) < 5e-5
         assert off(loaded.theta_j_rad, c.theta_j_rad) < 3e-6
         assert off(seen.tau_w_N_m, c.tau_w_N_m) < 1e-7
 
 
-@pytest.mark.parametrize("effect_id", ["cogging", "load_dependent_friction", "presliding_friction", "jaw_gravity"])
+SEEN = [
+    "cogging", "load_dependent_friction", "presliding_friction", "jaw_gravity", "jaw_coupling", "loaded_presliding",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("effect_id", SEEN)
 def test_an_effect_left_out_is_seen_in_the_current(effect_id: str) -> None:
     c = closed(theta_of(effect_id), 2.0 * np.pi / 16384)
     given = driven.Inputs(TIME_S, c.theta_m_rad, c.tau_w_N_m, None)
     with_it = off(driven.simulate(theta_of(effect_id), given).current_A, c.current_A)
     without = off(driven.simulate(theta_of(), given).current_A, c.current_A)
     assert with_it < 0.6 * without
+
+
+def test_play_left_out_is_seen_at_the_jaw() -> None:
+    c = closed(theta_of("transmission_play"), 2.0 * np.pi / 16384)
+    given = driven.Inputs(TIME_S, c.theta_m_rad, c.tau_w_N_m, None)
+    with_it = off(driven.simulate(theta_of("transmission_play"), given).theta_j_rad, c.theta_j_rad)
+    without = off(driven.simulate(theta_of(), given).theta_j_rad, c.theta_j_rad)
+    assert with_it < 0.1 * without
 
 
 def test_encoder_errors_and_skew_are_taken_out_of_the_measured_angle() -> None:

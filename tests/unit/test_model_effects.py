@@ -63,13 +63,23 @@ def slid(way: Vector, length: float) -> Vector:
     return z
 
 
+def lost(theta_m: Vector, half_width: float) -> Vector:
+    """What the play takes off the motor's angle."""
+    p = np.zeros(theta_m.size)
+    for n, way in enumerate(np.diff(theta_m)):
+        p[n + 1] = min(half_width, max(-half_width, p[n] + way))
+    return p
+
+
 def wire_residual_N(theta: Vector, c: Channels, theta_m: Vector) -> Vector:
     """Tension less the wire's law."""
     e = {name.removeprefix("effects."): theta[parameters.index(name)] for name in OFF}
+    theta_m = theta_m - lost(theta_m, e["transmission_play.half_width_rad"])
     p_c, p_s = e["pulley_eccentricity.cosine"], e["pulley_eccentricity.sine"]
     wound = P.motor_pulley_radius_m * (theta_m + p_c * np.sin(theta_m) + p_s * (1.0 - np.cos(theta_m)))
     wound += e["spool_radius_change.pitch_m_per_turn"] * theta_m**2 / (4.0 * np.pi)
-    x = wound - P.jaw_pulley_radius_m * c.theta_j_rad
+    l_c, l_s, angle = e["transmission_curve.cosine"], e["transmission_curve.sine"], c.theta_j_rad
+    x = wound - P.jaw_pulley_radius_m * (angle + l_c * np.sin(angle) + l_s * (1.0 - np.cos(angle)))
     creep = np.zeros(x.size)
     kept = np.exp(-ROW_S / e["wire_creep.time_constant_s"])
     for n in range(x.size - 1):
@@ -100,6 +110,8 @@ def motor_residual_N_m(theta: Vector, c: Channels, theta_m: Vector) -> Vector:
     level += np.where(omega > 0.0, max(a, 0.0), max(-a, 0.0))
     friction = level * np.sign(omega)
     friction += e["presliding_friction.level_N_m"] * slid(np.diff(theta_m), e["presliding_friction.angle_rad"])
+    z = slid(np.diff(theta_m), e["loaded_presliding.angle_rad"])
+    friction += e["loaded_presliding.mu"] * r_m * np.abs(c.tension_N) * z
     h = e["cogging.harmonic"]
     cogging = e["cogging.sine_N_m"] * np.sin(h * theta_m) + e["cogging.cosine_N_m"] * np.cos(h * theta_m)
     h = e["torque_ripple.harmonic"]
@@ -122,7 +134,10 @@ def jaw_residual_N_m(theta: Vector, c: Channels) -> Vector:
     level = P.jaw_coulomb_N_m + e["jaw_position_friction.slope_N_m_per_rad"] * angle
     level = np.maximum(0.0, level + e["jaw_position_friction.curvature_N_m_per_rad2"] * angle**2)
     weight = e["jaw_gravity.sine_N_m"] * np.sin(angle) + e["jaw_gravity.cosine_N_m"] * np.cos(angle)
-    torque = P.jaw_pulley_radius_m * c.tension_N - level * np.sign(c.omega_j_rad_per_s) - weight - c.tau_w_N_m
+    weight += e["jaw_coupling.stiffness_N_m_per_rad"] * angle + e["jaw_coupling.torque_N_m"]
+    curve = e["transmission_curve.cosine"] * np.cos(angle) + e["transmission_curve.sine"] * np.sin(angle)
+    lever = P.jaw_pulley_radius_m * (1.0 + curve)
+    torque = lever * c.tension_N - level * np.sign(c.omega_j_rad_per_s) - weight - c.tau_w_N_m
     return np.asarray(P.jaw_inertia_kg_m2 * np.diff(c.omega_j_rad_per_s) / ROW_S - 0.5 * (torque[1:] + torque[:-1]))
 
 
@@ -138,6 +153,7 @@ def rms(values: Vector) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
+SHOWN_BY = {"pulley_eccentricity": "motor", "spool_radius_change": "motor", "transmission_play": "wire"}
 IN_THE_PLANT = [entry.id for entry in EFFECTS if entry.location in {"motor", "wire", "jaw"}]
 IN_THE_PLANT = [name for name in IN_THE_PLANT if name not in {"amplifier_deadband", "current_saturation"}]
 
@@ -159,7 +175,7 @@ def test_balances_close_with_the_effect_and_not_without(effect_id: str) -> None:
         ),
         "jaw": (rms(jaw_residual_N_m(theta, c)[rows]), rms(jaw_residual_N_m(without, c)[rows])),
     }
-    location = "motor" if effect_id in {"pulley_eccentricity", "spool_radius_change"} else effect(effect_id).location
+    location = SHOWN_BY.get(effect_id, effect(effect_id).location)
     for balance, (closed, bare) in near.items():
         assert closed < 2e-6 if balance != "wire" else closed < 2e-5, (balance, closed)
         if balance == location:

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.result import (
@@ -23,12 +24,15 @@ from hil_forceps.diagnosis.result import (
     NamedEffect,
     NextExperiment,
     RunEvidence,
+    Rung,
     Shift,
     Trend,
     Verdict,
 )
 from hil_forceps.report.diagnosis import write_figures, write_report
+from hil_forceps.report.diagnosis_evidence import ladder_figure
 from hil_forceps.report.diagnosis_figures import panels
+from hil_forceps.report.diagnosis_ladder import ladder_section
 from hil_forceps.report.style import house_style
 from hil_forceps.rig import catalogue
 
@@ -278,6 +282,48 @@ def test_every_verdict_gives_a_page_with_what_is_there(case: str, tmp_path: Path
         assert catalogue.effect(effect.id).summary in page.text
     for reason in diagnosis.reasons:
         assert reason in page.text
+
+
+LADDER = (
+    Rung("", {"current_A": 5.1e-3, "theta_j_rad": 3.9e-3}, {}, {}),
+    Rung(
+        "wire_slack",
+        {"current_A": 4.9e-3, "theta_j_rad": 4e-4},
+        {"current_A": 0.08, "theta_j_rad": 0.991},
+        {"half_width_m": Estimate(2.06e-6, 1.98e-6, 2.14e-6, "m")},
+    ),
+    Rung("jaw_coupling", {"current_A": 5.2e-3, "theta_j_rad": 3e-4}, {"current_A": -0.12, "theta_j_rad": 2e-3}, {}),
+)
+
+
+def test_ladder_is_drawn_and_tabulated_with_the_gain_of_each_step(tmp_path: Path) -> None:
+    gain = {
+        "current_A": Gain(5.1e-3, 5.2e-3, 1e-3, 0.0, 0.0, 0.0),
+        "theta_j_rad": Gain(3.9e-3, 3e-4, 2e-4, 1.0, 1.0, 1.0),
+    }
+    diagnosis = Diagnosis("effects", "", gain=gain, held_out=("a",), ladder=LADDER, varies_over=("theta",))
+    page = page_of(diagnosis, tmp_path)
+    assert "The ladder" in page.headings
+    assert page.images == 2
+    for words in ("known parameters", "99.1 %", "−12 %", "1.98", "1.5 times its noise floor", "motor angle"):
+        assert words in page.text, words
+    left = (Trend("wire", "memory of tension", 30.0, 55.7), Trend("jaw", "omega", 40.0, 0.7))
+    told = ladder_section(replace(diagnosis, varies_over=(), trends=left), "")
+    assert "it varies over memory of tension (wire, 55.7 times what chance gives)." in told
+    alone = replace(diagnosis, ladder=LADDER[:1], held_out=(), gain={})
+    assert "none was held out" in ladder_section(alone, "")
+    assert "What stays" not in ladder_section(alone, "")
+
+
+def test_ladder_s_figure_has_a_bar_a_step_and_a_panel_a_channel() -> None:
+    drawn = ladder_figure(Diagnosis("effects", "", ladder=LADDER, noise_sd={"current_A": 1e-3}))
+    assert [text.get_text() for text in drawn.axes[0].get_yticklabels()] == [
+        "known parameters", "+ wire slack", "+ jaw coupling",
+    ]  # fmt: skip
+    widths = [bar.get_width() for bar in drawn.axes[0].patches if isinstance(bar, Rectangle)]
+    assert widths == pytest.approx([5.1, 4.9, 5.2])
+    assert "(mA)" in drawn.axes[0].get_xlabel()
+    assert len(drawn.axes) == 2
 
 
 def test_text_from_outside_stays_text(tmp_path: Path) -> None:

@@ -12,14 +12,18 @@ from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.plant import PlantParameters
 from virtual_bus.effects import EffectNumbers, effect_numbers
 from virtual_bus.effects_command import empty_queue, push_command
-from virtual_bus.effects_motion import (
-    STATE,
-    advance_with_effects,
-    between,
-    check_step,
-    rest_with_effects,
+from virtual_bus.effects_motion import advance_with_effects, between
+from virtual_bus.effects_plant import (
+    Environment,
+    Inputs,
+    Memory,
+    Motion,
+    elongation_of,
+    motion_rate,
+    played,
+    tension_of,
 )
-from virtual_bus.effects_plant import Environment, Inputs, Memory, Motion, elongation_of, motion_rate
+from virtual_bus.effects_start import STATE, check_step, rest_with_effects
 from virtual_bus.load import LoadProfile, paper_load, piecewise_linear
 from virtual_bus.plant import TruthParameters, truth_parameters
 
@@ -28,6 +32,7 @@ P = truth_parameters(TABLE_I, 5.0e-5)
 FREE = truth_parameters(TABLE_I._replace(motor_coulomb_N_m=0.0, jaw_coulomb_N_m=0.0), 5.0e-5)
 NO_ENVIRONMENT = Environment(0.0, 0.0)
 SECOND_NS = 1_000_000_000
+BEHIND_RAD = 5.0e-4  # within the play
 TYPICAL = {entry.id: {p.name: p.typical for p in entry.parameters} for entry in EFFECTS}
 STARTS = [
     Motion(0.6, 1.7, 0.8, 2.0, 1.0e-6),
@@ -69,6 +74,8 @@ ADDED: dict[str, Difference] = {
         -(max(0.0, 4.62e-9 + 1e-5 * m.theta_j + 1e-5 * m.theta_j**2) - 4.62e-9) * sign(m.omega_j),
     ),
     "jaw_gravity": lambda m, z, i, t, f: (0.0, -(1e-5 * math.sin(m.theta_j) + 1e-5 * math.cos(m.theta_j))),
+    "jaw_coupling": lambda m, z, i, t, f: (0.0, -(2e-5 * m.theta_j + 1e-5)),
+    "loaded_presliding": lambda m, z, i, t, f: (-0.02 * 2.0e-3 * abs(f) * z.loaded, 0.0),
     "torque_constant_drift": lambda m, z, i, t, f: (1.35e-2 * i * -0.02 * (1.0 - math.exp(-t / 6.0)), 0.0),
     "cogging": lambda m, z, i, t, f: (1e-4 * (math.sin(6.0 * m.theta_m) + math.cos(6.0 * m.theta_m)), 0.0),
     "torque_ripple": lambda m, z, i, t, f: (
@@ -84,12 +91,13 @@ PULLED: dict[str, Callable[[Motion, Memory], float]] = {
     "wire_hysteresis": lambda m, z: 0.02 * z.hysteresis,
     "wire_damping": lambda m, z: 0.3 * (2.0e-3 * m.omega_m - 1.4e-3 * m.omega_j),
     "wire_permanent_stretch": lambda m, z: -2.6e4 * 1e-6,
+    "transmission_play": lambda m, z: -2.6e4 * 2.0e-3 * BEHIND_RAD,
 }
 
 
 def torques(m: Motion, e: EffectNumbers, current_A: float, time_s: float) -> tuple[float, float, Memory]:
     x = elongation_of(m.theta_m, m.theta_j, P, e)
-    memory = Memory(m.theta_m, x, 0.4, -0.7, sign(m.omega_m), sign(m.omega_j))
+    memory = Memory(m.theta_m, x, 0.4, -0.7, sign(m.omega_m), sign(m.omega_j), BEHIND_RAD, 0.3)
     u = Inputs(current_A, current_A, 0.0, 1.0e-3, 0.0, time_s)
     rate = motion_rate(m, memory, u, 0.0, P, e, NO_ENVIRONMENT)
     return rate.omega_m * TABLE_I.motor_inertia_kg_m2, rate.omega_j * TABLE_I.jaw_inertia_kg_m2, memory
@@ -130,11 +138,43 @@ def test_wire_winds_up_by_the_radius_and_pulls_at_it(name: str) -> None:
     assert elongation_of(0.0, 0.0, P, e) == 0.0
 
 
+def test_jaw_takes_wire_by_its_lever_and_is_pulled_at_it() -> None:
+    e = typical("transmission_curve")
+    for angle in (-1.2, 0.3, 2.0):
+        lever = 1.4e-3 * (1.0 + 0.01 * math.sin(angle) + 0.01 * math.cos(angle))
+        slope = (elongation_of(0.0, angle + 1e-4, P, e) - elongation_of(0.0, angle - 1e-4, P, e)) / 2e-4
+        assert slope == pytest.approx(-lever, rel=1.0e-8)
+        theta_m = (1.0e-5 - elongation_of(0.0, angle, P, e)) / 2.0e-3
+        torque_m, torque_j, _ = torques(Motion(theta_m, 0.0, angle, 0.0, 0.0), e, 0.0, 0.0)
+        pull = 2.6e4 * 1.0e-5
+        assert torque_m == pytest.approx(-2.0e-3 * pull - 4.62e-7, rel=1.0e-6)
+        assert torque_j == pytest.approx(lever * pull - 4.62e-9 - 1.0e-3, rel=1.0e-6)
+    assert elongation_of(0.0, 0.0, P, e) == 0.0
+
+
+def test_play_is_lost_at_each_reversal_and_nowhere_else() -> None:
+    """The motor there and back, held by force: the pulley follows 2 ψ later, whatever the tension."""
+    for tension_N in (0.0, 5.0):
+        behind, pulley = 0.0, []
+        for way in (0.01, -0.003, -0.01, 0.002, 0.01):
+            behind = played(behind, way, 2.0e-3)
+            pulley.append(behind)
+        assert pulley == pytest.approx([2e-3, -1e-3, -2e-3, 0.0, 2e-3])
+        # In the gap the wire neither winds nor lets go of its tension.
+        e = numbers(transmission_play={"half_width_rad": 2.0e-3})
+        memory = Memory(0.5, 0.0, 0.0, 0.0, 1.0, 1.0, -1.0e-3, 0.0)
+        jaw = (2.0e-3 * 0.501 - tension_N / 2.6e4) / 1.4e-3
+        for way in (0.0, 1.0e-3, 2.9e-3):
+            assert tension_of(Motion(0.5 + way, 0.0, jaw, 0.0, 0.0), memory, P, e) == pytest.approx(tension_N, abs=1e-9)
+        pulled = tension_of(Motion(0.504, 0.0, jaw, 0.0, 0.0), memory, P, e)
+        assert pulled == pytest.approx(tension_N + 2.6e4 * 2.0e-3 * 1.0e-3)
+
+
 def test_every_effect_has_a_test_of_its_equation() -> None:
     elsewhere = {
         "wire_creep", "pulley_eccentricity", "spool_radius_change", "current_offset", "current_gain",
         "amplifier_deadband", "electrical_lag", "actuation_delay", "channel_skew", "encoder_eccentricity",
-        "encoder_scale", "current_saturation",
+        "encoder_scale", "current_saturation", "transmission_curve",
     }  # fmt: skip
     assert set(ADDED) | set(PULLED) | elsewhere == set(EFFECT_IDS)
 
