@@ -1,7 +1,7 @@
 """Energy: friction takes it and never gives it; the exact step of the plant without input never gains any."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -34,12 +34,14 @@ def test_free_motion_never_gains_energy(x: float, v_m: float, v_j: float, viscou
 
 
 @given(stretches, speeds, speeds, levels, levels)
+@example(5.289647186044234e-05, 2.0, 0.0, 0.0078125, 0.0)
 def test_friction_takes_energy_until_all_is_at_rest(
     x: float, v_m: float, v_j: float, motor_N_m: float, jaw_N_m: float
 ) -> None:
     transition, gain = two_inertia.discretise(PAPER, 5e-5)
     state = started(x, v_m, v_j)
     begin = last = energy_J(state)
+    most = 0.0
     for _ in range(400):
         before = state
         state = linear_loop.plant_step(state, 0.0, 0.0, transition, gain, np.array([motor_N_m, jaw_N_m]))
@@ -47,8 +49,9 @@ def test_friction_takes_energy_until_all_is_at_rest(
         # Within a step friction is that of its end, so its work may be off by what it could do over the step.
         work = motor_N_m * abs(state[0] - before[0]) + jaw_N_m * abs(state[2] - before[2])
         assert now <= last * (1 + 1e-9) + work + 1e-15
-        last = now
-    assert last <= begin * 1.001 + 1e-15
+        last, most = now, max(most, work)
+    # So it is off in the step in which it stops, by more than a share where little moves against much friction.
+    assert last <= begin * 1.001 + most + 1e-15
 
 
 @given(speeds, st.floats(1e-9, 1e6), levels)
