@@ -14,6 +14,7 @@ MAX_STEPS = 12
 SMALL_FALL = 0.05  # of χ²: a step that gains less ends the fit
 FIRST_DAMPING = 1e-6
 MAX_DAMPINGS = 7
+TRUSTED = 0.1  # of the expected fall: as long as it comes that close, the sensitivities are still good
 BLOCK = 1 << 15  # rows of a product that are made double at a time
 RIDGE = 1e-13
 
@@ -25,7 +26,7 @@ class Fit(NamedTuple):
     chi2: float  # misfit plus priors
     residual: Flat  # not whitened
     outputs: Outputs
-    jacobian: Matrix  # not whitened; at u, or at a point near it when `fixed_columns` were given
+    jacobian: Matrix  # not whitened; at u, or at a point from where it led to u as expected
     covariance: NDArray[np.float64]
     steps: int
 
@@ -94,7 +95,7 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
     residual = problem.measured - transform(problem.layout, outputs)
     chi2 = chi2_of(problem, residual, whitener, u)
     damping = FIRST_DAMPING
-    at = _sensitivity(problem, u, outputs, whitener, held)
+    at, fresh = _sensitivity(problem, u, outputs, whitener, held), True
     done = 0
     while done < steps:
         done += 1
@@ -109,14 +110,17 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
                 improved = True
                 break
             damping = max(damping, 1e-6) * 30.0
-        if not improved:
+        if not improved and fresh:
             break
-        fall = chi2 - new_chi2
-        u, outputs, residual, chi2 = candidate, new_outputs, new_residual, new_chi2
-        damping = max(damping / 30.0, FIRST_DAMPING)
-        if fall < SMALL_FALL:
-            break
-        at = _sensitivity(problem, u, outputs, whitener, held)
+        if improved:
+            fall, expected = chi2 - new_chi2, _expected(at.gram, slope, weights, candidate - u)
+            u, outputs, residual, chi2 = candidate, new_outputs, new_residual, new_chi2
+            damping = max(damping / 30.0, FIRST_DAMPING)
+            if fall < SMALL_FALL:
+                break
+        fresh = not improved or abs(fall - expected) > TRUSTED * expected
+        if fresh:
+            at = _sensitivity(problem, u, outputs, whitener, held)
     covariance = inverse(at.gram + np.diag(weights))
     return Fit(u, chi2, residual, outputs, at.columns, covariance, done)
 
@@ -143,6 +147,11 @@ def _sensitivity(problem: Problem, u: Vector, outputs: Outputs, whitener: Whiten
         np.concatenate((held.white[:, :first], white, held.white[:, first:]), axis=1),
         products,
     )
+
+
+def _expected(normal: NDArray[np.float64], slope: Vector, weights: Vector, step: Vector) -> float:
+    """Return by how much the objective would fall if the sensitivities held all the way."""
+    return float(2.0 * step @ slope - step @ normal @ step - np.sum(weights * step * step))
 
 
 def _step(

@@ -209,6 +209,14 @@ class _TurnedOver(NamedTuple):
         """Return the transformed channels of each run."""
         return self.upright(_turned_over(theta), nuisances)
 
+    def coarse(self) -> "_TurnedOver":
+        """Return the same in longer steps."""
+        return _TurnedOver(self.upright.coarse())
+
+    def calmed(self) -> "_TurnedOver":
+        """Return the same without what is quick in the load."""
+        return _TurnedOver(self.upright.calmed())
+
 
 def _problem(found: Findings, experiment: Experiment, model: Model) -> Problem:
     """Return the problem of fitting a model to the experiment alone."""

@@ -23,23 +23,30 @@ from hil_forceps.rig.catalogue import effect
 
 Vector = NDArray[np.float64]
 
-SUBSTEPS = 4  # of 250 µs in a row of 1 ms; more for longer rows
 LONGEST_SUBSTEP_S = 2.6e-4
+LONGEST_COARSE_SUBSTEP_S = 5.2e-4
 CALM_S = 0.04
-STAND_IN_SHARE = 0.37  # of a run: how far the rounding is moved that stands in for the one that happened
+CURRENT_PATH = (
+    "current_offset",
+    "current_gain",
+    "amplifier_deadband",
+    "electrical_lag",
+    "actuation_delay",
+    "channel_skew",
+    "current_saturation",
+)  # what changes the current between the law and its sensor
 _PATH = tuple(
     (parameters.index(f"effects.{name}.{p.name}"), parameters.off_value(f"effects.{name}.{p.name}"))
-    for name in (
-        "current_offset",
-        "current_gain",
-        "amplifier_deadband",
-        "electrical_lag",
-        "actuation_delay",
-        "channel_skew",
-        "current_saturation",
-    )
+    for name in CURRENT_PATH
     for p in effect(name).parameters
 )
+
+
+class Slow(NamedTuple):
+    """What the encoder's rounding does slowly in a run."""
+
+    theta_m_rad: Vector
+    theta_j_rad: Vector
 
 
 class Offset(NamedTuple):
@@ -59,8 +66,10 @@ class ClosedLoop:
     law: Vector
     starts: tuple[Start, ...]
     encoder_error_rad: tuple[Vector, ...]  # of each run; empty: none
-    slow: tuple[Offset, ...] = ()  # of each run: what the encoder's rounding does slowly
-    offset: tuple[Offset, ...] = ()  # of each run: what its rounding does more than the one that stands in for it
+    slow: tuple[Slow, ...] = ()  # of each run
+    offset: tuple[Offset, ...] = ()  # of each run: what its rounding does more than those that stand in for it
+    stand_ins: tuple["ClosedLoop", ...] = ()  # the same, shaken by a rounding of another time with either sign
+    longest_substep_s: float = LONGEST_SUBSTEP_S
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
         """Return the transformed channels of each run.
@@ -72,26 +81,21 @@ class ClosedLoop:
         is a fixed offset, taken anew with each better model. Only the current's own path answers to it, where it is a
         signal.
         """
-        if not self.offset:
-            return [self.outputs(k, self.raw(k, theta, nuisance)) for k, nuisance in enumerate(nuisances)]
-        others, own = self.shaken_by_others(), replace(self, slow=(), offset=())
+        return self._answers(self.stand_ins or (self,), theta, nuisances)
+
+    def _answers(self, shaken: Sequence["ClosedLoop"], theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+        """Return the mean of what the same loop answers, shaken otherwise."""
+        own = replace(self, slow=(), offset=(), stand_ins=())
+        differs = bool(self.stand_ins) and path_differs(theta)
         found = []
         for k, nuisance in enumerate(nuisances):
-            both = [other.outputs(k, other.raw(k, theta, nuisance), self.offset[k]) for other in others]
-            outputs = {name: 0.5 * (values + both[1][name]) for name, values in both[0].items()}
-            if follows_law(self.records[k], self.law) and path_differs(theta):
+            offset = self.offset[k] if self.offset else None
+            each = [loop.outputs(k, loop.raw(k, theta, nuisance), offset) for loop in shaken]
+            outputs = {name: np.mean([o[name] for o in each], axis=0) for name in each[0]}
+            if differs and follows_law(self.records[k], self.law):
                 outputs["current_A"] = own.outputs(k, own.raw(k, theta, nuisance))["current_A"]
             found.append(outputs)
         return found
-
-    def shaken_by_others(self) -> tuple["ClosedLoop", "ClosedLoop"]:
-        """Return the same with the rounding of another time in each run, with either sign."""
-        moved = tuple(np.roll(error, round(STAND_IN_SHARE * error.size)) for error in self.encoder_error_rad)
-        opposite = tuple(-error for error in moved)
-        records = tuple(with_calm_load(record) for record in self.records)
-        calm = replace(self, records=records, slow=(), offset=())
-        first, second = (replace(calm, encoder_error_rad=errors) for errors in (moved, opposite))
-        return first, second
 
     def raw(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float = 0.0) -> Channels:
         """Simulate a run: recorded channels and what is inside."""
@@ -110,7 +114,7 @@ class ClosedLoop:
             self.encoder_error_rad[run],
         )
         samples = round(record.period_s / float(self.law[drive_law.SAMPLE_TIME]))
-        substeps = samples * max(1, int(np.ceil(record.period_s / samples / LONGEST_SUBSTEP_S)))
+        substeps = samples * max(1, int(np.ceil(record.period_s / samples / self.longest_substep_s)))
         found = closed_loop.simulate(theta, self.law, quantum_rad, inputs, Start(plant, drive), substeps, samples)
         jaw = found.theta_j_rad + nuisance.theta_j_zero_rad
         if not self.slow or quantum_rad > 0.0:
@@ -164,7 +168,8 @@ class ClosedLoop:
 
     def unshaken(self) -> "ClosedLoop":
         """Return the same without the encoder's rounding."""
-        return replace(self, encoder_error_rad=(np.empty(0),) * len(self.records), slow=(), offset=())
+        none = (np.empty(0),) * len(self.records)
+        return replace(self, encoder_error_rad=none, slow=(), offset=(), stand_ins=())
 
     def calmed(self) -> "ClosedLoop":
         """Return the same without the rounding and without what is quick in the load, which is noise for the most part.
@@ -173,6 +178,11 @@ class ClosedLoop:
         simulated motor against that noise would seem to explain something.
         """
         return replace(self.unshaken(), records=tuple(with_calm_load(record) for record in self.records))
+
+    def coarse(self) -> "ClosedLoop":
+        """Return the same in longer steps: good for a look, not for a fit."""
+        stand_ins = tuple(replace(loop, longest_substep_s=LONGEST_COARSE_SUBSTEP_S) for loop in self.stand_ins)
+        return replace(self, stand_ins=stand_ins, longest_substep_s=LONGEST_COARSE_SUBSTEP_S)
 
     def course(self, run: int, theta: Vector, nuisance: Nuisance) -> Course:
         """Return what a run went through inside."""

@@ -81,6 +81,14 @@ class Driven:
         """Return the same."""
         return self
 
+    def calmed(self) -> "Driven":
+        """Return the same."""
+        return self
+
+    def coarse(self) -> "Driven":
+        """Return the same."""
+        return self
+
     def course(self, run: int, theta: Vector, nuisance: Nuisance) -> Course:
         """Return what a run went through inside."""
         record = self.records[run]

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.entries import Probe
-from hil_forceps.diagnosis.problem import Matrix, Problem
+from hil_forceps.diagnosis.predict import CURRENT_PATH
+from hil_forceps.diagnosis.problem import Matrix, Problem, difference
 from hil_forceps.diagnosis.robust import left_by
 from hil_forceps.diagnosis.score import Group
 from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform
@@ -32,24 +33,32 @@ BENT = frozenset(
         "amplifier_deadband",
     }
 )  # whose effect is far from proportional to their amplitude
+SHAKEN = BENT | set(CURRENT_PATH)  # what shows otherwise when the motor isn't shaken
 TELLING, LARGEST = 12.0, 30.0  # whitened norm of a column; above the second it is made anew, with the first
 SIZINGS = 3
 
 
 def probe_columns(problem: Problem, u: Vector, places: Sequence[Probe]) -> tuple[Matrix, list[Group]]:
-    """Simulate every place: one column per amplitude, at the probe's size (not divided by it)."""
-    base = problem.theta(u)
-    nuisances = problem.nuisances(u)
-    before = problem.predicted(u)
-    tasks: list[Vector] = []
+    """Simulate every place, coarsely: one column per amplitude, at the probe's size (not divided by it).
+
+    What is in proportion to its amplitude is played without the encoder's shaking and the load's noise.
+    """
+    base, nuisances = problem.theta(u), problem.nuisances(u)
+    shaken = problem.simulate_runs.coarse()
+    simulators = {True: shaken, False: shaken.calmed()}
+    before = {how: simulator(base, nuisances) for how, simulator in simulators.items()}
+    tasks: list[tuple[Vector, bool]] = []
     groups = []
     for probe in places:
         first = len(tasks)
-        tasks += [_probe_theta(problem, base, probe, name) for name in probe.amplitudes or ("",)]
+        tasks += [
+            (_probe_theta(problem, base, probe, name), probe.effect_id in SHAKEN) for name in probe.amplitudes or ("",)
+        ]
         groups.append(Group(first, len(tasks), probe.one_sided))
 
-    def run(theta: Vector) -> Flat:
-        return transform(problem.layout, problem.simulate_runs(theta, nuisances)) - before
+    def run(task: tuple[Vector, bool]) -> Flat:
+        theta, how = task
+        return transform(problem.layout, difference(simulators[how](theta, nuisances), before[how], 1.0))
 
     columns = list(problem.mapper(run, tasks))
     if not columns:

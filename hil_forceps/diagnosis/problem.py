@@ -35,6 +35,12 @@ class Simulator(Protocol):
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
         """Return one mapping of channels per run."""
 
+    def coarse(self) -> "Simulator":
+        """Return the same in longer steps."""
+
+    def calmed(self) -> "Simulator":
+        """Return the same without the encoder's rounding and what is quick in the load."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.experiment import Record
-from hil_forceps.diagnosis.predict import ClosedLoop, Offset, low_pass
+from hil_forceps.diagnosis.predict import ClosedLoop, Offset, Slow, low_pass
 from hil_forceps.diagnosis.problem import Nuisance
 from hil_forceps.diagnosis.smoothing import smoothed
 
@@ -15,6 +15,7 @@ Vector = NDArray[np.float64]
 
 SLOWEST_SHAKE_HZ = 120.0  # below, what is left is misfit rather than rounding
 SHAKE_PASSES = 5
+STAND_IN_SHARE = 0.37  # of a run: how far the rounding is moved that stands in for the one that happened
 REPLICAS = 6
 REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually ends
 
@@ -26,7 +27,7 @@ def with_encoder_errors(
 
     Its offset is what this does more than the roundings that stand in for it, at `theta` and `nuisances`.
     """
-    found = replace(loop, slow=(), offset=())
+    found = replace(loop, slow=(), offset=(), stand_ins=())
     for _ in range(SHAKE_PASSES):
         # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
         errors = []
@@ -37,7 +38,7 @@ def with_encoder_errors(
         found = replace(found, encoder_error_rad=tuple(errors))
     slow = tuple(slow_share(found, k, theta, n, quantum_rad) for k, n in enumerate(nuisances))
     found = replace(found, slow=slow)
-    others = found.shaken_by_others()
+    others = _stand_ins(found)
     offsets = []
     for k, nuisance in enumerate(nuisances):
         own, first, second = (s.raw(k, theta, nuisance) for s in (found, *others))
@@ -48,10 +49,17 @@ def with_encoder_errors(
         # Others' roundings cancel, and the slow part isn't what the drive has read on the average.
         read = motor - slow[k].theta_m_rad + found.encoder_error_rad[k]
         offsets.append(Offset(motor, jaw, current, np.cumsum(read) * loop.records[k].period_s))
-    return replace(found, offset=tuple(offsets))
+    return replace(found, offset=tuple(offsets), stand_ins=others)
 
 
-def slow_share(loop: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> Offset:
+def _stand_ins(loop: ClosedLoop) -> tuple[ClosedLoop, ...]:
+    """Return the same with a calm load and the rounding of another time in each run, with either sign."""
+    moved = tuple(np.roll(error, round(STAND_IN_SHARE * error.size)) for error in loop.encoder_error_rad)
+    signs = (moved, tuple(-error for error in moved))
+    return tuple(replace(loop.calmed(), encoder_error_rad=errors) for errors in signs)
+
+
+def slow_share(loop: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> Slow:
     """Return what rounding does slowly: a motor that creeps or dwells lingers where the count changes.
 
     Its angle is then off the counts' mean by up to half a count, for as long as it dwells. Simulated with the counting,
@@ -61,7 +69,7 @@ def slow_share(loop: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, qu
     record = loop.records[run]
     nothing = np.zeros(record.time_s.size)
     if not on_grid(record.channels["theta_m_rad"], quantum_rad):
-        return Offset(nothing, nothing, nothing, nothing)
+        return Slow(nothing, nothing)
     still = loop.unshaken()
     shaken = loop.raw(run, theta, nuisance)
     plain = still.raw(run, theta, nuisance)
@@ -76,7 +84,7 @@ def slow_share(loop: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, qu
     width = shake_width(record.period_s)
     total_m -= shaken.theta_m_rad - plain.theta_m_rad
     total_j -= shaken.theta_j_rad - plain.theta_j_rad
-    return Offset(low_pass(total_m, width), low_pass(total_j, width), nothing, nothing)
+    return Slow(low_pass(total_m, width), low_pass(total_j, width))
 
 
 def shake_width(period_s: float) -> int:
