@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis import linear, predict_driven
 from hil_forceps.diagnosis.assemble import Setting, assemble
 from hil_forceps.diagnosis.audit import Finding, audit
-from hil_forceps.diagnosis.choice import Choice, Chooser, Model, noise_of
+from hil_forceps.diagnosis.choice import Choice, Chooser
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record, mode_of, prepare, smoothed_anew, with_raw_load
 from hil_forceps.diagnosis.experiment_driven import prepare_driven
-from hil_forceps.diagnosis.fit import fit
+from hil_forceps.diagnosis.extension import Model
+from hil_forceps.diagnosis.fit import fit, fit_again
 from hil_forceps.diagnosis.jaw_zero import without_jaw_zero
 from hil_forceps.diagnosis.leftover import Leftover, leftover
 from hil_forceps.diagnosis.load_noise import load_noise
+from hil_forceps.diagnosis.look import noise_of
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
@@ -114,9 +116,9 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     choice = chooser.choose(baseline, whitener)
     options.progress("looking at what is left")
     after = leftover(choice.model, choice.whitener, courses_of(setting, choice.model), responses, options.seed)
-    baseline = replace(baseline, fit=fit(baseline.problem, baseline.fit.u, choice.whitener, steps=3))
+    baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
     before = leftover(baseline, choice.whitener, courses, responses, options.seed)
-    nominal = replace(nominal, fit=fit(nominal.problem, nominal.fit.u, choice.whitener, steps=3))
+    nominal = replace(nominal, fit=fit_again(nominal.problem, nominal.fit, choice.whitener))
     return Findings(
         rig,
         findings,

@@ -11,6 +11,7 @@ from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform
 Vector = NDArray[np.float64]
 
 MAX_STEPS = 12
+AGAIN_STEPS = 3
 SMALL_FALL = 0.05  # of χ²: a step that gains less ends the fit
 FIRST_DAMPING = 1e-6
 MAX_DAMPINGS = 7
@@ -125,12 +126,20 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
     return Fit(u, chi2, residual, outputs, at.columns, covariance, done)
 
 
+def fit_again(problem: Problem, found: Fit, whitener: Whitener) -> Fit:
+    """Fit with another noise, which moves a fit little: with the sensitivities that it had."""
+    held = hold(found.jacobian, len(problem.shared.items), whitener)
+    return fit(problem, found.u, whitener, held=held, steps=AGAIN_STEPS)
+
+
 def _sensitivity(problem: Problem, u: Vector, outputs: Outputs, whitener: Whitener, held: Held | None) -> Sensitivity:
     if held is None:
         columns = problem.jacobian(u, outputs)
         white = whitener.apply(columns)
         return Sensitivity(columns, white, gram(white, white))
     first, count = held.shared, len(problem.shared.items)
+    if first == count:
+        return Sensitivity(held.columns, held.white, held.gram)
     fresh = problem.shared_columns(u, outputs, range(first, count))
     white = whitener.apply(fresh)
     cross, own = gram(held.white, white), gram(white, white)

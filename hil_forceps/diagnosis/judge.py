@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from hil_forceps.diagnosis.choice import CHANCE, SET_DROP, Model
+from hil_forceps.diagnosis.choice import SET_DROP
 from hil_forceps.diagnosis.diagnose import Findings
+from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.leftover import Leftover
+from hil_forceps.diagnosis.look import CHANCE
 from hil_forceps.diagnosis.result import (
     AuditFinding,
     Balance,

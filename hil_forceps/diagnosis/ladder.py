@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil_forceps.diagnosis.choice import without_effect
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.extension import without_effect
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.heldout import play
 from hil_forceps.diagnosis.judge import named_effects

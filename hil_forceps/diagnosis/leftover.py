@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from hil_forceps.diagnosis.choice import CHANCE, Model
 from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.linear import Place, Response, column, direct_column
+from hil_forceps.diagnosis.look import CHANCE
 from hil_forceps.diagnosis.problem import Matrix
 from hil_forceps.diagnosis.robust import inflations, left_by
 from hil_forceps.diagnosis.score import Group, score

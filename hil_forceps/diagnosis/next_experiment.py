@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
-from hil_forceps.diagnosis.choice import Model
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.experiment import BURN_IN_S, Record, jumps
+from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import gram
 from hil_forceps.diagnosis.menu import Bounds, Experiment, bounds_of, menu, trajectory_of
 from hil_forceps.diagnosis.predict import ClosedLoop

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.choice import Model
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.entries import Scene, quantiles_of_speed
+from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.linear import Response, column
 from hil_forceps.diagnosis.score import Group, score
 from hil_forceps.diagnosis.spectrum import Flat, Whitener

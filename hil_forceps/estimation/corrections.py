@@ -36,6 +36,7 @@ from hil_forceps.model.physics import (
     paid_angle,
     radius_m,
     ripple,
+    rub_N_m,
     slide,
     torque_constant,
     viscosity,
@@ -153,8 +154,8 @@ def before(
     paper = p.D_m * speed + p.motor_coulomb * _direction(speed, tuning.still)
     level = motor_level_N_m(p, speed, m.tension_N)
     level += max(0.0, p.asymmetry) if speed > 0.0 else max(0.0, -p.asymmetry)
-    friction = viscosity(p, time_s) * speed + level * _direction(speed, tuning.still) + p.presliding_level * presliding
-    friction += p.loaded_mu * p.r_m * abs(m.tension_N) * loaded
+    friction = viscosity(p, time_s) * speed + level * _direction(speed, tuning.still)
+    friction += rub_N_m(p, presliding, loaded, m.tension_N)
     # r f = torque − friction − inertia: through the nominal radius, with the friction that the estimator takes off.
     theta_p = theta_m - lost
     seen = p.r_m / radius_m(p, theta_p) * (torque - friction) + paper

@@ -24,6 +24,7 @@ from hil_forceps.model.physics import (
     motor_level_N_m,
     paid_angle,
     ripple,
+    rub_N_m,
     slide,
     torque_constant,
     viscosity,
@@ -163,7 +164,7 @@ def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: boo
         )
         sign = max(-1.0, min(1.0, omega_m / still)) if still > 0.0 else np.sign(omega_m)
         torque = p.I_m * c.motor.acceleration_rad_per_s2[n] + viscosity(p, time_s) * omega_m + level * sign
-        torque += p.presliding_level * presliding + p.loaded_mu * p.r_m * abs(w.tension_N) * loaded
+        torque += rub_N_m(p, presliding, loaded, w.tension_N)
         torque += w.radius_m * w.tension_N - cogging_N_m(p, theta_m)
         out[0, n] = torque / (constant * (1.0 + ripple(p, theta_m)))
         out[1, n] = theta_j

@@ -238,6 +238,15 @@ def motor_level_N_m(p: Physics, omega_m: float, tension_N: float) -> float:
 
 
 @inlined
+def rub_N_m(p: Physics, presliding: float, loaded: float, tension_N: float) -> float:
+    """Return the motor's friction that builds up over a way; `presliding` and `loaded` from −1 to 1."""
+    rub = p.presliding_level * presliding
+    if p.loaded_mu != 0.0:
+        rub += p.loaded_mu * p.r_m * abs(tension_N) * loaded
+    return rub
+
+
+@inlined
 def jaw_level_N_m(p: Physics, theta_j: float) -> float:
     """Return the level of the jaw's friction."""
     return max(0.0, p.jaw_coulomb + (p.jaw_slope + p.jaw_curvature * theta_j) * theta_j)

@@ -44,6 +44,7 @@ from hil_forceps.model.physics import (
     lost_after,
     motor_level_N_m,
     ripple,
+    rub_N_m,
     slide,
     wire,
 )
@@ -213,15 +214,6 @@ def _wire_of(p: Physics, m: Motion, lost_rad: float, creep_m: float, loop: float
 
 
 @inlined
-def _rub_N_m(p: Physics, presliding: float, loaded: float, tension_N: float) -> float:
-    """Return the friction that builds up over a way."""
-    rub = p.presliding_level * presliding
-    if p.loaded_mu != 0.0:
-        rub += p.loaded_mu * p.r_m * abs(tension_N) * loaded
-    return rub
-
-
-@inlined
 def _corrections(
     p: Physics, g: Gains, s: int, x: State, end: Motion, ways: tuple[float, float], first: Excess, last: Excess
 ) -> Torques:
@@ -257,7 +249,7 @@ def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kep
     w0 = _wire_of(p, now, x.lost_rad, x.creep_m, x.loop)
     s = base + (SLACK if w0.slack else TAUT)
     first = _excess(p, g, s, now, w0, d, d.current - 0.5 * d.current_slope)
-    rubbed = _rub_N_m(p, x.presliding, x.loaded, w0.tension_N)
+    rubbed = rub_N_m(p, x.presliding, x.loaded, w0.tension_N)
     u = Torques(
         d.torque_constant * d.current + first.motor - rubbed - p.r_m * first.wire,
         d.torque_constant * d.current_slope,
@@ -280,7 +272,7 @@ def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kep
     last = _excess(p, g, s, end, w1, d, d.current + 0.5 * d.current_slope)
     slipped = slide(x.presliding, way, p.presliding_angle) if p.presliding_level != 0.0 else 0.0
     loaded = slide(x.loaded, way, p.loaded_angle) if p.loaded_mu != 0.0 else 0.0
-    ways = (w1.elongation_m - w0.elongation_m, _rub_N_m(p, slipped, loaded, w1.tension_N) - rubbed)
+    ways = (w1.elongation_m - w0.elongation_m, rub_N_m(p, slipped, loaded, w1.tension_N) - rubbed)
     free = added(g, s, free, _corrections(p, g, s, x, end, ways, first, last))
     motor = Levels(level, motor_level_N_m(p, end.omega_m, w1.tension_N), rest, forward, backward)
     jaw = Levels(level_j, jaw_level_N_m(p, end.theta_j), level_j, 0.0, 0.0)

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from hil_forceps.diagnosis.choice import Model
 from hil_forceps.diagnosis.conclude import silent
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
+from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.heldout import floors_of, gains, play
 from hil_forceps.diagnosis.judge import TWO_SIDED_95, judge
 from hil_forceps.rig import Rig

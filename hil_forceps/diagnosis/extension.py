@@ -1,0 +1,89 @@
+"""A model: effects of the catalogue and the fit with them; with one more, with one less."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.entries import Probe, free_names
+from hil_forceps.diagnosis.fit import Fit, Held, chi2_of, fit
+from hil_forceps.diagnosis.problem import Problem
+from hil_forceps.diagnosis.score import COST_PER_COLUMN
+from hil_forceps.diagnosis.spectrum import Whitener
+from hil_forceps.model import parameters
+from hil_forceps.rig.catalogue import effect
+
+Vector = NDArray[np.float64]
+
+MAX_HALVINGS = 6
+EXTEND_STEPS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """Effects and the fit with them."""
+
+    effects: tuple[str, ...]
+    problem: Problem
+    fit: Fit
+    at_bound: bool = False
+
+    @property
+    def worth(self) -> float:
+        """Return χ² and what chance takes off it for each unknown: the lower the better."""
+        return self.fit.chi2 + COST_PER_COLUMN * len(self.problem.shared.items)
+
+
+def extend(model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, held: Held) -> Model:
+    """Refit a model with an entry added, beginning where the linear look found it."""
+    entry = effect(probe.effect_id)
+    start = dict(probe.start)
+    for name, amplitude in zip(probe.amplitudes, amplitudes, strict=False):
+        start[name] *= float(amplitude)
+    for p in entry.parameters:
+        start[p.name] = float(np.clip(start.get(p.name, p.neutral or 0.0), p.minimum, p.maximum))
+    count = len(model.problem.shared.items)
+    for _ in range(MAX_HALVINGS):
+        problem, u = _with_effect(model, probe, start)
+        residual = problem.measured - problem.predicted(u)
+        if not probe.amplitudes or chi2_of(problem, residual, whitener, u) < model.fit.chi2:
+            break  # else the linear look has promised too much
+        start |= {name: 0.5 * start[name] for name in probe.amplitudes}
+    result = fit(problem, u, whitener, held=held, steps=EXTEND_STEPS)
+    return Model((*model.effects, probe.effect_id), problem, result, _at_bound(problem, result, count))
+
+
+def _with_effect(model: Model, probe: Probe, start: dict[str, float]) -> tuple[Problem, Vector]:
+    """Return the problem with an entry added, and where to begin: the model with the entry at `start`."""
+    count = len(model.problem.shared.items)
+    shared = model.problem.shared.with_effect(probe.effect_id, start, free_names(effect(probe.effect_id), probe))
+    base = model.problem.base.copy()
+    for name, value in start.items():
+        base[parameters.index(f"effects.{probe.effect_id}.{name}")] = value
+    problem = replace(model.problem.with_shared(shared), base=base)
+    return problem, np.concatenate((model.fit.u[:count], np.zeros(len(shared.items) - count), model.fit.u[count:]))
+
+
+def without_effect(model: Model, place: int, whitener: Whitener) -> Model:
+    """Return the model refitted without one of its effects."""
+    gone = model.effects[place]
+    items = model.problem.shared.items
+    keep = [i for i, item in enumerate(items) if not item.name.startswith(f"effects.{gone}.")]
+    shared = type(model.problem.shared)(tuple(items[i] for i in keep))
+    base = model.problem.base.copy()
+    for p in effect(gone).parameters:
+        name = f"effects.{gone}.{p.name}"
+        base[parameters.index(name)] = parameters.off_value(name)
+    problem = replace(model.problem.with_shared(shared), base=base)
+    count = len(items)
+    u = np.concatenate((model.fit.u[keep], model.fit.u[count:]))
+    return Model(tuple(e for e in model.effects if e != gone), problem, fit(problem, u, whitener, steps=4))
+
+
+def _at_bound(problem: Problem, result: Fit, first: int) -> bool:
+    """Tell whether a parameter of the newest effect ended at the end of its physical range."""
+    low, high = problem.bounds()
+    stop = len(problem.shared.items)
+    part = slice(first, stop)
+    room = 1e-9 * np.maximum(1.0, np.abs(result.u[part]))
+    return bool(np.any((result.u[part] <= low[part] + room) | (result.u[part] >= high[part] - room)))

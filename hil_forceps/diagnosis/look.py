@@ -1,0 +1,156 @@
+"""A look at the whole catalogue beside a model: columns, the noise that no entry explains, and what each would gain.
+
+Beside a model with effects the columns of the first look serve again, as long as the known parameters' sensitivities
+are still much what they were; what then stands out is simulated beside the model itself.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.entries import Probe, Scene, probes
+from hil_forceps.diagnosis.extension import Model
+from hil_forceps.diagnosis.fit import gram
+from hil_forceps.diagnosis.probing import sized_columns
+from hil_forceps.diagnosis.problem import Matrix
+from hil_forceps.diagnosis.robust import inflations
+from hil_forceps.diagnosis.score import Group, Scores, score
+from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise
+
+Vector = NDArray[np.float64]
+
+CHANCE = 0.005  # family-wise, of naming something where nothing is
+# Chance under exact noise gives 14 or 15. What is not exact (noise of the load below its smoothing, friction that the
+# encoder's rounding shakes loose) gave up to 36 in runs without any effect. An effect of d = 8 gives 64 on average.
+LEAST_GAIN = 28.0
+STILL_GOOD = 0.9  # mean cos² between the known parameters' sensitivities then and now
+TELLING_NORM = 5.0  # of a whitened sensitivity; shorter ones say nothing
+STANDS_OUT = 0.5  # of the threshold: from here on it is looked at again
+
+
+class Seen(NamedTuple):
+    """What each place of the catalogue does to the channels."""
+
+    places: tuple[Probe, ...]
+    columns: Matrix
+    groups: tuple[Group, ...]
+    jacobian: Matrix  # of the model beside which it was seen
+    borrowed: bool  # from a look beside another model
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """One look at the whole catalogue beside a model."""
+
+    probes: tuple[Probe, ...]
+    groups: tuple[Group, ...]
+    columns: Matrix
+    scores: Scores
+
+
+def noise_of(model: Model, scan_columns: Matrix, whitener: Whitener, floor: Vector) -> tuple[Noise, Flat]:
+    """Return the noise, no less than `floor`, and its course: what no fitted unknown and no entry explains."""
+    problem, found = model.problem, model.fit
+    columns = np.concatenate((found.jacobian, scan_columns), axis=1)
+    white = whitener.apply(columns)
+    norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30)).astype(np.float32)
+    white /= norms
+    values, vectors = np.linalg.eigh(gram(white, white))
+    kept = values > 1e-7 * float(values.max())
+    white = white @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)  # orthonormal now
+    left = whitener.apply(found.residual)
+    left -= white @ (white.T @ left)
+    leverage = np.einsum("ij,ij->i", white, white)
+    course = whitener.undo(left)
+    noise = measure_noise(problem.layout, course, leverage)
+    return noise._replace(power=np.maximum(noise.power, floor)), course
+
+
+class Looker:
+    """Looks at the catalogue; remembers the first look and the noise."""
+
+    def __init__(self, scene: Scene, without: frozenset[str], floor: Vector, seed: int) -> None:
+        self._probes = probes(scene, without)
+        self._floor = floor
+        self._seed = seed
+        self._first: Seen | None = None
+        self._course: Flat | None = None  # of the noise, as the last look left it
+        self.inflation: dict[str, float] = {}  # of each entry: how much more than white noise chance gives it
+
+    def see(self, model: Model, whitener: Whitener) -> Seen:
+        """Return the columns of every entry that isn't in the model, simulated or from the first look."""
+        if self._first is not None and model.effects and _still_good(self._first, model, whitener):
+            kept = [i for i, probe in enumerate(self._first.places) if probe.effect_id not in model.effects]
+            return _some(self._first, kept)._replace(borrowed=True)
+        places = [p for p in self._probes if p.effect_id not in model.effects]
+        fitted = whitener.apply(model.fit.jacobian)
+        sized, columns, groups = sized_columns(model.problem, model.fit.u, places, fitted, whitener)
+        seen = Seen(tuple(sized), columns, tuple(groups), model.fit.jacobian, borrowed=False)
+        if not model.effects:
+            self._first = seen
+        return seen
+
+    def noise(self, model: Model, seen: Seen, whitener: Whitener) -> Noise:
+        """Return the noise that neither the model nor any entry explains."""
+        noise, self._course = noise_of(model, seen.columns, whitener, self._floor)
+        return noise
+
+    def scan(self, model: Model, seen: Seen, whitener: Whitener) -> Scan:
+        """Score every entry; what stands out by columns from another look is simulated first."""
+        found = self._scored(model, seen, whitener)
+        if not seen.borrowed:
+            return found
+        high = np.flatnonzero(found.scores.gains > STANDS_OUT * found.scores.threshold)
+        names = {seen.places[i].effect_id for i in high}
+        which = [i for i, probe in enumerate(seen.places) if probe.effect_id in names]
+        if not which:
+            return found
+        fitted = whitener.apply(model.fit.jacobian)
+        sized, columns, groups = sized_columns(
+            model.problem, model.fit.u, [seen.places[i] for i in which], fitted, whitener
+        )
+        places, all_columns = list(seen.places), seen.columns.copy()
+        for i, probe, group in zip(which, sized, groups, strict=True):
+            places[i] = probe
+            all_columns[:, seen.groups[i].first : seen.groups[i].stop] = columns[:, group.first : group.stop]
+        return self._scored(model, seen._replace(places=tuple(places), columns=all_columns), whitener)
+
+    def _scored(self, model: Model, seen: Seen, whitener: Whitener) -> Scan:
+        fitted, white = whitener.apply(model.fit.jacobian), whitener.apply(seen.columns)
+        assert self._course is not None
+        inflation = inflations(model.problem.layout, fitted, white, seen.groups, whitener.apply(self._course))
+        found = score(
+            fitted,
+            model.problem.prior_weights(),
+            model.fit.u,
+            white,
+            seen.groups,
+            whitener.apply(model.fit.residual),
+            CHANCE,
+            self._seed,
+        )
+        found = found._replace(gains=found.gains / inflation, threshold=max(found.threshold, LEAST_GAIN))
+        for probe, much in zip(seen.places, inflation, strict=True):
+            self.inflation[probe.effect_id] = max(self.inflation.get(probe.effect_id, 1.0), float(much))
+        return Scan(seen.places, seen.groups, seen.columns, found)
+
+
+def _some(seen: Seen, which: Sequence[int]) -> Seen:
+    """Return some of the places with their columns."""
+    columns = [seen.columns[:, seen.groups[i].first : seen.groups[i].stop] for i in which]
+    stops = np.cumsum([0, *(c.shape[1] for c in columns)])
+    groups = [Group(int(a), int(b), seen.groups[i].one_sided) for i, a, b in zip(which, stops, stops[1:], strict=False)]
+    all_columns = np.concatenate(columns, axis=1) if columns else seen.columns[:, :0]
+    return seen._replace(places=tuple(seen.places[i] for i in which), columns=all_columns, groups=tuple(groups))
+
+
+def _still_good(seen: Seen, model: Model, whitener: Whitener) -> bool:
+    """Tell whether the known parameters' sensitivities are much what they were."""
+    known = sum(not item.name.startswith("effects.") for item in model.problem.shared.items)
+    then, now = whitener.apply(seen.jacobian[:, :known]), whitener.apply(model.fit.jacobian[:, :known])
+    products, old, new = (np.einsum("ij,ij->j", *pair) for pair in ((then, now), (then, then), (now, now)))
+    telling = (old > TELLING_NORM**2) & (new > TELLING_NORM**2)
+    return bool(telling.any() and np.mean(products[telling] ** 2 / (old * new)[telling]) >= STILL_GOOD)
