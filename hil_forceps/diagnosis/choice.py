@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.entries import Scene
 from hil_forceps.diagnosis.extension import Model, extend, without_effect
 from hil_forceps.diagnosis.fit import fit, fit_again, hold
 from hil_forceps.diagnosis.look import Looker, Scan
@@ -54,14 +53,11 @@ class Chooser:
 
     def __init__(
         self,
-        scene: Scene,
-        without: frozenset[str],
-        floor: Vector,
-        seed: int,
+        looker: Looker,
         progress: Callable[[str], None],
         refresh: Callable[[Problem, Vector], Problem],
     ) -> None:
-        self._looker = Looker(scene, without, floor, seed)
+        self._looker = looker
         self._progress = progress
         self._refresh = refresh  # what of the problem hangs on the model, taken anew
         self._candidates: list[Candidate] = []

@@ -19,7 +19,7 @@ from hil_forceps.diagnosis.fit import fit, fit_again
 from hil_forceps.diagnosis.jaw_zero import without_jaw_zero
 from hil_forceps.diagnosis.leftover import Leftover, leftover
 from hil_forceps.diagnosis.load_noise import load_noise
-from hil_forceps.diagnosis.look import noise_of
+from hil_forceps.diagnosis.look import Looker, noise_of
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
@@ -112,7 +112,9 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     courses = courses_of(setting, baseline)
     harmonics = fine_harmonics(courses) if records[0].mode == "driven" else HARMONICS
     scene = scene_of(courses, baseline, whitener, responses, harmonics)
-    chooser = Chooser(scene, options.without, setting.floor, options.seed, options.progress, refresher(setting, rig))
+    refresh = refresher(rig)
+    looker = Looker(scene, options.without, setting.floor, options.seed)
+    chooser = Chooser(looker, options.progress, refresh)
     choice = chooser.choose(baseline, whitener)
     options.progress("looking at what is left")
     after = leftover(choice.model, choice.whitener, courses_of(setting, choice.model), responses, options.seed)
@@ -170,13 +172,16 @@ def fit_baseline(
     shared = Unknowns(tuple(item._replace(assumed=None) if item.name in unknown else item for item in items))
     problem = setting.problem.with_shared(shared)
     whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
+    # The rounding makes the wire ring: a narrow peak, which the jaw's inertia would explain away.
+    refresh = refresher(rig)
+    problem = refresh(problem, np.zeros(problem.size))
     # What the load cell's noise does is many times the encoder's: taken for signal, it would bend every parameter.
     _, noise, _ = assumed_noise(problem, whitener, setting.floor)
     rough = fit(problem, np.zeros(problem.size), whitening(problem.layout, noise), steps=BASELINE_STEPS)
     noise = measure_noise(problem.layout, rough.residual)
     noise = noise._replace(power=np.maximum(noise.power, setting.floor))
     whitener = whitening(problem.layout, noise)
-    refresh, found = refresher(setting, rig), rough
+    found = rough
     for _ in range(REFRESHES):
         problem = refresh(problem, found.u)
         found = fit(problem, found.u, whitener, steps=4)
@@ -189,14 +194,15 @@ def fit_baseline(
     return setting, nominal, baseline, whitener
 
 
-def refresher(setting: Setting, rig: Rig) -> Callable[[Problem, Vector], Problem]:
+def refresher(rig: Rig) -> Callable[[Problem, Vector], Problem]:
     """Return what takes the encoder's rounding anew with a better model."""
     quantum = quantum_of(rig)
 
     def refresh(problem: Problem, u: Vector) -> Problem:
-        if quantum <= 0.0 or not isinstance(setting.simulator, ClosedLoop):
+        loop = problem.simulate_runs
+        if quantum <= 0.0 or not isinstance(loop, ClosedLoop):
             return problem
-        found = with_encoder_errors(setting.simulator, problem.theta(u), problem.nuisances(u), quantum)
+        found = with_encoder_errors(loop, problem.theta(u), problem.nuisances(u), quantum)
         return replace(problem, simulate_runs=found)
 
     return refresh

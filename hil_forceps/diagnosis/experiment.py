@@ -38,7 +38,7 @@ class Record(NamedTuple):
     evenly_logged: bool  # no gap, no resampling: the drive's law can be followed row by row
     theta_j_rad: Vector | None = None  # in mode "driven" without a measured load: it drives, too
     raw_load_N_m: Vector | None = None  # as measured; only in closed loop
-    load_noise_N_m: float = 0.0  # deviation that white noise as strong as the load cell's slow noise would have
+    load_noise: LoadNoise | None = None  # the load cell's
 
 
 def prepare(runs: Sequence[Run], rig: Rig) -> tuple[list[Record], list[str]]:
@@ -110,7 +110,7 @@ def smoothed_anew(records: Sequence[Record], noise: LoadNoise) -> list[Record]:
         if r.raw_load_N_m is None
         else r._replace(
             tau_w_N_m=smooth_load(r.raw_load_N_m, r.edge_rows, r.period_s, noise),
-            load_noise_N_m=float(np.sqrt(noise.power[0])),
+            load_noise=noise,
         )
         for r in records
     ]

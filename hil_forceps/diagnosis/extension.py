@@ -81,9 +81,15 @@ def without_effect(model: Model, place: int, whitener: Whitener) -> Model:
 
 
 def _at_bound(problem: Problem, result: Fit, first: int) -> bool:
-    """Tell whether a parameter of the newest effect ended at the end of its physical range."""
+    """Tell whether a parameter of the newest effect ended at the end of its physical range.
+
+    The end at which an amplitude is off is none, as long as the effect has another one.
+    """
     low, high = problem.bounds()
-    stop = len(problem.shared.items)
-    part = slice(first, stop)
-    room = 1e-9 * np.maximum(1.0, np.abs(result.u[part]))
-    return bool(np.any((result.u[part] <= low[part] + room) | (result.u[part] >= high[part] - room)))
+    added = problem.shared.items[first:]
+    ends = []
+    for i, item in enumerate(added, first):
+        room = 1e-9 * max(1.0, abs(float(result.u[i])))
+        off = len(added) > 1 and item.assumed == item.low
+        ends.append((result.u[i] <= low[i] + room and not off) or result.u[i] >= high[i] - room)
+    return any(ends)

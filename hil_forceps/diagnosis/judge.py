@@ -30,9 +30,8 @@ TWO_SIDED_95 = 1.959964
 SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assumed: 1 in 1000 by chance
 LEAST_SHIFT = 0.2  # of what was known: less is no shift, however well it is measured
 POWER_80 = 0.8416
-# Up to 6 times as much as chance gives was left in runs without any effect: friction shaken loose by the encoder's
-# rounding, which the simulation follows in part only.
-UNEXPLAINED_OVER_CHANCE = 7.0
+# Friction shaken loose by noise is followed in part only: beyond this many times what chance gives it isn't that.
+UNEXPLAINED_OVER_CHANCE = 2.0
 ACCURACY_OF_ALL = 2e-5
 UNEXPLAINED_SHARE = 0.03  # of the misfit: what may be left beside named effects without doubting them
 

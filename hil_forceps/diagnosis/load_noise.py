@@ -34,7 +34,7 @@ def load_noise(layout: Layout, left: Flat, responses: Sequence[Response], record
 
     Only its colour where the jaw's angle is measured; else white.
     """
-    edges = layout.band_Hz[[name == JAW for name in layout.band_channel]]
+    edges = np.unique(layout.band_Hz[[name == JAW for name in layout.band_channel]])
     top = 0.5 / min(record.period_s for record in records)
     high = _high(records, np.geomspace(ALONE_HZ, top, 6))
     both = pairs(layout)

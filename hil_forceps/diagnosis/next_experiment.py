@@ -262,8 +262,10 @@ def record_of(experiment: Experiment, like: Record) -> Record:
 def noise_on(layout: Layout, measured_on: Layout, noise: Noise) -> Noise:
     """Return the noise that was measured on other runs, for the bands of this layout: the nearest in frequency."""
     channels = np.array(measured_on.band_channel)
-    taken = []
+    power, mix = [], []
     for name, middle in zip(layout.band_channel, layout.band_Hz, strict=True):
-        here = np.flatnonzero(channels == name)
-        taken.append(int(here[np.argmin(np.abs(np.log(measured_on.band_Hz[here] / middle)))]))
-    return Noise(noise.power[taken], noise.mix[taken])
+        away = np.where(channels == name, np.abs(np.log(measured_on.band_Hz / middle)), np.inf)
+        nearest = np.flatnonzero(away <= away.min() + 1e-9)  # one of each run
+        power.append(noise.power[nearest].mean())
+        mix.append(noise.mix[nearest].mean())
+    return Noise(np.array(power), np.array(mix))

@@ -27,7 +27,7 @@ def with_encoder_errors(
 
     Its offset is what this does more than the roundings that stand in for it, at `theta` and `nuisances`.
     """
-    found = replace(loop, slow=(), offset=(), stand_ins=())
+    found = loop.unshaken()
     for _ in range(SHAKE_PASSES):
         # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
         errors = []
@@ -100,11 +100,10 @@ def on_grid(angle: Vector, quantum_rad: float) -> bool:
 
 def loads_like(record: Record) -> list[Vector | None]:
     """Return the load with as much noise again as smoothing leaves in it, in pairs of opposite noise."""
-    load = record.tau_w_N_m
+    load, noise = record.tau_w_N_m, record.load_noise
     if load is None:
         return [load]
+    deviation = float(np.sqrt(noise.power[0])) if noise is not None else 0.0
     rng = np.random.default_rng(load.size)
-    noises = [
-        smoothed(record.load_noise_N_m * rng.standard_normal(load.size), REPLICA_CUTOFF) for _ in range(REPLICAS // 2)
-    ]
+    noises = [smoothed(deviation * rng.standard_normal(load.size), REPLICA_CUTOFF) for _ in range(REPLICAS // 2)]
     return [load + sign * noise for noise in noises for sign in (1.0, -1.0)]

@@ -18,6 +18,10 @@ Bands = NDArray[np.intp]
 BANDS = 28
 LOWEST_HZ = 0.4
 LEAST_ENTRIES = 60  # of a band: fewer, and it joins its neighbour
+OWN_ENTRIES = 120  # of a band in every run: from here on each run has its own, since runs differ in noise
+
+
+TAPER_S, MOST_TAPER = 0.3, 0.1  # at each end of a run; no more than this share of it
 
 
 class Part(NamedTuple):
@@ -47,16 +51,17 @@ def make_layout(
     weights: Sequence[Vector],
     period_s: Sequence[float],
 ) -> Layout:
-    """Lay out the channels of each run; bands of like frequency of a channel are shared among the runs."""
+    """Lay out the channels of each run; narrow bands of like frequency of a channel are shared among the runs."""
     parts: list[Part] = []
     frequencies = []
     start = 0
     for run, (names, weight) in enumerate(zip(channels, weights, strict=True)):
         rows = weight.size
         bins = rows // 2 + 1
-        scale = float(np.sqrt(2.0 / max(weight.sum(), 1.0)))
+        window = tapered(weight, period_s[run])
+        scale = float(np.sqrt(2.0 / max(np.sum(window**2), 1.0)))
         for name in names:
-            parts.append(Part(run, name, rows, start, start + 2 * bins, weight, scale))
+            parts.append(Part(run, name, rows, start, start + 2 * bins, window, scale))
             frequencies.append(np.repeat(np.arange(bins) / (rows * period_s[run]), 2))
             start += 2 * bins
     band_of = np.zeros(start, dtype=np.intp)
@@ -65,11 +70,33 @@ def make_layout(
     for name in dict.fromkeys(part.channel for part in parts):
         here = [(part, f) for part, f in zip(parts, frequencies, strict=True) if part.channel == name]
         edges = _edges(np.concatenate([f for _, f in here]))
-        for part, f in here:
-            band_of[part.start : part.stop] = len(labels) + np.searchsorted(edges[1:-1], f, side="right")
-        labels += [name] * (edges.size - 1)
-        middles += list(np.sqrt(np.maximum(edges[:-1], 0.1) * edges[1:]))
+        middle = np.sqrt(np.maximum(edges[:-1], 0.1) * edges[1:])
+        places = [np.searchsorted(edges[1:-1], f, side="right") for _, f in here]
+        counts = np.min([np.bincount(place, minlength=middle.size) for place in places], axis=0)
+        own = counts >= OWN_ENTRIES if len(here) > 1 else np.zeros(middle.size, dtype=np.bool_)
+        for number, ((part, _), place) in enumerate(zip(here, places, strict=True)):
+            # Shared bands first, then those of each run.
+            rank = np.where(own, np.count_nonzero(~own) + number * np.count_nonzero(own), 0)
+            rank += np.where(own, np.cumsum(own), np.cumsum(~own)) - 1
+            band_of[part.start : part.stop] = len(labels) + rank[place]
+        middles += [*middle[~own], *np.tile(middle[own], len(here))]
+        labels += [name] * (len(middles) - len(labels))
     return Layout(tuple(parts), start, band_of, tuple(labels), np.array(middles))
+
+
+def tapered(weights: Vector, period_s: float) -> Vector:
+    """Return weights that rise and fall smoothly at the ends of a run.
+
+    A Fourier transform closes the run to a ring: slow noise would make a step there, whose high frequencies are alike
+    in the noise and in every sensitivity and pass for many agreeing measurements where the noise is low.
+    """
+    counted = np.flatnonzero(weights > 0.0)
+    if counted.size == 0:
+        return weights
+    rows = np.arange(weights.size)
+    width = min(TAPER_S / period_s, MOST_TAPER * (counted[-1] - counted[0] + 1))
+    inside = np.minimum(rows - counted[0] + 1, counted[-1] - rows + 1) / max(width, 1.0)
+    return np.asarray(weights * np.sin(0.5 * np.pi * np.clip(inside, 0.0, 1.0)) ** 2)
 
 
 def _edges(frequencies: Vector) -> Vector:
