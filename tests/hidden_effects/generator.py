@@ -17,13 +17,16 @@ from hil_forceps.runs import csv_table
 from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator_scenarios import NO_ENVIRONMENT, SCENARIOS, Scenario, course_of
 from virtual_bus.drive import loop_of
-from virtual_bus.effects import effect_numbers
+from virtual_bus.effects import EffectNumbers, effect_numbers
+from virtual_bus.effects_plant import encoder_angle
+from virtual_bus.effects_start import rest_with_effects
 from virtual_bus.load import LoadProfile
 from virtual_bus.logs import Log, simulated_log
-from virtual_bus.plant import truth_parameters
+from virtual_bus.plant import TruthParameters, truth_parameters
 
 PLANT_STEP_S = 5.0e-5
 PAD_S = 0.12  # simulated before and after the rows: a skewed channel shows up to 0.1 s from there
+STARTS = 20  # rounds in which the start is found: each leaves a few per cent of the error
 LEAD_S = 2.0  # simulated before the rows of a run that begins mid-motion
 CHANNELS = ("theta_m_rad", "current_A", "theta_j_rad", "tau_w_N_m")
 
@@ -99,21 +102,31 @@ def simulate(
     time_s = np.arange(-lead, rows + pad, dtype=np.float64) * law.sample_time_s
     # A run from rest waits at its first reference; one from mid-motion moves there on its way.
     reference = course.reference(time_s if scenario.mid_motion else np.maximum(time_s, 0.0))
-    jaw_start = reference[0] * rig.plant().motor_pulley_radius_m / rig.plant().jaw_pulley_radius_m
+    plant, effects = truth_parameters(rig.plant(), step_s), effect_numbers(rig.effects)
     log = simulated_log(
-        truth_parameters(rig.plant(), step_s),
-        effect_numbers(rig.effects),
+        plant,
+        effects,
         loop_of(rig),
         0.0 if ideal else quantum_rad(rig),
         reference,
         course.load,
         slice(lead, lead + rows, per_row),
-        jaw_start,
+        jaw_start_rad(plant, effects, float(reference[0])),
         step_s,
         course.environment,
         rounding_rad,
     )
     return reference[lead : lead + rows : per_row], log
+
+
+def jaw_start_rad(plant: TruthParameters, effects: EffectNumbers, reference_rad: float) -> float:
+    """Return where the jaw rests when the drive holds its encoder at the reference."""
+    ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
+    theta_j = ratio * reference_rad
+    for _ in range(STARTS):
+        shown = encoder_angle(float(rest_with_effects(plant, effects, theta_j)[0]), effects)
+        theta_j += ratio * (reference_rad - shown)
+    return theta_j
 
 
 def answer(rig: Rig, load: LoadProfile, rows: int, row_s: float) -> Log:

@@ -16,6 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal.windows import tukey
 
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import effect
@@ -44,6 +45,7 @@ ZERO_SD_RAD = 2.0e-3  # how well that is known, from run to run
 MAX_SEARCHES = 20
 LOAD = "tau_w_N_m"
 PULSE_N_M = 1.0e-3
+TAPER = 0.05  # of a run, both ends together
 HANN_POWER = 0.375
 SMOOTHED_BINS = 25
 UNKNOWN_LOAD_N_M = 1.0  # deviation of a load that was not measured: all that it could explain is lost
@@ -182,21 +184,30 @@ def _explained(
 def _whitened(
     rig: Rig, scenarios: Sequence[str], seed: int, channels: Sequence[str], zeros: bool, assumed: Rig
 ) -> NDArray[np.float64]:
-    """Return the spectra of all runs, made white, without the mean of the jaw sensor; linear in the runs."""
+    """Return the spectra of all runs, made white, without the mean of the jaw sensor; linear in the runs.
+
+    The runs are faded in and out: a step where the transform closes them to a ring shows at high frequencies, where
+    the noise is low.
+    """
     outputs = tuple(channel for channel in channels if channel != LOAD)
     parts = []
     for place, name in enumerate(scenarios):
         scenario = SCENARIOS[name]
         key, own_seed = _key(assumed), run_seed(seed, place)
         _, log = simulate(rig, scenario, own_seed, ideal=True, rounding_rad=_rounding(key, name, own_seed))
-        spectra = np.stack([np.fft.rfft(getattr(log, channel), norm="ortho") for channel in outputs], axis=1)
+        rows = log.theta_m_rad.size
+        window = tukey(rows, TAPER)
+        window /= math.sqrt(float(np.mean(window**2)))
+        signals = {channel: getattr(log, channel) for channel in outputs}
+        if "theta_j_rad" in signals:
+            mean = float(np.average(signals["theta_j_rad"], weights=window**2))
+            spread = math.sqrt(rows) * ZERO_SD_RAD / assumed.noise.theta_j_rad
+            kept = 0.0 if zeros else 1.0 / math.hypot(1.0, spread)
+            signals["theta_j_rad"] = signals["theta_j_rad"] - (1.0 - kept) * mean
+        spectra = np.stack([np.fft.rfft(window * signals[channel], norm="ortho") for channel in outputs], axis=1)
         response, root = _noise(key, name, own_seed, outputs, LOAD in channels)
         if LOAD in channels:  # the load as measured is what a simulation is driven by
-            spectra = spectra - response * np.fft.rfft(log.tau_w_N_m, norm="ortho")[:, np.newaxis]
-        if "theta_j_rad" in outputs:
-            jaw = outputs.index("theta_j_rad")
-            spread = math.sqrt(spectra.shape[0] * 2.0) * ZERO_SD_RAD / assumed.noise.theta_j_rad
-            spectra[0, jaw] *= 0.0 if zeros else 1.0 / math.hypot(1.0, spread)
+            spectra = spectra - response * np.fft.rfft(window * log.tau_w_N_m, norm="ortho")[:, np.newaxis]
         white = np.linalg.solve(root, spectra[:, :, np.newaxis])[:, :, 0] * math.sqrt(2.0)
         white[0] /= math.sqrt(2.0)
         parts += [white.real.ravel(), white.imag.ravel()]
