@@ -8,19 +8,24 @@ more than its noise (Lepski, Theory Probab. Appl. 35, 1990; Eilers, Anal. Chem. 
 Fast changes are let through only where they stand far above the noise. A corner that is rounded off makes the simulated
 wire ring less than the real one; that is noise to all entries. A corner put some milliseconds beside its place makes it
 ring out of step, and whatever stops the ringing then explains something: a damped wire, where there is none.
+
+Where the noise has a colour, the load is filtered first so that its noise is white, smoothed, and filtered back: slow
+noise would else hide bends whose fast part stands far above the noise at its frequency.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
+from scipy.linalg import solve_toeplitz, solveh_banded
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.signal import lfilter, lfiltic
 
 Vector = NDArray[np.float64]
 
 CUTOFFS = (0.002, 0.004, 0.008, 0.016, 0.032, 0.064, 0.125, 0.25)  # of the sampling frequency
-MOST_BENT = 1.5  # standard deviations of a local mean
+MOST_BENT = 3.5  # standard deviations of a local mean
+ORDER = 8  # of the filter that makes noise white
 FEWEST_ROWS = 8  # of a stretch between jumps that is smoothed at all
 FAST = 0.03  # cutoffs from here on let through what makes the wire ring
 MOST_BENT_FAST = 10.0
@@ -45,9 +50,29 @@ def smooth_load(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
         noise = LoadNoise(np.array([0.0, 0.5 / period_s]), np.full(2, white**2))
     if float(noise.power.max()) <= 0.0:
         return tau_w
-    power = np.interp(_GRID / period_s, noise.frequency_Hz, noise.power)
-    levels = [_level(cutoff, power) for cutoff in reversed(CUTOFFS)]
-    return np.concatenate([_adaptive(piece, levels) if piece.size >= FEWEST_ROWS else piece for piece in pieces])
+    whitening, deviation = _predictor(np.interp(_GRID / period_s, noise.frequency_Hz, noise.power))
+    levels = [_level(cutoff, deviation) for cutoff in reversed(CUTOFFS)]
+    return np.concatenate(
+        [_through(piece, whitening, levels) if piece.size >= FEWEST_ROWS else piece for piece in pieces]
+    )
+
+
+def _predictor(power: Vector) -> tuple[Vector, float]:
+    """Return the filter that makes noise of this power (on the grid) white, and the deviation that it then has."""
+    turns = 2.0 * np.pi * np.outer(np.arange(ORDER + 1), _GRID)
+    covariance = np.cos(turns) @ power / power.size
+    covariance[0] *= 1.0 + 1e-9
+    taps = solve_toeplitz(covariance[:-1], covariance[1:])
+    return np.concatenate(([1.0], -taps)), float(np.sqrt(max(covariance[0] - taps @ covariance[1:], 0.0)))
+
+
+def _through(values: Vector, whitening: Vector, levels: list["_Level"]) -> Vector:
+    """Filter a piece, smooth it, filter it back; before it, its start went on for ever."""
+    one = np.ones(1)
+    first, _ = lfilter(whitening, one, values, zi=lfiltic(whitening, one, np.empty(0), np.full(ORDER, values[0])))
+    smooth = _adaptive(first, levels)
+    back, _ = lfilter(one, whitening, smooth, zi=lfiltic(one, whitening, np.full(ORDER, values[0])))
+    return np.asarray(back, dtype=np.float64)
 
 
 def _white_deviation(pieces: list[Vector]) -> float:
@@ -62,33 +87,23 @@ class _Level(NamedTuple):
     deviation: float  # of that mean by noise
 
 
-def _level(cutoff: float, power: Vector) -> _Level:
+def _level(cutoff: float, white: float) -> _Level:
     width = max(3, round(0.5 / cutoff) | 1)
     cut = _strength(cutoff) * (2.0 * np.sin(np.pi * _GRID)) ** 6
     passed = np.sin(np.pi * width * _GRID) / (width * np.sin(np.pi * _GRID)) * cut / (1.0 + cut)
-    return _Level(cutoff, width, float(np.sqrt(np.mean(power * passed**2))))
+    return _Level(cutoff, width, white * float(np.sqrt(np.mean(passed**2))))
 
 
 def _adaptive(values: Vector, levels: list[_Level]) -> Vector:
-    """Smooth as strongly as each instant allows, and what that takes away once more, the same way.
-
-    What is bent by less than its noise at every instant is seen all the same in a run of many: a load that is a few per
-    cent too small above 10 Hz made the jaw's inertia come out at a third. The second pass leaves the square of that
-    (twicing: Tukey, Exploratory Data Analysis, 1977).
-    """
-    result, passes = values, []
+    """Smooth as strongly as each instant allows."""
+    result = values
     for cutoff, width, deviation in levels:  # the weakest first; a stronger one takes over where it does no harm
         smooth = smoothed(values, cutoff)
         bent = np.abs(uniform_filter1d(values - smooth, width)) / deviation
         harmless = maximum_filter1d(bent, 2 * width) < (MOST_BENT if cutoff < FAST else MOST_BENT_FAST)
         weight = uniform_filter1d(harmless.astype(np.float64), width)
         result = result + weight * (smooth - result)
-        passes.append((cutoff, weight))
-    taken = values - result
-    back = taken
-    for cutoff, weight in passes:
-        back = back + weight * (smoothed(taken, cutoff) - back)
-    return result + back
+    return result
 
 
 def _strength(cutoff: float) -> float:
