@@ -31,7 +31,7 @@ SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assu
 LEAST_SHIFT = 0.2  # of what was known: less is no shift, however well it is measured
 POWER_80 = 0.8416
 # Friction shaken loose by noise is followed in part only: beyond this many times what chance gives it isn't that.
-UNEXPLAINED_OVER_CHANCE = 2.0
+UNEXPLAINED_OVER_CHANCE = 2.5
 ACCURACY_OF_ALL = 2e-5
 UNEXPLAINED_SHARE = 0.03  # of the misfit: what may be left beside named effects without doubting them
 

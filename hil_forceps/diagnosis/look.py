@@ -25,7 +25,7 @@ Vector = NDArray[np.float64]
 CHANCE = 0.005  # family-wise, of naming something where nothing is
 # Chance under exact noise gives 14 or 15. What is not exact (noise of the load below its smoothing, friction that it
 # shakes loose) makes a little more of it. An effect of d = 8 gives 64 on average.
-LEAST_GAIN = 17.0
+LEAST_GAIN = 20.0
 STILL_GOOD = 0.9  # mean cos² between the known parameters' sensitivities then and now
 TELLING_NORM = 5.0  # of a whitened sensitivity; shorter ones say nothing
 STANDS_OUT = 0.5  # of the threshold: from here on it is looked at again

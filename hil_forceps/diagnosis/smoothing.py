@@ -24,7 +24,7 @@ from scipy.signal import lfilter, lfiltic
 Vector = NDArray[np.float64]
 
 CUTOFFS = (0.002, 0.004, 0.008, 0.016, 0.032, 0.064, 0.125, 0.25)  # of the sampling frequency
-MOST_BENT = 3.5  # standard deviations of a local mean
+MOST_BENT = 3.0  # standard deviations of a local mean
 ORDER = 8  # of the filter that makes noise white
 FEWEST_ROWS = 8  # of a stretch between jumps that is smoothed at all
 FAST = 0.03  # cutoffs from here on let through what makes the wire ring
