@@ -50,7 +50,7 @@ def extend(model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, h
             break  # else the linear look has promised too much
         start |= {name: 0.5 * start[name] for name in probe.amplitudes}
     result = fit(problem, u, whitener, held=held, steps=EXTEND_STEPS)
-    return Model((*model.effects, probe.effect_id), problem, result, _at_bound(problem, result, count))
+    return Model((*model.effects, probe.effect_id), problem, result, at_bound(problem, result, count))
 
 
 def _with_effect(model: Model, probe: Probe, start: dict[str, float]) -> tuple[Problem, Vector]:
@@ -80,7 +80,7 @@ def without_effect(model: Model, place: int, whitener: Whitener) -> Model:
     return Model(tuple(e for e in model.effects if e != gone), problem, fit(problem, u, whitener, steps=4))
 
 
-def _at_bound(problem: Problem, result: Fit, first: int) -> bool:
+def at_bound(problem: Problem, result: Fit, first: int) -> bool:
     """Tell whether a parameter of the newest effect ended at the end of its physical range.
 
     The end at which an amplitude is off is none, as long as the effect has another one.

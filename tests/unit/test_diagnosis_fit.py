@@ -2,14 +2,17 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis import fit as fit_module
 from hil_forceps.diagnosis.experiment import Record
-from hil_forceps.diagnosis.fit import fit, gram, hold
+from hil_forceps.diagnosis.extension import at_bound
+from hil_forceps.diagnosis.fit import MAX_DAMPINGS, Fit, fit, fit_again, gram, hold
 from hil_forceps.diagnosis.problem import Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.spectrum import Whitener, make_layout, transform, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknown, Unknowns
@@ -109,6 +112,62 @@ def test_held_sensitivities_lead_to_the_same_fit() -> None:
     start = np.concatenate((begun.u[:1], [0.0], begun.u[1:]))
     cheap, full = fit(problem, start, whitener, held=held, steps=12), fit(problem, start, whitener)
     assert cheap.chi2 == pytest.approx(full.chi2, abs=0.5)
+
+
+class Counting(NamedTuple):
+    """The toy, counting its simulations."""
+
+    calls: list[int]
+
+    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+        self.calls.append(1)
+        return response(theta, nuisances)
+
+    def coarse(self) -> "Counting":
+        return self
+
+    def calmed(self) -> "Counting":
+        return self
+
+
+def test_sensitivities_are_kept_as_long_as_they_foretell_the_fall(monkeypatch: pytest.MonkeyPatch) -> None:
+    near = (unknown("amplitude", 1.98, 0.5, prior=True), unknown("frequency", 1.299, 0.1, prior=True))
+
+    def simulations() -> tuple[int, Fit]:
+        problem, whitener = toy(near, 9)
+        calls: list[int] = []
+        found = fit(replace(problem, simulate_runs=Counting(calls)), np.zeros(problem.size), whitener)
+        return len(calls), found
+
+    kept, found = simulations()
+    monkeypatch.setattr(fit_module, "TRUSTED", -1.0)  # never
+    anew, other = simulations()
+    assert kept < anew
+    assert found.chi2 == pytest.approx(other.chi2, abs=0.01)
+
+
+def test_fitting_again_takes_no_new_sensitivities() -> None:
+    problem, whitener = toy(BOTH, 10)
+    found = fit(problem, np.zeros(problem.size), whitener)
+    louder = whitening(problem.layout, white_noise(problem.layout, np.full(len(problem.layout.band_channel), 0.01)))
+    calls: list[int] = []
+    again = fit_again(replace(problem, simulate_runs=Counting(calls)), found, louder)
+    assert len(calls) <= 1 + again.steps * MAX_DAMPINGS
+    assert again.chi2 == pytest.approx(fit(problem, found.u, louder).chi2, abs=0.05)
+
+
+def test_an_amplitude_that_is_off_is_at_no_bound_unless_it_is_the_only_one() -> None:
+    off = Unknown("effects.a.stiffness", "", 0.5, 0.5, 0.0, 1.0, False, 0.0)
+    other = Unknown("effects.a.torque", "", 0.0, 0.5, -1.0, 1.0, False, 0.0)
+    for items, u, expected in (
+        ((off, other), (-1.0, 0.3), False),
+        ((off, other), (-1.0, 2.0), True),
+        ((off, other), (1.0, 0.3), True),
+        ((off,), (-1.0,), True),
+    ):
+        problem, whitener = toy((*BOTH, *items), 11)
+        found = fit(toy(BOTH, 11)[0], np.zeros(4), whitener)._replace(u=np.array([0.0, 0.0, *u, 0.0, 0.0]))
+        assert at_bound(problem, found, 2) is expected
 
 
 def test_a_direction_that_only_the_prior_knows_keeps_the_prior_s_deviation() -> None:

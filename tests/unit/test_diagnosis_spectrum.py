@@ -5,7 +5,16 @@ import pytest
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.smoothing import LoadNoise, smooth_load
-from hil_forceps.diagnosis.spectrum import Layout, Noise, make_layout, measure_noise, transform, white_noise, whitening
+from hil_forceps.diagnosis.spectrum import (
+    Layout,
+    Noise,
+    make_layout,
+    measure_noise,
+    tapered,
+    transform,
+    white_noise,
+    whitening,
+)
 
 ROWS, RUNS, PERIOD_S = 4000, 3, 1e-3
 NO_EDGES = np.empty(0, dtype=np.intp)
@@ -89,6 +98,60 @@ def test_whitening_makes_noise_of_any_colour_white(correlation: float) -> None:
         middle = entries.size // 2
         halves.append(np.mean(white[entries[:middle]] ** 2) - np.mean(white[entries[middle:]] ** 2))
     assert abs(float(np.mean(halves))) < 0.15
+
+
+def test_a_step_between_the_ends_of_a_run_does_not_show_at_high_frequencies() -> None:
+    layout = make_layout([("theta_m_rad",)], [np.ones(ROWS)], [PERIOD_S])
+    [part] = layout.parts
+    ramp = np.linspace(0.0, 1.0, ROWS)
+    power = transform(layout, [{"theta_m_rad": ramp}]).astype(float) ** 2
+    frequency = np.repeat(np.fft.rfftfreq(ROWS, PERIOD_S), 2)
+    high = power[frequency > 30.0].sum() / power.sum()
+    spectrum = np.abs(np.fft.rfft(ramp)) ** 2
+    untapered = spectrum[np.fft.rfftfreq(ROWS, PERIOD_S) > 30.0].sum() / spectrum.sum()
+    assert high < 1e-3 * untapered
+    assert part.weights[0] < 0.01 > part.weights[-1]
+    assert part.weights[ROWS // 2] == 1.0
+
+
+def test_the_taper_begins_where_rows_begin_to_count_and_spares_a_short_run() -> None:
+    weights = np.ones(200)
+    weights[:50] = 0.0
+    found = tapered(weights, PERIOD_S)
+    assert not found[:50].any()
+    assert 0.0 < found[50] < 0.1
+    assert np.count_nonzero(found == 1.0) >= 0.75 * 150
+    assert not tapered(np.zeros(10), PERIOD_S).any()
+
+
+def test_each_run_has_its_own_noise_where_its_bands_are_wide_enough() -> None:
+    layout = two_channels()
+    rng = np.random.default_rng(6)
+    loud = (1.0, 3.0, 0.5)
+    outputs = [{n: much * rng.standard_normal(ROWS) for n in ("theta_m_rad", "theta_j_rad")} for much in loud]
+    flat = transform(layout, outputs)
+    white = whitening(layout, measure_noise(layout, flat)).apply(flat)
+    for part in layout.parts:
+        half = part.start + (part.stop - part.start) // 2  # from 250 Hz on
+        assert np.mean(white[half : part.stop] ** 2) == pytest.approx(1.0, rel=0.05)
+    first, other = (set(layout.band_of[part.start : part.stop].tolist()) for part in layout.parts[:3:2])
+    shared = sorted(first & other)
+    assert len(shared) > 3
+    assert max(layout.band_Hz[shared]) < 60.0
+
+
+def test_a_corner_is_kept_where_slow_noise_is_strong_and_fast_noise_weak() -> None:
+    rng = np.random.default_rng(7)
+    load = 3.0 * np.abs(np.arange(ROWS) % 800 - 400) / 400.0
+    noise = 0.02 * coloured(rng, 0.98)
+    frequency = np.linspace(0.0, 0.5 / PERIOD_S, 200)
+    power = 0.02**2 * (1.0 - 0.98**2) / np.abs(1.0 - 0.98 * np.exp(-2j * np.pi * frequency * PERIOD_S)) ** 2
+    error = smooth_load(load + noise, NO_EDGES, PERIOD_S, LoadNoise(frequency, power)) - load
+    corners = np.concatenate([np.arange(k - 15, k + 15) for k in range(400, ROWS - 15, 400)])
+    calm = np.setdiff1d(np.arange(ROWS), np.concatenate([corners + shift for shift in (-40, 0, 40)]))
+    quick = np.diff(error, n=2, prepend=error[:2])
+    assert np.std(quick[corners]) < 3.0 * np.std(np.diff(noise, n=2))
+    assert np.std(error[calm]) < 0.03
 
 
 def test_the_motor_s_share_is_taken_out_of_the_jaw() -> None:

@@ -116,7 +116,7 @@ def test_a_shift_alone_has_no_size_and_an_effect_has() -> None:
     softer = true_rig(RIG, {}, {"forceps.wire_stiffness_N_per_m": 1.01})
     small = effect_size({"wire_slack": {"half_width_m": 1e-7}}, 1, scenarios=runs)
     large = effect_size({"wire_slack": {"half_width_m": 2e-7}}, 1, scenarios=runs)
-    assert large == pytest.approx(2.0 * small, rel=0.1)
+    assert 1.6 < large / small < 2.1  # a dead zone is not quite in proportion to its width
     # The same way of counting, with the stiffness itself as what is hidden: seen from the softer rig.
     hardening = {"wire_hardening": {"beta_per_m2": 1e7}}
     assert effect_size(hardening, 1, scenarios=runs) == pytest.approx(
