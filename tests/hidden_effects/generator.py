@@ -93,11 +93,8 @@ def simulate(
     """
     law = rig.require_drive()
     course = course_of(scenario, seed)
-    per_row = round(scenario.row_s / law.sample_time_s)
-    if per_row < 1 or not math.isclose(per_row * law.sample_time_s, scenario.row_s):
-        raise ValueError(f"rows every {scenario.row_s} s don't fall on samples of {law.sample_time_s} s")
-    lead = round((LEAD_S if scenario.mid_motion else PAD_S) / law.sample_time_s)
-    rows = round(scenario.duration_s / scenario.row_s) * per_row
+    logged = _logged(rig, scenario)
+    lead, rows = logged.start, logged.stop - logged.start
     pad = round(PAD_S / law.sample_time_s)
     time_s = np.arange(-lead, rows + pad, dtype=np.float64) * law.sample_time_s
     # A run from rest waits at its first reference; one from mid-motion moves there on its way.
@@ -110,13 +107,23 @@ def simulate(
         0.0 if ideal else quantum_rad(rig),
         reference,
         course.load,
-        slice(lead, lead + rows, per_row),
+        logged,
         jaw_start_rad(plant, effects, float(reference[0])),
         step_s,
         course.environment,
         rounding_rad,
     )
-    return reference[lead : lead + rows : per_row], log
+    return reference[logged], log
+
+
+def _logged(rig: Rig, scenario: Scenario) -> slice:
+    """Return which samples of the drive are rows of a log."""
+    period_s = rig.require_drive().sample_time_s
+    per_row = round(scenario.row_s / period_s)
+    if per_row < 1 or not math.isclose(per_row * period_s, scenario.row_s):
+        raise ValueError(f"rows every {scenario.row_s} s don't fall on samples of {period_s} s")
+    lead = round((LEAD_S if scenario.mid_motion else PAD_S) / period_s)
+    return slice(lead, lead + round(scenario.duration_s / scenario.row_s) * per_row, per_row)
 
 
 def jaw_start_rad(plant: TruthParameters, effects: EffectNumbers, reference_rad: float) -> float:
