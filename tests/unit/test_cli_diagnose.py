@@ -162,7 +162,6 @@ def test_data_that_cannot_be_right_are_undetermined(call: Any, good: list[Run], 
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="a sensor that clips far below the limit is dressed up as several effects")
 def test_a_clipped_current_gets_no_other_name(call: Any, good: list[Run]) -> None:
     code, _, result = call(*(changed(run, clipped_current) for run in good))
     assert code == 0
