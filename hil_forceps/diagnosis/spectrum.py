@@ -19,8 +19,6 @@ BANDS = 28
 LOWEST_HZ = 0.4
 LEAST_ENTRIES = 60  # of a band: fewer, and it joins its neighbour
 OWN_ENTRIES = 120  # of a band in every run: from here on each run has its own, since runs differ in noise
-
-
 TAPER_S, MOST_TAPER = 0.3, 0.1  # at each end of a run; no more than this share of it
 
 
