@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.audit import audit
-from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
+from hil_forceps.diagnosis.diagnose import Findings, Options, investigate, quantum_of
 from hil_forceps.diagnosis.estimates import estimate_gains
 from hil_forceps.diagnosis.experiment import mode_of
 from hil_forceps.diagnosis.gauge import with_scale
@@ -75,7 +75,7 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
     theta_before = baseline.problem.theta(baseline.fit.u)
     theta_after = theta_before if verdict.verdict != "effects" else model.problem.theta(model.fit.u)
     theta_nominal = parameters.vector(rig)
-    quantum = 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
+    quantum = quantum_of(rig)
     layout = model.problem.layout
     unexplained = floors_of(found.choice.noise, layout, found.setting.simulator.integral_per_s)
     floors, repeated = floors_with_strokes((*found.records, *found.held_out), unexplained)

@@ -172,7 +172,7 @@ def fit_baseline(
     shared = Unknowns(tuple(item._replace(assumed=None) if item.name in unknown else item for item in items))
     problem = setting.problem.with_shared(shared)
     whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
-    # The rounding makes the wire ring: a narrow peak, which the jaw's inertia would explain away.
+    # The rounding makes the wire ring, which is no misfit of the parameters.
     refresh = refresher(rig)
     problem = refresh(problem, np.zeros(problem.size))
     # What the load cell's noise does is many times the encoder's: taken for signal, it would bend every parameter.

@@ -46,7 +46,8 @@ def probe_columns(problem: Problem, u: Vector, places: Sequence[Probe]) -> tuple
     base, nuisances = problem.theta(u), problem.nuisances(u)
     shaken = problem.simulate_runs.coarse()
     simulators = {True: shaken, False: shaken.calmed()}
-    before = {how: simulator(base, nuisances) for how, simulator in simulators.items()}
+    needed = {probe.effect_id in SHAKEN for probe in places}
+    before = {how: simulators[how](base, nuisances) for how in needed}
     tasks: list[tuple[Vector, bool]] = []
     groups = []
     for probe in places:

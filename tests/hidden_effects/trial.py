@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hil_forceps.diagnosis.conclude import silent
-from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
+from hil_forceps.diagnosis.diagnose import Findings, Options, investigate, quantum_of
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.heldout import floors_of, gains, play
@@ -146,7 +146,7 @@ def explained(found: Findings, case: Case, spec: Spec, options: Options) -> dict
         place, _, name = record.name.partition("_")
         runs.append(generate(silent_rig, SCENARIOS[name], run_seed(spec.seed, int(place)), name=record.name))
     records, _ = prepare(runs, case.assumed)
-    quantum = 2.0 * np.pi / case.assumed.encoder.counts_per_rev if case.assumed.encoder.counts_per_rev else 0.0
+    quantum = quantum_of(case.assumed)
     thetas = [model.problem.theta(model.fit.u) for model in (found.baseline, found.choice.model)]
     thetas.append(parameters.vector(case.true))
     squares: dict[str, list[float]] = {}
@@ -167,7 +167,7 @@ def held_out_gain(found: Findings, rig: Rig, options: Options) -> dict[str, list
     """Return the explained share on held-out runs with its interval, channel by channel."""
     layout = found.choice.model.problem.layout
     floors = floors_of(found.choice.noise, layout, found.setting.simulator.integral_per_s)
-    quantum = 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
+    quantum = quantum_of(rig)
     models = (found.baseline, found.choice.model)
     before, after = (
         play(found.held_out, rig, model.problem.theta(model.fit.u), quantum, options.mapper) for model in models
