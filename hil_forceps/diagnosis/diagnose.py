@@ -27,6 +27,7 @@ from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.shaking import with_encoder_errors
 from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, white_noise, whitening
 from hil_forceps.diagnosis.starting import completed, unknown_names
+from hil_forceps.diagnosis.trust import trusting
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -182,9 +183,11 @@ def fit_baseline(
     noise = noise._replace(power=np.maximum(noise.power, setting.floor))
     whitener = whitening(problem.layout, noise)
     found = rough
-    for _ in range(REFRESHES):
+    for number in range(REFRESHES):
         problem = refresh(problem, found.u)
         found = fit(problem, found.u, whitener, steps=4)
+        if number == 0:
+            problem = problem.with_shared(trusting(problem.shared, found))
     assert isinstance(problem.simulate_runs, ClosedLoop | Driven)
     setting = setting._replace(problem=problem, simulator=problem.simulate_runs)
     baseline = Model((), problem, found)

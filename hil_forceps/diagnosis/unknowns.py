@@ -17,7 +17,7 @@ from hil_forceps.rig.errors import UserError
 
 Vector = NDArray[np.float64]
 
-FRICTION_SD_OF_TORQUE = 0.3  # a friction's prior is no tighter than this share of the torque seen
+FRICTION_SD_OF_TORQUE = 0.3  # a friction's prior is no tighter at first than this share of the torque seen
 WIDEST = 20.0  # a known value, friction apart, is not further off than this factor
 # No channel holds a length: both radii times s and the stiffness over s² give the same data. One radius is held.
 GAUGE = "forceps.motor_pulley_radius_m"
@@ -35,6 +35,8 @@ class Unknown(NamedTuple):
     high: float
     prior: bool  # whether u ~ N(0, 1) is known of it
     assumed: float | None  # as the rig has it
+    precision: float = 1.0  # of the prior: weight of u²
+    told: float = 1.0  # what the precision is when the rig is taken at its word
 
 
 class Unknowns(NamedTuple):
@@ -58,8 +60,8 @@ class Unknowns(NamedTuple):
         return low, high
 
     def prior_weights(self) -> Vector:
-        """Return 1 where u has a prior, 0 elsewhere."""
-        return np.array([1.0 if item.prior else 0.0 for item in self.items])
+        """Return the precision where u has a prior, 0 elsewhere."""
+        return np.array([item.precision if item.prior else 0.0 for item in self.items])
 
     def with_effect(self, effect_id: str, start: Mapping[str, float], free: Iterable[str]) -> "Unknowns":
         """Return these with parameters of an effect added, centred on `start`."""
@@ -99,13 +101,15 @@ def _plant_unknown(name: str, unit: str, known: Parameter, torque_scale_N_m: flo
         scale = 0.5 * value
         return Unknown(name, unit, value, scale, low, high, False, None)
     sd = known.sd if known.sd is not None else 0.0
+    told = 1.0
     if friction:
-        sd = max(sd, FRICTION_SD_OF_TORQUE * torque_scale_N_m)
+        wide = max(sd, FRICTION_SD_OF_TORQUE * torque_scale_N_m)
+        sd, told = wide, (wide / sd) ** 2 if sd > 0.0 else 1.0
     elif known.minimum is None:
         low, high = value / WIDEST, value * WIDEST
     if known.minimum is not None and known.sd is None:
         return Unknown(name, unit, value, 0.1 * abs(value) or (high - low) / 10.0, low, high, False, value)
-    return Unknown(name, unit, value, sd, low, high, True, value)
+    return Unknown(name, unit, value, sd, low, high, True, value, told=told)
 
 
 def _unit_of(key: str) -> str:

@@ -103,7 +103,7 @@ def explained(records: Iterable[Record]) -> list[bool]:
 
 def _room(errors: Sequence[float]) -> float:
     """Return by how much a channel's squared error was above what the truth leaves, over that."""
-    _, before, _, least = errors
+    _, before, _, least, _ = errors
     return (before**2 - least**2) / max(least**2, 1e-30)
 
 

@@ -1,0 +1,37 @@
+"""Dry friction as the rig has it, where the data don't contradict that.
+
+Data sheets are often wrong about friction by a factor, so it is fitted with a prior as wide as the torques seen. Where
+the data hardly show it, as that of a jaw behind a wire, the fit then ends anywhere within that, and what the jaw is
+given is missing at the motor. So each value that the data don't contradict is taken at the rig's word.
+"""
+
+from itertools import combinations
+
+import numpy as np
+
+from hil_forceps.diagnosis.fit import Fit
+from hil_forceps.diagnosis.unknowns import Unknowns
+
+CONTRADICTED = 9.0  # of χ²: three standard deviations
+
+
+def trusting(shared: Unknowns, found: Fit) -> Unknowns:
+    """Return the unknowns with as many values at the rig's word as a fit allows that took none of them so.
+
+    Of equally many those that cost least.
+    """
+    open_ = [i for i, item in enumerate(shared.items) if item.prior and item.told > item.precision]
+    for count in range(len(open_), 0, -1):
+        cost, best = min((_cost(shared, found, which), which) for which in combinations(open_, count))
+        if cost < CONTRADICTED:
+            items = [item._replace(precision=item.told) if i in best else item for i, item in enumerate(shared.items)]
+            return Unknowns(tuple(items))
+    return shared
+
+
+def _cost(shared: Unknowns, found: Fit, which: tuple[int, ...]) -> float:
+    """Return by how much χ² rises when some unknowns get their tighter priors and all others follow; linearised."""
+    at = list(which)
+    added = np.array([shared.items[i].told - shared.items[i].precision for i in at])
+    spread = found.covariance[np.ix_(at, at)] + np.diag(1.0 / added)
+    return float(found.u[at] @ np.linalg.solve(spread, found.u[at]))

@@ -1,0 +1,51 @@
+"""Friction at the rig's word, unless the data contradict it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.fit import Fit
+from hil_forceps.diagnosis.trust import trusting
+from hil_forceps.diagnosis.unknowns import Unknown, Unknowns
+
+WIDE = 1e4  # the rig's own deviation is a hundredth of the wide one
+
+
+def unknowns(*told: float) -> Unknowns:
+    items = (Unknown(f"f{k}", "N_m", 0.0, 1.0, -1e9, 1e9, True, 0.0, told=value) for k, value in enumerate(told))
+    return Unknowns(tuple(items))
+
+
+def fit_at(u: list[float], covariance: list[list[float]]) -> Fit:
+    empty: NDArray[np.float32] = np.empty(0, dtype=np.float32)
+    return Fit(np.array(u), 0.0, empty, [], empty[:, None], np.array(covariance), 1)
+
+
+def precisions(found: Unknowns) -> list[float]:
+    return [item.precision for item in found.items]
+
+
+def test_what_the_data_hardly_show_is_taken_at_the_rigs_word() -> None:
+    assert precisions(trusting(unknowns(WIDE), fit_at([0.5], [[0.04]]))) == [WIDE]
+
+
+def test_what_the_data_contradict_stays_open() -> None:
+    assert precisions(trusting(unknowns(WIDE), fit_at([0.5], [[0.02]]))) == [1.0]
+
+
+def test_what_the_rig_says_nothing_tighter_of_stays_as_it_is() -> None:
+    assert precisions(trusting(unknowns(1.0, WIDE), fit_at([0.0, 0.0], [[1.0, 0.0], [0.0, 1.0]]))) == [1.0, WIDE]
+
+
+def test_of_two_that_trade_places_the_one_gives_way_that_the_data_contradict() -> None:
+    # The sum is known to 0.01 and is off by 0.5; the first alone is known to 0.3, the second to 0.3.
+    spread, sure = 0.3**2, 0.01**2
+    covariance = [[spread, sure - spread], [sure - spread, spread]]
+    first_is_off = trusting(unknowns(WIDE, WIDE), fit_at([0.6, -0.1], covariance))
+    assert precisions(first_is_off) == [1.0, WIDE]
+    second_is_off = trusting(unknowns(WIDE, WIDE), fit_at([-0.1, 0.6], covariance))
+    assert precisions(second_is_off) == [WIDE, 1.0]
+
+
+def test_both_are_taken_at_their_word_when_their_sum_is_right() -> None:
+    covariance = [[0.09, -0.0899], [-0.0899, 0.09]]
+    assert precisions(trusting(unknowns(WIDE, WIDE), fit_at([0.6, -0.6], covariance))) == [WIDE, WIDE]
