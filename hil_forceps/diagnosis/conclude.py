@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.diagnosis.anew import quantum_of
 from hil_forceps.diagnosis.audit import audit
-from hil_forceps.diagnosis.diagnose import Findings, Options, investigate, quantum_of
+from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.estimates import estimate_gains
 from hil_forceps.diagnosis.experiment import mode_of
 from hil_forceps.diagnosis.gauge import with_scale

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis import linear, predict_driven
+from hil_forceps.diagnosis.anew import courses_of, refresher
 from hil_forceps.diagnosis.assemble import Setting, assemble
 from hil_forceps.diagnosis.audit import Finding, audit
 from hil_forceps.diagnosis.choice import Choice, Chooser
-from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record, mode_of, prepare, smoothed_anew, with_raw_load
 from hil_forceps.diagnosis.experiment_driven import prepare_driven
 from hil_forceps.diagnosis.extension import Model
@@ -24,7 +24,7 @@ from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
-from hil_forceps.diagnosis.shaking import with_encoder_errors
+from hil_forceps.diagnosis.second_look import left_with_sharper_load
 from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, white_noise, whitening
 from hil_forceps.diagnosis.starting import completed, unknown_names
 from hil_forceps.diagnosis.trust import trusting
@@ -119,6 +119,10 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     choice = chooser.choose(baseline, whitener)
     options.progress("looking at what is left")
     after = leftover(choice.model, choice.whitener, courses_of(setting, choice.model), responses, options.seed)
+    if after.stands_out and records[0].load_noise is not None:
+        options.progress("looking at what is left once more, with the load smoothed less")
+        sharper = left_with_sharper_load(choice, records[0].load_noise, rig, refresh, responses, options.seed)
+        after = min(after, sharper, key=lambda left: left.gain / left.threshold)
     baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
     before = leftover(baseline, choice.whitener, courses, responses, options.seed)
     nominal = replace(nominal, fit=fit_again(nominal.problem, nominal.fit, choice.whitener))
@@ -197,34 +201,6 @@ def fit_baseline(
     return setting, nominal, baseline, whitener
 
 
-def refresher(rig: Rig) -> Callable[[Problem, Vector], Problem]:
-    """Return what takes the encoder's rounding anew with a better model."""
-    quantum = quantum_of(rig)
-
-    def refresh(problem: Problem, u: Vector) -> Problem:
-        loop = problem.simulate_runs
-        if quantum <= 0.0 or not isinstance(loop, ClosedLoop):
-            return problem
-        found = with_encoder_errors(loop, problem.theta(u), problem.nuisances(u), quantum)
-        return replace(problem, simulate_runs=found)
-
-    return refresh
-
-
-def quantum_of(rig: Rig) -> float:
-    """Return the encoder's step in rad, 0 for an ideal one."""
-    return 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
-
-
-def courses_of(setting: Setting, model: Model) -> list[Course]:
-    """Return what each run went through, without the encoder's shaking and without what is quick in the load."""
-    simulator = setting.simulator
-    still = simulator.calmed() if isinstance(simulator, ClosedLoop) else simulator
-    theta = model.problem.theta(model.fit.u)
-    nuisances = model.problem.nuisances(model.fit.u)
-    return [still.course(k, theta, nuisance) for k, nuisance in enumerate(nuisances)]
-
-
 def _responses(setting: Setting, baseline: Model, rig: Rig) -> list[linear.Response]:
     theta = baseline.problem.theta(baseline.fit.u)
     plant = PlantParameters(*(float(value) for value in theta[: len(PlantParameters._fields)]))
@@ -235,4 +211,4 @@ def _responses(setting: Setting, baseline: Model, rig: Rig) -> list[linear.Respo
     return [linear.responses(plant, law, r.time_s.size, r.period_s, added) for r in simulator.records]
 
 
-__all__ = ["Findings", "Options", "courses_of", "fit_baseline", "investigate", "split_runs"]
+__all__ = ["Findings", "Options", "fit_baseline", "investigate", "split_runs"]

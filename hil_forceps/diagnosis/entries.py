@@ -4,6 +4,7 @@ An entry's effect is nearly linear in its amplitudes (parameters that have a neu
 a handful of shapes and the linear sensitivity to the amplitudes at each of them find it.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ HYSTERESIS_STRETCHES = (0.03, 0.15, 0.6)  # of the stretch's range
 PRESLIDING_ANGLES = (0.003, 0.02, 0.1)  # of the angle's range
 PLAY_SHARE = 0.01  # of the angle's range
 STRIBECK_QUANTILES = (0.03, 0.1, 0.3, 0.7)  # of the speed while moving
+HUMPS = (0.15, 0.45)  # of how far the jaw goes to either side
 LIMIT_SHARES = (0.9985, 0.995, 0.98, 0.85, 0.6)  # of the largest current
 
 
@@ -25,6 +27,7 @@ class Scene(NamedTuple):
 
     duration_s: float
     angle_range_rad: float
+    jaw_reach_rad: tuple[float, ...]  # how far the jaw goes to either side of 0, with its sign
     speeds_rad_per_s: tuple[float, ...]  # at `STRIBECK_QUANTILES` of |ω_m| while moving
     stretch_range_m: float
     current_max_A: float
@@ -39,6 +42,7 @@ class Probe(NamedTuple):
     start: dict[str, float]  # all parameters; amplitudes at the size for finite differences
     amplitudes: tuple[str, ...]
     one_sided: bool  # the (single) amplitude can't be negative
+    together: bool = False  # all amplitudes grow by one factor, as one
 
 
 def probes(scene: Scene, without: frozenset[str] = frozenset()) -> list[Probe]:
@@ -59,8 +63,26 @@ def _with_shape(entry: Effect, shape: Mapping[str, float], scene: Scene) -> list
     sizes = {p.name: _size(entry, p.typical, scene) for p in entry.parameters if p.neutral is not None}
     if entry.id == "channel_skew":  # each channel is a place of its own
         return [Probe(entry.id, {**dict.fromkeys(sizes, 0.0), name: sizes[name]}, (name,), False) for name in sizes]
+    if entry.id == "jaw_position_friction":
+        return _friction_over_angle(entry.id, sizes["slope_N_m_per_rad"], scene)
     first = next(p for p in entry.parameters if p.neutral is not None)
     return [Probe(entry.id, {**shape, **sizes}, tuple(sizes), len(sizes) == 1 and first.minimum >= 0.0)]
+
+
+def _friction_over_angle(effect_id: str, size: float, scene: Scene) -> list[Probe]:
+    """Return friction that rises to either side, and friction that rises and falls again: friction is never negative.
+
+    A jaw that has next to none of it elsewhere shows what rises on one side there only, whatever it is on the other.
+    """
+    names = ("slope_N_m_per_rad", "curvature_N_m_per_rad2")
+    sides = [(size, size), (-size, size)]
+    humps = [
+        (math.copysign(size, reach), -size / (share * abs(reach))) for reach in scene.jaw_reach_rad for share in HUMPS
+    ]
+    return [
+        *(Probe(effect_id, dict(zip(names, side, strict=True)), names, False) for side in sides),
+        *(Probe(effect_id, dict(zip(names, hump, strict=True)), names, True, True) for hump in humps),
+    ]
 
 
 def _size(entry: Effect, typical: float, scene: Scene) -> float:

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.smoothing import LoadNoise, smooth_load
+from hil_forceps.diagnosis.smoothing import MOST_BENT, LoadNoise, smooth_load
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
@@ -103,13 +103,13 @@ def with_raw_load(records: Sequence[Record]) -> list[Record]:
     return [r if r.raw_load_N_m is None else r._replace(tau_w_N_m=r.raw_load_N_m) for r in records]
 
 
-def smoothed_anew(records: Sequence[Record], noise: LoadNoise) -> list[Record]:
+def smoothed_anew(records: Sequence[Record], noise: LoadNoise, most_bent: float = MOST_BENT) -> list[Record]:
     """Return records whose load is smoothed with what has been found of its noise."""
     return [
         r
         if r.raw_load_N_m is None
         else r._replace(
-            tau_w_N_m=smooth_load(r.raw_load_N_m, r.edge_rows, r.period_s, noise),
+            tau_w_N_m=smooth_load(r.raw_load_N_m, r.edge_rows, r.period_s, noise, most_bent),
             load_noise=noise,
         )
         for r in records

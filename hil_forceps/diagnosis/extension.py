@@ -38,7 +38,8 @@ def extend(model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, h
     """Refit a model with an entry added, beginning where the linear look found it."""
     entry = effect(probe.effect_id)
     start = dict(probe.start)
-    for name, amplitude in zip(probe.amplitudes, amplitudes, strict=False):
+    factors = np.full(len(probe.amplitudes), amplitudes[0]) if probe.together else amplitudes
+    for name, amplitude in zip(probe.amplitudes, factors, strict=False):
         start[name] *= float(amplitude)
     for p in entry.parameters:
         start[p.name] = float(np.clip(start.get(p.name, p.neutral or 0.0), p.minimum, p.maximum))

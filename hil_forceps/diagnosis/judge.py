@@ -30,8 +30,6 @@ TWO_SIDED_95 = 1.959964
 SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assumed: 1 in 1000 by chance
 LEAST_SHIFT = 0.2  # of what was known: less is no shift, however well it is measured
 POWER_80 = 0.8416
-# Friction shaken loose by noise is followed in part only: beyond this many times what chance gives it isn't that.
-UNEXPLAINED_OVER_CHANCE = 2.5
 ACCURACY_OF_ALL = 2e-5
 UNEXPLAINED_SHARE = 0.03  # of the misfit: what may be left beside named effects without doubting them
 
@@ -55,8 +53,7 @@ def judge(found: Findings) -> Judgement:
     explained = found.baseline.fit.chi2 - model.fit.chi2
     # What numerics and the encoder's shaking leave grows with what there is to simulate.
     least = ACCURACY_OF_ALL * (found.nominal.fit.chi2 - model.fit.chi2)
-    least = max(least, UNEXPLAINED_OVER_CHANCE * found.after.threshold)
-    unexplained = found.after.gain if found.after.gain > least else 0.0
+    unexplained = found.after.gain if found.after.stands_out and found.after.gain > least else 0.0
     doubtful = unexplained > UNEXPLAINED_SHARE * (unexplained + explained)
     sets = tuple(dict.fromkeys(rival.model.effects for rival in choice.rivals if rival.model.effects))
     if unexplained > 0.0 and (doubtful or not model.effects):
@@ -151,6 +148,8 @@ def detectable(found: Findings) -> dict[str, Detectable]:
     least: dict[str, Detectable] = {}
     for probe, group in zip(scan.probes, scan.groups, strict=True):
         entry = effect(probe.effect_id)
+        if probe.together:  # no amplitude of its own
+            continue
         for offset, name in enumerate(probe.amplitudes):
             own = float(scan.scores.projected[group.first + offset, group.first + offset])
             if own <= 1e-6:

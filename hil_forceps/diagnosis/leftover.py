@@ -29,6 +29,7 @@ MEMORY_SHARES = (0.01, 0.05, 0.2)  # of the range: memories over a way
 HOLD_S, HOLD_SHARE = 0.3, 0.003  # still is what gets on slower than this share of top speed over so long
 FEWEST_STILL = 0.02  # of all rows
 QUIET_MEDIANS = 4.0
+OVER_CHANCE = 2.5
 
 
 class Scale(NamedTuple):
@@ -61,6 +62,11 @@ class Leftover(NamedTuple):
     threshold: float
     total_gain: float  # of all families together, less what chance gives
     families: tuple[tuple[str, str, float], ...]  # place, variable, gain; the best first
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether it is more than chance gives, and than friction shaken loose by noise, which is followed in part."""
+        return self.gain > OVER_CHANCE * self.threshold
 
 
 def scale_of(courses: Sequence[Course]) -> Scale:

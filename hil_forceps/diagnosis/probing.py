@@ -53,7 +53,7 @@ def probe_columns(problem: Problem, u: Vector, places: Sequence[Probe]) -> tuple
     for probe in places:
         first = len(tasks)
         tasks += [
-            (_probe_theta(problem, base, probe, name), probe.effect_id in SHAKEN) for name in probe.amplitudes or ("",)
+            (_probe_theta(problem, base, probe, moved), probe.effect_id in SHAKEN) for moved in _moved_at_once(probe)
         ]
         groups.append(Group(first, len(tasks), probe.one_sided))
 
@@ -101,9 +101,16 @@ def _factors(
     return {i: TELLING / norm for i, norm in largest.items() if norm > LARGEST}
 
 
-def _probe_theta(problem: Problem, base: Vector, probe: Probe, amplitude: str) -> Vector:
+def _moved_at_once(probe: Probe) -> list[tuple[str, ...]]:
+    """Return the amplitudes of each column."""
+    if probe.together or not probe.amplitudes:
+        return [probe.amplitudes]
+    return [(name,) for name in probe.amplitudes]
+
+
+def _probe_theta(problem: Problem, base: Vector, probe: Probe, moved: tuple[str, ...]) -> Vector:
     theta = base.copy()
     for name, value in probe.start.items():
-        if name == amplitude or name not in probe.amplitudes:
+        if name in moved or name not in probe.amplitudes:
             theta[problem.index_of(f"effects.{probe.effect_id}.{name}")] = value
     return theta

@@ -40,12 +40,19 @@ def scene_of(
     return Scene(
         max(float(c.time_s[-1]) for c in courses),
         max(float(np.ptp(angle)), 1e-3),
+        _reach(np.concatenate([c.theta_j for c in courses])),
         quantiles_of_speed(np.concatenate([c.omega_m for c in courses])),
         max(stretch, 1e-8),
         max(current, 1e-6),
         cogging,
         ripple,
     )
+
+
+def _reach(angle: Vector) -> tuple[float, ...]:
+    ends = float(angle.min()), float(angle.max())
+    least = 1e-3 * (ends[1] - ends[0])
+    return tuple(end for end, sign in zip(ends, (-1.0, 1.0), strict=True) if sign * end > least)
 
 
 def fine_harmonics(courses: Sequence[Course]) -> tuple[float, ...]:

@@ -25,6 +25,7 @@ Vector = NDArray[np.float64]
 
 CUTOFFS = (0.002, 0.004, 0.008, 0.016, 0.032, 0.064, 0.125, 0.25)  # of the sampling frequency
 MOST_BENT = 3.0  # standard deviations of a local mean
+LESS_BENT = 1.5  # the same where what smoothing bends must not be taken for an effect; lets more noise through
 ORDER = 8  # of the filter that makes noise white
 FEWEST_ROWS = 8  # of a stretch between jumps that is smoothed at all
 FAST = 0.03  # cutoffs from here on let through what makes the wire ring
@@ -39,10 +40,17 @@ class LoadNoise(NamedTuple):
     power: Vector
 
 
-def smooth_load(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noise: LoadNoise | None = None) -> Vector:
+def smooth_load(
+    tau_w: Vector,
+    edge_rows: NDArray[np.intp],
+    period_s: float,
+    noise: LoadNoise | None = None,
+    most_bent: float = MOST_BENT,
+) -> Vector:
     """Return the load without its noise; the rows after which it jumps are kept apart.
 
     `noise`: its colour; None where that isn't known: then it is taken as white, as strong as it is from row to row.
+    `most_bent`: how far smoothing may bend the load, in standard deviations of a local mean.
     """
     pieces = np.split(tau_w, edge_rows + 1)
     if noise is None:
@@ -53,7 +61,7 @@ def smooth_load(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
     whitening, deviation = _predictor(np.interp(_GRID / period_s, noise.frequency_Hz, noise.power))
     levels = [_level(cutoff, deviation) for cutoff in reversed(CUTOFFS)]
     return np.concatenate(
-        [_through(piece, whitening, levels) if piece.size >= FEWEST_ROWS else piece for piece in pieces]
+        [_through(piece, whitening, levels, most_bent) if piece.size >= FEWEST_ROWS else piece for piece in pieces]
     )
 
 
@@ -66,11 +74,11 @@ def _predictor(power: Vector) -> tuple[Vector, float]:
     return np.concatenate(([1.0], -taps)), float(np.sqrt(max(covariance[0] - taps @ covariance[1:], 0.0)))
 
 
-def _through(values: Vector, whitening: Vector, levels: list["_Level"]) -> Vector:
+def _through(values: Vector, whitening: Vector, levels: list["_Level"], most_bent: float) -> Vector:
     """Filter a piece, smooth it, filter it back; before it, its start went on for ever."""
     one = np.ones(1)
     first, _ = lfilter(whitening, one, values, zi=lfiltic(whitening, one, np.empty(0), np.full(ORDER, values[0])))
-    smooth = _adaptive(first, levels)
+    smooth = _adaptive(first, levels, most_bent)
     back, _ = lfilter(one, whitening, smooth, zi=lfiltic(one, whitening, np.full(ORDER, values[0])))
     return np.asarray(back, dtype=np.float64)
 
@@ -94,13 +102,13 @@ def _level(cutoff: float, white: float) -> _Level:
     return _Level(cutoff, width, white * float(np.sqrt(np.mean(passed**2))))
 
 
-def _adaptive(values: Vector, levels: list[_Level]) -> Vector:
+def _adaptive(values: Vector, levels: list[_Level], most_bent: float) -> Vector:
     """Smooth as strongly as each instant allows."""
     result = values
     for cutoff, width, deviation in levels:  # the weakest first; a stronger one takes over where it does no harm
         smooth = smoothed(values, cutoff)
         bent = np.abs(uniform_filter1d(values - smooth, width)) / deviation
-        harmless = maximum_filter1d(bent, 2 * width) < (MOST_BENT if cutoff < FAST else MOST_BENT_FAST)
+        harmless = maximum_filter1d(bent, 2 * width) < (most_bent if cutoff < FAST else MOST_BENT_FAST)
         weight = uniform_filter1d(harmless.astype(np.float64), width)
         result = result + weight * (smooth - result)
     return result

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.anew import quantum_of
 from hil_forceps.diagnosis.conclude import silent
-from hil_forceps.diagnosis.diagnose import Findings, Options, investigate, quantum_of
+from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.heldout import floors_of, gains, play
@@ -142,7 +143,8 @@ def explained(found: Findings, case: Case, spec: Spec, options: Options) -> dict
 
     On the same runs as ideal sensors would show them. Noise would be hundreds of times what an effect of d = 20 does,
     and rounding lets the jaw ring otherwise after a change of 1e-5 of any parameter. As share; rms before, after, and
-    with the true parameters; the share of models whose parameters lie round the truth as the fit says that they do.
+    with the true parameters; the share of models whose parameters lie round the truth as the fit says that they do
+    (of the truth where the extension has other effects).
     """
     ideal = {f"noise.{name}": 0.0 for name in NOISES_OF_SENSORS} | {"encoder.counts_per_rev": FINE}
     runs = []
@@ -153,7 +155,8 @@ def explained(found: Findings, case: Case, spec: Spec, options: Options) -> dict
     records, _ = prepare(runs, case.assumed)
     extended, truth = found.choice.model, parameters.vector(case.true)
     thetas = [model.problem.theta(model.fit.u) for model in (found.baseline, extended)]
-    thetas += [truth, *_round_truth(extended, truth, spec.seed)]
+    right = set(extended.effects) == set(spec.effects)
+    thetas += [truth, *(_round_truth(extended, truth, spec.seed) if right else [truth])]
     squares: dict[str, list[float]] = {}
     for theta in thetas:
         played = play(records, case.assumed, theta, 0.0, options.mapper)
@@ -173,16 +176,18 @@ def explained(found: Findings, case: Case, spec: Spec, options: Options) -> dict
 
 
 def _round_truth(model: Model, truth: NDArray[np.float64], seed: int) -> list[NDArray[np.float64]]:
-    """Return the truth with errors drawn as the model's fit has them; a wrong model's say nothing and are none."""
+    """Return the truth with errors drawn as the model's fit has them, within the parameters' ranges."""
     rng = np.random.default_rng([seed, 0xD12A])
-    found = model.fit
-    at = model.problem.theta(found.u)
-    values, vectors = np.linalg.eigh(found.covariance)
+    items, found = model.problem.shared.items, model.fit
+    at = [parameters.index(item.name) for item in items]
+    scale, low, high = (np.array([getattr(item, key) for item in items]) for key in ("scale", "low", "high"))
+    values, vectors = np.linalg.eigh(found.covariance[: len(items), : len(items)])
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     drawn = []
     for _ in range(DRAWS):
-        other = model.problem.theta(found.u + root @ rng.standard_normal(found.u.size))
-        drawn.append(np.where(other == at, truth, truth + np.nan_to_num(other) - np.nan_to_num(at)))
+        theta = truth.copy()
+        theta[at] = np.clip(theta[at] + scale * (root @ rng.standard_normal(len(items))), low, high)
+        drawn.append(theta)
     return drawn
 
 

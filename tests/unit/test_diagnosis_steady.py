@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from hil_forceps.diagnosis.diagnose import Options, courses_of, fit_baseline
+from hil_forceps.diagnosis.anew import courses_of
+from hil_forceps.diagnosis.diagnose import Options, fit_baseline
 from hil_forceps.diagnosis.entries import Probe
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.heldout import floors_of

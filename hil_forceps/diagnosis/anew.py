@@ -1,0 +1,46 @@
+"""What hangs on a model and is taken anew with a better one: the encoder's rounding, and the course of each run."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.assemble import Setting
+from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.extension import Model
+from hil_forceps.diagnosis.predict import ClosedLoop
+from hil_forceps.diagnosis.problem import Problem
+from hil_forceps.diagnosis.shaking import with_encoder_errors
+from hil_forceps.rig import Rig
+
+Vector = NDArray[np.float64]
+Refresh = Callable[[Problem, Vector], Problem]
+
+
+def refresher(rig: Rig) -> Callable[[Problem, Vector], Problem]:
+    """Return what takes the encoder's rounding anew with a better model."""
+    quantum = quantum_of(rig)
+
+    def refresh(problem: Problem, u: Vector) -> Problem:
+        loop = problem.simulate_runs
+        if quantum <= 0.0 or not isinstance(loop, ClosedLoop):
+            return problem
+        found = with_encoder_errors(loop, problem.theta(u), problem.nuisances(u), quantum)
+        return replace(problem, simulate_runs=found)
+
+    return refresh
+
+
+def quantum_of(rig: Rig) -> float:
+    """Return the encoder's step in rad, 0 for an ideal one."""
+    return 2.0 * np.pi / rig.encoder.counts_per_rev if rig.encoder.counts_per_rev else 0.0
+
+
+def courses_of(setting: Setting, model: Model) -> list[Course]:
+    """Return what each run went through, without the encoder's shaking and without what is quick in the load."""
+    simulator = setting.simulator
+    still = simulator.calmed() if isinstance(simulator, ClosedLoop) else simulator
+    theta = model.problem.theta(model.fit.u)
+    nuisances = model.problem.nuisances(model.fit.u)
+    return [still.course(k, theta, nuisance) for k, nuisance in enumerate(nuisances)]
