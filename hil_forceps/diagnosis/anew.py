@@ -26,7 +26,7 @@ def refresher(rig: Rig) -> Callable[[Problem, Vector], Problem]:
         loop = problem.simulate_runs
         if quantum <= 0.0 or not isinstance(loop, ClosedLoop):
             return problem
-        found = with_encoder_errors(loop, problem.theta(u), problem.nuisances(u), quantum)
+        found = with_encoder_errors(loop, problem.theta(u), problem.nuisances(u), quantum, problem.mapper)
         return replace(problem, simulate_runs=found)
 
     return refresh

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.extension import Model, extend, without_effect
-from hil_forceps.diagnosis.fit import fit, fit_again, hold
+from hil_forceps.diagnosis.fit import fit, fit_again, hold, hold_nuisances
 from hil_forceps.diagnosis.look import Looker, Scan
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.result import Candidate
@@ -85,7 +85,8 @@ class Chooser:
         """Scan the catalogue beside a model; take the noise anew from what neither explains; refit with it."""
         if model.effects:
             model = replace(model, problem=self._refresh(model.problem, model.fit.u))
-            model = replace(model, fit=fit(model.problem, model.fit.u, whitener, steps=3))
+            held = hold_nuisances(model.fit, model.problem, whitener)
+            model = replace(model, fit=fit(model.problem, model.fit.u, whitener, held=held, steps=3))
         self._progress("looking at " + (" + ".join(model.effects) or "the known parameters"))
         seen = self._looker.see(model, whitener)
         noise = self._looker.noise(model, seen, whitener)

@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.estimates import estimate_gains
 from hil_forceps.diagnosis.experiment import mode_of
 from hil_forceps.diagnosis.gauge import with_scale
-from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, play
+from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, play, play_fitted
 from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, parameter_shifts, trends
 from hil_forceps.diagnosis.ladder import ladder
 from hil_forceps.diagnosis.next_experiment import propose
@@ -76,7 +76,6 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
     theta_before = baseline.problem.theta(baseline.fit.u)
     theta_after = theta_before if verdict.verdict != "effects" else model.problem.theta(model.fit.u)
     theta_nominal = parameters.vector(rig)
-    quantum = quantum_of(rig)
     layout = model.problem.layout
     unexplained = floors_of(found.choice.noise, layout, found.setting.simulator.integral_per_s)
     floors, repeated = floors_with_strokes((*found.records, *found.held_out), unexplained)
@@ -87,12 +86,13 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
     options.progress("playing the models beside the runs")
     gain = {}
     runs = []
-    for records, held in ((found.records, False), (found.held_out, True)):
+    models = (found.nominal, baseline, model if verdict.verdict == "effects" else baseline)
+    for records, held, played in (
+        (found.records, False, [play_fitted(each) for each in models]),
+        (found.held_out, True, _play_unseen(found, (theta_nominal, theta_before, theta_after), options)),
+    ):
         if not records:
             continue
-        played: list[Played] = [
-            play(records, rig, theta, quantum, options.mapper) for theta in (theta_nominal, theta_before, theta_after)
-        ]
         estimated: list[dict[str, Vector]] = [{} for _ in records]
         estimate_gain: dict[str, Gain] = {}
         if records[0].mode == "closed_loop":  # else no current goes with every angle
@@ -135,6 +135,16 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         rungs,
     )
     return Conclusion(diagnosis, extended, proposal.trajectory if proposal else None)
+
+
+def _play_unseen(found: Findings, thetas: tuple[Vector, Vector, Vector], options: Options) -> list[Played]:
+    """Play models beside the runs held out, the last only once where it is the one before."""
+    if not found.held_out:
+        return []
+    quantum = quantum_of(found.rig)
+    which = thetas if thetas[2] is not thetas[1] else thetas[:2]
+    played = list(options.mapper(lambda theta: play(found.held_out, found.rig, theta, quantum, map), which))
+    return [played[0], played[1], played[-1]]
 
 
 def _said(strokes: Strokes) -> AuditFinding:

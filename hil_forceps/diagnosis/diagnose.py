@@ -15,9 +15,9 @@ from hil_forceps.diagnosis.choice import Choice, Chooser
 from hil_forceps.diagnosis.experiment import Record, mode_of, prepare, smoothed_anew, with_raw_load
 from hil_forceps.diagnosis.experiment_driven import prepare_driven
 from hil_forceps.diagnosis.extension import Model
-from hil_forceps.diagnosis.fit import fit, fit_again
+from hil_forceps.diagnosis.fit import fit, fit_again, hold_nuisances
 from hil_forceps.diagnosis.jaw_zero import without_jaw_zero
-from hil_forceps.diagnosis.leftover import Leftover, leftover
+from hil_forceps.diagnosis.leftover import Leftover, curves_along, leftover
 from hil_forceps.diagnosis.load_noise import load_noise
 from hil_forceps.diagnosis.look import Looker, noise_of
 from hil_forceps.diagnosis.predict import ClosedLoop
@@ -118,13 +118,16 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     chooser = Chooser(looker, options.progress, refresh)
     choice = chooser.choose(baseline, whitener)
     options.progress("looking at what is left")
-    after = leftover(choice.model, choice.whitener, courses_of(setting, choice.model), responses, options.seed)
+    gone_through = courses_of(setting, choice.model)
+    curves = curves_along(gone_through, choice.model.problem.layout, choice.whitener, responses, options.mapper)
+    after = leftover(choice.model, choice.whitener, curves, options.seed)
     if after.stands_out and records[0].load_noise is not None:
         options.progress("looking at what is left once more, with the load smoothed less")
         sharper = left_with_sharper_load(choice, records[0].load_noise, rig, refresh, responses, options.seed)
         after = min(after, sharper, key=lambda left: left.gain / left.threshold)
     baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
-    before = leftover(baseline, choice.whitener, courses, responses, options.seed)
+    # Without effects both are one.
+    before = leftover(baseline, choice.whitener, curves, options.seed) if choice.model.effects else after
     nominal = replace(nominal, fit=fit_again(nominal.problem, nominal.fit, choice.whitener))
     return Findings(
         rig,
@@ -189,7 +192,7 @@ def fit_baseline(
     found = rough
     for number in range(REFRESHES):
         problem = refresh(problem, found.u)
-        found = fit(problem, found.u, whitener, steps=4)
+        found = fit(problem, found.u, whitener, held=hold_nuisances(found, problem, whitener), steps=4)
         if number == 0:
             problem = problem.with_shared(trusting(problem.shared, found))
     assert isinstance(problem.simulate_runs, ClosedLoop | Driven)

@@ -18,6 +18,7 @@ MAX_DAMPINGS = 7
 TRUSTED = 0.1  # of the expected fall: as long as it comes that close, the sensitivities are still good
 BLOCK = 1 << 15  # rows of a product that are made double at a time
 RIDGE = 1e-13
+LEAST_POWER = 1e-60  # of a column: one that shows nothing is known to nothing, but in numbers
 
 
 class Fit(NamedTuple):
@@ -54,7 +55,7 @@ def gram(left: Matrix, right: Matrix) -> NDArray[np.float64]:
 
 def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of a positive definite matrix whose rows are of very different size."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    size = np.sqrt(np.maximum(np.diag(matrix), LEAST_POWER))
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
     values = np.maximum(values, RIDGE * float(values.max()))
     return np.asarray((vectors / values) @ vectors.T / np.outer(size, size))
@@ -73,6 +74,11 @@ def hold(jacobian: Matrix, shared: int, whitener: Whitener) -> Held:
     """Prepare the sensitivities of a fit for others that begin at it."""
     white = whitener.apply(jacobian)
     return Held(jacobian, white, gram(white, white), shared)
+
+
+def hold_nuisances(found: Fit, problem: Problem, whitener: Whitener) -> Held:
+    """Prepare the nuisances' sensitivities of a fit, which hardly hang on what is fitted."""
+    return hold(found.jacobian[:, len(problem.shared.items) :], 0, whitener)
 
 
 class Sensitivity(NamedTuple):

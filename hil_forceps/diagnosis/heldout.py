@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.assemble import assemble
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.predict import ClosedLoop
+from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper
 from hil_forceps.diagnosis.result import Gain, RunEvidence
 from hil_forceps.diagnosis.shaking import with_encoder_errors
@@ -41,16 +43,24 @@ def play(records: Sequence[Record], rig: Rig, theta: Vector, quantum_rad: float,
     found = fit(problem, np.zeros(problem.size), whitener, steps=NUISANCE_STEPS)
     simulator = setting.simulator
     if quantum_rad > 0.0 and isinstance(simulator, ClosedLoop):
-        simulator = with_encoder_errors(simulator, theta, problem.nuisances(found.u), quantum_rad)
+        simulator = with_encoder_errors(simulator, theta, problem.nuisances(found.u), quantum_rad, mapper)
         problem = replace(problem, simulate_runs=simulator)
     noise = measure_noise(problem.layout, found.residual)
     noise = noise._replace(power=np.maximum(noise.power, setting.floor))
     found = fit(problem, found.u, whitening(problem.layout, noise), steps=NUISANCE_STEPS)
-    still = simulator.unshaken()
+    return play_fitted(Model((), problem, found))
+
+
+def play_fitted(model: Model) -> Played:
+    """Simulate the runs that a model was fitted to."""
+    simulator = model.problem.simulate_runs
+    if not isinstance(simulator, ClosedLoop | Driven):
+        raise TypeError("only measured runs are played")
+    theta, still = model.problem.theta(model.fit.u), simulator.unshaken()
     channels, courses = [], []
-    for k, nuisance in enumerate(problem.nuisances(found.u)):
+    for k, nuisance in enumerate(model.problem.nuisances(model.fit.u)):
         raw = simulator.raw(k, theta, nuisance)
-        channels.append({name: np.asarray(getattr(raw, name)) for name in shown(records[k])})
+        channels.append({name: np.asarray(getattr(raw, name)) for name in shown(simulator.records[k])})
         courses.append(still.course(k, theta, nuisance))
     return Played(channels, courses)
 

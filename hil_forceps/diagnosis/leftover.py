@@ -5,7 +5,7 @@ more of the residual than chance gives, something is there that no entry explain
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,10 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.linear import Place, Response, column, direct_column
 from hil_forceps.diagnosis.look import CHANCE
-from hil_forceps.diagnosis.problem import Matrix
+from hil_forceps.diagnosis.problem import Mapper, Matrix
 from hil_forceps.diagnosis.robust import inflations, left_by
 from hil_forceps.diagnosis.score import Group, score
-from hil_forceps.diagnosis.spectrum import Flat, Whitener
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Whitener
 
 Vector = NDArray[np.float64]
 Signals = list[Vector]
@@ -214,30 +214,52 @@ def _rates(i: Vector) -> list[Vector]:
     return [first, np.diff(first, prepend=0.0), np.roll(first, 1), np.roll(first, 2)]
 
 
-def leftover(
-    model: Model, whitener: Whitener, courses: Sequence[Course], responses: Sequence[Response] | None, seed: int
-) -> Leftover:
-    """Look for curves in what the model leaves; without `responses` (loop not known) only curves in the channels."""
+class Curves(NamedTuple):
+    """What the members of all curves do to the channels, made white and of norm 1."""
+
+    white: Matrix
+    groups: tuple[Group, ...]
+    names: tuple[tuple[str, str], ...]  # place and variable of each group
+
+
+def curves_along(
+    courses: Sequence[Course],
+    layout: Layout,
+    whitener: Whitener,
+    responses: Sequence[Response] | None,
+    mapper: Mapper,
+) -> Curves:
+    """Return the curves over what runs went through; without `responses` (loop not known) those in the channels."""
     scale = scale_of(courses)
-    layout = model.problem.layout
     columns: list[Flat] = []
     groups: list[Group] = []
     names: list[tuple[str, str]] = []
     channels = {part.channel for part in layout.parts}
-    for curve in _curves():
-        members = [curve.members(course, scale) for course in courses]
-        first = len(columns)
-        for signals in zip(*members, strict=True):
-            if curve.place in channels:
-                columns.append(direct_column(layout, str(curve.place), list(signals)))
-            elif responses is not None and curve.place in ("motor", "wire", "jaw"):
-                columns.append(column(layout, list(responses), curve.place, list(signals)))  # type: ignore[arg-type]
-        if len(columns) > first:
-            groups.append(Group(first, len(columns), False))
+
+    def of_curve(curve: Curve) -> list[Flat]:
+        members = zip(*(curve.members(course, scale) for course in courses), strict=True)
+        if curve.place in channels:
+            return [direct_column(layout, str(curve.place), list(signals)) for signals in members]
+        if responses is not None and curve.place in ("motor", "wire", "jaw"):
+            place = cast("Place", curve.place)
+            return [column(layout, list(responses), place, list(signals)) for signals in members]
+        return []
+
+    curves = _curves()
+    for curve, found_columns in zip(curves, mapper(of_curve, curves), strict=True):
+        if found_columns:
+            groups.append(Group(len(columns), len(columns) + len(found_columns), False))
             names.append((str(curve.place), curve.variable))
+            columns += found_columns
     white: Matrix = whitener.apply(np.stack(columns, axis=1))
     norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30))
-    white = (white / norms).astype(np.float32)
+    return Curves((white / norms).astype(np.float32), tuple(groups), tuple(names))
+
+
+def leftover(model: Model, whitener: Whitener, curves: Curves, seed: int) -> Leftover:
+    """Look for curves in what the model leaves."""
+    white, groups, names = curves
+    layout = model.problem.layout
     fitted, residual = whitener.apply(model.fit.jacobian), whitener.apply(model.fit.residual)
     found = score(fitted, model.problem.prior_weights(), model.fit.u, white, groups, residual, CHANCE, seed)
     noise = left_by(np.concatenate((fitted, white), axis=1), residual[:, None])[:, 0]

@@ -64,11 +64,12 @@ def _controller(law: DriveLaw, omega: Vector) -> Complex:
 def column(layout: Layout, responses_of: list[Response], place: Place, signals: list[Vector]) -> Flat:
     """Return the flat sensitivity to a disturbance at a place; `signals`: its course in each run."""
     flat = np.zeros(layout.size, dtype=np.float32)
+    spectra = [fft.rfft(signal) for signal in signals]
     for part in layout.parts:
         gain = responses_of[part.run].gains[place].get(part.channel)
         if gain is None:
             continue
-        answer = fft.irfft(fft.rfft(signals[part.run]) * gain, part.rows)
+        answer = fft.irfft(spectra[part.run] * gain, part.rows)
         fill(flat, part, answer)
     return flat
 

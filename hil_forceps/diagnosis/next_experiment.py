@@ -25,7 +25,7 @@ from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import gram
 from hil_forceps.diagnosis.menu import Bounds, Experiment, bounds_of, menu, trajectory_of
 from hil_forceps.diagnosis.predict import ClosedLoop
-from hil_forceps.diagnosis.problem import Matrix, Nuisance, Outputs, Problem
+from hil_forceps.diagnosis.problem import Mapper, Matrix, Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
 from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, make_layout, transform, whitening
 from hil_forceps.model import closed_loop, parameters
@@ -100,7 +100,8 @@ def _most_telling(offered: Sequence[Experiment], reached: Sequence[float]) -> in
 def _to_see(found: Findings, offered: Sequence[Experiment], least: dict[str, Detectable]) -> Proposal | None:
     """Choose what shows best the effect that the runs show least, of those that any experiment would show."""
     model = found.choice.model
-    stages = [stage_of(found, e, model) for e in offered]
+    alone = replace(model, problem=replace(model.problem, mapper=map))  # the experiments share the cores, not its parts
+    stages = list(model.problem.mapper(lambda e: stage_of(found, e, alone), offered))
     best: tuple[float, Experiment, str] | None = None
     for effect_id in _least_visible(least, model.effects)[:MOST_TARGETS]:
         other = _theta_with(model, effect_id)
@@ -205,9 +206,9 @@ class _TurnedOver(NamedTuple):
 
     upright: ClosedLoop
 
-    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:
         """Return the transformed channels of each run."""
-        return self.upright(_turned_over(theta), nuisances)
+        return self.upright(_turned_over(theta), nuisances, mapper)
 
     def coarse(self) -> "_TurnedOver":
         """Return the same in longer steps."""

@@ -15,7 +15,7 @@ from scipy.ndimage import uniform_filter1d
 
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record
-from hil_forceps.diagnosis.problem import Nuisance, Outputs
+from hil_forceps.diagnosis.problem import Mapper, Nuisance, Outputs
 from hil_forceps.diagnosis.spectrum import MOTOR
 from hil_forceps.model import closed_loop, drive_law, parameters
 from hil_forceps.model.closed_loop import Channels, Inputs, Start
@@ -71,7 +71,7 @@ class ClosedLoop:
     stand_ins: tuple["ClosedLoop", ...] = ()  # the same, shaken by a rounding of another time with either sign
     longest_substep_s: float = LONGEST_SUBSTEP_S
 
-    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:
         """Return the transformed channels of each run.
 
         The rounding as it happened is taken from the residual, so whatever depends on how the motor answers to it would
@@ -81,21 +81,17 @@ class ClosedLoop:
         is a fixed offset, taken anew with each better model. Only the current's own path answers to it, where it is a
         signal.
         """
-        return self._answers(self.stand_ins or (self,), theta, nuisances)
+        return list(mapper(lambda k: self._answer(k, theta, nuisances[k]), range(len(nuisances))))
 
-    def _answers(self, shaken: Sequence["ClosedLoop"], theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
-        """Return the mean of what the same loop answers, shaken otherwise."""
-        own = replace(self, slow=(), offset=(), stand_ins=())
-        differs = bool(self.stand_ins) and path_differs(theta)
-        found = []
-        for k, nuisance in enumerate(nuisances):
-            offset = self.offset[k] if self.offset else None
-            each = [loop.outputs(k, loop.raw(k, theta, nuisance), offset) for loop in shaken]
-            outputs = {name: np.mean([o[name] for o in each], axis=0) for name in each[0]}
-            if differs and follows_law(self.records[k], self.law):
-                outputs["current_A"] = own.outputs(k, own.raw(k, theta, nuisance))["current_A"]
-            found.append(outputs)
-        return found
+    def _answer(self, run: int, theta: Vector, nuisance: Nuisance) -> dict[str, Vector]:
+        """Return the mean of what a run answers to the roundings that stand in for its own."""
+        offset = self.offset[run] if self.offset else None
+        each = [loop.outputs(run, loop.raw(run, theta, nuisance), offset) for loop in self.stand_ins or (self,)]
+        outputs = {name: np.mean([o[name] for o in each], axis=0) for name in each[0]}
+        if self.stand_ins and path_differs(theta) and follows_law(self.records[run], self.law):
+            own = replace(self, slow=(), offset=(), stand_ins=())
+            outputs["current_A"] = own.outputs(run, own.raw(run, theta, nuisance))["current_A"]
+        return outputs
 
     def raw(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float = 0.0) -> Channels:
         """Simulate a run: recorded channels and what is inside."""

@@ -17,7 +17,7 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.experiment_driven import still_rad_per_s
 from hil_forceps.diagnosis.linear import Place, Response
-from hil_forceps.diagnosis.problem import Nuisance, Outputs
+from hil_forceps.diagnosis.problem import Mapper, Nuisance, Outputs
 from hil_forceps.model import driven
 from hil_forceps.model.driven import Inputs
 from hil_forceps.rig.plant import PlantParameters
@@ -49,9 +49,13 @@ class Driven:
     substeps: int  # of a row
     integral_per_s: float = 0.0  # no law is known that would have summed the angle
 
-    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:
         """Return the channels of each run."""
-        return [self._channels(k, self.raw(k, theta, nuisance)) for k, nuisance in enumerate(nuisances)]
+
+        def of_run(k: int) -> dict[str, Vector]:
+            return self._channels(k, self.raw(k, theta, nuisances[k]))
+
+        return list(mapper(of_run, range(len(nuisances))))
 
     def raw(self, run: int, theta: Vector, nuisance: Nuisance) -> Predicted:
         """Simulate a run. The nuisance `integral_rad_s` is the zero of the torque or current channel here."""

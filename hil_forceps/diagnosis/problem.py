@@ -32,8 +32,8 @@ class Nuisance(NamedTuple):
 class Simulator(Protocol):
     """Simulates all runs for one vector of model parameters; returns the transformed channels of each run."""
 
-    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
-        """Return one mapping of channels per run."""
+    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:
+        """Return one mapping of channels per run; `mapper` may take the runs at once."""
 
     def coarse(self) -> "Simulator":
         """Return the same in longer steps."""
@@ -118,6 +118,10 @@ class Problem:
 
     def simulate(self, u: Vector) -> Outputs:
         """Return the transformed channels of each run at u."""
+        return self.simulate_runs(self.theta(u), self.nuisances(u), self.mapper)
+
+    def _simulate_in_task(self, u: Vector) -> Outputs:
+        """Return the same from within a task of the mapper, which must not wait for tasks of its own."""
         return self.simulate_runs(self.theta(u), self.nuisances(u))
 
     def predicted(self, u: Vector) -> Flat:
@@ -133,7 +137,7 @@ class Problem:
             i, step = task
             moved = u.copy()
             moved[i] += step
-            return transform(self.layout, difference(self.simulate(moved), outputs, step))
+            return transform(self.layout, difference(self._simulate_in_task(moved), outputs, step))
 
         columns = list(self.mapper(column, zip(which, steps, strict=True)))
         return np.stack(columns, axis=1) if columns else np.empty((self.layout.size, 0), dtype=np.float32)
@@ -153,7 +157,7 @@ class Problem:
                     v[first + start + 2 : first + start + 2 + record.edge_rows.size] += step
                 else:
                     v[first + start + offset] += step
-            return difference(self.simulate(v), outputs, step)
+            return difference(self._simulate_in_task(v), outputs, step)
 
         # Away from the nearer end: fractions are clipped to 0..1.
         tasks = [("zero", 0.1), ("integral", 0.1)]

@@ -72,13 +72,13 @@ def _harmonics(
 ) -> tuple[float, ...]:
     """Return the harmonics of the motor's angle whose torque, in proportion to `scales`, explains most."""
     layout = model.problem.layout
-    columns: list[Flat] = []
-    groups = []
-    for h in looked_at:
-        groups.append(Group(len(columns), len(columns) + 2, False))
-        for wave in (np.sin, np.cos):
-            signals = [s * wave(h * c.theta_m) for c, s in zip(courses, scales, strict=True)]
-            columns.append(column(layout, list(responses), "motor", signals))
+    groups = [Group(2 * k, 2 * k + 2, False) for k in range(len(looked_at))]
+
+    def waves(h: float) -> list[Flat]:
+        both = ([s * wave(h * c.theta_m) for c, s in zip(courses, scales, strict=True)] for wave in (np.sin, np.cos))
+        return [column(layout, list(responses), "motor", signals) for signals in both]
+
+    columns = [flat for pair in model.problem.mapper(waves, looked_at) for flat in pair]
     white = whitener.apply(np.stack(columns, axis=1))
     norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30))
     white = (white / norms).astype(np.float32)

@@ -12,7 +12,7 @@ from hil_forceps.diagnosis.assemble import assemble
 from hil_forceps.diagnosis.choice import Choice
 from hil_forceps.diagnosis.experiment import smoothed_anew
 from hil_forceps.diagnosis.fit import fit, fit_again
-from hil_forceps.diagnosis.leftover import Leftover, leftover
+from hil_forceps.diagnosis.leftover import Leftover, curves_along, leftover
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.look import noise_of
 from hil_forceps.diagnosis.smoothing import LESS_BENT, LoadNoise
@@ -38,4 +38,5 @@ def left_with_sharper_load(
     noise_left, _ = noise_of(model, choice.scan.columns, whitener, setting.floor)
     whitener = whitening(problem.layout, noise_left)
     model = replace(model, fit=fit_again(problem, model.fit, whitener))
-    return leftover(model, whitener, courses_of(setting, model), list(responses), seed)
+    curves = curves_along(courses_of(setting, model), problem.layout, whitener, responses, problem.mapper)
+    return leftover(model, whitener, curves, seed)

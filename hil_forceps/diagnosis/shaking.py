@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.predict import ClosedLoop, Offset, Slow, low_pass
-from hil_forceps.diagnosis.problem import Nuisance
+from hil_forceps.diagnosis.problem import Mapper, Nuisance
 from hil_forceps.diagnosis.smoothing import smoothed
 
 Vector = NDArray[np.float64]
@@ -21,35 +22,43 @@ REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually end
 
 
 def with_encoder_errors(
-    loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float
+    loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float, mapper: Mapper = map
 ) -> ClosedLoop:
     """Return the same with the encoder's rounding as it happened: the fast part of what a fit leaves in θ_m.
 
     Its offset is what this does more than the roundings that stand in for it, at `theta` and `nuisances`.
     """
+    runs = range(len(loop.records))
     found = loop.unshaken()
     for _ in range(SHAKE_PASSES):
         # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
-        errors = []
-        for k, (record, nuisance) in enumerate(zip(loop.records, nuisances, strict=True)):
-            left = record.channels["theta_m_rad"] - found.raw(k, theta, nuisance).theta_m_rad
-            fast = left - low_pass(left, shake_width(record.period_s))
-            errors.append(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
+        errors = mapper(partial(_fast_left, found, theta, nuisances, quantum_rad), runs)
         found = replace(found, encoder_error_rad=tuple(errors))
-    slow = tuple(slow_share(found, k, theta, n, quantum_rad) for k, n in enumerate(nuisances))
-    found = replace(found, slow=slow)
-    others = _stand_ins(found)
-    offsets = []
-    for k, nuisance in enumerate(nuisances):
-        own, first, second = (s.raw(k, theta, nuisance) for s in (found, *others))
-        motor, jaw, current = (
-            getattr(own, name) - 0.5 * (getattr(first, name) + getattr(second, name))
-            for name in ("theta_m_rad", "theta_j_rad", "current_A")
-        )
-        # Others' roundings cancel, and the slow part isn't what the drive has read on the average.
-        read = motor - slow[k].theta_m_rad + found.encoder_error_rad[k]
-        offsets.append(Offset(motor, jaw, current, np.cumsum(read) * loop.records[k].period_s))
-    return replace(found, offset=tuple(offsets), stand_ins=others)
+    slow = mapper(lambda k: slow_share(found, k, theta, nuisances[k], quantum_rad), runs)
+    found = replace(found, slow=tuple(slow))
+    found = replace(found, stand_ins=_stand_ins(found))
+    offsets = mapper(partial(_offset, found, theta, nuisances), runs)
+    return replace(found, offset=tuple(offsets))
+
+
+def _fast_left(loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float, run: int) -> Vector:
+    """Return the fast part of what a simulation leaves in θ_m, no more than rounding can be."""
+    record = loop.records[run]
+    left = record.channels["theta_m_rad"] - loop.raw(run, theta, nuisances[run]).theta_m_rad
+    fast = left - low_pass(left, shake_width(record.period_s))
+    return np.asarray(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
+
+
+def _offset(loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], run: int) -> Offset:
+    """Return what the rounding of a run does more than those that stand in for it."""
+    own, first, second = (s.raw(run, theta, nuisances[run]) for s in (loop, *loop.stand_ins))
+    motor, jaw, current = (
+        getattr(own, name) - 0.5 * (getattr(first, name) + getattr(second, name))
+        for name in ("theta_m_rad", "theta_j_rad", "current_A")
+    )
+    # Others' roundings cancel, and the slow part isn't what the drive has read on the average.
+    read = motor - loop.slow[run].theta_m_rad + loop.encoder_error_rad[run]
+    return Offset(motor, jaw, current, np.cumsum(read) * loop.records[run].period_s)
 
 
 def _stand_ins(loop: ClosedLoop) -> tuple[ClosedLoop, ...]:

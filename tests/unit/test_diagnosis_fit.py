@@ -13,7 +13,7 @@ from hil_forceps.diagnosis import fit as fit_module
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import at_bound
 from hil_forceps.diagnosis.fit import MAX_DAMPINGS, Fit, fit, fit_again, gram, hold
-from hil_forceps.diagnosis.problem import Nuisance, Outputs, Problem
+from hil_forceps.diagnosis.problem import Mapper, Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.spectrum import Whitener, make_layout, transform, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknown, Unknowns
 
@@ -33,7 +33,7 @@ class Toy(NamedTuple):
 
     says: Callable[[Vector, Sequence[Nuisance]], Outputs]
 
-    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+    def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:  # noqa: ARG002
         return self.says(theta, nuisances)
 
     def coarse(self) -> "Toy":
