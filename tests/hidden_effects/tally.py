@@ -196,7 +196,7 @@ def markdown(records: Sequence[Record]) -> str:
     """Return all tables."""
     skipped = sum("skipped" in r for r in records)
     head = (
-        f"{len(records) - skipped} cases; {skipped} more had a size out of reach of the catalogue's ranges. "
+        f"{len(records) - skipped} cases; {skipped} more can't be made: a size out of the catalogue's ranges, or a gauge. "
         "Shares with 95 % intervals of Clopper and Pearson."
     )
     return "\n\n".join(
