@@ -196,8 +196,8 @@ def markdown(records: Sequence[Record]) -> str:
     """Return all tables."""
     skipped = sum("skipped" in r for r in records)
     head = (
-        f"{len(records) - skipped} cases; {skipped} more can't be made: a size out of the catalogue's ranges, or a gauge. "
-        "Shares with 95 % intervals of Clopper and Pearson."
+        f"{len(records) - skipped} cases; {skipped} more can't be made: a size out of the catalogue's ranges, or a "
+        "gauge. Shares with 95 % intervals of Clopper and Pearson."
     )
     return "\n\n".join(
         (
