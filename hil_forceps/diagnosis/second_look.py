@@ -19,7 +19,7 @@ from hil_forceps.diagnosis.smoothing import LESS_BENT, LoadNoise
 from hil_forceps.diagnosis.spectrum import whitening
 from hil_forceps.rig import Rig
 
-REFRESHES, STEPS = 1, 4
+STEPS = 4
 
 
 def left_with_sharper_load(
@@ -29,11 +29,9 @@ def left_with_sharper_load(
     chosen, whitener = choice.model, choice.whitener
     records = smoothed_anew(chosen.problem.records, noise, LESS_BENT)
     setting = assemble(records, rig, chosen.problem.mapper, chosen.problem.shared)
-    found = chosen.fit
-    problem = refresh(replace(setting.problem, base=chosen.problem.base), found.u)
-    for _ in range(REFRESHES):
-        found = fit(problem, found.u, whitener, steps=STEPS)
-        problem = refresh(problem, found.u)
+    problem = refresh(replace(setting.problem, base=chosen.problem.base), chosen.fit.u)
+    found = fit(problem, chosen.fit.u, whitener, steps=STEPS)
+    problem = refresh(problem, found.u)
     model = replace(chosen, problem=problem, fit=fit(problem, found.u, whitener, steps=STEPS))
     noise_left, _ = noise_of(model, choice.scan.columns, whitener, setting.floor)
     whitener = whitening(problem.layout, noise_left)

@@ -20,7 +20,8 @@ def trusting(shared: Unknowns, found: Fit) -> Unknowns:
 
     Of equally many those that cost least.
     """
-    open_ = [i for i, item in enumerate(shared.items) if item.prior and item.told > item.precision]
+    said = [item.prior and item.assumed is not None and item.told > item.precision for item in shared.items]
+    open_ = np.flatnonzero(said).tolist()
     for count in range(len(open_), 0, -1):
         cost, best = min((_cost(shared, found, which), which) for which in combinations(open_, count))
         if cost < CONTRADICTED:

@@ -36,6 +36,11 @@ def test_what_the_rig_says_nothing_tighter_of_stays_as_it_is() -> None:
     assert precisions(trusting(unknowns(1.0, WIDE), fit_at([0.0, 0.0], [[1.0, 0.0], [0.0, 1.0]]))) == [1.0, WIDE]
 
 
+def test_a_guess_that_the_rig_did_not_make_is_not_taken_at_its_word() -> None:
+    guessed = Unknowns(tuple(item._replace(assumed=None) for item in unknowns(WIDE).items))
+    assert precisions(trusting(guessed, fit_at([0.0], [[1.0]]))) == [1.0]
+
+
 def test_of_two_that_trade_places_the_one_gives_way_that_the_data_contradict() -> None:
     # The sum is known to 0.01 and is off by 0.5; the first alone is known to 0.3, the second to 0.3.
     spread, sure = 0.3**2, 0.01**2
