@@ -140,6 +140,9 @@ def figures(records: Sequence[Record]) -> list[tuple[str, str, str]]:
             ("fast_drive", "drive at 2 kHz: named first", ""),
         )
     ]
+    pairs = ran(records, "pair")
+    words = "two at once: both named, or one set of those that can't be told apart"
+    rows.append((words, "≥ 85 %", share(named_right(r) or in_set(r) for r in pairs)))
     silent = ran(records, "uninformative")
     rows.append(
         ("uninformative runs: `undetermined`", "all", share(r.get("verdict") == "undetermined" for r in silent))
