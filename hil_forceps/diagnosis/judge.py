@@ -31,7 +31,7 @@ SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assu
 LEAST_SHIFT = 0.2  # of what was known: less is no shift, however well it is measured
 POWER_80 = 0.8416
 ACCURACY_OF_ALL = 2e-5
-UNEXPLAINED_SHARE = 0.03  # of the misfit: what may be left beside named effects without doubting them
+UNEXPLAINED_SHARE = 0.015  # of the misfit: what may be left beside named effects without doubting them
 
 
 class Judgement(NamedTuple):

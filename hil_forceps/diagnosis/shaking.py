@@ -17,6 +17,8 @@ Vector = NDArray[np.float64]
 SLOWEST_SHAKE_HZ = 120.0  # below, what is left is misfit rather than rounding
 SHAKE_PASSES = 5
 STAND_IN_SHARE = 0.37  # of a run: how far the rounding is moved that stands in for the one that happened
+SWING = 30.0  # of the noise that smoothing leaves in the load: how far the load of stand-ins is swung
+MOST_SWING = 0.05  # of the load's own standard deviation
 REPLICAS = 6
 REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually ends
 
@@ -62,10 +64,40 @@ def _offset(loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], run:
 
 
 def _stand_ins(loop: ClosedLoop) -> tuple[ClosedLoop, ...]:
-    """Return the same with a calm load and the rounding of another time in each run, with either sign."""
-    moved = tuple(np.roll(error, round(STAND_IN_SHARE * error.size)) for error in loop.encoder_error_rad)
-    signs = (moved, tuple(-error for error in moved))
-    return tuple(replace(loop.calmed(), encoder_error_rad=errors) for errors in signs)
+    """Return the same with a calm load, swung up and down, and the rounding of another time with either sign.
+
+    Without the swing, what the load's noise leads to where the wire is all but slack would be in the sensitivities too,
+    with the sign that this noise happens to have: as that is in the residual as well, a dead zone came out too narrow.
+    Both signs together leave such instants to those that are sure.
+    """
+    calm = loop.calmed()
+    moved = [np.roll(error, round(STAND_IN_SHARE * error.size)) for error in loop.encoder_error_rad]
+    return tuple(
+        replace(
+            calm,
+            records=tuple(_swung(record, sign) for record in calm.records),
+            encoder_error_rad=tuple(sign * error for error in moved),
+        )
+        for sign in (1.0, -1.0)
+    )
+
+
+def _swung(record: Record, sign: float) -> Record:
+    """Return a record whose load moves slowly besides, far more than its noise does."""
+    load, noise = record.tau_w_N_m, record.load_noise
+    if load is None or noise is None:
+        return record
+    swing = SWING * _slow_noise(record, np.random.default_rng(load.size + 1))
+    most = MOST_SWING * float(np.std(load))
+    swing *= min(1.0, most / max(float(np.std(swing)), 1e-30))
+    return record._replace(tau_w_N_m=load + sign * swing)
+
+
+def _slow_noise(record: Record, rng: np.random.Generator) -> Vector:
+    """Return as much noise as smoothing leaves in a load."""
+    assert record.load_noise is not None
+    deviation = float(np.sqrt(record.load_noise.power[0]))
+    return smoothed(deviation * rng.standard_normal(record.time_s.size), REPLICA_CUTOFF)
 
 
 def slow_share(loop: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> Slow:
@@ -109,10 +141,9 @@ def on_grid(angle: Vector, quantum_rad: float) -> bool:
 
 def loads_like(record: Record) -> list[Vector | None]:
     """Return the load with as much noise again as smoothing leaves in it, in pairs of opposite noise."""
-    load, noise = record.tau_w_N_m, record.load_noise
-    if load is None:
+    load = record.tau_w_N_m
+    if load is None or record.load_noise is None:
         return [load]
-    deviation = float(np.sqrt(noise.power[0])) if noise is not None else 0.0
     rng = np.random.default_rng(load.size)
-    noises = [smoothed(deviation * rng.standard_normal(load.size), REPLICA_CUTOFF) for _ in range(REPLICAS // 2)]
+    noises = [_slow_noise(record, rng) for _ in range(REPLICAS // 2)]
     return [load + sign * noise for noise in noises for sign in (1.0, -1.0)]
