@@ -86,7 +86,7 @@ class Chooser:
         if model.effects:
             model = replace(model, problem=self._refresh(model.problem, model.fit.u))
             held = hold_nuisances(model.fit, model.problem, whitener)
-            model = replace(model, fit=fit(model.problem, model.fit.u, whitener, held=held, steps=3))
+            model = replace(model, fit=fit(model.problem, model.fit.u, whitener, held=held, steps=5))
         self._progress("looking at " + (" + ".join(model.effects) or "the known parameters"))
         seen = self._looker.see(model, whitener)
         noise = self._looker.noise(model, seen, whitener)

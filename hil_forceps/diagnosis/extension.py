@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.entries import Probe, free_names
-from hil_forceps.diagnosis.fit import Fit, Held, chi2_of, fit
+from hil_forceps.diagnosis.fit import Fit, Held, chi2_of, fit, follow
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
 from hil_forceps.diagnosis.spectrum import Whitener
@@ -16,7 +16,7 @@ from hil_forceps.rig.catalogue import effect
 Vector = NDArray[np.float64]
 
 MAX_HALVINGS = 6
-EXTEND_STEPS = 8
+EXTEND_STEPS = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +46,8 @@ def extend(model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, h
     count = len(model.problem.shared.items)
     for _ in range(MAX_HALVINGS):
         problem, u = _with_effect(model, probe, start)
+        if probe.amplitudes:
+            u = follow(problem, u, whitener, held)
         residual = problem.measured - problem.predicted(u)
         if not probe.amplitudes or chi2_of(problem, residual, whitener, u) < model.fit.chi2:
             break  # else the linear look has promised too much

@@ -132,6 +132,18 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
     return Fit(u, chi2, residual, outputs, at.columns, covariance, done)
 
 
+def follow(problem: Problem, u: Vector, whitener: Whitener, held: Held) -> Vector:
+    """Return u with all held unknowns where a linear step puts them, the others as they are."""
+    rest = np.r_[: held.shared, held.shared + u.size - held.columns.shape[1] : u.size]
+    weights = problem.prior_weights()[rest]
+    low, high = (bound[rest] for bound in problem.bounds())
+    residual = problem.measured - problem.predicted(u)
+    slope = gram(held.white, whitener.apply(residual)[:, None])[:, 0] - weights * u[rest]
+    moved = u.copy()
+    moved[rest] = _step(held.gram, slope, weights, 0.0, u[rest], low, high)
+    return moved
+
+
 def fit_again(problem: Problem, found: Fit, whitener: Whitener) -> Fit:
     """Fit with another noise, which moves a fit little: with the sensitivities that it had."""
     held = hold(found.jacobian, len(problem.shared.items), whitener)

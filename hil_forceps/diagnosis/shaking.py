@@ -17,8 +17,8 @@ Vector = NDArray[np.float64]
 SLOWEST_SHAKE_HZ = 120.0  # below, what is left is misfit rather than rounding
 SHAKE_PASSES = 5
 STAND_IN_SHARE = 0.37  # of a run: how far the rounding is moved that stands in for the one that happened
-SWING = 30.0  # of the noise that smoothing leaves in the load: how far the load of stand-ins is swung
-MOST_SWING = 0.05  # of the load's own standard deviation
+SWING = 100.0  # of the noise that smoothing leaves in the load: how far the load of stand-ins is swung
+MOST_SWING = 0.15  # of the load's own standard deviation
 REPLICAS = 6
 REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually ends
 

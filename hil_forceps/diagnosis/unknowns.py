@@ -50,8 +50,13 @@ class Unknowns(NamedTuple):
         return tuple(item.name for item in self.items)
 
     def values(self, u: Vector) -> Vector:
-        """Return the physical values of a vector."""
-        return np.array([item.centre + item.scale * float(x) for item, x in zip(self.items, u, strict=True)])
+        """Return the physical values of a vector; at a bound exactly that, whatever rounding makes of it."""
+        return np.array(
+            [
+                min(max(item.centre + item.scale * float(x), item.low), item.high)
+                for item, x in zip(self.items, u, strict=True)
+            ]
+        )
 
     def bounds(self) -> tuple[Vector, Vector]:
         """Return the least and the greatest u."""
