@@ -105,19 +105,24 @@ class Chooser:
         order = sorted(best.values(), key=lambda i: -scan.scores.gains[i])
         top = scan.scores.gains[order[0]] if order else 0.0
         drop = max(SHORTLIST_DROP, 0.4 * top)
-        short = [i for i in order if scan.scores.gains[i] > max(threshold * 0.7, top - drop)][:SHORTLIST]
-        found = []
+        standing_out = [i for i in order if scan.scores.gains[i] > threshold * 0.7]
+        near = [i for i in standing_out if scan.scores.gains[i] > top - drop][:SHORTLIST]
+        found: list[Model] = []
         gains: dict[str, float] = {}
         held = hold(model.fit.jacobian, len(model.problem.shared.items), whitener)
-        for i in short:
-            self._progress(f"refitting with {scan.probes[i].effect_id}")
-            refit = extend(model, scan.probes[i], scan.scores.amplitudes[i], whitener, held)
-            extra = len(refit.problem.shared.items) - len(model.problem.shared.items)
-            gain = (model.fit.chi2 - refit.fit.chi2) / self._looker.inflation[scan.probes[i].effect_id]
-            gain -= COST_PER_COLUMN * (extra - 1)
-            gains[scan.probes[i].effect_id] = gain
-            if gain > threshold and not refit.at_bound:
-                found.append(refit)
+        # Where all of the best end at a bound or gain too little, those behind them have their turn.
+        for short in (near, standing_out[len(near) :][:SHORTLIST]):
+            if found:
+                break
+            for i in short:
+                name = scan.probes[i].effect_id
+                self._progress(f"refitting with {name}")
+                refit = extend(model, scan.probes[i], scan.scores.amplitudes[i], whitener, held)
+                extra = len(refit.problem.shared.items) - len(model.problem.shared.items)
+                gain = (model.fit.chi2 - refit.fit.chi2) / self._looker.inflation[name]
+                gains[name] = gain - COST_PER_COLUMN * (extra - 1)
+                if gains[name] > threshold and not refit.at_bound:
+                    found.append(refit)
         found.sort(key=lambda m: m.worth)
         self._note(scan, best, gains, found, step)
         return found

@@ -50,7 +50,7 @@ class Unknowns(NamedTuple):
         return tuple(item.name for item in self.items)
 
     def values(self, u: Vector) -> Vector:
-        """Return the physical values of a vector; at a bound exactly that, whatever rounding makes of it."""
+        """Return the physical values of a vector; never beyond a bound, whatever rounding makes of it."""
         return np.array(
             [
                 min(max(item.centre + item.scale * float(x), item.low), item.high)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis import fit as fit_module
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import at_bound
-from hil_forceps.diagnosis.fit import MAX_DAMPINGS, Fit, fit, fit_again, gram, hold
+from hil_forceps.diagnosis.fit import MAX_DAMPINGS, Fit, chi2_of, fit, fit_again, follow, gram, hold
 from hil_forceps.diagnosis.problem import Mapper, Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.spectrum import Whitener, make_layout, transform, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknown, Unknowns
@@ -112,6 +112,40 @@ def test_held_sensitivities_lead_to_the_same_fit() -> None:
     start = np.concatenate((begun.u[:1], [0.0], begun.u[1:]))
     cheap, full = fit(problem, start, whitener, held=held, steps=12), fit(problem, start, whitener)
     assert cheap.chi2 == pytest.approx(full.chi2, abs=0.5)
+
+
+def test_what_is_known_follows_an_entry_that_is_put_somewhere() -> None:
+    problem, whitener = toy(BOTH, 12)
+    first = problem.with_shared(Unknowns(BOTH[:1]))
+    begun = fit(first, np.zeros(first.size), whitener)
+    held = hold(begun.jacobian, 1, whitener)
+    put = np.concatenate((begun.u[:1], [-0.05], begun.u[1:]))
+    moved = follow(problem, put, whitener, held)
+    assert moved[1] == put[1]
+
+    def chi2(u: Vector) -> float:
+        return chi2_of(problem, problem.measured - problem.predicted(u), whitener, u)
+
+    there = fit(problem, put, whitener)  # it ends elsewhere: the entry is free there
+    assert there.chi2 <= chi2(moved) < chi2(put) - 100.0
+    for nudge in (-0.1, 0.1):
+        assert chi2(moved) < chi2(moved + nudge * np.eye(moved.size)[0])
+
+
+def test_following_keeps_to_bounds() -> None:
+    bounded = (unknown("amplitude", 3.0, 0.5, prior=True, low=2.5), BOTH[1])
+    problem, whitener = toy(bounded, 13)
+    first = problem.with_shared(Unknowns(bounded[:1]))
+    held = hold(fit(first, np.zeros(first.size), whitener).jacobian, 1, whitener)
+    moved = follow(problem, np.zeros(problem.size), whitener, held)
+    assert problem.shared.values(moved[:2])[0] == 2.5
+
+
+def test_a_value_at_its_bound_is_never_beyond_it() -> None:
+    rng = np.random.default_rng(14)
+    for centre, scale in rng.uniform(1e-7, 1e-3, (200, 2)):
+        shared = Unknowns((unknown("amplitude", centre, scale, prior=True, low=0.0),))
+        assert 0.0 <= shared.values(shared.bounds()[0])[0] < 1e-15 * centre
 
 
 def counting(calls: list[int]) -> Toy:
