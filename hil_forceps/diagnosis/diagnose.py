@@ -121,10 +121,10 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     gone_through = courses_of(setting, choice.model)
     curves = curves_along(gone_through, choice.model.problem.layout, choice.whitener, responses, options.mapper)
     after = leftover(choice.model, choice.whitener, curves, options.seed)
-    if after.stands_out and records[0].load_noise is not None:
+    if after.asks_for_another_look and records[0].load_noise is not None:
         options.progress("looking at what is left once more, with the load smoothed less")
         sharper = left_with_sharper_load(choice, records[0].load_noise, rig, refresh, responses, options.seed)
-        after = min(after, sharper, key=lambda left: left.gain / left.threshold)
+        after = min(after, sharper, key=lambda left: left.gain / left.threshold)._replace(twice=True)
     baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
     # Without effects both are one.
     before = leftover(baseline, choice.whitener, curves, options.seed) if choice.model.effects else after

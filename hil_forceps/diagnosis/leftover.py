@@ -29,7 +29,8 @@ MEMORY_SHARES = (0.01, 0.05, 0.2)  # of the range: memories over a way
 HOLD_S, HOLD_SHARE = 0.3, 0.003  # still is what gets on slower than this share of top speed over so long
 FEWEST_STILL = 0.02  # of all rows
 QUIET_MEDIANS = 4.0
-OVER_CHANCE = 1.3  # with the load smoothed as it is and with it smoothed less
+OVER_CHANCE = 2.5  # what is more is left over; friction shaken loose by noise is followed in part only
+OVER_CHANCE_TWICE = 1.3  # the same where it was seen with the load smoothed as usual and smoothed less
 
 
 class Scale(NamedTuple):
@@ -62,11 +63,17 @@ class Leftover(NamedTuple):
     threshold: float
     total_gain: float  # of all families together, less what chance gives
     families: tuple[tuple[str, str, float], ...]  # place, variable, gain; the best first
+    twice: bool = False  # seen with the load smoothed less, too
+
+    @property
+    def asks_for_another_look(self) -> bool:
+        """Whether it is more than chance gives, if no more than smoothing may do."""
+        return self.gain > OVER_CHANCE_TWICE * self.threshold
 
     @property
     def stands_out(self) -> bool:
-        """Whether it is more than chance gives, and than friction shaken loose by noise, which is followed in part."""
-        return self.gain > OVER_CHANCE * self.threshold
+        """Whether it is more than chance and the simulation's errors give."""
+        return self.gain > (OVER_CHANCE_TWICE if self.twice else OVER_CHANCE) * self.threshold
 
 
 def scale_of(courses: Sequence[Course]) -> Scale:
