@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.entries import Probe, free_names
-from hil_forceps.diagnosis.fit import Fit, Held, chi2_of, fit, follow
+from hil_forceps.diagnosis.fit import Fit, Held, fit, follow
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
 from hil_forceps.diagnosis.spectrum import Whitener
@@ -46,10 +46,8 @@ def extend(model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, h
     count = len(model.problem.shared.items)
     for _ in range(MAX_HALVINGS):
         problem, u = _with_effect(model, probe, start)
-        if probe.amplitudes:
-            u = follow(problem, u, whitener, held)
-        residual = problem.measured - problem.predicted(u)
-        if not probe.amplitudes or chi2_of(problem, residual, whitener, u) < model.fit.chi2:
+        u, chi2 = follow(problem, u, whitener, held)
+        if not probe.amplitudes or chi2 < model.fit.chi2:
             break  # else the linear look has promised too much
         start |= {name: 0.5 * start[name] for name in probe.amplitudes}
     result = fit(problem, u, whitener, held=held, steps=EXTEND_STEPS)

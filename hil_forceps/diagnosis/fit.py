@@ -132,8 +132,8 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
     return Fit(u, chi2, residual, outputs, at.columns, covariance, done)
 
 
-def follow(problem: Problem, u: Vector, whitener: Whitener, held: Held) -> Vector:
-    """Return u with all held unknowns where a linear step puts them, the others as they are."""
+def follow(problem: Problem, u: Vector, whitener: Whitener, held: Held) -> tuple[Vector, float]:
+    """Return u with all held unknowns where a linear step puts them, or u where that is worse; and χ² there."""
     rest = np.r_[: held.shared, held.shared + u.size - held.columns.shape[1] : u.size]
     weights = problem.prior_weights()[rest]
     low, high = (bound[rest] for bound in problem.bounds())
@@ -141,7 +141,9 @@ def follow(problem: Problem, u: Vector, whitener: Whitener, held: Held) -> Vecto
     slope = gram(held.white, whitener.apply(residual)[:, None])[:, 0] - weights * u[rest]
     moved = u.copy()
     moved[rest] = _step(held.gram, slope, weights, 0.0, u[rest], low, high)
-    return moved
+    before = chi2_of(problem, residual, whitener, u)
+    after = chi2_of(problem, problem.measured - problem.predicted(moved), whitener, moved)
+    return (moved, after) if after < before else (u, before)
 
 
 def fit_again(problem: Problem, found: Fit, whitener: Whitener) -> Fit:

@@ -120,12 +120,13 @@ def test_what_is_known_follows_an_entry_that_is_put_somewhere() -> None:
     begun = fit(first, np.zeros(first.size), whitener)
     held = hold(begun.jacobian, 1, whitener)
     put = np.concatenate((begun.u[:1], [-0.05], begun.u[1:]))
-    moved = follow(problem, put, whitener, held)
+    moved, said = follow(problem, put, whitener, held)
     assert moved[1] == put[1]
 
     def chi2(u: Vector) -> float:
         return chi2_of(problem, problem.measured - problem.predicted(u), whitener, u)
 
+    assert said == pytest.approx(chi2(moved))
     there = fit(problem, put, whitener)  # it ends elsewhere: the entry is free there
     assert there.chi2 <= chi2(moved) < chi2(put) - 100.0
     for nudge in (-0.1, 0.1):
@@ -137,7 +138,7 @@ def test_following_keeps_to_bounds() -> None:
     problem, whitener = toy(bounded, 13)
     first = problem.with_shared(Unknowns(bounded[:1]))
     held = hold(fit(first, np.zeros(first.size), whitener).jacobian, 1, whitener)
-    moved = follow(problem, np.zeros(problem.size), whitener, held)
+    moved, _ = follow(problem, np.zeros(problem.size), whitener, held)
     assert problem.shared.values(moved[:2])[0] == 2.5
 
 
