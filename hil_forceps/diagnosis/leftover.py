@@ -76,6 +76,17 @@ class Leftover(NamedTuple):
         return self.gain > (OVER_CHANCE_TWICE if self.twice else OVER_CHANCE) * self.threshold
 
 
+def seen_twice(first: Leftover, second: Leftover) -> Leftover:
+    """Return what both looks have in common: of each family the lesser of both, over what chance gives it."""
+    shares = {(place, variable): gain / second.threshold for place, variable, gain in second.families}
+    common = [
+        (place, variable, min(gain, shares[place, variable] * first.threshold))
+        for place, variable, gain in first.families
+    ]
+    common.sort(key=lambda family: -family[2])
+    return Leftover(common[0][2], first.threshold, min(first.total_gain, second.total_gain), tuple(common), twice=True)
+
+
 def scale_of(courses: Sequence[Course]) -> Scale:
     """Return the ranges of all runs."""
 
