@@ -4,7 +4,7 @@ Every entry is looked for at several shapes by its linear sensitivity; the best 
 All models that come within `SET_DROP` of the best are kept: the data can't tell them apart.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -46,6 +46,11 @@ class Choice:
     whitener: Whitener
     noise: Noise
     inflation: Mapping[str, float]  # of each entry: how much more than white noise chance gives it
+
+
+def below_threshold(candidates: Iterable[Candidate], dropped: Collection[str]) -> list[Candidate]:
+    """Return the candidates with those that were named and are dropped below the threshold."""
+    return [replace(c, state="below threshold") if c.state == "named" and c.id in dropped else c for c in candidates]
 
 
 class Chooser:
@@ -148,10 +153,7 @@ class Chooser:
         for place in reversed(range(len(model.effects))):
             less = without_effect(model, place, whitener)
             if less.fit.chi2 - model.fit.chi2 < scan.scores.threshold * self._looker.inflation[model.effects[place]]:
-                self._candidates = [
-                    replace(c, state="below threshold") if c.id == model.effects[place] and c.state == "named" else c
-                    for c in self._candidates
-                ]
+                self._candidates = below_threshold(self._candidates, {model.effects[place]})
                 model, rivals = less, [Rival(less, 0.0)]
         return model, rivals
 

@@ -24,7 +24,7 @@ from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
-from hil_forceps.diagnosis.second_look import confirmed, left_with_sharper_load
+from hil_forceps.diagnosis.second_look import confirmed, left_with_sharper_load, with_sharper_load
 from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, white_noise, whitening
 from hil_forceps.diagnosis.starting import completed, unknown_names
 from hil_forceps.diagnosis.trust import trusting
@@ -118,17 +118,17 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     chooser = Chooser(looker, options.progress, refresh)
     choice = chooser.choose(baseline, whitener)
     noise = records[0].load_noise
-    if choice.model.effects and noise is not None:
+    sharper = with_sharper_load(noise, rig, refresh) if noise is not None else None
+    if choice.model.effects and sharper is not None:
         options.progress("looking whether weak effects stay with the load smoothed less")
-        choice = confirmed(choice, noise, rig, refresh)
+        choice = confirmed(choice, sharper)
     options.progress("looking at what is left")
     gone_through = courses_of(setting, choice.model)
     curves = curves_along(gone_through, choice.model.problem.layout, choice.whitener, responses, options.mapper)
     after = leftover(choice.model, choice.whitener, curves, options.seed)
-    if after.asks_for_another_look and noise is not None:
+    if after.asks_for_another_look and sharper is not None:
         options.progress("looking at what is left once more, with the load smoothed less")
-        sharper = left_with_sharper_load(choice, noise, rig, refresh, responses, options.seed)
-        after = seen_twice(after, sharper)
+        after = seen_twice(after, left_with_sharper_load(choice, sharper, responses, options.seed))
     baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
     # Without effects both are one.
     before = leftover(baseline, choice.whitener, curves, options.seed) if choice.model.effects else after

@@ -5,12 +5,13 @@ that the catalogue doesn't have, or like a weak one that it has, whereas an effe
 smoothed less and keeps its corners.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 from hil_forceps.diagnosis.anew import Refresh, courses_of
 from hil_forceps.diagnosis.assemble import Setting, assemble
-from hil_forceps.diagnosis.choice import Choice, Rival
+from hil_forceps.diagnosis.choice import Choice, Rival, below_threshold
 from hil_forceps.diagnosis.experiment import smoothed_anew
 from hil_forceps.diagnosis.extension import Model, without_effect
 from hil_forceps.diagnosis.fit import fit, fit_again
@@ -25,14 +26,35 @@ STEPS = 4
 WEAK = 100.0  # gains from here on are more than bent corners have been seen to give
 STAYS = 0.25  # of the gain of a weak effect, with the load smoothed less: noise takes some of it
 
+Sharper = Callable[[Choice], tuple[Setting, Model, Whitener]]
 
-def confirmed(choice: Choice, noise: LoadNoise, rig: Rig, refresh: Refresh) -> Choice:
+
+def with_sharper_load(noise: LoadNoise, rig: Rig, refresh: Refresh) -> Sharper:
+    """Return what refits a choice's model with less of the load smoothed away; once for each choice."""
+
+    @cache
+    def sharper(choice: Choice) -> tuple[Setting, Model, Whitener]:
+        chosen, whitener = choice.model, choice.whitener
+        records = smoothed_anew(chosen.problem.records, noise, LESS_BENT)
+        setting = assemble(records, rig, chosen.problem.mapper, chosen.problem.shared)
+        problem = refresh(replace(setting.problem, base=chosen.problem.base), chosen.fit.u)
+        found = fit(problem, chosen.fit.u, whitener, steps=STEPS)
+        problem = refresh(problem, found.u)
+        model = replace(chosen, problem=problem, fit=fit(problem, found.u, whitener, steps=STEPS))
+        noise_left, _ = noise_of(model, choice.scan.columns, whitener, setting.floor)
+        whitener = whitening(problem.layout, noise_left)
+        return setting, replace(model, fit=fit_again(problem, model.fit, whitener)), whitener
+
+    return sharper
+
+
+def confirmed(choice: Choice, sharper: Sharper) -> Choice:
     """Return the choice without weak effects that lose most of their gain with less of the load smoothed away."""
     gains = {c.id: c.score for c in choice.candidates if c.state == "named" and c.score < WEAK}
     model, inflation = choice.model, choice.inflation
     if not gains.keys() & set(model.effects):
         return choice
-    _, sharp, whitener = _with_sharper_load(choice, noise, rig, refresh)
+    _, sharp, whitener = sharper(choice)
     # Both are to be compared, so this one is fitted to its end, too.
     sharp = replace(sharp, fit=fit(sharp.problem, sharp.fit.u, whitener, steps=2 * STEPS))
     for place in reversed(range(len(model.effects))):
@@ -45,31 +67,14 @@ def confirmed(choice: Choice, noise: LoadNoise, rig: Rig, refresh: Refresh) -> C
             sharp, model = less, without_effect(model, place, choice.whitener)
     if model.effects == choice.model.effects:
         return choice
-    candidates = tuple(
-        replace(c, state="below threshold") if c.state == "named" and c.id not in model.effects else c
-        for c in choice.candidates
-    )
+    dropped = {c.id for c in choice.candidates} - set(model.effects)
+    candidates = tuple(below_threshold(choice.candidates, dropped))
     return replace(choice, model=model, rivals=(Rival(model, 0.0),), candidates=candidates)
 
 
-def left_with_sharper_load(
-    choice: Choice, noise: LoadNoise, rig: Rig, refresh: Refresh, responses: Sequence[Response], seed: int
-) -> Leftover:
+def left_with_sharper_load(choice: Choice, sharper: Sharper, responses: Sequence[Response], seed: int) -> Leftover:
     """Return what is left beside the chosen model, refitted, with less of the load smoothed away."""
-    setting, model, whitener = _with_sharper_load(choice, noise, rig, refresh)
+    setting, model, whitener = sharper(choice)
     problem = model.problem
     curves = curves_along(courses_of(setting, model), problem.layout, whitener, responses, problem.mapper)
     return leftover(model, whitener, curves, seed)
-
-
-def _with_sharper_load(choice: Choice, noise: LoadNoise, rig: Rig, refresh: Refresh) -> tuple[Setting, Model, Whitener]:
-    chosen, whitener = choice.model, choice.whitener
-    records = smoothed_anew(chosen.problem.records, noise, LESS_BENT)
-    setting = assemble(records, rig, chosen.problem.mapper, chosen.problem.shared)
-    problem = refresh(replace(setting.problem, base=chosen.problem.base), chosen.fit.u)
-    found = fit(problem, chosen.fit.u, whitener, steps=STEPS)
-    problem = refresh(problem, found.u)
-    model = replace(chosen, problem=problem, fit=fit(problem, found.u, whitener, steps=STEPS))
-    noise_left, _ = noise_of(model, choice.scan.columns, whitener, setting.floor)
-    whitener = whitening(problem.layout, noise_left)
-    return setting, replace(model, fit=fit_again(problem, model.fit, whitener)), whitener
