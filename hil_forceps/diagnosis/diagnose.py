@@ -29,6 +29,7 @@ from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise,
 from hil_forceps.diagnosis.starting import completed, unknown_names
 from hil_forceps.diagnosis.trust import trusting
 from hil_forceps.diagnosis.unknowns import Unknowns
+from hil_forceps.diagnosis.unseen import left_unseen
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.plant import PlantParameters
@@ -71,6 +72,7 @@ class Findings(NamedTuple):
     choice: Choice
     before: Leftover  # beside the baseline
     after: Leftover  # beside the chosen model
+    unseen: Leftover | None  # beside it in the runs held out; None: nothing named, none held out, or driven by motion
     first_whitener: Whitener
 
 
@@ -124,11 +126,15 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
         choice = confirmed(choice, sharper)
     options.progress("looking at what is left")
     gone_through = courses_of(setting, choice.model)
-    curves = curves_along(gone_through, choice.model.problem.layout, choice.whitener, responses, options.mapper)
+    curves = curves_along(gone_through, choice.model.problem.layout, responses, options.mapper)
     after = leftover(choice.model, choice.whitener, curves, options.seed)
     if after.asks_for_another_look and sharper is not None:
         options.progress("looking at what is left once more, with the load smoothed less")
         after = seen_twice(after, left_with_sharper_load(choice, sharper, responses, options.seed))
+    unseen = None
+    if choice.model.effects and held_records and held_records[0].mode == "closed_loop":
+        options.progress("looking at what is left in the runs held out")
+        unseen = left_unseen(choice.model, held_records, rig, refresh, _responses, options.seed)
     baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
     # Without effects both are one.
     before = leftover(baseline, choice.whitener, curves, options.seed) if choice.model.effects else after
@@ -145,6 +151,7 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
         choice,
         before,
         after,
+        unseen,
         whitener,
     )
 

@@ -233,19 +233,15 @@ def _rates(i: Vector) -> list[Vector]:
 
 
 class Curves(NamedTuple):
-    """What the members of all curves do to the channels, made white and of norm 1."""
+    """What the members of all curves do to the channels."""
 
-    white: Matrix
+    columns: Matrix
     groups: tuple[Group, ...]
     names: tuple[tuple[str, str], ...]  # place and variable of each group
 
 
 def curves_along(
-    courses: Sequence[Course],
-    layout: Layout,
-    whitener: Whitener,
-    responses: Sequence[Response] | None,
-    mapper: Mapper,
+    courses: Sequence[Course], layout: Layout, responses: Sequence[Response] | None, mapper: Mapper
 ) -> Curves:
     """Return the curves over what runs went through; without `responses` (loop not known) those in the channels."""
     scale = scale_of(courses)
@@ -269,17 +265,31 @@ def curves_along(
             groups.append(Group(len(columns), len(columns) + len(found_columns), False))
             names.append((str(curve.place), curve.variable))
             columns += found_columns
-    white: Matrix = whitener.apply(np.stack(columns, axis=1))
+    return Curves(np.stack(columns, axis=1), tuple(groups), tuple(names))
+
+
+def whitened(curves: Curves, whitener: Whitener) -> Curves:
+    """Return curves made white and of norm 1."""
+    white: Matrix = whitener.apply(curves.columns)
     norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30))
-    return Curves((white / norms).astype(np.float32), tuple(groups), tuple(names))
+    white /= norms.astype(np.float32)
+    return curves._replace(columns=white)
 
 
 def leftover(model: Model, whitener: Whitener, curves: Curves, seed: int) -> Leftover:
     """Look for curves in what the model leaves."""
+    problem, found = model.problem, model.fit
+    fitted, residual = whitener.apply(found.jacobian), whitener.apply(found.residual)
+    white = whitened(curves, whitener)
+    return left_by_columns(problem.layout, fitted, problem.prior_weights(), found.u, residual, white, seed)
+
+
+def left_by_columns(
+    layout: Layout, fitted: Matrix, weights: Vector, u: Vector, residual: Flat, curves: Curves, seed: int
+) -> Leftover:
+    """Look for curves in a residual beside fitted columns with prior weights of u²; all whitened."""
     white, groups, names = curves
-    layout = model.problem.layout
-    fitted, residual = whitener.apply(model.fit.jacobian), whitener.apply(model.fit.residual)
-    found = score(fitted, model.problem.prior_weights(), model.fit.u, white, groups, residual, CHANCE, seed)
+    found = score(fitted, weights, u, white, groups, residual, CHANCE, seed)
     noise = left_by(np.concatenate((fitted, white), axis=1), residual[:, None])[:, 0]
     found = found._replace(gains=found.gains / inflations(layout, fitted, white, groups, noise))
     order = np.argsort(-found.gains)

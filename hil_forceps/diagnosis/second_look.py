@@ -76,5 +76,5 @@ def left_with_sharper_load(choice: Choice, sharper: Sharper, responses: Sequence
     """Return what is left beside the chosen model, refitted, with less of the load smoothed away."""
     setting, model, whitener = sharper(choice)
     problem = model.problem
-    curves = curves_along(courses_of(setting, model), problem.layout, whitener, responses, problem.mapper)
+    curves = curves_along(courses_of(setting, model), problem.layout, responses, problem.mapper)
     return leftover(model, whitener, curves, seed)

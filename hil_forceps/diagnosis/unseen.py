@@ -1,0 +1,77 @@
+"""What a model leaves in runs that were never used: a neighbour of the true cause is found out where motion is another.
+
+An entry that stands in for one that the catalogue lacks takes the values that suit the runs it was fitted to. So the
+model is held to them, within a fit's deviations, and what it leaves in the other runs is looked at as in the first.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.anew import Refresh, courses_of
+from hil_forceps.diagnosis.assemble import Setting, assemble
+from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.extension import Model
+from hil_forceps.diagnosis.fit import Fit, fit
+from hil_forceps.diagnosis.leftover import Leftover, curves_along, left_by_columns, whitened
+from hil_forceps.diagnosis.linear import Response
+from hil_forceps.diagnosis.look import noise_of
+from hil_forceps.diagnosis.spectrum import Whitener, white_noise, whitening
+from hil_forceps.diagnosis.unknowns import Unknowns
+from hil_forceps.rig import Rig
+
+STEPS = 4
+NOISE_ROUNDS = 2
+DOUBT = 2.0  # times the deviations of the fit, which are of its noise alone
+
+
+def left_unseen(
+    chosen: Model,
+    records: Sequence[Record],
+    rig: Rig,
+    refresh: Refresh,
+    responses_of: Callable[[Setting, Model, Rig], list[Response]],
+    seed: int,
+) -> Leftover:
+    """Return what curves find in runs that a model was not fitted to, beside it."""
+    setting, model, whitener = _beside(chosen, records, rig, refresh)
+    problem = model.problem
+    responses, courses = responses_of(setting, model, rig), courses_of(setting, model)
+    curves = curves_along(courses, problem.layout, responses, problem.mapper)
+    for _ in range(NOISE_ROUNDS):
+        noise, _ = noise_of(model, curves.columns, whitener, setting.floor)
+        whitener = whitening(problem.layout, noise)
+    white = whitener.apply(model.fit.jacobian)
+    count = len(problem.shared.items)
+    known = DOUBT * _root(chosen.fit.covariance[:count, :count])
+    fitted = np.concatenate((white[:, :count] @ known.astype(np.float32), white[:, count:]), axis=1)
+    u = np.concatenate((np.zeros(count), model.fit.u[count:]))
+    residual = whitener.apply(model.fit.residual)
+    return left_by_columns(problem.layout, fitted, np.ones(u.size), u, residual, whitened(curves, whitener), seed)
+
+
+def _beside(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh) -> tuple[Setting, Model, Whitener]:
+    """Return the model beside other runs; only what belongs to each run (zeros, start) is fitted to it."""
+    setting = assemble(records, rig, chosen.problem.mapper, chosen.problem.shared)
+    count = len(chosen.problem.shared.items)
+    problem = replace(setting.problem, base=chosen.problem.base)
+    u = np.concatenate((chosen.fit.u[:count], np.zeros(problem.nuisance_count)))
+    problem = refresh(problem, u)
+    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
+    bare = replace(problem.with_shared(Unknowns(())), base=problem.theta(u))
+    own = fit(bare, u[count:], whitener, steps=STEPS)
+    u = np.concatenate((u[:count], own.u))
+    shared = problem.shared_columns(u, own.outputs, range(count))
+    found = Fit(
+        u, own.chi2, own.residual, own.outputs, np.concatenate((shared, own.jacobian), axis=1), own.covariance, 0
+    )
+    return setting, replace(chosen, problem=problem, fit=found), whitener
+
+
+def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return L with L Lᵀ = covariance."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))

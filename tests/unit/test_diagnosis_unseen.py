@@ -1,0 +1,46 @@
+"""A neighbour that suits the fitted runs is found out in those held out."""
+
+from dataclasses import replace
+
+import pytest
+
+from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
+from hil_forceps.diagnosis.judge import judge
+from tests.hidden_effects.generator import RIG, SCENARIOS, generate, true_rig
+
+HIDDEN = "wire_damping"
+KINDS = ("teleoperation", "slow", "multisine", "trapezoid")  # slow motion to fit, quick to judge
+
+
+def found_without(*ids: str) -> Findings:
+    """Return what is found in runs of a damped wire when entries are missing from the catalogue."""
+    rig = true_rig(RIG, {HIDDEN: {"damping_N_s_per_m": 13.0}}, {})
+    runs = [
+        generate(rig, replace(SCENARIOS[kind], duration_s=6.0), 60 + k, name=kind) for k, kind in enumerate(KINDS)
+    ]
+    return investigate(runs, RIG, Options(without=frozenset(ids), hold_out=KINDS[-1:]))
+
+
+@pytest.mark.slow
+def test_a_neighbour_fails_where_motion_is_another() -> None:
+    true, neighbour = found_without(), found_without(HIDDEN)
+    assert true.choice.model.effects == (HIDDEN,)
+    assert neighbour.choice.model.effects
+    assert true.unseen is not None
+    assert neighbour.unseen is not None
+    assert neighbour.unseen.stands_out
+    assert neighbour.unseen.gain > 5.0 * true.unseen.gain
+    # In the fitted runs, neither leaves anything: the verdict comes from the runs held out.
+    assert not neighbour.after.stands_out
+    verdict = judge(neighbour)
+    assert verdict.verdict == "unnamed"
+    assert verdict.effects == ()
+    assert judge(neighbour._replace(unseen=None)).verdict != "unnamed"
+    assert judge(true).verdict == "effects"
+
+
+@pytest.mark.slow
+def test_nothing_held_out_nothing_unseen() -> None:
+    rig = true_rig(RIG, {HIDDEN: {"damping_N_s_per_m": 13.0}}, {})
+    runs = [generate(rig, replace(SCENARIOS["trapezoid"], duration_s=4.0), 7, name="only")]
+    assert investigate(runs, RIG, Options()).unseen is None
