@@ -1,14 +1,17 @@
 """From runs and a rig to a fitting problem, and to the first guess of its noise."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis import linear
 from hil_forceps.diagnosis.assemble_driven import driven_problem
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.first_rows import make_starts
+from hil_forceps.diagnosis.noise_shape import shaped
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
@@ -16,6 +19,7 @@ from hil_forceps.diagnosis.spectrum import make_layout, transform
 from hil_forceps.diagnosis.unknowns import Unknowns, known_parameters
 from hil_forceps.model import drive_law, parameters
 from hil_forceps.rig import Rig
+from hil_forceps.rig.plant import PlantParameters
 
 Vector = NDArray[np.float64]
 
@@ -65,7 +69,14 @@ def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknow
         mapper,
     )
     power = first_noise(simulator, layout.band_channel, rig)
+    problem = replace(problem, layout=shaped(layout, records, _responses(records, theta, rig, simulator), power))
     return Setting(problem, simulator, 0.2 * power, power)
+
+
+def _responses(records: Sequence[Record], theta: Vector, rig: Rig, simulator: ClosedLoop) -> list[linear.Response]:
+    plant = PlantParameters(*(float(value) for value in theta[: len(PlantParameters._fields)]))
+    law, added = rig.require_drive(), simulator.integral_per_s
+    return [linear.responses(plant, law, r.time_s.size, r.period_s, added) for r in records]
 
 
 def first_noise(simulator: ClosedLoop | Driven, band_channels: Sequence[str], rig: Rig) -> Vector:

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.smoothing import MOST_BENT, LoadNoise, smooth_load
+from hil_forceps.diagnosis.smoothing import MOST_BENT, LoadNoise, noise_left, smooth_load
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
@@ -39,6 +39,7 @@ class Record(NamedTuple):
     theta_j_rad: Vector | None = None  # in mode "driven" without a measured load: it drives, too
     raw_load_N_m: Vector | None = None  # as measured; only in closed loop
     load_noise: LoadNoise | None = None  # the load cell's
+    load_noise_left: LoadNoise | None = None  # what smoothing leaves of it
 
 
 def prepare(runs: Sequence[Run], rig: Rig) -> tuple[list[Record], list[str]]:
@@ -105,15 +106,15 @@ def with_raw_load(records: Sequence[Record]) -> list[Record]:
 
 def smoothed_anew(records: Sequence[Record], noise: LoadNoise, most_bent: float = MOST_BENT) -> list[Record]:
     """Return records whose load is smoothed with what has been found of its noise."""
-    return [
-        r
-        if r.raw_load_N_m is None
-        else r._replace(
-            tau_w_N_m=smooth_load(r.raw_load_N_m, r.edge_rows, r.period_s, noise, most_bent),
-            load_noise=noise,
-        )
-        for r in records
-    ]
+
+    def anew(record: Record) -> Record:
+        if record.raw_load_N_m is None:
+            return record
+        smooth = smooth_load(record.raw_load_N_m, record.edge_rows, record.period_s, noise, most_bent)
+        left = noise_left(smooth, record.edge_rows, record.period_s, noise, most_bent)
+        return record._replace(tau_w_N_m=smooth, load_noise=noise, load_noise_left=left)
+
+    return [anew(record) for record in records]
 
 
 def grid_of(time: Vector, period: float) -> tuple[Rows, Vector, Mask]:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 from scipy.linalg import solve_toeplitz, solveh_banded
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import lfilter, lfiltic
@@ -30,6 +31,7 @@ ORDER = 8  # of the filter that makes noise white
 FEWEST_ROWS = 8  # of a stretch between jumps that is smoothed at all
 FAST = 0.03  # cutoffs from here on let through what makes the wire ring
 MOST_BENT_FAST = 10.0
+REPLICAS, LOWEST_HZ, BANDS = 4, 1.0, 24  # of noise drawn anew; of what is told of it
 _GRID = (np.arange(4096) + 0.5) / 8192.0  # frequencies, of the sampling frequency
 
 
@@ -63,6 +65,30 @@ def smooth_load(
     return np.concatenate(
         [_through(piece, whitening, levels, most_bent) if piece.size >= FEWEST_ROWS else piece for piece in pieces]
     )
+
+
+def noise_left(
+    smooth: Vector, edge_rows: NDArray[np.intp], period_s: float, noise: LoadNoise, most_bent: float = MOST_BENT
+) -> LoadNoise:
+    """Return what smoothing leaves of the noise in a load like this one, from noise drawn anew."""
+    if float(noise.power.max()) <= 0.0:
+        return noise
+    rows, rng = smooth.size, np.random.default_rng(smooth.size)
+    frequency = fft.rfftfreq(rows, period_s)
+    colour = np.sqrt(np.interp(frequency, noise.frequency_Hz, noise.power))
+    before, after = np.zeros(frequency.size), np.zeros(frequency.size)
+    for _ in range(REPLICAS):
+        drawn = fft.irfft(fft.rfft(rng.standard_normal(rows)) * colour, rows)
+        left = smooth_load(smooth + drawn, edge_rows, period_s, noise, most_bent) - smooth
+        before += np.abs(fft.rfft(drawn)) ** 2
+        after += np.abs(fft.rfft(left)) ** 2
+    edges = np.concatenate(([0.0], np.geomspace(LOWEST_HZ, frequency[-1] * (1.0 + 1e-9), BANDS)))
+    band = np.searchsorted(edges, frequency, side="right") - 1
+    passed = np.bincount(band, after, BANDS) / np.maximum(np.bincount(band, before, BANDS), 1e-300)
+    middle = np.sqrt(np.maximum(edges[:-1], 0.5 * LOWEST_HZ) * edges[1:])
+    seen = np.bincount(band, minlength=BANDS) > 0
+    power = np.interp(middle[seen], noise.frequency_Hz, noise.power) * passed[seen]
+    return LoadNoise(middle[seen], power)
 
 
 def _predictor(power: Vector) -> tuple[Vector, float]:

@@ -42,6 +42,10 @@ class Layout(NamedTuple):
     band_of: Bands
     band_channel: tuple[str, ...]  # channel of each band
     band_Hz: Vector  # middle of each band
+    shape: Flat | None = None  # of the noise's power within each band, entry by entry, of mean 1; None: flat
+    follows: NDArray[np.complex64] | None = (
+        None  # how the jaw's noise follows the motor's, bin by bin of `pairs`; None: 1
+    )
 
 
 def make_layout(
@@ -129,7 +133,8 @@ class Noise(NamedTuple):
     """Noise of every band, and how much of the jaw's is the motor's: an error of the load cell moves both alike."""
 
     power: Vector  # of each band; of theta_j_rad what is left once the motor's share is taken out
-    mix: NDArray[np.complex128]  # of each band of theta_j_rad: its part that follows theta_m_rad; 0 elsewhere
+    mix: NDArray[np.complex128]  # of each band of theta_j_rad: its part that follows theta_m_rad, times
+    # `Layout.follows`; 0 elsewhere
 
 
 class Whitener(NamedTuple):
@@ -192,29 +197,43 @@ def measure_noise(layout: Layout, flat: Flat, leverage: Flat | None = None) -> N
     left = flat.astype(np.float64)
     cross = np.zeros(bands, dtype=np.complex128)
     power_of_motor = np.zeros(bands)
-    for start, stop, source in _pairs(layout):
+    follows = follows_of(layout)
+    for (start, stop, source), h in zip(_pairs(layout), follows, strict=True):
         here = layout.band_of[start:stop:2]
         jaw = left[start:stop].view(np.complex128)
-        motor = left[source : source + stop - start].view(np.complex128)
-        product = jaw * motor.conj()
+        followed = h * left[source : source + stop - start].view(np.complex128)
+        product = jaw * followed.conj()
         cross += np.bincount(here, product.real, bands) + 1j * np.bincount(here, product.imag, bands)
-        power_of_motor += np.bincount(here, np.abs(motor) ** 2, bands)
+        power_of_motor += np.bincount(here, np.abs(followed) ** 2, bands)
     known = power_of_motor > 0.0
     mix[known] = cross[known] / power_of_motor[known]
-    for start, stop, source in _pairs(layout):
+    for (start, stop, source), h in zip(_pairs(layout), follows, strict=True):
         here = layout.band_of[start:stop:2]
         motor = left[source : source + stop - start].view(np.complex128).copy()
-        left[start:stop].view(np.complex128)[:] -= mix[here] * motor
+        left[start:stop].view(np.complex128)[:] -= mix[here] * h * motor
+    squares = left**2 if layout.shape is None else left**2 / layout.shape
     count = np.bincount(layout.band_of, minlength=bands)
-    total = np.bincount(layout.band_of, weights=left**2, minlength=bands)
+    total = np.bincount(layout.band_of, weights=squares, minlength=bands)
     used = np.bincount(layout.band_of, weights=leverage, minlength=bands) if leverage is not None else 0.0
     return Noise(np.asarray(total / np.maximum(count - used, 0.25 * count)), mix)
+
+
+def follows_of(layout: Layout) -> list[NDArray[np.complex64]]:
+    """Return for each run with both angles how the jaw's noise follows the motor's, bin by bin."""
+    bins = [(stop - start) // 2 for start, stop, _ in _pairs(layout)]
+    whole = layout.follows if layout.follows is not None else np.ones(sum(bins), dtype=np.complex64)
+    return np.split(whole, np.cumsum(bins)[:-1]) if bins else []
 
 
 def whitening(layout: Layout, noise: Noise) -> Whitener:
     """Return what makes this noise white."""
     pairs = _pairs(layout)
-    mixes = [noise.mix[layout.band_of[start:stop:2]] for start, stop, _ in pairs]
+    mixes = [
+        noise.mix[layout.band_of[start:stop:2]] * h
+        for (start, stop, _), h in zip(pairs, follows_of(layout), strict=True)
+    ]
     mix = np.concatenate(mixes) if mixes else np.empty(0)
     factor = np.asarray((1.0 / np.sqrt(noise.power))[layout.band_of], dtype=np.float32)
+    if layout.shape is not None:
+        factor /= np.sqrt(layout.shape)
     return Whitener(factor, pairs, mix.astype(np.complex64))

@@ -6,7 +6,8 @@ import pytest
 
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.judge import judge
-from tests.hidden_effects.generator import RIG, SCENARIOS, generate, true_rig
+from tests.hidden_effects.generator import RIG, generate, true_rig
+from tests.hidden_effects.generator_scenarios import SCENARIOS
 
 HIDDEN = "wire_damping"
 KINDS = ("teleoperation", "slow", "multisine", "trapezoid")  # slow motion to fit, quick to judge
@@ -15,9 +16,7 @@ KINDS = ("teleoperation", "slow", "multisine", "trapezoid")  # slow motion to fi
 def found_without(*ids: str) -> Findings:
     """Return what is found in runs of a damped wire when entries are missing from the catalogue."""
     rig = true_rig(RIG, {HIDDEN: {"damping_N_s_per_m": 13.0}}, {})
-    runs = [
-        generate(rig, replace(SCENARIOS[kind], duration_s=6.0), 60 + k, name=kind) for k, kind in enumerate(KINDS)
-    ]
+    runs = [generate(rig, replace(SCENARIOS[kind], duration_s=6.0), 60 + k, name=kind) for k, kind in enumerate(KINDS)]
     return investigate(runs, RIG, Options(without=frozenset(ids), hold_out=KINDS[-1:]))
 
 

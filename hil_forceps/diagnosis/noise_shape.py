@@ -1,0 +1,68 @@
+"""How noise is spread within each band: what the load cell's noise does to a simulation that it drives.
+
+Smoothing leaves the slow part of that noise in the load. It moves the simulated motor and the simulated jaw and not the
+real ones, both in a known way, and no more above some Hz: within the lowest band of short runs the noise falls to a
+third. Were it taken as flat there, the lowest bins would pass for surer than they are, and chance would find slow
+curves and slow effects in them.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.linear import Response
+from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Layout, Part, pairs
+
+Vector = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+TELLING = 0.2  # mean coherence of a band: below it the jaw follows the motor by something else than the load's noise
+
+
+def shaped(layout: Layout, records: Sequence[Record], responses: Sequence[Response], sensors: Vector) -> Layout:
+    """Return the layout with the noise's shape within its bands; as it is where the load's noise isn't known.
+
+    `responses`: of each run, of a plant near the true one. `sensors`: power of the sensors' own noise in each band.
+    """
+    if any(record.load_noise_left is None for record in records):
+        return layout
+    power = sensors[layout.band_of]
+    follows: dict[int, Complex] = {}
+    for part in layout.parts:
+        if part.channel in responses[part.run].gains["jaw"]:
+            power[part.start : part.stop] += np.repeat(_of_load(part, records, responses), 2)
+    for motor, jaw in pairs(layout):
+        own = sensors[layout.band_of[motor.start : motor.stop : 2]]
+        of_load, whole = _of_load(jaw, records, responses), power[motor.start : motor.stop : 2]
+        # What of it follows the motor is taken out; the motor's own noise hides some.
+        power[jaw.start : jaw.stop] -= np.repeat(of_load * (1.0 - own / whole), 2)
+        gains = responses[motor.run].gains["jaw"]
+        ratio = gains[JAW] * gains[MOTOR].conj() / np.maximum(np.abs(gains[MOTOR]) ** 2, 1e-300)
+        follow = ratio * (1.0 - own / whole)
+        shared = of_load * (1.0 - own / whole)
+        coherence = shared / (of_load + sensors[layout.band_of[jaw.start : jaw.stop : 2]])
+        band = layout.band_of[jaw.start : jaw.stop : 2]
+        follows[jaw.run] = np.where(_mean(coherence, band) > TELLING, follow, 1.0)
+    power /= _mean(power, layout.band_of)
+    every = [follows[motor.run] for motor, _ in pairs(layout)]
+    return layout._replace(
+        shape=power.astype(np.float32), follows=np.concatenate(every).astype(np.complex64) if every else None
+    )
+
+
+def _of_load(part: Part, records: Sequence[Record], responses: Sequence[Response]) -> Vector:
+    """Return the power that the load's noise, as smoothing leaves it, has in each bin of a part."""
+    record = records[part.run]
+    noise = record.load_noise_left
+    assert noise is not None
+    frequency = np.arange((part.stop - part.start) // 2) / (part.rows * record.period_s)
+    left = np.interp(frequency, noise.frequency_Hz, noise.power)
+    return np.asarray(np.abs(responses[part.run].gains["jaw"][part.channel]) ** 2 * left)
+
+
+def _mean(values: Vector, band: NDArray[np.intp]) -> Vector:
+    """Return for each entry the mean of its band."""
+    count = np.bincount(band)
+    return np.asarray((np.bincount(band, weights=values) / np.maximum(count, 1))[band])
