@@ -15,6 +15,7 @@ from tests.firmware_library import make
 from tests.targets.closed_loop import check_loop, check_same_motion, close_loop
 from tests.targets.lockstep import ANSWER_BYTES, PATIENCE_S
 from tests.targets.record import Part, TargetRecord, recorded
+from tests.targets.setting import LONG, without_long
 from tests.targets.suite import DRIVE_AHEAD, check, judge
 
 # The suite is real time; QEMU stops now and then for longer than a bus, and takes a flood byte by byte.
@@ -100,7 +101,7 @@ def test_conformance(tmp_path: Path) -> None:
     with recorded(TARGET, Part.CONFORMANCE) as record:
         require_emulator(record)
         with emulator("mps2") as url:
-            check(judge(record, tmp_path / "out", "--serial", url, *MARGINS), 86)
+            check(judge(record, tmp_path / "out", "--serial", url, *MARGINS, *without_long()), 86 - len(LONG))
 
 
 def test_simulation_2(tmp_path: Path) -> None:
