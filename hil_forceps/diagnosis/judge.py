@@ -57,7 +57,7 @@ def judge(found: Findings) -> Judgement:
     if left := _unexplained(found, explained):
         place, variable, _ = left.families[0]
         said = f"Something is there that no entry of the catalogue explains; at {place}, it varies over {variable}."
-        reasons = _unnamed_reasons(model)
+        reasons = _unnamed_reasons(model, " in the runs held out" if left is found.unseen else "")
         over = tuple(dict.fromkeys(f"{p}: {v}" for p, v, gain in left.families[:4] if gain > left.threshold))
         return Judgement("unnamed", said, (), sets, shifts, over, reasons)
     if model.effects:
@@ -89,10 +89,10 @@ def _unexplained(found: Findings, explained: float) -> Leftover | None:
     return None
 
 
-def _unnamed_reasons(model: Model) -> tuple[str, ...]:
+def _unnamed_reasons(model: Model, where: str) -> tuple[str, ...]:
     if not model.effects:
         return ()
-    return (f"the nearest of the catalogue, {' + '.join(model.effects)}, leaves too much unexplained",)
+    return (f"the nearest of the catalogue, {' + '.join(model.effects)}, leaves too much unexplained{where}",)
 
 
 def _effects_sentence(named: Sequence[NamedEffect], sets: Sequence[tuple[str, ...]]) -> str:

@@ -10,7 +10,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 
 def ran(spec: Spec, *, gain: bool = False) -> Record:
-    record = run_case(spec, gain=gain)
+    record = run_case(spec, gain=gain, whole=False)
     assert "error" not in record
     assert "skipped" not in record
     return record

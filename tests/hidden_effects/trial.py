@@ -58,8 +58,11 @@ def options_of(spec: Spec, case: Case) -> Options:
     )
 
 
-def run_case(spec: Spec, *, gain: bool = False) -> Outcome:
-    """Return what came out of a case, ready for JSON; `gain`: play held-out runs, too, where something was named.
+def run_case(spec: Spec, *, gain: bool = False, whole: bool = True) -> Outcome:
+    """Return what came out of a case, ready for JSON.
+
+    `gain`: play held-out runs, too, where something was named. `whole`: diagnose runs of a deleted entry once more with
+    it, to tell whether the data tell it from all others.
 
     A size out of reach is told as `skipped`, a crash as `error`; neither raises, so that a campaign goes on.
     """
@@ -72,7 +75,7 @@ def run_case(spec: Spec, *, gain: bool = False) -> Outcome:
     record["hidden"] = {name: dict(values) for name, values in case.true.effects.items()}
     began = time.perf_counter(), time.process_time()
     try:
-        record |= _diagnosed(spec, case, gain=gain)
+        record |= _diagnosed(spec, case, gain=gain, whole=whole)
     except Exception as problem:  # whatever goes wrong is a result of the campaign
         where = traceback.extract_tb(problem.__traceback__)[-1]
         record["error"] = f"{type(problem).__name__}: {problem} ({where.name}, line {where.lineno})"
@@ -81,7 +84,7 @@ def run_case(spec: Spec, *, gain: bool = False) -> Outcome:
     return record
 
 
-def _diagnosed(spec: Spec, case: Case, *, gain: bool) -> Outcome:
+def _diagnosed(spec: Spec, case: Case, *, gain: bool, whole: bool) -> Outcome:
     if reasons := silent(case.runs, case.assumed):
         return {"verdict": "undetermined", "named": [], "sets": [], "reasons": list(reasons)}
     options = options_of(spec, case)
@@ -105,9 +108,9 @@ def _diagnosed(spec: Spec, case: Case, *, gain: bool) -> Outcome:
     if gain and verdict.verdict == "effects":
         record["gain"] = held_out_gain(found, case.assumed, options)
         record["explained"] = explained(found, case, spec, SCENARIO_SETS.get(spec.scenarios, REST)[1])
-    if spec.deleted:  # whether the data tell the deleted entry from all others
-        whole = judge(investigate(case.runs, case.assumed, replace(options, without=frozenset())))
-        record["whole"] = [list(ids) for ids in whole.sets]
+    if spec.deleted and whole:
+        with_it = judge(investigate(case.runs, case.assumed, replace(options, without=frozenset())))
+        record["whole"] = [list(ids) for ids in with_it.sets]
     return record
 
 

@@ -34,6 +34,7 @@ def test_a_neighbour_fails_where_motion_is_another() -> None:
     verdict = judge(neighbour)
     assert verdict.verdict == "unnamed"
     assert verdict.effects == ()
+    assert verdict.reasons[0].endswith("in the runs held out")
     assert judge(neighbour._replace(unseen=None)).verdict != "unnamed"
     assert judge(true).verdict == "effects"
 
