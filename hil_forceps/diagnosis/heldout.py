@@ -17,7 +17,7 @@ from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper
 from hil_forceps.diagnosis.result import Gain, RunEvidence
 from hil_forceps.diagnosis.shaking import with_encoder_errors
-from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Layout, Noise, measure_noise, white_noise, whitening
+from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Layout, Noise, followed, measure_noise, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
 
@@ -123,7 +123,7 @@ def floors_of(noise: Noise, layout: Layout, integral_per_s: float) -> dict[str, 
     motor, jaw = channels == MOTOR, channels == JAW
     power = noise.power.copy()
     if motor.any() and jaw.any() and motor.sum() == jaw.sum():
-        power[jaw] += np.abs(noise.mix[jaw]) ** 2 * power[motor]
+        power[jaw] += np.abs(followed(layout, noise)[jaw]) ** 2 * power[motor]
     power[motor] /= 1.0 + (integral_per_s / (2.0 * np.pi * layout.band_Hz[motor])) ** 2
     return {
         str(name): float(np.sqrt(np.average(power[channels == name], weights=counts[channels == name])))

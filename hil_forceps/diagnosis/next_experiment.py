@@ -27,7 +27,7 @@ from hil_forceps.diagnosis.menu import Bounds, Experiment, bounds_of, menu, traj
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.problem import Mapper, Matrix, Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
-from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, make_layout, transform, whitening
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, followed, make_layout, transform, whitening
 from hil_forceps.model import closed_loop, parameters
 from hil_forceps.rig.catalogue import EFFECTS
 
@@ -262,11 +262,11 @@ def record_of(experiment: Experiment, like: Record) -> Record:
 
 def noise_on(layout: Layout, measured_on: Layout, noise: Noise) -> Noise:
     """Return the noise that was measured on other runs, for the bands of this layout: the nearest in frequency."""
-    channels = np.array(measured_on.band_channel)
+    channels, follows = np.array(measured_on.band_channel), followed(measured_on, noise)
     power, mix = [], []
     for name, middle in zip(layout.band_channel, layout.band_Hz, strict=True):
         away = np.where(channels == name, np.abs(np.log(measured_on.band_Hz / middle)), np.inf)
         nearest = np.flatnonzero(away <= away.min() + 1e-9)  # one of each run
         power.append(noise.power[nearest].mean())
-        mix.append(noise.mix[nearest].mean())
+        mix.append(follows[nearest].mean())
     return Noise(np.array(power), np.array(mix))

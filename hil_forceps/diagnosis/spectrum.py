@@ -225,6 +225,17 @@ def follows_of(layout: Layout) -> list[NDArray[np.complex64]]:
     return np.split(whole, np.cumsum(bins)[:-1]) if bins else []
 
 
+def followed(layout: Layout, noise: Noise) -> NDArray[np.complex128]:
+    """Return for each band how much of the motor's noise the jaw's holds, on the mean over its bins."""
+    bands = len(layout.band_channel)
+    total, count = np.zeros(bands, dtype=np.complex128), np.zeros(bands)
+    for (start, stop, _), h in zip(_pairs(layout), follows_of(layout), strict=True):
+        here = layout.band_of[start:stop:2]
+        total += np.bincount(here, h.real, bands) + 1j * np.bincount(here, h.imag, bands)
+        count += np.bincount(here, minlength=bands)
+    return np.asarray(noise.mix * total / np.maximum(count, 1.0))
+
+
 def whitening(layout: Layout, noise: Noise) -> Whitener:
     """Return what makes this noise white."""
     pairs = _pairs(layout)

@@ -8,7 +8,7 @@ from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.noise_shape import shaped
 from hil_forceps.diagnosis.smoothing import LoadNoise, noise_left, smooth_load
-from hil_forceps.diagnosis.spectrum import JAW, Layout, make_layout, measure_noise, transform, whitening
+from hil_forceps.diagnosis.spectrum import JAW, Layout, followed, make_layout, measure_noise, transform, whitening
 from tests.hidden_effects.generator import RIG
 
 Vector = NDArray[np.float64]
@@ -91,3 +91,16 @@ def test_smoothing_leaves_what_is_slow() -> None:
 def test_no_noise_leaves_none() -> None:
     none = LoadNoise(np.array([0.0, 500.0]), np.zeros(2))
     assert noise_left(np.zeros(ROWS), NONE, PERIOD_S, none) is none
+
+
+def test_what_follows_is_told_band_by_band() -> None:
+    record = a_record()
+    layout = make_layout([list(SENSORS)], [record.weights], [PERIOD_S])
+    sensors = np.array([SENSORS[name] ** 2 for name in layout.band_channel])
+    flat = transform(layout, [residuals(answer(), 1)])
+    whole = shaped(layout, [record], [answer()], sensors)
+    first = layout.band_channel.index(JAW)
+    plain, told = (followed(each, measure_noise(each, flat))[first] for each in (layout, whole))
+    # The motor turns the jaw by the ratio of both pulleys; the wire's stretch comes on top.
+    assert abs(plain) > 1.3
+    np.testing.assert_allclose(told, plain, rtol=0.2)
