@@ -85,11 +85,13 @@ def simulate(
     *,
     ideal: bool = False,
     rounding_rad: NDArray[np.float64] | None = None,
+    load: LoadProfile | None = None,
     step_s: float = PLANT_STEP_S,
 ) -> tuple[NDArray[np.float64], Log]:
     """Return the reference and the log of a run without noise.
 
-    `ideal`: the encoder doesn't count either. The drive then reads what `rounding_rad` adds, sample by sample.
+    `ideal`: the encoder doesn't count either. The drive then reads what `rounding_rad` adds, sample by sample. `load`:
+    instead of the scenario's load and of what the jaw touches there.
     """
     law = rig.require_drive()
     course = course_of(scenario, seed)
@@ -106,11 +108,11 @@ def simulate(
         loop_of(rig),
         0.0 if ideal else quantum_rad(rig),
         reference,
-        course.load,
+        course.load if load is None else load,
         logged,
         jaw_start_rad(plant, effects, float(reference[0])),
         step_s,
-        course.environment,
+        course.environment if load is None else NO_ENVIRONMENT,
         rounding_rad,
     )
     return reference[logged], log

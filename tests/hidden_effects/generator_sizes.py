@@ -31,8 +31,8 @@ from tests.hidden_effects.generator import (
     simulate,
     true_rig,
 )
-from tests.hidden_effects.generator_scenarios import SCENARIOS
-from virtual_bus.load import piecewise_linear
+from tests.hidden_effects.generator_scenarios import NO_ENVIRONMENT, SCENARIOS, course_of
+from virtual_bus.load import LoadProfile, piecewise_linear
 from virtual_bus.logs import Log
 
 Effects = Mapping[str, Mapping[str, float]]
@@ -207,8 +207,23 @@ def shown(rig: Rig, scenarios: Sequence[str], seed: int, *, assumed: Rig, drop: 
 
 
 def _shaken(rig: Rig, name: str, seed: int, key: str) -> Log:
-    _, log = simulate(rig, SCENARIOS[name], seed, ideal=True, rounding_rad=_rounding(key, name, seed))
+    """Return a run under the load that the rig as assumed meets: what is touched answers to an effect, too.
+
+    That answer is measured and drives every simulation, so it is no part of what shows of the effect.
+    """
+    _, log = simulate(
+        rig, SCENARIOS[name], seed, ideal=True, rounding_rad=_rounding(key, name, seed), load=_load(key, name, seed)
+    )
     return log
+
+
+@lru_cache(maxsize=16)
+def _load(rig_json: str, name: str, seed: int) -> LoadProfile | None:
+    """Return the load of the run without effects where the jaw touches something; None where it doesn't."""
+    if course_of(SCENARIOS[name], seed).environment == NO_ENVIRONMENT:
+        return None
+    _, log = simulate(Rig.model_validate_json(rig_json), SCENARIOS[name], seed, ideal=True)
+    return piecewise_linear((SCENARIOS[name].row_s * np.arange(log.tau_w_N_m.size)).tolist(), log.tau_w_N_m.tolist())
 
 
 def _whitened(
