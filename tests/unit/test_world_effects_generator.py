@@ -125,7 +125,7 @@ def test_a_shift_alone_has_no_size_and_an_effect_has() -> None:
 
 
 def test_what_is_touched_answers_and_that_is_no_size() -> None:
-    """A stretched wire moves the jaw, so another load is met, which is measured; alone, only the jaw's zero shows it."""
+    """A stretched wire moves the jaw, so another load is met, which is measured; only the jaw's zero shows it."""
     stretched = {"wire_permanent_stretch": {"stretch_m": 8e-5}}
     free, touching = (effect_size(stretched, 1, scenarios=(kind,)) for kind in ("multisine", "grasp"))
     assert touching == pytest.approx(free, rel=0.1)
