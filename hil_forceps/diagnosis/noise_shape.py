@@ -18,6 +18,7 @@ from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Layout, Part, pairs
 Vector = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+LEAST = 0.1  # of a band's mean: what tapering lets in from other bins is never less
 TELLING = 0.2  # mean coherence of a band: below it the jaw follows the motor by something else than the load's noise
 
 
@@ -45,6 +46,7 @@ def shaped(layout: Layout, records: Sequence[Record], responses: Sequence[Respon
         coherence = shared / (of_load + sensors[layout.band_of[jaw.start : jaw.stop : 2]])
         band = layout.band_of[jaw.start : jaw.stop : 2]
         follows[jaw.run] = np.where(_mean(coherence, band) > TELLING, follow, 1.0)
+    power = np.maximum(power, LEAST * _mean(power, layout.band_of))
     power /= _mean(power, layout.band_of)
     every = [follows[motor.run] for motor, _ in pairs(layout)]
     return layout._replace(
