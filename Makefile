@@ -38,7 +38,7 @@ system: install
 # Conformance and simulation 2 on every target that this machine can have, then the table of what ran. What runs in
 # virtual time goes first, for it needs no quiet machine. `make targets` closes the loop over the 20 s of the paper and
 # runs one real-time target at a time: for figures to publish, on a machine with nothing else to do. In `make test` it is
-# 3 s, and two at a time.
+# 3 s, two at a time, and emulated machines are spared the flood of frames.
 targets: export HIL_FORCEPS_TARGETS_FULL = 1
 targets: TARGET_JOBS = 1
 targets: TARGET_RERUNS = 0

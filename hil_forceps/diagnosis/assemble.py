@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis import linear
+from hil_forceps.diagnosis import linear, predict_driven
 from hil_forceps.diagnosis.assemble_driven import driven_problem
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.first_rows import make_starts
@@ -69,14 +69,17 @@ def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknow
         mapper,
     )
     power = first_noise(simulator, layout.band_channel, rig)
-    problem = replace(problem, layout=shaped(layout, records, _responses(records, theta, rig, simulator), power))
+    problem = replace(problem, layout=shaped(layout, records, responses_of(simulator, theta, rig), power))
     return Setting(problem, simulator, 0.2 * power, power)
 
 
-def _responses(records: Sequence[Record], theta: Vector, rig: Rig, simulator: ClosedLoop) -> list[linear.Response]:
+def responses_of(simulator: ClosedLoop | Driven, theta: Vector, rig: Rig) -> list[linear.Response]:
+    """Return what torques, forces and loads do to the channels of each run, with these parameters of the model."""
     plant = PlantParameters(*(float(value) for value in theta[: len(PlantParameters._fields)]))
+    if isinstance(simulator, Driven):
+        return [predict_driven.responses(plant, record) for record in simulator.records]
     law, added = rig.require_drive(), simulator.integral_per_s
-    return [linear.responses(plant, law, r.time_s.size, r.period_s, added) for r in records]
+    return [linear.responses(plant, law, r.time_s.size, r.period_s, added) for r in simulator.records]
 
 
 def first_noise(simulator: ClosedLoop | Driven, band_channels: Sequence[str], rig: Rig) -> Vector:

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis import linear, predict_driven
 from hil_forceps.diagnosis.anew import courses_of, refresher
-from hil_forceps.diagnosis.assemble import Setting, assemble
+from hil_forceps.diagnosis.assemble import Setting, assemble, responses_of
 from hil_forceps.diagnosis.audit import Finding, audit
 from hil_forceps.diagnosis.choice import Choice, Chooser
 from hil_forceps.diagnosis.experiment import Record, mode_of, prepare, smoothed_anew, with_raw_load
@@ -32,7 +31,6 @@ from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.diagnosis.unseen import left_unseen
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
@@ -111,7 +109,7 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
         records, held_records = without_load_noise(records, held_records, rig, options)
     options.progress("fitting the known parameters")
     setting, nominal, baseline, whitener = fit_baseline(records, rig, options, unknown)
-    responses = _responses(setting, baseline, rig)
+    responses = responses_of(setting.simulator, baseline.problem.theta(baseline.fit.u), rig)
     courses = courses_of(setting, baseline)
     harmonics = fine_harmonics(courses) if records[0].mode == "driven" else HARMONICS
     scene = scene_of(courses, baseline, whitener, responses, harmonics)
@@ -134,7 +132,7 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     unseen = None
     if choice.model.effects and held_records and held_records[0].mode == "closed_loop":
         options.progress("looking at what is left in the runs held out")
-        unseen = left_unseen(choice.model, held_records, rig, refresh, _responses, options.seed)
+        unseen = left_unseen(choice.model, held_records, rig, refresh, options.seed)
     baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
     # Without effects both are one.
     before = leftover(baseline, choice.whitener, curves, options.seed) if choice.model.effects else after
@@ -168,7 +166,8 @@ def without_load_noise(
     problem = setting.problem
     whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
     assumed, _, left = assumed_noise(problem, whitener, setting.floor)
-    noise = load_noise(problem.layout, left, _responses(setting, assumed, rig), raw)
+    responses = responses_of(setting.simulator, problem.theta(assumed.fit.u), rig)
+    noise = load_noise(problem.layout, left, responses, raw)
     return smoothed_anew(records, noise), smoothed_anew(held_out, noise)
 
 
@@ -213,16 +212,6 @@ def fit_baseline(
     count = len(problem.shared.items)
     nominal = Model((), bare, fit(bare, baseline.fit.u[count:], whitener, steps=4))
     return setting, nominal, baseline, whitener
-
-
-def _responses(setting: Setting, baseline: Model, rig: Rig) -> list[linear.Response]:
-    theta = baseline.problem.theta(baseline.fit.u)
-    plant = PlantParameters(*(float(value) for value in theta[: len(PlantParameters._fields)]))
-    simulator = setting.simulator
-    if not isinstance(simulator, ClosedLoop):
-        return [predict_driven.responses(plant, record) for record in simulator.records]
-    law, added = rig.require_drive(), simulator.integral_per_s
-    return [linear.responses(plant, law, r.time_s.size, r.period_s, added) for r in simulator.records]
 
 
 __all__ = ["Findings", "Options", "fit_baseline", "investigate", "split_runs"]

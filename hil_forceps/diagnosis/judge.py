@@ -52,9 +52,8 @@ def judge(found: Findings) -> Judgement:
     """Return the verdict on runs that could be simulated."""
     choice, model = found.choice, found.choice.model
     shifts = parameter_shifts(model)
-    explained = found.baseline.fit.chi2 - model.fit.chi2
     sets = tuple(dict.fromkeys(rival.model.effects for rival in choice.rivals if rival.model.effects))
-    if left := _unexplained(found, explained):
+    if left := _unexplained(found):
         place, variable, _ = left.families[0]
         said = f"Something is there that no entry of the catalogue explains; at {place}, it varies over {variable}."
         reasons = _unnamed_reasons(model, " in the runs held out" if left is found.unseen else "")
@@ -77,10 +76,11 @@ def judge(found: Findings) -> Judgement:
     return Judgement("consistent", "The simulation agrees with the data to within their noise.", (), (), {}, (), ())
 
 
-def _unexplained(found: Findings, explained: float) -> Leftover | None:
+def _unexplained(found: Findings) -> Leftover | None:
     """Return what is left beyond doubt: in the fitted runs, or beside named effects in those held out."""
     # What numerics and the encoder's shaking leave grows with what there is to simulate.
     least = ACCURACY_OF_ALL * (found.nominal.fit.chi2 - found.choice.model.fit.chi2)
+    explained = found.baseline.fit.chi2 - found.choice.model.fit.chi2
     for left, share in ((found.after, UNEXPLAINED_SHARE), (found.unseen, UNSEEN_SHARE)):
         if left is None or not left.stands_out or left.gain <= least:
             continue

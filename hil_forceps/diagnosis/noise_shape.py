@@ -30,28 +30,24 @@ def shaped(layout: Layout, records: Sequence[Record], responses: Sequence[Respon
     if any(record.load_noise_left is None for record in records):
         return layout
     power = sensors[layout.band_of]
-    follows: dict[int, Complex] = {}
+    follows: list[Complex] = []
     for part in layout.parts:
         if part.channel in responses[part.run].gains["jaw"]:
             power[part.start : part.stop] += np.repeat(_of_load(part, records, responses), 2)
     for motor, jaw in pairs(layout):
         own = sensors[layout.band_of[motor.start : motor.stop : 2]]
-        of_load, whole = _of_load(jaw, records, responses), power[motor.start : motor.stop : 2]
-        # What of it follows the motor is taken out; the motor's own noise hides some.
-        power[jaw.start : jaw.stop] -= np.repeat(of_load * (1.0 - own / whole), 2)
+        # How much of the motor's noise is the load's: so much of the jaw's follows it and is taken out.
+        seen = 1.0 - own / power[motor.start : motor.stop : 2]
+        of_load, band = _of_load(jaw, records, responses), layout.band_of[jaw.start : jaw.stop : 2]
+        power[jaw.start : jaw.stop] -= np.repeat(of_load * seen, 2)
         gains = responses[motor.run].gains["jaw"]
         ratio = gains[JAW] * gains[MOTOR].conj() / np.maximum(np.abs(gains[MOTOR]) ** 2, 1e-300)
-        follow = ratio * (1.0 - own / whole)
-        shared = of_load * (1.0 - own / whole)
-        coherence = shared / (of_load + sensors[layout.band_of[jaw.start : jaw.stop : 2]])
-        band = layout.band_of[jaw.start : jaw.stop : 2]
-        follows[jaw.run] = np.where(_mean(coherence, band) > TELLING, follow, 1.0)
+        coherence = of_load * seen / (of_load + sensors[band])
+        follows.append(np.where(_mean(coherence, band) > TELLING, ratio * seen, 1.0))
     power = np.maximum(power, LEAST * _mean(power, layout.band_of))
     power /= _mean(power, layout.band_of)
-    every = [follows[motor.run] for motor, _ in pairs(layout)]
-    return layout._replace(
-        shape=power.astype(np.float32), follows=np.concatenate(every).astype(np.complex64) if every else None
-    )
+    bins = np.concatenate(follows).astype(np.complex64) if follows else None
+    return layout._replace(shape=power.astype(np.float32), follows=bins)
 
 
 def _of_load(part: Part, records: Sequence[Record], responses: Sequence[Response]) -> Vector:

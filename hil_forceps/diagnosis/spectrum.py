@@ -43,9 +43,7 @@ class Layout(NamedTuple):
     band_channel: tuple[str, ...]  # channel of each band
     band_Hz: Vector  # middle of each band
     shape: Flat | None = None  # of the noise's power within each band, entry by entry, of mean 1; None: flat
-    follows: NDArray[np.complex64] | None = (
-        None  # how the jaw's noise follows the motor's, bin by bin of `pairs`; None: 1
-    )
+    follows: NDArray[np.complex64] | None = None  # jaw's noise over the motor's, bin by bin of `pairs`; None: 1
 
 
 def make_layout(
@@ -133,8 +131,7 @@ class Noise(NamedTuple):
     """Noise of every band, and how much of the jaw's is the motor's: an error of the load cell moves both alike."""
 
     power: Vector  # of each band; of theta_j_rad what is left once the motor's share is taken out
-    mix: NDArray[np.complex128]  # of each band of theta_j_rad: its part that follows theta_m_rad, times
-    # `Layout.follows`; 0 elsewhere
+    mix: NDArray[np.complex128]  # of each band of theta_j_rad: its part that follows theta_m_rad, over `Layout.follows`
 
 
 class Whitener(NamedTuple):
@@ -201,15 +198,15 @@ def measure_noise(layout: Layout, flat: Flat, leverage: Flat | None = None) -> N
     for (start, stop, source), h in zip(_pairs(layout), follows, strict=True):
         here = layout.band_of[start:stop:2]
         jaw = left[start:stop].view(np.complex128)
-        followed = h * left[source : source + stop - start].view(np.complex128)
-        product = jaw * followed.conj()
+        turning = h * left[source : source + stop - start].view(np.complex128)
+        product = jaw * turning.conj()
         cross += np.bincount(here, product.real, bands) + 1j * np.bincount(here, product.imag, bands)
-        power_of_motor += np.bincount(here, np.abs(followed) ** 2, bands)
+        power_of_motor += np.bincount(here, np.abs(turning) ** 2, bands)
     known = power_of_motor > 0.0
     mix[known] = cross[known] / power_of_motor[known]
     for (start, stop, source), h in zip(_pairs(layout), follows, strict=True):
         here = layout.band_of[start:stop:2]
-        motor = left[source : source + stop - start].view(np.complex128).copy()
+        motor = left[source : source + stop - start].view(np.complex128)
         left[start:stop].view(np.complex128)[:] -= mix[here] * h * motor
     squares = left**2 if layout.shape is None else left**2 / layout.shape
     count = np.bincount(layout.band_of, minlength=bands)

@@ -4,19 +4,18 @@ An entry that stands in for one that the catalogue lacks takes the values that s
 model is held to them, within a fit's deviations, and what it leaves in the other runs is looked at as in the first.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.anew import Refresh, courses_of
-from hil_forceps.diagnosis.assemble import Setting, assemble
+from hil_forceps.diagnosis.assemble import Setting, assemble, responses_of
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import Fit, fit
 from hil_forceps.diagnosis.leftover import Leftover, curves_along, left_by_columns, whitened
-from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.look import noise_of
 from hil_forceps.diagnosis.spectrum import Whitener, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknowns
@@ -27,19 +26,12 @@ NOISE_ROUNDS = 2
 DOUBT = 2.0  # times the deviations of the fit, which are of its noise alone
 
 
-def left_unseen(
-    chosen: Model,
-    records: Sequence[Record],
-    rig: Rig,
-    refresh: Refresh,
-    responses_of: Callable[[Setting, Model, Rig], list[Response]],
-    seed: int,
-) -> Leftover:
+def left_unseen(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh, seed: int) -> Leftover:
     """Return what curves find in runs that a model was not fitted to, beside it."""
     setting, model, whitener = _beside(chosen, records, rig, refresh)
     problem = model.problem
-    responses, courses = responses_of(setting, model, rig), courses_of(setting, model)
-    curves = curves_along(courses, problem.layout, responses, problem.mapper)
+    responses = responses_of(setting.simulator, problem.theta(model.fit.u), rig)
+    curves = curves_along(courses_of(setting, model), problem.layout, responses, problem.mapper)
     for _ in range(NOISE_ROUNDS):
         noise, _ = noise_of(model, curves.columns, whitener, setting.floor)
         whitener = whitening(problem.layout, noise)

@@ -218,11 +218,18 @@ def _shaken(rig: Rig, name: str, seed: int, key: str) -> Log:
 
 
 @lru_cache(maxsize=16)
+def _ideal(rig_json: str, name: str, seed: int) -> Log:
+    """Return the run without effects and without counting."""
+    _, log = simulate(Rig.model_validate_json(rig_json), SCENARIOS[name], seed, ideal=True)
+    return log
+
+
+@lru_cache(maxsize=16)
 def _load(rig_json: str, name: str, seed: int) -> LoadProfile | None:
     """Return the load of the run without effects where the jaw touches something; None where it doesn't."""
     if course_of(SCENARIOS[name], seed).environment == NO_ENVIRONMENT:
         return None
-    _, log = simulate(Rig.model_validate_json(rig_json), SCENARIOS[name], seed, ideal=True)
+    log = _ideal(rig_json, name, seed)
     return piecewise_linear((SCENARIOS[name].row_s * np.arange(log.tau_w_N_m.size)).tolist(), log.tau_w_N_m.tolist())
 
 
@@ -274,7 +281,7 @@ def _noise(
     The noise is each sensor's own, and what is left of the load cell's after the best filter (Wiener's) for this load.
     """
     rig = Rig.model_validate_json(rig_json)
-    _, log = simulate(rig, SCENARIOS[name], seed, ideal=True)
+    log = _ideal(rig_json, name, seed)
     response = load_response(rig, log.tau_w_N_m.size, SCENARIOS[name].row_s, outputs)
     load_sd = rig.noise.tau_w_N_m if load_known else UNKNOWN_LOAD_N_M
     left = np.full(response.shape[0], load_sd**2)

@@ -23,9 +23,9 @@ LONG: Final = frozenset() if FULL else frozenset((86,))  # a flood of 65536 fram
 
 def without_long() -> list[str]:
     """Return the options of the suite that leave out what takes minutes on an emulated machine."""
-    return (
-        [word for number in REQUIREMENTS if number not in LONG for word in ("--only", name_of(number))] if LONG else []
-    )
+    if not LONG:
+        return []
+    return [word for number in REQUIREMENTS if number not in LONG for word in ("--only", name_of(number))]
 
 
 class Setting(NamedTuple):

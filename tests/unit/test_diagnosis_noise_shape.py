@@ -20,13 +20,15 @@ NONE = np.empty(0, dtype=np.intp)
 WHITE = LoadNoise(np.array([0.0, 500.0]), np.full(2, NOISE_N_M**2))
 
 
+TIME_S: Vector = PERIOD_S * np.arange(ROWS, dtype=np.float64)
+LOAD_N_M: Vector = 1e-3 * np.sin(2.0 * np.pi * 0.5 * TIME_S)
+
+
 def a_record() -> Record:
-    time_s: Vector = PERIOD_S * np.arange(ROWS, dtype=np.float64)
-    load = 1e-3 * np.sin(2.0 * np.pi * 0.5 * time_s)
-    left = noise_left(load, NONE, PERIOD_S, WHITE)
+    left = noise_left(LOAD_N_M, NONE, PERIOD_S, WHITE)
     channels = {name: np.zeros(ROWS) for name in SENSORS}
     return Record(
-        "run", "closed_loop", PERIOD_S, time_s, np.zeros(ROWS), channels, load, NONE, np.ones(ROWS), True,
+        "run", "closed_loop", PERIOD_S, TIME_S, np.zeros(ROWS), channels, LOAD_N_M, NONE, np.ones(ROWS), True,
         load_noise=WHITE, load_noise_left=left,
     )  # fmt: skip
 
@@ -35,11 +37,17 @@ def answer() -> Response:
     return linear.responses(RIG.plant(), RIG.require_drive(), ROWS, PERIOD_S)
 
 
+def flat_and_shaped(record: Record) -> tuple[Layout, Layout]:
+    """Return the layout of a run with even bands, and the same with what is known of the noise."""
+    layout = make_layout([list(SENSORS)], [record.weights], [PERIOD_S])
+    sensors = np.array([SENSORS[name] ** 2 for name in layout.band_channel])
+    return layout, shaped(layout, [record], [answer()], sensors)
+
+
 def residuals(response: Response, seed: int) -> dict[str, Vector]:
     """Return what a load measured with noise, and smoothed, leaves in a simulation without any error."""
     rng = np.random.default_rng(seed)
-    load = 1e-3 * np.sin(2.0 * np.pi * 0.5 * PERIOD_S * np.arange(ROWS))
-    wrong = smooth_load(load + NOISE_N_M * rng.standard_normal(ROWS), NONE, PERIOD_S, WHITE) - load
+    wrong = smooth_load(LOAD_N_M + NOISE_N_M * rng.standard_normal(ROWS), NONE, PERIOD_S, WHITE) - LOAD_N_M
     return {
         name: np.fft.irfft(np.fft.rfft(wrong) * response.gains["jaw"][name], ROWS)
         + deviation * rng.standard_normal(ROWS)
@@ -63,10 +71,7 @@ def lowest_over_rest(layout: Layout) -> float:
 
 
 def test_the_lowest_bins_are_as_sure_as_they_are() -> None:
-    record = a_record()
-    layout = make_layout([list(SENSORS)], [record.weights], [PERIOD_S])
-    sensors = np.array([SENSORS[name] ** 2 for name in layout.band_channel])
-    whole = shaped(layout, [record], [answer()], sensors)
+    layout, whole = flat_and_shaped(a_record())
     assert whole.shape is not None
     counts = np.bincount(layout.band_of)
     np.testing.assert_allclose(np.bincount(layout.band_of, weights=whole.shape) / counts, 1.0, rtol=1e-4)
@@ -75,9 +80,8 @@ def test_the_lowest_bins_are_as_sure_as_they_are() -> None:
 
 
 def test_without_the_load_s_noise_bands_stay_flat() -> None:
-    record = a_record()._replace(load_noise_left=None)
-    layout = make_layout([list(SENSORS)], [record.weights], [PERIOD_S])
-    assert shaped(layout, [record], [answer()], np.ones(len(layout.band_channel))) is layout
+    layout, same = flat_and_shaped(a_record()._replace(load_noise_left=None))
+    assert same is layout
 
 
 def test_smoothing_leaves_what_is_slow() -> None:
@@ -94,11 +98,8 @@ def test_no_noise_leaves_none() -> None:
 
 
 def test_what_follows_is_told_band_by_band() -> None:
-    record = a_record()
-    layout = make_layout([list(SENSORS)], [record.weights], [PERIOD_S])
-    sensors = np.array([SENSORS[name] ** 2 for name in layout.band_channel])
+    layout, whole = flat_and_shaped(a_record())
     flat = transform(layout, [residuals(answer(), 1)])
-    whole = shaped(layout, [record], [answer()], sensors)
     first = layout.band_channel.index(JAW)
     plain, told = (followed(each, measure_noise(each, flat))[first] for each in (layout, whole))
     # The motor turns the jaw by the ratio of both pulleys; the wire's stretch comes on top.

@@ -11,12 +11,12 @@ from tests.hidden_effects.generator_scenarios import SCENARIOS
 
 HIDDEN = "wire_damping"
 KINDS = ("teleoperation", "slow", "multisine", "trapezoid")  # slow motion to fit, quick to judge
+TRUE = true_rig(RIG, {HIDDEN: {"damping_N_s_per_m": 13.0}}, {})
 
 
 def found_without(*ids: str) -> Findings:
     """Return what is found in runs of a damped wire when entries are missing from the catalogue."""
-    rig = true_rig(RIG, {HIDDEN: {"damping_N_s_per_m": 13.0}}, {})
-    runs = [generate(rig, replace(SCENARIOS[kind], duration_s=6.0), 60 + k, name=kind) for k, kind in enumerate(KINDS)]
+    runs = [generate(TRUE, replace(SCENARIOS[kind], duration_s=6.0), 60 + k, name=kind) for k, kind in enumerate(KINDS)]
     return investigate(runs, RIG, Options(without=frozenset(ids), hold_out=KINDS[-1:]))
 
 
@@ -41,6 +41,5 @@ def test_a_neighbour_fails_where_motion_is_another() -> None:
 
 @pytest.mark.slow
 def test_nothing_held_out_nothing_unseen() -> None:
-    rig = true_rig(RIG, {HIDDEN: {"damping_N_s_per_m": 13.0}}, {})
-    runs = [generate(rig, replace(SCENARIOS["trapezoid"], duration_s=4.0), 7, name="only")]
+    runs = [generate(TRUE, replace(SCENARIOS["trapezoid"], duration_s=4.0), 7, name="only")]
     assert investigate(runs, RIG, Options()).unseen is None
