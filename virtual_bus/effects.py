@@ -65,6 +65,12 @@ class EffectNumbers(NamedTuple):
     coupling_torque: float
     loaded_mu: float
     loaded_angle: float
+    viscous_asymmetry: float
+    film_level: float
+    film_speed: float
+    grip_level: float
+    grip_mu: float
+    grip_angle: float
 
 
 def effect_numbers(effects: Mapping[str, Mapping[str, float]]) -> EffectNumbers:

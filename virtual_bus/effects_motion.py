@@ -73,12 +73,12 @@ def released(
     if m.omega_j != 0.0:
         side_j = math.copysign(1.0, m.omega_j)
     elif side_j == 0.0 and not holds_j:
-        drive = jaw_drive(m.theta_j, tension, u.load_N_m + u.load_slope * offset_s, p, e, env)
+        drive = jaw_drive(m.theta_j, memory, tension, u.load_N_m + u.load_slope * offset_s, p, e, env)
         level = jaw_level(m.theta_j, p, e)
         side_j = side_of(drive, level, level)
     return Memory(
-        memory.theta_m, memory.elongation, memory.presliding, memory.hysteresis, side_m, side_j, memory.behind,
-        memory.loaded,
+        memory.theta_m, memory.theta_j, memory.elongation, memory.presliding, memory.hysteresis, side_m, side_j,
+        memory.behind, memory.loaded, memory.gripped,
     )  # fmt: skip
 
 
@@ -87,14 +87,16 @@ def remembered(m: Motion, memory: Memory, side_m: float, side_j: float, p: Truth
     """Return the memory at the end of a way."""
     behind = behind_at(m, memory, e)
     x = elongation_of(m.theta_m - behind, m.theta_j, p, e)
-    presliding, hysteresis, loaded = 0.0, 0.0, 0.0
+    presliding, hysteresis, loaded, gripped = 0.0, 0.0, 0.0, 0.0
     if e.presliding_level != 0.0:
         presliding = slipped(memory.presliding, m.theta_m - memory.theta_m, e.presliding_angle)
     if e.hysteresis_force != 0.0:
         hysteresis = slipped(memory.hysteresis, x - memory.elongation, e.hysteresis_stretch)
     if e.loaded_mu != 0.0:
         loaded = slipped(memory.loaded, m.theta_m - memory.theta_m, e.loaded_angle)
-    return Memory(m.theta_m, x, presliding, hysteresis, side_m, side_j, behind, loaded)
+    if e.grip_level != 0.0 or e.grip_mu != 0.0:
+        gripped = slipped(memory.gripped, m.theta_j - memory.theta_j, e.grip_angle)
+    return Memory(m.theta_m, m.theta_j, x, presliding, hysteresis, side_m, side_j, behind, loaded, gripped)
 
 
 @kernel
@@ -236,7 +238,9 @@ def advance_with_effects(
     """
     m = Motion(state[0], state[1], state[2], state[3], state[4])
     x = elongation_of(m.theta_m - state[11], m.theta_j, p, e)
-    memory = Memory(m.theta_m, x, state[5], state[6], state[7], state[8], state[11], state[12])
+    memory = Memory(
+        m.theta_m, m.theta_j, x, state[5], state[6], state[7], state[8], state[11], state[12], state[13]
+    )  # fmt: skip
     target, current = state[9], state[10]
     tally, room = queue.tally, queue.due_ns.size
     left_ns = start_ns
@@ -265,4 +269,5 @@ def advance_with_effects(
         left_ns = right_ns
     state[0], state[1], state[2], state[3], state[4] = m.theta_m, m.omega_m, m.theta_j, m.omega_j, m.creep
     state[5], state[6], state[7], state[8] = memory.presliding, memory.hysteresis, memory.side_m, memory.side_j
-    state[9], state[10], state[11], state[12] = target, current, memory.behind, memory.loaded
+    state[9], state[10], state[11] = target, current, memory.behind
+    state[12], state[13] = memory.loaded, memory.gripped

@@ -26,6 +26,7 @@ class Memory(NamedTuple):
     """What a step takes as it was at its start."""
 
     theta_m: float
+    theta_j: float
     elongation: float
     presliding: float  # z of the motor's micro-slip
     hysteresis: float  # z of the wire
@@ -33,6 +34,7 @@ class Memory(NamedTuple):
     side_j: float
     behind: float  # the pulley is behind the motor by this within the play, rad
     loaded: float  # z of the micro-slip that grows with tension
+    gripped: float  # z of the jaw's micro-slip
 
 
 class Environment(NamedTuple):
@@ -183,6 +185,8 @@ def motor_drive(
     torque = constant * current_A * (1.0 + wave(e.ripple_sine, e.ripple_cosine, e.ripple_harmonic * m.theta_m))
     torque += wave(e.cogging_sine, e.cogging_cosine, e.cogging_harmonic * m.theta_m)
     torque -= p.motor_viscous_N_m_s_per_rad * warmed(e.viscous_change, e.viscous_time, time_s) * m.omega_m
+    if e.viscous_asymmetry * m.omega_m > 0.0:
+        torque -= abs(e.viscous_asymmetry) * m.omega_m
     if e.presliding_level != 0.0:
         torque -= e.presliding_level * slipped(memory.presliding, m.theta_m - memory.theta_m, e.presliding_angle)
     if e.loaded_mu != 0.0:
@@ -197,6 +201,8 @@ def motor_level(side: float, omega_m: float, tension: float, p: TruthParameters,
     level = p.motor_coulomb_N_m + e.mu * p.motor_pulley_radius_m * abs(tension)
     if e.stribeck_rise != 0.0:
         level += e.stribeck_rise * math.exp(-((omega_m / e.stribeck_speed) ** 2))
+    if e.film_level != 0.0:
+        level -= e.film_level * math.expm1(-abs(omega_m) / e.film_speed)
     if e.asymmetry * side > 0.0:
         level += abs(e.asymmetry)
     return level
@@ -212,11 +218,20 @@ def jaw_load(theta_j: float, load_N_m: float, env: Environment) -> float:
 
 @kernel
 def jaw_drive(
-    theta_j: float, tension: float, load_N_m: float, p: TruthParameters, e: EffectNumbers, env: Environment
+    theta_j: float,
+    memory: Memory,
+    tension: float,
+    load_N_m: float,
+    p: TruthParameters,
+    e: EffectNumbers,
+    env: Environment,
 ) -> float:
     """Return all torque on the jaw but its dry friction, N m."""
     weight = wave(e.gravity_sine, e.gravity_cosine, theta_j)
     held = e.coupling_stiffness * theta_j + e.coupling_torque
+    if e.grip_level != 0.0 or e.grip_mu != 0.0:
+        grip = slipped(memory.gripped, theta_j - memory.theta_j, e.grip_angle)
+        held += (e.grip_level + e.grip_mu * p.jaw_pulley_radius_m * abs(tension)) * grip
     return jaw_lever(theta_j, p, e) * tension - weight - held - jaw_load(theta_j, load_N_m, env)
 
 
@@ -239,7 +254,7 @@ def motion_rate(
         alpha_m = (torque - memory.side_m * motor_level(memory.side_m, omega_m, tension, p, e)) / p.motor_inertia_kg_m2
     if memory.side_j != 0.0:
         omega_j = m.omega_j
-        torque = jaw_drive(m.theta_j, tension, u.load_N_m + u.load_slope * offset_s, p, e, env)
+        torque = jaw_drive(m.theta_j, memory, tension, u.load_N_m + u.load_slope * offset_s, p, e, env)
         alpha_j = (torque - memory.side_j * jaw_level(m.theta_j, p, e)) / p.jaw_inertia_kg_m2
     if e.creep_share != 0.0:
         creep = (e.creep_share * tension / p.wire_stiffness_N_per_m - m.creep) / e.creep_time

@@ -9,7 +9,7 @@ from virtual_bus.plant import MAX_POLE_TIMES_STEP, TruthParameters, smooth_dynam
 
 STATE = (
     "theta_m", "omega_m", "theta_j", "omega_j", "creep", "presliding", "hysteresis", "side_m", "side_j",
-    "target_A", "current_A", "behind", "loaded",
+    "target_A", "current_A", "behind", "loaded", "gripped",
 )  # fmt: skip
 
 
@@ -38,7 +38,9 @@ def check_step(p: TruthParameters, e: EffectNumbers, current_limit_A: float, ste
     matrix[1, 0] -= e.presliding_level / e.presliding_angle / p.motor_inertia_kg_m2
     pulled = e.loaded_mu * p.torque_constant_N_m_per_A * current_limit_A
     matrix[1, 0] -= pulled / e.loaded_angle / p.motor_inertia_kg_m2
-    matrix[3, 2] -= e.coupling_stiffness / p.jaw_inertia_kg_m2
+    matrix[1, 1] -= (abs(e.viscous_asymmetry) + e.film_level / e.film_speed) / p.motor_inertia_kg_m2
+    held = e.grip_level + e.grip_mu * p.jaw_pulley_radius_m * force
+    matrix[3, 2] -= (e.coupling_stiffness + held / e.grip_angle) / p.jaw_inertia_kg_m2
     ways = np.array([p.motor_pulley_radius_m, -p.jaw_pulley_radius_m])
     inertias = np.array([p.motor_inertia_kg_m2, p.jaw_inertia_kg_m2])
     matrix[np.ix_([1, 3], [1, 3])] -= e.damping * np.outer(ways, ways) / inertias[:, np.newaxis]

@@ -86,7 +86,9 @@ def run_loop(
         now_ns = start_ns + k * period_ns
         m = Motion(state[0], state[1], state[2], state[3], state[4])
         x = elongation_of(m.theta_m - state[11], m.theta_j, p, e)
-        memory_here = Memory(m.theta_m, x, state[5], state[6], state[7], state[8], state[11], state[12])
+        memory_here = Memory(
+            m.theta_m, m.theta_j, x, state[5], state[6], state[7], state[8], state[11], state[12], state[13]
+        )  # fmt: skip
         truth[k, :columns] = state
         load = load_at(load_time_ns, load_N_m, segment_of(load_time_ns, now_ns), now_ns)
         truth[k, columns] = jaw_load(m.theta_j, load, env)

@@ -63,6 +63,8 @@ def _with_shape(entry: Effect, shape: Mapping[str, float], scene: Scene) -> list
     sizes = {p.name: _size(entry, p.typical, scene) for p in entry.parameters if p.neutral is not None}
     if entry.id == "channel_skew":  # each channel is a place of its own
         return [Probe(entry.id, {**dict.fromkeys(sizes, 0.0), name: sizes[name]}, (name,), False) for name in sizes]
+    if entry.id == "jaw_presliding":  # neither of its amplitudes can be negative
+        return [Probe(entry.id, {**shape, **dict.fromkeys(sizes, 0.0), n: sizes[n]}, (n,), True) for n in sizes]
     if entry.id == "jaw_position_friction":
         return _friction_over_angle(entry.id, sizes["slope_N_m_per_rad"], scene)
     first = next(p for p in entry.parameters if p.neutral is not None)
@@ -101,8 +103,10 @@ def _shapes(entry: Effect, scene: Scene) -> list[dict[str, float]]:
     """Return values of the parameters that are no amplitudes, one mapping per place to look."""
     looked_at: dict[str, tuple[str, Sequence[float]]] = {
         "stribeck_friction": ("speed_rad_per_s", scene.speeds_rad_per_s),
+        "film_friction": ("speed_rad_per_s", scene.speeds_rad_per_s),
         "presliding_friction": ("angle_rad", [share * scene.angle_range_rad for share in PRESLIDING_ANGLES]),
         "loaded_presliding": ("angle_rad", [share * scene.angle_range_rad for share in PRESLIDING_ANGLES]),
+        "jaw_presliding": ("angle_rad", [share * float(np.ptp(scene.jaw_reach_rad)) for share in PRESLIDING_ANGLES]),
         "viscous_drift": ("time_constant_s", [share * scene.duration_s for share in DRIFT_TIMES]),
         "torque_constant_drift": ("time_constant_s", [share * scene.duration_s for share in DRIFT_TIMES]),
         "wire_hysteresis": ("stretch_m", [share * scene.stretch_range_m for share in HYSTERESIS_STRETCHES]),

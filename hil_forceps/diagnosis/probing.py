@@ -24,6 +24,8 @@ BENT = frozenset(
         "stribeck_friction",
         "presliding_friction",
         "loaded_presliding",
+        "film_friction",
+        "jaw_presliding",
         "transmission_play",
         "load_dependent_friction",
         "coulomb_asymmetry",

@@ -29,6 +29,7 @@ from hil_forceps.model.physics import (
     coupling_N_m,
     encoder_rad,
     gravity_N_m,
+    grip_N_m,
     jaw_level_N_m,
     lever_m,
     lost_after,
@@ -39,6 +40,7 @@ from hil_forceps.model.physics import (
     rub_N_m,
     slide,
     torque_constant,
+    unlike_N_m,
     viscosity,
     wound_m,
 )
@@ -64,6 +66,8 @@ class Memory(NamedTuple):
     speed: float  # low-passed
     presliding: float
     loaded: float  # z of the presliding that grows with tension
+    gripped: float  # z of the jaw's presliding
+    theta_j: float  # as estimated
     lost_rad: float  # how far the pulley stays behind the motor
     loop: float
     creep_m: float
@@ -113,7 +117,9 @@ def begin(p: Physics, time_ns: int, shown_rad: float, torque_N_m: float) -> Memo
     current_A = _true_current(p, torque_N_m)
     angle = _true_angle(p, shown_rad)
     now = float(time_ns)
-    return Memory(now, now, angle, shown_rad, current_A, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    theta_j = paid_angle(p, wound_m(p, angle) - p.zero_stretch)
+    kept = (0.0, 0.0, 0.0, 0.0, theta_j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Memory(now, now, angle, shown_rad, current_A, *kept)
 
 
 @inlined
@@ -155,13 +161,13 @@ def before(
     level = motor_level_N_m(p, speed, m.tension_N)
     level += max(0.0, p.asymmetry) if speed > 0.0 else max(0.0, -p.asymmetry)
     friction = viscosity(p, time_s) * speed + level * _direction(speed, tuning.still)
-    friction += rub_N_m(p, presliding, loaded, m.tension_N)
+    friction += rub_N_m(p, presliding, loaded, m.tension_N) + unlike_N_m(p, speed)
     # r f = torque − friction − inertia: through the nominal radius, with the friction that the estimator takes off.
     theta_p = theta_m - lost
     seen = p.r_m / radius_m(p, theta_p) * (torque - friction) + paper
     memory = Memory(
-        m.first_ns, max(m.last_ns, float(time_ns)), theta_m, shown_rad, current, speed, presliding, loaded, lost,
-        m.loop, m.creep_m, m.stretched_m, m.tension_N, m.tau_w_N_m, m.elongation_m,
+        m.first_ns, max(m.last_ns, float(time_ns)), theta_m, shown_rad, current, speed, presliding, loaded,
+        m.gripped, m.theta_j, lost, m.loop, m.creep_m, m.stretched_m, m.tension_N, m.tau_w_N_m, m.elongation_m,
     )  # fmt: skip
     return memory, wound_m(p, theta_p) / p.r_m, seen
 
@@ -197,9 +203,11 @@ def after(p: Physics, m: Memory, tuning: Tuning, dt_s: float, tau_w_N_m: float, 
     direction = _direction(m.speed * p.r_m / p.r_j, tuning.still)
     load = tau_w_N_m + (lever_m(p, theta_j) - p.r_j) * tension - gravity_N_m(p, theta_j) - coupling_N_m(p, theta_j)
     load -= (jaw_level_N_m(p, theta_j) - p.jaw_coulomb) * direction
+    gripped = slide(m.gripped, theta_j - m.theta_j, p.grip_angle)
+    load -= grip_N_m(p, gripped, tension)
     return Memory(
-        m.first_ns, m.last_ns, m.theta_m, m.shown, m.current_A, m.speed, m.presliding, m.loaded, m.lost_rad, loop,
-        creep, stretched, tension, load, p.r_m * m.shown - p.r_j * theta_j,
+        m.first_ns, m.last_ns, m.theta_m, m.shown, m.current_A, m.speed, m.presliding, m.loaded, gripped,
+        theta_j, m.lost_rad, loop, creep, stretched, tension, load, p.r_m * m.shown - p.r_j * theta_j,
     )  # fmt: skip
 
 

@@ -88,7 +88,7 @@ def rest(theta: Vector, theta_m_rad: float, tension_N: float = 0.0, current_A: f
     if tension_N != 0.0:
         stretch += math.copysign(p.slack, tension_N)
     theta_j = paid_angle(p, wound_m(p, theta_m_rad) - p.zero_stretch - stretch)
-    plant = State(theta_m_rad, 0.0, theta_j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, current_A)
+    plant = State(theta_m_rad, 0.0, theta_j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, current_A)
     return Start(plant, DriveState(0.0, encoder_rad(p, theta_m_rad), 0.0, current_A))
 
 
@@ -144,7 +144,7 @@ def _rollout(
     edges = _edges(rows, inputs.edge_rows, inputs.edge_fractions)
     full = state_dependent(p)
     gains = np.empty((SHORT + 2, SIZE))
-    fill_all(gains, p, p.D_m, step_s)
+    fill_all(gains, p, viscosity(p, 0.0), step_s)
     inertia = (p.I_m / step_s, p.I_j / step_s)
     kept = (math.exp(-step_s / p.creep_time), math.exp(-step_s / PIECES / p.creep_time))
     c = current_step(step_s, steps, p.delay, p.lag)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil_forceps.model.kernel import kernel
+from hil_forceps.model.kernel import inlined, kernel
 from hil_forceps.model.parameters import Vector
 from hil_forceps.model.physics import (
     Physics,
@@ -19,6 +19,8 @@ from hil_forceps.model.physics import (
     dead_zone,
     followed,
     gravity_N_m,
+    grip_N_m,
+    grips,
     jaw_level_N_m,
     lost_after,
     motor_level_N_m,
@@ -27,6 +29,7 @@ from hil_forceps.model.physics import (
     rub_N_m,
     slide,
     torque_constant,
+    unlike_N_m,
     viscosity,
     wire,
 )
@@ -54,6 +57,7 @@ class Start(NamedTuple):
     loop: float = 0.0
     presliding: float = 0.0
     loaded: float = 0.0
+    gripped: float = 0.0
     lost_rad: float = 0.0
 
 
@@ -85,11 +89,11 @@ def _slip(
     before: tuple[float, float],
     load: float,
     h: float,
-    wire_state: tuple[float, float, float],
+    memory: tuple[float, float, float, float],
 ) -> float:
     """Return the jaw's speed at the end of a step with friction as part of `load`, by Newton's method."""
     theta, speed = before
-    creep, loop0, wound0 = wire_state
+    creep, loop0, wound0, gripped0 = memory
     end = speed
     for _ in range(_NEWTON):
         angle = theta + h * end
@@ -104,7 +108,14 @@ def _slip(
             stretch = dead_zone(w.elongation_m - p.zero_stretch - creep, p.slack)
             slope += p.k * (1.0 + 3.0 * p.hardening * stretch * stretch) + p.damping / h
         gap = p.I_j * (end - speed) / h - w.lever_m * pull + gravity_N_m(p, angle) + coupling_N_m(p, angle) + load
-        change = gap / (p.I_j / h + (w.lever_m * w.lever_m * slope + p.coupling_stiffness) * h)
+        stiffness = w.lever_m * w.lever_m * slope + p.coupling_stiffness
+        if grips(p):
+            way = h * end
+            gripped = slide(gripped0, way, p.grip_angle)
+            gap += grip_N_m(p, gripped, pull)
+            stiffness += grip_N_m(p, 1.0 - (gripped if way > 0.0 else -gripped), pull) / p.grip_angle
+            stiffness -= p.grip_mu * p.r_j * gripped * (1.0 if pull > 0.0 else -1.0) * w.lever_m * slope
+        change = gap / (p.I_j / h + stiffness * h)
         end -= change
         if abs(change) < 1e-12 * (1.0 + abs(end)):
             break
@@ -119,40 +130,52 @@ def _jaw_speed(
     before: tuple[float, float],
     load: float,
     h: float,
-    wire_state: tuple[float, float, float],
+    memory: tuple[float, float, float, float],
 ) -> float:
     """Return the jaw's speed at the end of a step: friction holds it where its level is enough."""
     level = jaw_level_N_m(p, before[0])
-    forward = _slip(p, theta_p, omega_p, before, load + level, h, wire_state)
+    forward = _slip(p, theta_p, omega_p, before, load + level, h, memory)
     if forward > 0.0 or level == 0.0:
         return forward
-    return min(0.0, _slip(p, theta_p, omega_p, before, load - level, h, wire_state))
+    return min(0.0, _slip(p, theta_p, omega_p, before, load - level, h, memory))
+
+
+@inlined
+def _slid(p: Physics, presliding: float, loaded: float, way: float) -> tuple[float, float]:
+    """Return the states of the motor's friction that builds up over a way."""
+    if p.presliding_level != 0.0:
+        presliding = slide(presliding, way, p.presliding_angle)
+    if p.loaded_mu != 0.0:
+        loaded = slide(loaded, way, p.loaded_angle)
+    return presliding, loaded
 
 
 @kernel
 def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: bool, start: Start) -> Vector:
     rows = c.motor.angle_rad.shape[0]
     out = np.empty((_ROWS, rows))
-    creep, loop, presliding, loaded, lost = start
+    creep, loop, presliding, loaded, gripped, lost = start
     kept = np.exp(-row_s / p.creep_time)
     theta_j, omega_j = c.jaw.angle_rad[0], c.jaw.speed_rad_per_s[0]
-    wound0 = 0.0
+    wound0, way_j = 0.0, 0.0
     for n in range(rows):
         theta_m, omega_m = c.motor.angle_rad[n], c.motor.speed_rad_per_s[n]
         time_s = n * row_s
         if n > 0:
             way = theta_m - c.motor.angle_rad[n - 1]
             lost = lost_after(p, lost, way)
-            if p.presliding_level != 0.0:
-                presliding = slide(presliding, way, p.presliding_angle)
-            if p.loaded_mu != 0.0:
-                loaded = slide(loaded, way, p.loaded_angle)
+            presliding, loaded = _slid(p, presliding, loaded, way)
         theta_p, omega_p = theta_m - lost, followed(p, lost, omega_m)
         if not known_load:
             theta_j, omega_j = c.jaw.angle_rad[n], c.jaw.speed_rad_per_s[n]
+            way_j = theta_j - c.jaw.angle_rad[n - 1] if n > 0 else 0.0
         elif n > 0:
-            omega_j = _jaw_speed(p, theta_p, omega_p, (theta_j, omega_j), c.tau_w_N_m[n], row_s, (creep, loop, wound0))
-            theta_j += row_s * omega_j
+            memory = (creep, loop, wound0, gripped)
+            omega_j = _jaw_speed(p, theta_p, omega_p, (theta_j, omega_j), c.tau_w_N_m[n], row_s, memory)
+            way_j = row_s * omega_j
+            theta_j += way_j
+        if grips(p):
+            gripped = slide(gripped, way_j, p.grip_angle)
         w = wire(p, theta_p, omega_p, theta_j, omega_j, creep, loop)
         if n > 0 and p.loop_force != 0.0:
             loop = slide(loop, w.elongation_m - wound0, p.loop_stretch)
@@ -165,12 +188,12 @@ def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: boo
         sign = max(-1.0, min(1.0, omega_m / still)) if still > 0.0 else np.sign(omega_m)
         torque = p.I_m * c.motor.acceleration_rad_per_s2[n] + viscosity(p, time_s) * omega_m + level * sign
         torque += rub_N_m(p, presliding, loaded, w.tension_N)
-        torque += w.radius_m * w.tension_N - cogging_N_m(p, theta_m)
+        torque += w.radius_m * w.tension_N - cogging_N_m(p, theta_m) + unlike_N_m(p, omega_m)
         out[0, n] = torque / (constant * (1.0 + ripple(p, theta_m)))
         out[1, n] = theta_j
         out[2, n] = c.tau_w_N_m[n]
         if not known_load:
-            friction = jaw_level_N_m(p, theta_j) * np.sign(omega_j)
+            friction = jaw_level_N_m(p, theta_j) * np.sign(omega_j) + grip_N_m(p, gripped, w.tension_N)
             inertia = p.I_j * c.jaw.acceleration_rad_per_s2[n]
             out[2, n] = (
                 w.lever_m * w.tension_N - friction - gravity_N_m(p, theta_j) - coupling_N_m(p, theta_j) - inertia
@@ -198,7 +221,7 @@ def _resting_jaw(p: Physics, theta_m: float, tau_w_N_m: float) -> float:
     """Return the jaw's angle in balance with the load, the wire's memory relaxed."""
     theta_j = paid_angle(p, p.r_m * theta_m)
     step_s = 1.0  # a step so long that inertia has no say
-    state = (0.0, 0.0, wire(p, theta_m, 0.0, theta_j, 0.0, 0.0, 0.0).elongation_m)
+    state = (0.0, 0.0, wire(p, theta_m, 0.0, theta_j, 0.0, 0.0, 0.0).elongation_m, 0.0)
     for _ in range(5):
         theta_j += step_s * _slip(p, theta_m, 0.0, (theta_j, 0.0), tau_w_N_m, step_s, state)
     return theta_j

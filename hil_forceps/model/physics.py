@@ -75,6 +75,12 @@ class Physics(NamedTuple):
     coupling_torque: float
     loaded_mu: float
     loaded_angle: float
+    viscous_asymmetry: float
+    film_level: float
+    film_speed: float
+    grip_level: float
+    grip_mu: float
+    grip_angle: float
 
 
 class State(NamedTuple):
@@ -88,6 +94,7 @@ class State(NamedTuple):
     loop: float  # z of the wire's hysteresis
     presliding: float  # z of the motor's presliding
     loaded: float  # z of the presliding that grows with tension
+    gripped: float  # z of the jaw's presliding
     lost_rad: float  # p: how far the pulley stays behind the motor
     current_A: float  # true current
 
@@ -234,6 +241,8 @@ def motor_level_N_m(p: Physics, omega_m: float, tension_N: float) -> float:
     if p.stribeck_rise != 0.0:
         share = omega_m / p.stribeck_speed
         level += p.stribeck_rise * math.exp(-share * share)
+    if p.film_level != 0.0:
+        level += p.film_level * (1.0 - math.exp(-abs(omega_m) / p.film_speed))
     return level
 
 
@@ -244,6 +253,18 @@ def rub_N_m(p: Physics, presliding: float, loaded: float, tension_N: float) -> f
     if p.loaded_mu != 0.0:
         rub += p.loaded_mu * p.r_m * abs(tension_N) * loaded
     return rub
+
+
+@inlined
+def grip_N_m(p: Physics, gripped: float, tension_N: float) -> float:
+    """Return the jaw's friction that builds up over a way; `gripped` from −1 to 1."""
+    return (p.grip_level + p.grip_mu * p.r_j * abs(tension_N)) * gripped
+
+
+@inlined
+def grips(p: Physics) -> bool:
+    """Whether the jaw has friction that builds up over a way."""
+    return p.grip_level != 0.0 or p.grip_mu != 0.0
 
 
 @inlined
@@ -271,10 +292,17 @@ def torque_constant(p: Physics, time_s: float) -> float:
 
 @inlined
 def viscosity(p: Physics, time_s: float) -> float:
-    """Return D at a time."""
+    """Return D at a time, the mean of both directions."""
+    mean = p.D_m + 0.5 * abs(p.viscous_asymmetry)
     if p.viscous_change == 0.0:
-        return p.D_m
-    return p.D_m * (1.0 + p.viscous_change * (1.0 - math.exp(-time_s / p.viscous_time)))
+        return mean
+    return mean + p.D_m * p.viscous_change * (1.0 - math.exp(-time_s / p.viscous_time))
+
+
+@inlined
+def unlike_N_m(p: Physics, omega_m: float) -> float:
+    """Return how much more than their mean the viscous friction of one direction brakes: a torque, one way always."""
+    return 0.5 * p.viscous_asymmetry * abs(omega_m)
 
 
 @inlined
@@ -282,9 +310,10 @@ def state_dependent(p: Physics) -> bool:
     """Whether anything beyond the linear plant with constant friction is on."""
     motor = abs(p.stribeck_rise) + abs(p.presliding_level) + abs(p.load_mu) + abs(p.viscous_change)
     motor += abs(p.cogging_sine) + abs(p.cogging_cosine) + abs(p.ripple_sine) + abs(p.ripple_cosine)
-    motor += abs(p.play) + abs(p.loaded_mu)
+    motor += abs(p.play) + abs(p.loaded_mu) + abs(p.viscous_asymmetry) + abs(p.film_level)
     jaw = abs(p.jaw_slope) + abs(p.jaw_curvature) + abs(p.gravity_sine) + abs(p.gravity_cosine)
     jaw += abs(p.lever_sine) + abs(p.lever_cosine) + abs(p.coupling_stiffness) + abs(p.coupling_torque)
+    jaw += abs(p.grip_level) + abs(p.grip_mu)
     of_wire = abs(p.slack) + abs(p.hardening) + abs(p.loop_force) + abs(p.creep_share) + abs(p.zero_stretch)
     of_wire += abs(p.pulley_sine) + abs(p.pulley_cosine) + abs(p.pitch)
     return motor + jaw + of_wire != 0.0

@@ -7,6 +7,7 @@ has its own rule (`friction`). A step in which the wire comes taut or slack, the
 speeds at which its friction falls, is taken again in short pieces.
 """
 
+import math
 from typing import NamedTuple
 
 from hil_forceps.model.friction import STOPPED, STUCK, Levels, Response, friction
@@ -40,16 +41,20 @@ from hil_forceps.model.physics import (
     coupling_N_m,
     followed,
     gravity_N_m,
+    grip_N_m,
+    grips,
     jaw_level_N_m,
     lost_after,
     motor_level_N_m,
     ripple,
     rub_N_m,
     slide,
+    unlike_N_m,
     wire,
 )
 
 _FALLEN = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
+_FILM = 0.3  # of the film's speed: below it a step is taken in pieces, and up to where the film is stiff
 
 
 class Torques(NamedTuple):
@@ -185,7 +190,8 @@ def _excess(p: Physics, g: Gains, s: int, m: Motion, w: Wire, d: Drive, current_
     linear = g[s, STIFFNESS] * (p.r_m * m.theta_m - p.r_j * m.theta_j)
     linear += g[s, DAMPING] * (p.r_m * m.omega_m - p.r_j * m.omega_j)
     motor = d.torque_constant * current_A * ripple(p, m.theta_m) + cogging_N_m(p, m.theta_m)
-    motor -= (d.viscosity - g[s, VISCOSITY]) * m.omega_m + (w.radius_m - p.r_m) * w.tension_N
+    motor -= (d.viscosity - g[s, VISCOSITY]) * m.omega_m + unlike_N_m(p, m.omega_m)
+    motor -= (w.radius_m - p.r_m) * w.tension_N
     jaw = (w.lever_m - p.r_j) * w.tension_N - gravity_N_m(p, m.theta_j) - coupling_N_m(p, m.theta_j)
     return Excess(w.tension_N - linear, motor, jaw)
 
@@ -215,11 +221,11 @@ def _wire_of(p: Physics, m: Motion, lost_rad: float, creep_m: float, loop: float
 
 @inlined
 def _corrections(
-    p: Physics, g: Gains, s: int, x: State, end: Motion, ways: tuple[float, float], first: Excess, last: Excess
+    p: Physics, g: Gains, s: int, x: State, end: Motion, ways: tuple[float, float, float], first: Excess, last: Excess
 ) -> Torques:
     """Return what the change of the effects over the step adds to the torques at its start, held.
 
-    `ways`: the wire's (its elongation), and how much the friction that builds up over a way has changed.
+    `ways`: the wire's (its elongation), and how much friction that builds up over a way has changed, motor and jaw.
     """
     by_mean = p.r_m * p.r_m * g[s, MOTOR_WAY + MOTOR_MEAN] + p.r_j * p.r_j * g[s, JAW_WAY + JAW_MEAN]
     by_mean -= p.r_m * p.r_j * (g[s, MOTOR_WAY + JAW_MEAN] + g[s, JAW_WAY + MOTOR_MEAN])
@@ -230,12 +236,16 @@ def _corrections(
     if ways[1] != 0.0:
         way = end.theta_m - x.theta_m_rad
         rub, rub_slope = held_back(ways[1], way, g[s, MOTOR_WAY + MOTOR_MEAN], g[s, MOTOR_WAY + MOTOR_SLOPE])
+    grip, grip_slope = 0.0, 0.0
+    if ways[2] != 0.0:
+        way = end.theta_j - x.theta_j_rad
+        grip, grip_slope = held_back(ways[2], way, g[s, JAW_WAY + JAW_MEAN], g[s, JAW_WAY + JAW_SLOPE])
     motor, jaw = last.motor - first.motor, last.jaw - first.jaw
     return Torques(
         0.5 * motor - p.r_m * pull - rub,
         motor - p.r_m * pull_slope - rub_slope,
-        0.5 * jaw + p.r_j * pull,
-        jaw + p.r_j * pull_slope,
+        0.5 * jaw + p.r_j * pull - grip,
+        jaw + p.r_j * pull_slope - grip_slope,
     )
 
 
@@ -249,11 +259,11 @@ def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kep
     w0 = _wire_of(p, now, x.lost_rad, x.creep_m, x.loop)
     s = base + (SLACK if w0.slack else TAUT)
     first = _excess(p, g, s, now, w0, d, d.current - 0.5 * d.current_slope)
-    rubbed = rub_N_m(p, x.presliding, x.loaded, w0.tension_N)
+    rubbed, held = rub_N_m(p, x.presliding, x.loaded, w0.tension_N), grip_N_m(p, x.gripped, w0.tension_N)
     u = Torques(
         d.torque_constant * d.current + first.motor - rubbed - p.r_m * first.wire,
         d.torque_constant * d.current_slope,
-        first.jaw + p.r_j * first.wire - d.load,
+        first.jaw + p.r_j * first.wire - d.load - held,
         -d.load_slope,
     )
     free, push = free_motion(p, g, s, x, u), _push(p, g, s, x, u)
@@ -272,7 +282,9 @@ def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kep
     last = _excess(p, g, s, end, w1, d, d.current + 0.5 * d.current_slope)
     slipped = slide(x.presliding, way, p.presliding_angle) if p.presliding_level != 0.0 else 0.0
     loaded = slide(x.loaded, way, p.loaded_angle) if p.loaded_mu != 0.0 else 0.0
-    ways = (w1.elongation_m - w0.elongation_m, rub_N_m(p, slipped, loaded, w1.tension_N) - rubbed)
+    gripped = slide(x.gripped, end.theta_j - now.theta_j, p.grip_angle) if grips(p) else 0.0
+    rub, grip = rub_N_m(p, slipped, loaded, w1.tension_N), grip_N_m(p, gripped, w1.tension_N)
+    ways = (w1.elongation_m - w0.elongation_m, rub - rubbed, grip - held)
     free = added(g, s, free, _corrections(p, g, s, x, end, ways, first, last))
     motor = Levels(level, motor_level_N_m(p, end.omega_m, w1.tension_N), rest, forward, backward)
     jaw = Levels(level_j, jaw_level_N_m(p, end.theta_j), level_j, 0.0, 0.0)
@@ -283,7 +295,7 @@ def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kep
 @inlined
 def _remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: float, current_A: float) -> State:
     """Return the state at the end of a step, with what wire and friction remember of it."""
-    creep, loop, presliding, loaded = x.creep_m, x.loop, x.presliding, x.loaded
+    creep, loop, presliding, loaded, gripped = x.creep_m, x.loop, x.presliding, x.loaded, x.gripped
     way = end.theta_m - x.theta_m_rad
     lost = lost_after(p, x.lost_rad, way)
     if p.creep_share != 0.0:
@@ -292,9 +304,12 @@ def _remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: flo
         presliding = slide(presliding, way, p.presliding_angle)
     if p.loaded_mu != 0.0:
         loaded = slide(loaded, way, p.loaded_angle)
+    if grips(p):
+        gripped = slide(gripped, end.theta_j - x.theta_j_rad, p.grip_angle)
     if p.loop_force != 0.0:
         loop = slide(loop, _wire_of(p, end, lost, creep, loop).elongation_m - w0.elongation_m, p.loop_stretch)
-    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, creep, loop, presliding, loaded, lost, current_A)
+    kept_z = (creep, loop, presliding, loaded, gripped, lost)
+    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, *kept_z, current_A)
 
 
 @inlined
@@ -306,12 +321,12 @@ def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: 
     u = Torques(d.torque_constant * d.current, d.torque_constant * d.current_slope, -d.load, -d.load_slope)
     free, push = free_motion(p, g, TAUT, x, u), _push(p, g, TAUT, x, u)
     end = settled(g, TAUT, x, free, push, inertia, motor, jaw)
-    kept = (x.creep_m, x.loop, x.presliding, x.loaded, x.lost_rad)
+    kept = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
     return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, *kept, d.current_end)
 
 
 @inlined
-def _sudden(p: Physics, x: State, end: State) -> bool:
+def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
     """Whether something happened in a step that wants shorter ones."""
     if p.play > 0.0 and (abs(x.lost_rad) < p.play or abs(end.lost_rad) < p.play):
         return True
@@ -320,10 +335,13 @@ def _sudden(p: Physics, x: State, end: State) -> bool:
         after = _wire_of(p, Motion(end.theta_m_rad, 0.0, end.theta_j_rad, 0.0), end.lost_rad, end.creep_m, end.loop)
         if before.slack != after.slack or before.tension_N * after.tension_N < 0.0:
             return True
-    if p.stribeck_rise == 0.0:
-        return False
+    slow = _FALLEN * p.stribeck_speed if p.stribeck_rise != 0.0 else 0.0
+    if p.film_level != 0.0:
+        # Beyond, its slope is at most half of what a step can take: L/ω_f exp(−|ω|/ω_f) < I/2h.
+        stiff = math.log(max(1.0, 2.0 * p.film_level / p.film_speed / inertia_per_step))
+        slow = max(slow, p.film_speed * max(_FILM, stiff))
     first, last = abs(x.omega_m_rad_per_s), abs(end.omega_m_rad_per_s)
-    return min(first, last) < _FALLEN * p.stribeck_speed and max(first, last) > 0.0
+    return min(first, last) < slow and max(first, last) > 0.0
 
 
 @kernel
@@ -345,6 +363,6 @@ def refined_step(
 ) -> State:
     """Return `full_step`, in pieces where it has to be; `kept`: what creep keeps over a step and over a piece."""
     end = full_step(p, g, TAUT, inertia, kept[0], x, d)
-    if _sudden(p, x, end):
+    if _sudden(p, inertia[0], x, end):
         return _in_pieces(p, g, inertia, kept[1], x, d)
     return end

@@ -5,7 +5,7 @@ Plain data. The mind's model and the simulated world implement each entry on the
     law      i_ref: the drive's law on θ_enc; i_ref → deadband → saturation → delay → lag → i (true current)
     sensors  i_meas = (1 + g) i + i0;  θ_enc = quantised((1 + s) θ_m + A_s sin θ_m + A_c cos θ_m);  a skewed channel is
              recorded as it was T_s earlier (in the log alone, not in the loop)
-    motor    I_m ω̇_m = K_t(t) i (1 + ripple(θ_m)) + cogging(θ_m) − D(t) ω_m − F_m − r(θ_p) f
+    motor    I_m ω̇_m = K_t(t) i (1 + ripple(θ_m)) + cogging(θ_m) − D(t, ω_m) ω_m − F_m − r(θ_p) f
     play     θ_p = θ_m − p,  |p| ≤ ψ,  ṗ = ω_m, but 0 where p would leave ±ψ; without play θ_p = θ_m
     wire     x = wound(θ_p) − paid(θ_j),  wound' = r(θ_p),  paid' = r_j(θ_j);  e = x − x0 − x_c;  d = dz(e, δ)
              f = k d (1 + β d²) + c ẋ [where d ≠ 0 or δ = 0] + h z
@@ -367,6 +367,40 @@ EFFECTS: tuple[Effect, ...] = (
         ),
         "sheath as a chain of Dahl elements: Palli, Melchiorri, ICRA 2006; Do et al., Mechatronics 24(1), 2014",
         "reversals under different loads",
+    ),
+    Effect(
+        "viscous_asymmetry",
+        "motor",
+        "viscous friction of the motor differs by direction",
+        "D += v for ω_m > 0 where v > 0, |v| for ω_m < 0 where v < 0 (both brake)",
+        (_P("difference_N_m_s_per_rad", "N_m_s_per_rad", -10.0, 10.0, 0.0, 2e-5, "forward less backward, v"),),
+        "Armstrong-Hélouvry, Control of Machines with Friction, 1991; Janot, Gautier, Brunot, EMPS, 2019",
+        "motion at several speeds in both directions",
+    ),
+    Effect(
+        "film_friction",
+        "motor",
+        "friction of the motor that a film of grease gives way to near standstill, where it flows",
+        "F_m += L (1 − exp(−|ω_m|/ω_f)) sgn ω_m",
+        (
+            _P("level_N_m", "N_m", 0.0, 1.0, 0.0, 1e-4, "friction at speed, L"),
+            _P("speed_rad_per_s", "rad_per_s", 1e-3, 1e3, None, 0.3, "speed over which it builds up, ω_f"),
+        ),
+        "yield stress of a grease, regularised: T. C. Papanastasiou, Journal of Rheology 31(5), 1987",
+        "slow motion at several speeds, both directions",
+    ),
+    Effect(
+        "jaw_presliding",
+        "jaw",
+        "friction at the jaw that builds up over a way, partly with the tension of the wire (pin, guides)",
+        "F_j += (L + μ r_j |f|) z,  ż = ω_j (1 − z sgn ω_j)/δ",
+        (
+            _P("level_N_m", "N_m", 0.0, 0.1, 0.0, 1e-5, "friction without tension once it slides, L"),
+            _P("mu", "", 0.0, 0.9, 0.0, 0.02, "friction torque over tension times radius once it slides, μ"),
+            _P("angle_rad", "rad", 1e-5, 2.0, None, 0.02, "angle over which it builds up, δ"),
+        ),
+        "P. R. Dahl 1968; sheath as a chain of such elements: Palli, Melchiorri, ICRA 2006",
+        "reversals of the jaw under different loads, and a jaw sensor",
     ),
 )
 

@@ -45,6 +45,8 @@ RANGES: dict[str, dict[str, tuple[float, float]]] = {  # of shape parameters, dr
     "stribeck_friction": {"speed_rad_per_s": (0.1, 0.6)},
     "presliding_friction": {"angle_rad": (5.0e-3, 5.0e-2)},
     "loaded_presliding": {"angle_rad": (5.0e-3, 5.0e-2)},
+    "film_friction": {"speed_rad_per_s": (0.1, 0.6)},
+    "jaw_presliding": {"angle_rad": (5.0e-3, 5.0e-2)},
     "viscous_drift": {"time_constant_s": (2.0, 8.0)},
     "torque_constant_drift": {"time_constant_s": (2.0, 8.0)},
     "wire_hysteresis": {"stretch_m": (5.0e-6, 4.0e-5)},

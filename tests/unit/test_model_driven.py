@@ -45,7 +45,7 @@ def closed(theta: Vector, quantum_rad: float = 0.0) -> Channels:
 
 SMOOTH = {
     None, "jaw_gravity", "wire_hardening", "wire_creep", "torque_ripple", "pulley_eccentricity",
-    "transmission_curve", "jaw_coupling", "loaded_presliding",
+    "transmission_curve", "jaw_coupling", "loaded_presliding", "viscous_asymmetry", "jaw_presliding",
 }  # fmt: skip
 
 
@@ -76,6 +76,7 @@ def test_predicts_what_the_closed_loop_did(effect_id: str | None) -> None:
 
 SEEN = [
     "cogging", "load_dependent_friction", "presliding_friction", "jaw_gravity", "jaw_coupling", "loaded_presliding",
+    "viscous_asymmetry", "jaw_presliding",
 ]  # fmt: skip
 
 

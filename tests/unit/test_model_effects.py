@@ -106,12 +106,15 @@ def motor_residual_N_m(theta: Vector, c: Channels, theta_m: Vector) -> Vector:
     radius += e["spool_radius_change.pitch_m_per_turn"] * theta_m / (2.0 * np.pi)
     level = P.motor_coulomb_N_m + e["load_dependent_friction.mu"] * r_m * np.abs(c.tension_N)
     level += e["stribeck_friction.rise_N_m"] * np.exp(-((omega / e["stribeck_friction.speed_rad_per_s"]) ** 2))
+    level += e["film_friction.level_N_m"] * (1.0 - np.exp(-np.abs(omega) / e["film_friction.speed_rad_per_s"]))
     a = e["coulomb_asymmetry.difference_N_m"]
     level += np.where(omega > 0.0, max(a, 0.0), max(-a, 0.0))
     friction = level * np.sign(omega)
     friction += e["presliding_friction.level_N_m"] * slid(np.diff(theta_m), e["presliding_friction.angle_rad"])
     z = slid(np.diff(theta_m), e["loaded_presliding.angle_rad"])
     friction += e["loaded_presliding.mu"] * r_m * np.abs(c.tension_N) * z
+    v = e["viscous_asymmetry.difference_N_m_s_per_rad"]
+    friction += np.where(omega * v > 0.0, abs(v), 0.0) * omega
     h = e["cogging.harmonic"]
     cogging = e["cogging.sine_N_m"] * np.sin(h * theta_m) + e["cogging.cosine_N_m"] * np.cos(h * theta_m)
     h = e["torque_ripple.harmonic"]
@@ -135,6 +138,8 @@ def jaw_residual_N_m(theta: Vector, c: Channels) -> Vector:
     level = np.maximum(0.0, level + e["jaw_position_friction.curvature_N_m_per_rad2"] * angle**2)
     weight = e["jaw_gravity.sine_N_m"] * np.sin(angle) + e["jaw_gravity.cosine_N_m"] * np.cos(angle)
     weight += e["jaw_coupling.stiffness_N_m_per_rad"] * angle + e["jaw_coupling.torque_N_m"]
+    grip = e["jaw_presliding.level_N_m"] + e["jaw_presliding.mu"] * P.jaw_pulley_radius_m * np.abs(c.tension_N)
+    weight += grip * slid(np.diff(angle), e["jaw_presliding.angle_rad"])
     curve = e["transmission_curve.cosine"] * np.cos(angle) + e["transmission_curve.sine"] * np.sin(angle)
     lever = P.jaw_pulley_radius_m * (1.0 + curve)
     torque = lever * c.tension_N - level * np.sign(c.omega_j_rad_per_s) - weight - c.tau_w_N_m

@@ -76,7 +76,7 @@ def mind(rig: Rig, start_rad: float, course: Vector, log: Log, substeps: int) ->
     t = dict(zip(TRUTH_COLUMNS, log.truth[0].tolist(), strict=True))
     plant = closed_loop.State(
         t["theta_m"], t["omega_m"], t["theta_j"], t["omega_j"], t["creep"], t["hysteresis"], t["presliding"],
-        t["loaded"], t["behind"], t["current_A"],
+        t["loaded"], t["gripped"], t["behind"], t["current_A"],
     )  # fmt: skip
     drive = closed_loop.DriveState(0.0, start_rad, 0.0, t["current_A"])
     rows = np.floor(EDGES_S / ROW_S).astype(np.int64)
@@ -126,7 +126,8 @@ def test_several_effects_at_once_are_the_same() -> None:
     names = (
         "presliding_friction", "load_dependent_friction", "jaw_gravity", "wire_hardening", "wire_damping",
         "torque_ripple", "electrical_lag", "actuation_delay", "encoder_eccentricity", "pulley_eccentricity",
-        "transmission_play", "transmission_curve", "jaw_coupling", "loaded_presliding",
+        "transmission_play", "transmission_curve", "jaw_coupling", "loaded_presliding", "viscous_asymmetry",
+        "jaw_presliding",
     )  # fmt: skip
     fine = compare({name: CASES[name] for name in names}, *STEPS[1])
     assert (fine.apart < USUAL * fine.effect).all()

@@ -76,6 +76,12 @@ ADDED: dict[str, Difference] = {
     "jaw_gravity": lambda m, z, i, t, f: (0.0, -(1e-5 * math.sin(m.theta_j) + 1e-5 * math.cos(m.theta_j))),
     "jaw_coupling": lambda m, z, i, t, f: (0.0, -(2e-5 * m.theta_j + 1e-5)),
     "loaded_presliding": lambda m, z, i, t, f: (-0.02 * 2.0e-3 * abs(f) * z.loaded, 0.0),
+    "viscous_asymmetry": lambda m, z, i, t, f: (-2e-5 * max(0.0, m.omega_m), 0.0),
+    "film_friction": lambda m, z, i, t, f: (
+        -1e-4 * (1.0 - math.exp(-abs(m.omega_m) / 0.3)) * sign(m.omega_m),
+        0.0,
+    ),
+    "jaw_presliding": lambda m, z, i, t, f: (0.0, -(1e-5 + 0.02 * 1.4e-3 * abs(f)) * z.gripped),
     "torque_constant_drift": lambda m, z, i, t, f: (1.35e-2 * i * -0.02 * (1.0 - math.exp(-t / 6.0)), 0.0),
     "cogging": lambda m, z, i, t, f: (1e-4 * (math.sin(6.0 * m.theta_m) + math.cos(6.0 * m.theta_m)), 0.0),
     "torque_ripple": lambda m, z, i, t, f: (
@@ -97,7 +103,7 @@ PULLED: dict[str, Callable[[Motion, Memory], float]] = {
 
 def torques(m: Motion, e: EffectNumbers, current_A: float, time_s: float) -> tuple[float, float, Memory]:
     x = elongation_of(m.theta_m, m.theta_j, P, e)
-    memory = Memory(m.theta_m, x, 0.4, -0.7, sign(m.omega_m), sign(m.omega_j), BEHIND_RAD, 0.3)
+    memory = Memory(m.theta_m, m.theta_j, x, 0.4, -0.7, sign(m.omega_m), sign(m.omega_j), BEHIND_RAD, 0.3, -0.6)
     u = Inputs(current_A, current_A, 0.0, 1.0e-3, 0.0, time_s)
     rate = motion_rate(m, memory, u, 0.0, P, e, NO_ENVIRONMENT)
     return rate.omega_m * TABLE_I.motor_inertia_kg_m2, rate.omega_j * TABLE_I.jaw_inertia_kg_m2, memory
@@ -162,7 +168,7 @@ def test_play_is_lost_at_each_reversal_and_nowhere_else() -> None:
         assert pulley == pytest.approx([2e-3, -1e-3, -2e-3, 0.0, 2e-3])
         # In the gap the wire neither winds nor lets go of its tension.
         e = numbers(transmission_play={"half_width_rad": 2.0e-3})
-        memory = Memory(0.5, 0.0, 0.0, 0.0, 1.0, 1.0, -1.0e-3, 0.0)
+        memory = Memory(0.5, 0.5, 0.0, 0.0, 0.0, 1.0, 1.0, -1.0e-3, 0.0, 0.0)
         jaw = (2.0e-3 * 0.501 - tension_N / 2.6e4) / 1.4e-3
         for way in (0.0, 1.0e-3, 2.9e-3):
             assert tension_of(Motion(0.5 + way, 0.0, jaw, 0.0, 0.0), memory, P, e) == pytest.approx(tension_N, abs=1e-9)
