@@ -1,4 +1,4 @@
-"""What hangs on a model and is taken anew with a better one: the encoder's rounding, and the course of each run."""
+"""What hangs on a model and is taken anew with a better one: what noise does to it, and the course of each run."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,6 +10,7 @@ from hil_forceps.diagnosis.assemble import Setting
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.predict import ClosedLoop
+from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.shaking import with_encoder_errors
 from hil_forceps.rig import Rig
@@ -19,11 +20,14 @@ Refresh = Callable[[Problem, Vector], Problem]
 
 
 def refresher(rig: Rig) -> Callable[[Problem, Vector], Problem]:
-    """Return what takes the encoder's rounding anew with a better model."""
+    """Return what takes anew with a better model what the encoder's rounding, or the noise of what drives, does."""
     quantum = quantum_of(rig)
 
     def refresh(problem: Problem, u: Vector) -> Problem:
         loop = problem.simulate_runs
+        if isinstance(loop, Driven):
+            driven = loop.with_motion_noise(problem.theta(u), problem.nuisances(u), problem.mapper)
+            return replace(problem, simulate_runs=driven)
         if quantum <= 0.0 or not isinstance(loop, ClosedLoop):
             return problem
         found = with_encoder_errors(loop, problem.theta(u), problem.nuisances(u), quantum, problem.mapper)

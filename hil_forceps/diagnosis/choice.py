@@ -21,7 +21,7 @@ from hil_forceps.diagnosis.spectrum import Noise, Whitener, whitening
 
 Vector = NDArray[np.float64]
 
-MAX_EFFECTS = 3
+MAX_EFFECTS = 6
 SHORTLIST = 7
 SHORTLIST_DROP = 40.0  # of the linear gain below the best
 SET_DROP = 6.0

@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.estimates import estimate_gains
 from hil_forceps.diagnosis.experiment import mode_of
 from hil_forceps.diagnosis.gauge import with_scale
-from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, play, play_fitted
+from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, no_more_than_left, play, play_fitted
 from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, parameter_shifts, trends
 from hil_forceps.diagnosis.ladder import ladder
 from hil_forceps.diagnosis.next_experiment import propose
@@ -78,6 +78,8 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
     theta_nominal = parameters.vector(rig)
     layout = model.problem.layout
     unexplained = floors_of(found.choice.noise, layout, found.setting.simulator.integral_per_s)
+    if found.records[0].mode == "driven":
+        unexplained = no_more_than_left(unexplained, model)
     floors, repeated = floors_with_strokes((*found.records, *found.held_out), unexplained)
     held_floors, _ = floors_with_strokes(found.held_out, unexplained)
     named = [effect.id for effect in verdict.effects]

@@ -23,6 +23,14 @@ JUMP_IN_SD = 8.0  # an increment of τ_w this far above its usual size is a step
 AFTER_GAP_S = 0.05
 
 
+class Calm(NamedTuple):
+    """What drives a run in mode "driven", without its noise: what sensitivities come from."""
+
+    motor_rad: Vector
+    tau_w_N_m: Vector | None
+    theta_j_rad: Vector | None  # where it drives
+
+
 class Record(NamedTuple):
     """One run on an even grid."""
 
@@ -40,6 +48,7 @@ class Record(NamedTuple):
     raw_load_N_m: Vector | None = None  # as measured; only in closed loop
     load_noise: LoadNoise | None = None  # the load cell's
     load_noise_left: LoadNoise | None = None  # what smoothing leaves of it
+    calm: Calm | None = None  # in mode "driven"
 
 
 def prepare(runs: Sequence[Run], rig: Rig) -> tuple[list[Record], list[str]]:

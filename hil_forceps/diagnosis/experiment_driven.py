@@ -1,7 +1,8 @@
 """Runs made ready where the measured motion drives the simulation: smoothed, thinned out, rows at rest masked.
 
 Every channel goes through the same zero-phase low pass, so that balances between them hold as they did before; then
-rows are taken at a rate at which nothing of what passed is lost.
+rows are taken at a rate at which nothing of what passed is lost. What drives is there a second time, smoothed instant by
+instant as far as its noise asks for: sensitivities must not depend on the noise, which the residual holds, too.
 """
 
 from collections.abc import Sequence
@@ -10,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from hil_forceps.diagnosis.experiment import BURN_IN_S, JITTER_FOR_RESAMPLING, Record, grid_of, jitter_of, jumps
+from hil_forceps.diagnosis.experiment import BURN_IN_S, JITTER_FOR_RESAMPLING, Calm, Record, grid_of, jitter_of, jumps
+from hil_forceps.diagnosis.shaking import on_grid
+from hil_forceps.diagnosis.smoothing import LoadNoise, smooth_load, white_deviation
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
 
@@ -25,6 +28,7 @@ FEWEST_ROWS = 50
 AROUND_JUMP_S = 0.04  # longer than the low pass answers
 STILL_SHARE = 0.03  # of the top speed: below it friction may be anything up to its level
 TOP_QUANTILE = 0.99
+DRIVING = ("theta_m_rad", "theta_j_rad", "tau_w_N_m")
 CHANNELS = ("theta_m_rad", "current_A", "tau_m_N_m", "theta_j_rad", "tau_w_N_m")
 
 
@@ -66,7 +70,12 @@ def _record(run: Run, period: float, factor: int) -> Record:
     edges = jumps(columns["tau_w_N_m"]) if "tau_w_N_m" in columns else np.empty(0, dtype=np.intp)
     step = float(factor * period)
     low_pass = butter(ORDER, 2.0 * PASS_SHARE / factor, output="sos")
-    columns = {name: np.ascontiguousarray(sosfiltfilt(low_pass, values)[::factor]) for name, values in columns.items()}
+
+    def slow(values: Vector) -> Vector:
+        return np.ascontiguousarray(sosfiltfilt(low_pass, values)[::factor])
+
+    calm = {name: slow(without_noise(columns[name], edges, period)) for name in DRIVING if name in columns}
+    columns = {name: slow(values) for name, values in columns.items()}
     angle = columns.pop("theta_m_rad")
     count = angle.size
     weights: Vector = np.where(np.maximum.reduceat(missing, np.arange(0, missing.size, factor)), 0.0, 1.0)
@@ -90,7 +99,17 @@ def _record(run: Run, period: float, factor: int) -> Record:
         weights,
         not uneven,
         jaw,
+        calm=Calm(calm["theta_m_rad"], calm.get("tau_w_N_m"), calm.get("theta_j_rad") if load is None else None),
     )
+
+
+def without_noise(values: Vector, edges: NDArray[np.intp], period_s: float) -> Vector:
+    """Return a channel without its noise, that of counting or what changes from row to row, whichever is more."""
+    steps = np.abs(np.diff(values))
+    quantum = float(np.min(steps[steps > 0.0], initial=np.inf))
+    counted = quantum / np.sqrt(12.0) if np.isfinite(quantum) and on_grid(values, quantum) else 0.0
+    variance = max(counted, white_deviation([values])) ** 2
+    return smooth_load(values, edges, period_s, LoadNoise(np.array([0.0, 0.5 / period_s]), np.full(2, variance)))
 
 
 def _away(edges: NDArray[np.intp], factor: int, count: int, reach: int) -> Vector:

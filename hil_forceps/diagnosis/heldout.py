@@ -131,6 +131,23 @@ def floors_of(noise: Noise, layout: Layout, integral_per_s: float) -> dict[str, 
     }
 
 
+def no_more_than_left(floors: Mapping[str, float], model: Model) -> dict[str, float]:
+    """Return floors [rms] that are no higher than what a model leaves in the runs that it was fitted to.
+
+    Low bands hold few numbers and a catalogue takes most of their freedom: what is reckoned of their noise is unsure.
+    """
+    played = play_fitted(model).channels
+    found = dict(floors)
+    for name in floors:
+        here = [k for k, record in enumerate(model.problem.records) if name in record.channels]
+        records = [model.problem.records[k] for k in here]
+        squares = [(r.channels[name] - played[k][name]) ** 2 * r.weights for k, r in zip(here, records, strict=True)]
+        count = sum(float(record.weights.sum()) for record in records)
+        if count > 0.0:
+            found[name] = min(floors[name], float(np.sqrt(sum(float(s.sum()) for s in squares) / count)))
+    return found
+
+
 def evidence(
     records: Sequence[Record],
     held_out: bool,

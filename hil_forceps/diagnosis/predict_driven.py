@@ -5,7 +5,7 @@ jaw angle drives the simulation, too.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy import fft
 from scipy.interpolate import CubicSpline
 
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.experiment import Calm, Record
 from hil_forceps.diagnosis.experiment_driven import still_rad_per_s
 from hil_forceps.diagnosis.linear import Place, Response
 from hil_forceps.diagnosis.problem import Mapper, Nuisance, Outputs
@@ -42,27 +42,49 @@ class Predicted(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Driven:
-    """Simulates runs whose motion is as measured."""
+    """Simulates runs whose motion is as measured.
+
+    The noise of what drives is in the residual, so whatever depends on how the model answers to it would depend on the
+    residual: counting alone made a jaw's inertia come out at an eighth. So the motion without its noise drives, and
+    what the noise does besides is a fixed offset, taken anew with each better model (`with_motion_noise`).
+    """
 
     records: tuple[Record, ...]
     inputs: tuple[Inputs, ...]  # of each run, on a grid of steps
+    calm: tuple[Inputs, ...]  # the same without noise
     substeps: int  # of a row
+    offset: tuple[dict[str, Vector], ...] = ()  # of each run: what the noise of what drives does; empty: not yet taken
     integral_per_s: float = 0.0  # no law is known that would have summed the angle
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:
         """Return the channels of each run."""
 
         def of_run(k: int) -> dict[str, Vector]:
-            return self._channels(k, self.raw(k, theta, nuisances[k]))
+            if not self.offset:
+                return self._channels(k, self.raw(k, theta, nuisances[k]))
+            found = self._channels(k, self.raw(k, theta, nuisances[k], calm=True))
+            return {name: values + self.offset[k][name] for name, values in found.items()}
 
         return list(mapper(of_run, range(len(nuisances))))
 
-    def raw(self, run: int, theta: Vector, nuisance: Nuisance) -> Predicted:
-        """Simulate a run. The nuisance `integral_rad_s` is the zero of the torque or current channel here."""
+    def with_motion_noise(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> "Driven":
+        """Return the same with what the noise of what drives does, at `theta` and `nuisances`, as the offset."""
+
+        def of_run(k: int) -> dict[str, Vector]:
+            own, calm = (
+                self._channels(k, self.raw(k, theta, nuisances[k], calm=calm)) for calm in (False, True)
+            )
+            return {name: own[name] - calm[name] for name in own}
+
+        return replace(self, offset=tuple(mapper(of_run, range(len(nuisances)))))
+
+    def raw(self, run: int, theta: Vector, nuisance: Nuisance, *, calm: bool = False) -> Predicted:
+        """Simulate a run, with its noise or `calm`; the nuisance `integral_rad_s` is the zero of torque or current."""
         record = self.records[run]
         bandwidth = BANDWIDTH_SHARE * self.substeps / record.period_s
         still = still_rad_per_s(record.reference_rad, record.period_s)
-        fine = driven.simulate(theta, self.inputs[run], bandwidth_Hz=bandwidth, still_rad_per_s=still)
+        given = self.calm[run] if calm else self.inputs[run]
+        fine = driven.simulate(theta, given, bandwidth_Hz=bandwidth, still_rad_per_s=still)
         found = driven.Channels(*(values[:: self.substeps] for values in fine))
         zero = nuisance.integral_rad_s
         return Predicted(
@@ -94,13 +116,14 @@ class Driven:
         return self
 
     def course(self, run: int, theta: Vector, nuisance: Nuisance) -> Course:
-        """Return what a run went through inside."""
+        """Return what a run went through inside, without noise."""
         record = self.records[run]
-        found = self.raw(run, theta, nuisance)
-        load = record.tau_w_N_m if record.tau_w_N_m is not None else np.zeros(record.time_s.size)
+        found = self.raw(run, theta, nuisance, calm=True)
+        given = calm_of(record)
+        load = given.tau_w_N_m if given.tau_w_N_m is not None else np.zeros(record.time_s.size)
         return Course(
-            record.reference_rad,
-            np.gradient(record.reference_rad, record.period_s),
+            given.motor_rad,
+            np.gradient(given.motor_rad, record.period_s),
             found.theta_j_rad,
             np.gradient(found.theta_j_rad, record.period_s),
             found.elongation_m,
@@ -117,18 +140,27 @@ def make_driven(records: Sequence[Record]) -> Driven:
     rows = sum(record.time_s.size for record in records)
     wanted = max(int(np.ceil(record.period_s / LONGEST_STEP_S)) for record in records)
     substeps = max(1, min(wanted, MOST_STEPS // rows))
-    return Driven(tuple(records), tuple(_inputs(record, substeps) for record in records), substeps)
+    as_measured = (Calm(record.reference_rad, record.tau_w_N_m, record.theta_j_rad) for record in records)
+    noisy = tuple(_inputs(r, given, substeps) for r, given in zip(records, as_measured, strict=True))
+    return Driven(tuple(records), noisy, tuple(_inputs(r, calm_of(r), substeps) for r in records), substeps)
 
 
-def _inputs(record: Record, substeps: int) -> Inputs:
+def calm_of(record: Record) -> Calm:
+    """Return what drives a run without its noise."""
+    if record.calm is None:
+        raise ValueError(f"{record.name}: no record of mode 'driven'")
+    return record.calm
+
+
+def _inputs(record: Record, given: Calm, substeps: int) -> Inputs:
     time = record.time_s
     fine = np.arange((time.size - 1) * substeps + 1, dtype=np.float64) * (record.period_s / substeps)
 
     def between(values: Vector | None) -> Vector | None:
         return None if values is None else np.asarray(CubicSpline(time, values)(fine))
 
-    motion = np.asarray(CubicSpline(time, record.reference_rad)(fine))
-    return Inputs(fine, motion, between(record.tau_w_N_m), between(record.theta_j_rad))
+    motion = np.asarray(CubicSpline(time, given.motor_rad)(fine))
+    return Inputs(fine, motion, between(given.tau_w_N_m), between(given.theta_j_rad))
 
 
 def responses(plant: PlantParameters, record: Record) -> Response:

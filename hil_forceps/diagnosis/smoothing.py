@@ -56,7 +56,7 @@ def smooth_load(
     """
     pieces = np.split(tau_w, edge_rows + 1)
     if noise is None:
-        white = _white_deviation(pieces)
+        white = white_deviation(pieces)
         noise = LoadNoise(np.array([0.0, 0.5 / period_s]), np.full(2, white**2))
     if float(noise.power.max()) <= 0.0:
         return tau_w
@@ -109,7 +109,7 @@ def _through(values: Vector, whitening: Vector, levels: list["_Level"], most_ben
     return np.asarray(back, dtype=np.float64)
 
 
-def _white_deviation(pieces: list[Vector]) -> float:
+def white_deviation(pieces: list[Vector]) -> float:
     """Return the standard deviation of what changes from row to row without any course."""
     third = np.concatenate([np.diff(piece, n=3) for piece in pieces if piece.size >= FEWEST_ROWS] or [np.zeros(1)])
     return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))

@@ -47,6 +47,9 @@ SIZES: dict[str, dict[str, float]] = {
     "transmission_curve": {"sine": 0.1, "cosine": 0.1},
     "jaw_coupling": {"stiffness_N_m_per_rad": 2e-4},
     "loaded_presliding": {"mu": 0.1},
+    "viscous_asymmetry": {},
+    "film_friction": {},
+    "jaw_presliding": {"level_N_m": 1e-4, "mu": 0.1},
 }
 ELONGATION_SIZES: dict[str, dict[str, float]] = {
     "wire_slack": {"half_width_m": 1e-5},
