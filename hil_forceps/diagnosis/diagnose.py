@@ -12,18 +12,19 @@ from hil_forceps.diagnosis.assemble import Setting, assemble, responses_of
 from hil_forceps.diagnosis.audit import Finding, audit
 from hil_forceps.diagnosis.choice import Choice, Chooser
 from hil_forceps.diagnosis.experiment import Record, mode_of, prepare, smoothed_anew, with_raw_load
-from hil_forceps.diagnosis.experiment_driven import prepare_driven
+from hil_forceps.diagnosis.experiment_driven import prepare_driven, row_noise
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import fit, fit_again, hold_nuisances
 from hil_forceps.diagnosis.jaw_zero import without_jaw_zero
 from hil_forceps.diagnosis.leftover import Leftover, curves_along, leftover, seen_twice
-from hil_forceps.diagnosis.load_noise import load_noise
+from hil_forceps.diagnosis.load_noise import load_noise, load_noise_driven
 from hil_forceps.diagnosis.look import Looker, noise_of
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.second_look import confirmed, left_with_sharper_load, with_sharper_load
+from hil_forceps.diagnosis.smoothing import LoadNoise
 from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, white_noise, whitening
 from hil_forceps.diagnosis.starting import completed, unknown_names
 from hil_forceps.diagnosis.trust import trusting
@@ -97,11 +98,13 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     fitted, held = split_runs(runs, options.hold_out)
     if mode_of(runs, rig) == "driven":
         records, notes = prepare_driven(fitted)
-        held_records, held_notes = prepare_driven(held)
+        unknown = unknown_names(rig)
+        noise = driven_load_noise(fitted, records, rig, options)
+        records, notes = prepare_driven(fitted, noise)
+        held_records, held_notes = prepare_driven(held, noise)
         records, held_records, zeros = without_jaw_zero(records, held_records)
         notes = [*notes, *zeros]
-        given, rig = rig, completed(records, rig)
-        unknown = unknown_names(given)
+        rig = completed(records, rig)
     else:
         unknown = ()
         records, notes = prepare(fitted, rig)
@@ -169,6 +172,22 @@ def without_load_noise(
     responses = responses_of(setting.simulator, problem.theta(assumed.fit.u), rig)
     noise = load_noise(problem.layout, left, responses, raw)
     return smoothed_anew(records, noise), smoothed_anew(held_out, noise)
+
+
+def driven_load_noise(runs: Sequence[Run], records: list[Record], rig: Rig, options: Options) -> LoadNoise | None:
+    """Return the noise of the load cell of runs that are driven by their motion; None where no load was measured."""
+    if any("tau_w_N_m" not in run.columns for run in runs):
+        return None
+    records, _, _ = without_jaw_zero(records, ())
+    rig = completed(records, rig)
+    setting = assemble(records, rig, options.mapper)
+    problem = setting.problem
+    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
+    assumed, _, left = assumed_noise(problem, whitener, setting.floor)
+    period_s = float(np.median(np.concatenate([np.diff(run.columns["time_s"]) for run in runs])))
+    high = row_noise([run.columns["tau_w_N_m"] for run in runs], period_s)
+    responses = responses_of(setting.simulator, problem.theta(assumed.fit.u), rig)
+    return load_noise_driven(problem.layout, left, responses, records, high, period_s)
 
 
 def assumed_noise(problem: Problem, whitener: Whitener, floor: Vector) -> tuple[Model, Noise, Flat]:

@@ -1,8 +1,8 @@
 """Runs made ready where the measured motion drives the simulation: smoothed, thinned out, rows at rest masked.
 
 Every channel goes through the same zero-phase low pass, so that balances between them hold as they did before; then
-rows are taken at a rate at which nothing of what passed is lost. What drives is there a second time, smoothed instant by
-instant as far as its noise asks for: sensitivities must not depend on the noise, which the residual holds, too.
+rows are taken at a rate at which nothing of what passed is lost. What drives is there a second time, smoothed where and
+as far as its noise asks for: sensitivities must not depend on the noise, which the residual holds, too.
 """
 
 from collections.abc import Sequence
@@ -28,12 +28,16 @@ FEWEST_ROWS = 50
 AROUND_JUMP_S = 0.04  # longer than the low pass answers
 STILL_SHARE = 0.03  # of the top speed: below it friction may be anything up to its level
 TOP_QUANTILE = 0.99
+MOST_BENT = 6.0  # as in `smoothing`: what it bends is in the offset, what it lets through ties columns to the residual
 DRIVING = ("theta_m_rad", "theta_j_rad", "tau_w_N_m")
 CHANNELS = ("theta_m_rad", "current_A", "tau_m_N_m", "theta_j_rad", "tau_w_N_m")
 
 
-def prepare_driven(runs: Sequence[Run]) -> tuple[list[Record], list[str]]:
-    """Make records of the runs, and notes on what was left out; UserError when a run can't serve at all."""
+def prepare_driven(runs: Sequence[Run], load_noise: LoadNoise | None = None) -> tuple[list[Record], list[str]]:
+    """Make records of the runs, and notes on what was left out; UserError when a run can't serve at all.
+
+    `load_noise`: what is known of the load cell's noise; None: what changes from row to row.
+    """
     short = [run.name for run in runs if len(run) < FEWEST_ROWS]
     if short:
         raise UserError(f"{short[0]}: too few rows to diagnose; at least {FEWEST_ROWS} are needed")
@@ -43,7 +47,7 @@ def prepare_driven(runs: Sequence[Run]) -> tuple[list[Record], list[str]]:
     notes, records = [], []
     for run, period in zip(runs, periods, strict=True):
         factor = max(1, round(1.0 / (HIGHEST_RATE_Hz * period)), int(np.ceil(crowd)))
-        records.append(_record(run, period, factor))
+        records.append(_record(run, period, factor, load_noise))
         notes.append(
             f"{run.name}: all channels low-passed at {PASS_SHARE / (factor * period):.3g} Hz, one row in {factor} used"
         )
@@ -55,7 +59,7 @@ def torque_channel(record: Record) -> str:
     return "tau_m_N_m" if "tau_m_N_m" in record.channels else "current_A"
 
 
-def _record(run: Run, period: float, factor: int) -> Record:
+def _record(run: Run, period: float, factor: int, load_noise: LoadNoise | None) -> Record:
     columns = {name: run.columns[name] for name in CHANNELS if name in run.columns}
     time = run.columns["time_s"]
     rows, grid, missing = grid_of(time, period)
@@ -74,7 +78,10 @@ def _record(run: Run, period: float, factor: int) -> Record:
     def slow(values: Vector) -> Vector:
         return np.ascontiguousarray(sosfiltfilt(low_pass, values)[::factor])
 
-    calm = {name: slow(without_noise(columns[name], edges, period)) for name in DRIVING if name in columns}
+    noises = {name: row_noise([columns[name]], period) for name in DRIVING if name in columns}
+    if load_noise is not None and "tau_w_N_m" in noises:
+        noises["tau_w_N_m"] = load_noise
+    calm = {name: slow(smooth_load(columns[name], edges, period, noise, MOST_BENT)) for name, noise in noises.items()}
     columns = {name: slow(values) for name, values in columns.items()}
     angle = columns.pop("theta_m_rad")
     count = angle.size
@@ -103,13 +110,15 @@ def _record(run: Run, period: float, factor: int) -> Record:
     )
 
 
-def without_noise(values: Vector, edges: NDArray[np.intp], period_s: float) -> Vector:
-    """Return a channel without its noise, that of counting or what changes from row to row, whichever is more."""
-    steps = np.abs(np.diff(values))
-    quantum = float(np.min(steps[steps > 0.0], initial=np.inf))
-    counted = quantum / np.sqrt(12.0) if np.isfinite(quantum) and on_grid(values, quantum) else 0.0
-    variance = max(counted, white_deviation([values])) ** 2
-    return smooth_load(values, edges, period_s, LoadNoise(np.array([0.0, 0.5 / period_s]), np.full(2, variance)))
+def row_noise(columns: Sequence[Vector], period_s: float) -> LoadNoise:
+    """Return the white noise of a channel: that of counting or what changes from row to row, whichever is more."""
+    deviations = [white_deviation(list(columns))]
+    for values in columns:
+        steps = np.abs(np.diff(values))
+        quantum = float(np.min(steps[steps > 0.0], initial=np.inf))
+        if np.isfinite(quantum) and on_grid(values, quantum):
+            deviations.append(quantum / np.sqrt(12.0))
+    return LoadNoise(np.array([0.0, 0.5 / period_s]), np.full(2, max(deviations) ** 2))
 
 
 def _away(edges: NDArray[np.intp], factor: int, count: int, reach: int) -> Vector:

@@ -16,7 +16,7 @@ from scipy import fft
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.smoothing import LoadNoise
-from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Flat, Layout, Part, pairs
+from hil_forceps.diagnosis.spectrum import JAW, Flat, Layout, Part, pairs
 
 Vector = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -27,6 +27,38 @@ FEWEST_BINS = 12
 ALONE_HZ = 100.0  # from here on the load's own spectrum is that of its noise
 EDGE_ROWS = 4
 QUIETER = 0.35  # quantile over the runs
+PASSED = 0.14  # of the rate of rows: below it the low pass of runs driven by their motion lets all through
+
+
+def load_noise_driven(
+    layout: Layout,
+    left: Flat,
+    responses: Sequence[Response],
+    records: Sequence[Record],
+    high: LoadNoise,
+    period_s: float,
+) -> LoadNoise:
+    """Return the noise of the load cell where the measured motion drives: its torque and the jaw show it alike.
+
+    `left`: residual of a simulation driven by the load as measured. `high`: the noise as changes from row to row show
+    it. `period_s`: of the rows as measured; records have fewer. `high` alone where not both channels are there.
+    """
+    by_run = {(part.run, part.channel): part for part in layout.parts}
+    both = [(part, by_run[part.run, JAW]) for part in layout.parts if part.channel != JAW and (part.run, JAW) in by_run]
+    low = np.unique(layout.band_Hz[[name == JAW for name in layout.band_channel]])
+    low = low[low < PASSED / max(record.period_s for record in records)]
+    if not both or not low.size or any(record.tau_w_N_m is None for record in records):
+        return high
+    cuts = np.concatenate(([0.0], np.sqrt(low[1:] * low[:-1]), [low[-1] * 1.2]))
+    # White noise has as much less variance in the rows that are kept as these are fewer.
+    fewer = np.array([records[pair[0].run].period_s / period_s for pair in both])
+    found = np.array([_low(pair, left, responses[pair[0].run], records, cuts) for pair in both]) * fewer[:, None]
+    least = float(high.power.min())
+    seen = np.isfinite(found).any(axis=0)
+    if not seen.any():
+        return high
+    power = np.maximum(np.nanquantile(found[:, seen], QUIETER, axis=0), least)
+    return LoadNoise(np.concatenate((low[seen], high.frequency_Hz[-1:])), np.concatenate((power, [least])))
 
 
 def load_noise(layout: Layout, left: Flat, responses: Sequence[Response], records: Sequence[Record]) -> LoadNoise:
@@ -60,7 +92,7 @@ def _low(pair: tuple[Part, Part], left: Flat, response: Response, records: Seque
     frequency = np.arange((jaw.stop - jaw.start) // 2) / (jaw.rows * record.period_s)
     here = np.searchsorted(cuts, frequency, side="right") - 1
     inside = (here >= 0) & (here < cuts.size - 1)
-    both = (response.gains["jaw"][JAW] * response.gains["jaw"][MOTOR].conj())[inside]
+    both = (response.gains["jaw"][JAW] * response.gains["jaw"][motor.channel].conj())[inside]
     here = here[inside]
     r_m, r_j = (_clipped(_bins(left, part)[inside], here, cuts.size - 1) for part in (motor, jaw))
     product = np.bincount(here, (r_j * r_m.conj() * both.conj()).real, cuts.size - 1)

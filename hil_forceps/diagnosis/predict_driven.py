@@ -71,9 +71,7 @@ class Driven:
         """Return the same with what the noise of what drives does, at `theta` and `nuisances`, as the offset."""
 
         def of_run(k: int) -> dict[str, Vector]:
-            own, calm = (
-                self._channels(k, self.raw(k, theta, nuisances[k], calm=calm)) for calm in (False, True)
-            )
+            own, calm = (self._channels(k, self.raw(k, theta, nuisances[k], calm=calm)) for calm in (False, True))
             return {name: own[name] - calm[name] for name in own}
 
         return replace(self, offset=tuple(mapper(of_run, range(len(nuisances)))))
