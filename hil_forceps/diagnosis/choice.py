@@ -22,6 +22,7 @@ from hil_forceps.diagnosis.spectrum import Noise, Whitener, whitening
 Vector = NDArray[np.float64]
 
 MAX_EFFECTS = 6
+MAX_EXCHANGED = 3  # with more, only forward and backward: each exchange looks at the whole catalogue again
 SHORTLIST = 7
 SHORTLIST_DROP = 40.0  # of the linear gain below the best
 SET_DROP = 6.0
@@ -81,7 +82,7 @@ class Chooser:
             best = refined[0]
             rivals = self._within_reach([Rival(m, m.worth - best.worth) for m in refined])
             model, scan, whitener, noise = self._look(best, whitener)
-            if step > 0:
+            if 0 < step < MAX_EXCHANGED:
                 model, rivals = self._exchange(model, rivals, whitener)
         model, rivals = self._thinned(model, rivals, scan, whitener)
         return Choice(model, tuple(rivals), tuple(self._candidates), scan, whitener, noise, self._looker.inflation)

@@ -71,7 +71,7 @@ class Findings(NamedTuple):
     choice: Choice
     before: Leftover  # beside the baseline
     after: Leftover  # beside the chosen model
-    unseen: Leftover | None  # beside it in the runs held out; None: nothing named, none held out, or driven by motion
+    unseen: Leftover | None  # beside it in the runs held out; None: nothing named, or none held out
     first_whitener: Whitener
 
 
@@ -133,7 +133,7 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
         options.progress("looking at what is left once more, with the load smoothed less")
         after = seen_twice(after, left_with_sharper_load(choice, sharper, responses, options.seed))
     unseen = None
-    if choice.model.effects and held_records and held_records[0].mode == "closed_loop":
+    if choice.model.effects and held_records:
         options.progress("looking at what is left in the runs held out")
         unseen = left_unseen(choice.model, held_records, rig, refresh, options.seed)
     baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))

@@ -57,15 +57,19 @@ def judge(found: Findings) -> Judgement:
         place, variable, _ = left.families[0]
         said = f"Something is there that no entry of the catalogue explains; at {place}, it varies over {variable}."
         reasons = _unnamed_reasons(model, " in the runs held out" if left is found.unseen else "")
-        over = tuple(dict.fromkeys(f"{p}: {v}" for p, v, gain in left.families[:4] if gain > left.threshold))
-        return Judgement("unnamed", said, (), sets, shifts, over, reasons)
+        return Judgement("unnamed", said, (), sets, shifts, _varies_over(left), reasons)
     if model.effects:
         named = named_effects(found)
         reasons = tuple(
             "these data can't tell " + " from ".join(" + ".join(ids) for ids in sets) + " apart"
             for _ in range(len(sets) > 1)
         )
-        return Judgement("effects", _effects_sentence(named, sets), named, sets, shifts, (), reasons)
+        over: tuple[str, ...] = ()
+        if _beyond_numerics(found, found.after):
+            share = found.after.gain / (found.after.gain + _explained(found))
+            reasons += (f"beside the named entries something is left: {share:.1g} of the misfit that they explain",)
+            over = _varies_over(found.after)
+        return Judgement("effects", _effects_sentence(named, sets), named, sets, shifts, over, reasons)
     moved = found.nominal.fit.chi2 - found.baseline.fit.chi2
     limit = float(stats.chi2.isf(CHANCE, len(found.baseline.problem.shared.items)))
     if moved > limit and shifts:
@@ -78,15 +82,28 @@ def judge(found: Findings) -> Judgement:
 
 def _unexplained(found: Findings) -> Leftover | None:
     """Return what is left beyond doubt: in the fitted runs, or beside named effects in those held out."""
-    # What numerics and the encoder's shaking leave grows with what there is to simulate.
-    least = ACCURACY_OF_ALL * (found.nominal.fit.chi2 - found.choice.model.fit.chi2)
-    explained = found.baseline.fit.chi2 - found.choice.model.fit.chi2
     for left, share in ((found.after, UNEXPLAINED_SHARE), (found.unseen, UNSEEN_SHARE)):
-        if left is None or not left.stands_out or left.gain <= least:
+        if left is None or not _beyond_numerics(found, left):
             continue
-        if not found.choice.model.effects or left.gain > share * (left.gain + explained):
+        if not found.choice.model.effects or left.gain > share * (left.gain + _explained(found)):
             return left
     return None
+
+
+def _beyond_numerics(found: Findings, left: Leftover) -> bool:
+    """Tell whether what is left stands out, from chance and from what numerics and the encoder's shaking leave."""
+    # The latter grows with what there is to simulate.
+    return left.stands_out and left.gain > ACCURACY_OF_ALL * (found.nominal.fit.chi2 - found.choice.model.fit.chi2)
+
+
+def _explained(found: Findings) -> float:
+    """Return the fall of χ² by the named entries."""
+    return found.baseline.fit.chi2 - found.choice.model.fit.chi2
+
+
+def _varies_over(left: Leftover) -> tuple[str, ...]:
+    """Return the variables over which what is left varies most, with their places."""
+    return tuple(dict.fromkeys(f"{p}: {v}" for p, v, gain in left.families[:4] if gain > left.threshold))
 
 
 def _unnamed_reasons(model: Model, where: str) -> tuple[str, ...]:

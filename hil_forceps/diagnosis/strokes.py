@@ -2,8 +2,8 @@
 
 Where a motion comes again after a period T, what the sensors show should come again, too. d(t) = y(t + T) − y(t) is
 then twice the noise in variance, whatever the model. The drive never repeats quite, and no load either: what of d
-follows the differences of motor angle and load, in proportion, is no noise and is taken out. What changes slowly from
-stroke to stroke hardly counts between neighbours.
+follows the differences of motor angle, its speed and acceleration, and load, in proportion, is no noise and is taken
+out. What changes slowly from stroke to stroke hardly counts between neighbours.
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,10 +48,12 @@ def strokes_of(record: Record) -> Strokes | None:
         driving.append((record.tau_w_N_m, SAME_LOAD))
     changes = []
     for values, share in driving:
-        change = (_later(values, period) - values)[both]
-        if float(np.sqrt(np.mean(change**2))) > share * float(np.std(values)):
+        change = _later(values, period) - values
+        if float(np.sqrt(np.mean(change[both] ** 2))) > share * float(np.std(values)):
             return None
         changes.append(change)
+    speed = np.gradient(changes[0])
+    changes = [change[both] for change in (*changes, speed, np.gradient(speed))]
     floors = {}
     for name, values in record.channels.items():
         change = (_later(values, period) - values)[both]
@@ -122,13 +124,14 @@ def floors_with_strokes(
 ) -> tuple[dict[str, float], tuple[Strokes, ...]]:
     """Return each channel's floor over all runs, and what repeats in which.
 
-    A run that repeats itself has the floor that its strokes show, any other the one of `floors`; runs count alike.
+    A run that repeats itself has the floor that its strokes show, any other the one of `floors`; runs count alike. Each
+    is at least the noise, so the lower one counts: strokes that differ by more than a motion shows say nothing.
     """
     found = {record.name: strokes for record in records if (strokes := strokes_of(record)) is not None}
     merged = dict(floors)
     for name in floors:
         squares = [
-            (found[record.name].floor_rms[name] if record.name in found else floors[name]) ** 2
+            min(found[record.name].floor_rms[name] if record.name in found else np.inf, floors[name]) ** 2
             for record in records
             if name in record.channels and (record.name not in found or name in found[record.name].floor_rms)
         ]

@@ -10,16 +10,19 @@ import pytest
 from hil_forceps.diagnosis import choice, experiment_driven
 from hil_forceps.diagnosis.assemble import assemble
 from hil_forceps.diagnosis.conclude import Conclusion, diagnose, silent
-from hil_forceps.diagnosis.diagnose import Options, fit_baseline
+from hil_forceps.diagnosis.diagnose import Options, fit_baseline, investigate
 from hil_forceps.diagnosis.fit import fit
+from hil_forceps.diagnosis.judge import judge
 from hil_forceps.diagnosis.spectrum import white_noise, whitening
 from hil_forceps.diagnosis.starting import completed, guess
 from hil_forceps.diagnosis.unknowns import GAUGE
+from hil_forceps.model import parameters
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.readers import read_run
 from hil_forceps.runs.table import Run
-from tests.hidden_effects.generator import Case, make_case
+from tests.hidden_effects.cases import SCENARIO_SETS
+from tests.hidden_effects.generator import COLOURED, WHITE, Case, NoiseKind, make_case
 
 REPOSITORY = Path(__file__).parents[2]
 DATA = Path(os.environ.get("HIL_FORCEPS_DATA", REPOSITORY.parent / "shared" / "data"))
@@ -71,6 +74,16 @@ def test_nothing_hidden_leaves_little_unexplained() -> None:
     white = case.assumed.noise.current_A * np.sqrt(2.0 * experiment_driven.PASS_SHARE)
     for rung in found.ladder:
         assert rung.rmse["current_A"] < 1.3 * white
+
+
+@pytest.mark.parametrize("noise", [WHITE, COLOURED])
+def test_nothing_hidden_is_named_and_the_jaw_keeps_its_inertia(noise: NoiseKind) -> None:
+    """Noise of what drives is in the residual: with sensitivities that it drives, too, inertia came out at a fifth."""
+    case = make_case({}, 1, scenarios=SCENARIO_SETS["work"], noise=noise)
+    found = investigate(case.runs, without_drive(case), Options(hold_out=tuple(run.name for run in case.held_out)))
+    assert judge(found).verdict == "consistent"
+    fitted = found.baseline.problem.theta(found.baseline.fit.u)[parameters.index("forceps.jaw_inertia_kg_m2")]
+    assert fitted == pytest.approx(case.true.plant().jaw_inertia_kg_m2, rel=0.25)
 
 
 def test_starting_values_come_from_the_balances() -> None:

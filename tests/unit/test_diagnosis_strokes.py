@@ -83,10 +83,12 @@ def test_too_few_rows_have_no_strokes() -> None:
 
 def test_runs_with_strokes_and_without_share_one_floor() -> None:
     repeats, other = record_of(), record_of(name="b", motion=TIME)
-    floors, found = floors_with_strokes((repeats, other), {"tau_m_N_m": 0.1, "theta_j_rad": 0.0, "absent": 7.0})
+    floors, found = floors_with_strokes((repeats, other), {"tau_m_N_m": 0.1, "theta_j_rad": 0.2, "absent": 7.0})
     assert [strokes.run for strokes in found] == ["a"]
     own = found[0].floor_rms
     assert floors["tau_m_N_m"] == pytest.approx(np.sqrt(0.5 * (0.1**2 + own["tau_m_N_m"] ** 2)))
-    assert floors["theta_j_rad"] == pytest.approx(np.sqrt(0.5) * own["theta_j_rad"])
+    assert floors["theta_j_rad"] == pytest.approx(np.sqrt(0.5 * (0.2**2 + own["theta_j_rad"] ** 2)))
+    lower = 0.5 * own["tau_m_N_m"]
+    assert floors_with_strokes((repeats,), {"tau_m_N_m": lower})[0] == {"tau_m_N_m": lower}
     assert floors["absent"] == 7.0
     assert floors_with_strokes((), {"tau_m_N_m": 0.1}) == ({"tau_m_N_m": 0.1}, ())
