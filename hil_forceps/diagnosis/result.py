@@ -118,9 +118,9 @@ class Balance:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """Share of a channel's residual that a smooth curve over one variable explains, before and after."""
+    """What smooth curves over one variable explain of a residual, over what they would of noise; before and after."""
 
-    channel: str
+    channel: str  # or the place of a balance
     variable: str  # "theta", "omega", "tension", "time", "time_since_reversal", "load", "acceleration"
     before: float
     after: float

@@ -26,7 +26,8 @@ SEVERITIES = ("problem", "warning", "note")
 
 def verdict(diagnosis: Diagnosis) -> str:
     """Say the verdict, the effects named, and in short what else a reader wants first."""
-    mark, kind = VERDICTS[diagnosis.verdict]
+    more = diagnosis.verdict == "effects" and diagnosis.varies_over
+    mark, kind = VERDICTS["effects, and more" if more else diagnosis.verdict]
     parts = [
         f'<header class="verdict {diagnosis.verdict}"><div class="kind">{mark} {escaped(diagnosis.verdict)}</div>',
         f"<h1>{escaped(diagnosis.sentence or kind)}</h1>",
@@ -46,7 +47,7 @@ def verdict(diagnosis: Diagnosis) -> str:
 
 
 def trends(diagnosis: Diagnosis) -> str:
-    """Tabulate how much of each residual a smooth curve over one variable explains."""
+    """Tabulate how much smooth curves over one variable explain of what is left, over what they would of noise."""
     if not diagnosis.trends:
         return ""
     ranked = sorted(diagnosis.trends, key=lambda trend: -trend.before if math.isfinite(trend.before) else math.inf)
@@ -54,12 +55,12 @@ def trends(diagnosis: Diagnosis) -> str:
         (
             escaped(quantity(trend.channel).words),
             escaped(quantity(trend.variable).words),
-            percent(trend.before),
-            percent(trend.after),
+            number(trend.before),
+            number(trend.after),
         )
         for trend in ranked
     )
-    head = ("residual of", "over", "explained by it before", "after")
+    head = ("left at", "over", "times what chance explains, before", "after")
     return "<h3>What the residual depends on</h3>" + table(head, rows, numbers_from=2)
 
 
