@@ -53,4 +53,7 @@ def _moved(record: Record, zero: float) -> Record:
     if "theta_j_rad" in channels:
         channels["theta_j_rad"] = channels["theta_j_rad"] - zero
     driving = None if record.theta_j_rad is None else record.theta_j_rad - zero
-    return record._replace(channels=channels, theta_j_rad=driving)
+    calm = record.calm
+    if calm is not None and calm.theta_j_rad is not None:
+        calm = calm._replace(theta_j_rad=calm.theta_j_rad - zero)
+    return record._replace(channels=channels, theta_j_rad=driving, calm=calm)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.experiment import Calm, Record
 from hil_forceps.diagnosis.gauge import K, with_scale
 from hil_forceps.diagnosis.jaw_zero import jaw_zero_rad, without_jaw_zero
 from hil_forceps.diagnosis.result import Estimate, Shift
@@ -55,7 +55,8 @@ def record_of(zero: float, level: float, *, driving: bool = False) -> Record:
     channels = torque if driving else torque | {"theta_j_rad": jaw}
     rows = np.empty(0, np.intp)
     other = jaw if driving else None
-    return Record("a", "driven", 0.01, time, theta, channels, load, rows, np.ones(500), True, other)
+    calm = Calm(theta, load, other)
+    return Record("a", "driven", 0.01, time, theta, channels, load, rows, np.ones(500), True, other, calm=calm)
 
 
 def test_a_far_zero_of_the_jaw_is_taken_out_of_every_run_and_said() -> None:
@@ -75,6 +76,8 @@ def test_a_jaw_that_drives_loses_its_zero_too_and_a_near_zero_stays() -> None:
     found, _, notes = without_jaw_zero([record_of(-2.0, 0.0, driving=True)], [])
     assert found[0].theta_j_rad is not None
     assert abs(float(np.mean(found[0].theta_j_rad))) < 0.1
+    assert found[0].calm is not None
+    assert found[0].calm.theta_j_rad == pytest.approx(found[0].theta_j_rad)
     assert notes
     near = [record_of(0.01, level) for level in (0.0, 0.02)]
     assert without_jaw_zero(near, []) == (near, [], ())
