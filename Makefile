@@ -1,10 +1,11 @@
-# Two commands: `make bench` runs the paper's simulations, `make test` everything that CI runs.
+# Two commands: `make bench` runs the paper's simulations, `make test` what every change has to pass. CI runs
+# `make test-long` besides: what takes tens of seconds a test and has a shorter one beside it.
 VENV ?= .venv
 OUT ?= out
 PY := $(VENV)/bin/python
 TESTS := tests --ignore=tests/targets --ignore=tests/bench
 
-.PHONY: install bench test lint types layers unit system targets targets-short fuzz hidden-effects benchmark wheel clean
+.PHONY: install bench test test-long lint types layers unit system targets targets-short fuzz hidden-effects benchmark wheel clean
 
 install:
 	@tools/install.sh $(VENV)
@@ -28,7 +29,10 @@ layers: install
 	$(VENV)/bin/lint-imports
 
 unit: install
-	$(PY) -m pytest -n 2 --dist loadgroup -m "not realtime" $(TESTS)
+	$(PY) -m pytest -n 2 --dist loadgroup -m "not realtime and not long" $(TESTS)
+
+test-long: install
+	$(PY) -m pytest -n 2 --dist loadgroup -m "long" $(TESTS)
 
 # One process and nothing beside it: these start processes of their own and watch the clock. On a machine that others
 # use, too, a process may be kept waiting for longer than a drive waits: then a test is tried again, and the summary says so.

@@ -383,7 +383,7 @@ EFFECTS: tuple[Effect, ...] = (
         "friction of the motor that a film of grease gives way to near standstill, where it flows",
         "F_m += L (1 − exp(−|ω_m|/ω_f)) sgn ω_m",
         (
-            _P("level_N_m", "N_m", 0.0, 1.0, 0.0, 1e-4, "friction at speed, L"),
+            _P("level_N_m", "N_m", 0.0, 1.0, 0.0, 3e-5, "friction at speed, L"),
             _P("speed_rad_per_s", "rad_per_s", 1e-3, 1e3, None, 0.3, "speed over which it builds up, ω_f"),
         ),
         "yield stress of a grease, regularised: T. C. Papanastasiou, Journal of Rheology 31(5), 1987",

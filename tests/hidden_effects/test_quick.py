@@ -24,6 +24,7 @@ def test_a_hidden_effect_is_found_and_explained() -> None:
     assert after < before
 
 
+@pytest.mark.long
 def test_a_hidden_slack_is_found() -> None:
     record = ran(Spec("slack", "effect", ("wire_slack",), 50.0, 7, "mixed"))
     assert named_right(record) or in_set(record), (record["verdict"], record["named"])

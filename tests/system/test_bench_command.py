@@ -44,6 +44,7 @@ def results(out: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in out.iterdir() if p.suffix in kinds or p.name == "summary.json"}
 
 
+@pytest.mark.long
 def test_bench_repeats_to_the_byte_and_the_seed_matters(start: Start, small_bench: Path, tmp_path: Path) -> None:
     runs = {"one": ("4", "1"), "two": ("4", "2"), "other": ("5", "2")}
     for name, (seed, jobs) in runs.items():
@@ -83,6 +84,7 @@ def test_bench_repeats_to_the_byte_and_the_seed_matters(start: Start, small_benc
     assert samples <= decoded.out.count(",Feedback,theta_m_rad,") <= samples + 100
 
 
+@pytest.mark.long
 def test_bench_before_and_after_an_effect_is_known(start: Start, tmp_path: Path) -> None:
     text = PAPER.read_text()
     plain = text.replace("direct_sample_times_s: [1.0e-4]", "direct_sample_times_s: []")

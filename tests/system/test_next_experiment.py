@@ -66,7 +66,7 @@ def apart(found: Findings) -> float:
     return gain["pulley_eccentricity"] + 2.0 - gain["spool_radius_change"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_the_experiment_separates_as_predicted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choice, "MAX_EFFECTS", 1)  # which one it is, is asked; not what might come on top

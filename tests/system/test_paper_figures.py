@@ -116,6 +116,7 @@ def realistic(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Judge
     return at
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("simulation", [1, 2])
 @pytest.mark.parametrize("counts", [16384, 8192, 4096])
 def test_kalman_is_never_worse_with_coarse_sensors(

@@ -232,7 +232,7 @@ def test_one_run_is_nothing_to_compare() -> None:
         compare_axis([axis(made(duration_s=5.0))])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_on_two_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, pushes in (("one", False), ("two", True)):
         run = made(name, duration_s=6.0, backward_more=60.0, dead_time_s=0.6e-3, pushes=pushes)
@@ -318,7 +318,7 @@ def test_low_speed_friction_left_out_pulls_the_dead_time_on_the_measured_referen
     assert low["low_speed"].fit.coefficients["low_speed_N"] == pytest.approx(-8.0, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.shared_data
 def test_the_command_on_cut_outs_of_emps(tmp_path: Path) -> None:
     for name in ("DATA_EMPS", "DATA_EMPS_PULSES"):

@@ -161,7 +161,7 @@ def test_data_that_cannot_be_right_are_undetermined(call: Any, good: list[Run], 
     assert set(result["reasons"]) == set(problems)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_clipped_current_gets_no_other_name(call: Any, good: list[Run]) -> None:
     code, _, result = call(*(changed(run, clipped_current) for run in good))
     assert code == 0

@@ -46,7 +46,7 @@ def concluded(case: Case) -> Conclusion:
     return diagnose(case.runs, without_drive(case), Options(hold_out=tuple(run.name for run in case.held_out)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect_id", "values"),
     [
@@ -66,6 +66,7 @@ def test_a_hidden_effect_is_the_first_that_is_named(
     assert min(second[name] / first[name] for name in first) < 0.7
 
 
+@pytest.mark.long
 def test_nothing_hidden_leaves_little_unexplained() -> None:
     case = hidden({})
     found = concluded(case).diagnosis

@@ -133,6 +133,7 @@ def test_no_effect_no_gain_and_the_same_seed_the_same_interval() -> None:
     assert jaw.explained_share <= 0.0
 
 
+@pytest.mark.long
 def test_diagnosis_tells_the_gain_on_held_out_runs() -> None:
     runs = [run_of(COGGING, name, seed) for seed, name in enumerate(("multisine", "trapezoid", "teleoperation"))]
     without = frozenset(EFFECT_IDS) - {"cogging", "jaw_gravity"}

@@ -33,7 +33,7 @@ def found_width_m() -> tuple[float, ClosedLoop]:
     return float(problem.shared.values(fitted.u[: len(problem.shared.items)])[place]), problem.simulate_runs
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_slack_is_as_wide_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     width_m, loop = found_width_m()
     assert width_m == pytest.approx(HALF_WIDTH_M, rel=0.1)

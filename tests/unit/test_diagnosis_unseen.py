@@ -20,7 +20,7 @@ def found_without(*ids: str) -> Findings:
     return investigate(runs, RIG, Options(without=frozenset(ids), hold_out=KINDS[-1:]))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_neighbour_fails_where_motion_is_another() -> None:
     true, neighbour = found_without(), found_without(HIDDEN)
     assert true.choice.model.effects == (HIDDEN,)

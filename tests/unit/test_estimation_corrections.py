@@ -48,7 +48,7 @@ SIZES: dict[str, dict[str, float]] = {
     "jaw_coupling": {"stiffness_N_m_per_rad": 2e-4},
     "loaded_presliding": {"mu": 0.1},
     "viscous_asymmetry": {},
-    "film_friction": {},
+    "film_friction": {"level_N_m": 1e-4},
     "jaw_presliding": {"level_N_m": 1e-4, "mu": 0.1},
 }
 ELONGATION_SIZES: dict[str, dict[str, float]] = {

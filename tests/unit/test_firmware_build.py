@@ -92,7 +92,7 @@ def test_the_codec_is_what_cantools_writes(tmp_path: Path) -> None:
         assert written[:3] + written[4:] == kept[:3] + kept[4:], f"{name}: run tools/firmware_codec.sh"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_sanitizer_finds_anything() -> None:
     library = make("library", "sanitize") / "libhfp.so"
     runtime = run("gcc", "-print-file-name=libasan.so").strip()

@@ -383,6 +383,7 @@ def test_the_same_diagnosis_gives_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
+@pytest.mark.long
 def test_a_long_run_gives_no_heavier_page(tmp_path: Path) -> None:
     sizes = []
     for seconds in (6.0, 120.0):

@@ -78,7 +78,7 @@ ADDED: dict[str, Difference] = {
     "loaded_presliding": lambda m, z, i, t, f: (-0.02 * 2.0e-3 * abs(f) * z.loaded, 0.0),
     "viscous_asymmetry": lambda m, z, i, t, f: (-2e-5 * max(0.0, m.omega_m), 0.0),
     "film_friction": lambda m, z, i, t, f: (
-        -1e-4 * (1.0 - math.exp(-abs(m.omega_m) / 0.3)) * sign(m.omega_m),
+        -3e-5 * (1.0 - math.exp(-abs(m.omega_m) / 0.3)) * sign(m.omega_m),
         0.0,
     ),
     "jaw_presliding": lambda m, z, i, t, f: (0.0, -(1e-5 + 0.02 * 1.4e-3 * abs(f)) * z.gripped),
