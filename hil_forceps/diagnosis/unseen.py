@@ -14,15 +14,20 @@ from hil_forceps.diagnosis.anew import Refresh, courses_of
 from hil_forceps.diagnosis.assemble import Setting, assemble, responses_of
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model
-from hil_forceps.diagnosis.fit import Fit, fit
+from hil_forceps.diagnosis.fit import Fit, fit, gram, inverse, sum_of_squares
 from hil_forceps.diagnosis.leftover import Leftover, curves_along, left_by_columns, whitened
 from hil_forceps.diagnosis.look import noise_of
-from hil_forceps.diagnosis.spectrum import Whitener, white_noise, whitening
+from hil_forceps.diagnosis.problem import Outputs, Problem
+from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
 
+Vector = NDArray[np.float64]
+
 STEPS = 4
 NOISE_ROUNDS = 2
+SHARES = (1.0, 0.3, 0.1)  # of a step, until it helps
+SMALL_FALL = 1.0  # of χ²
 DOUBT = 2.0  # times the deviations of the fit, which are of its noise alone
 
 
@@ -39,13 +44,14 @@ def left_unseen(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Ref
     count = len(problem.shared.items)
     known = DOUBT * _root(chosen.fit.covariance[:count, :count])
     fitted = np.concatenate((white[:, :count] @ known.astype(np.float32), white[:, count:]), axis=1)
-    u = np.concatenate((np.zeros(count), model.fit.u[count:]))
+    moved = np.linalg.lstsq(known, model.fit.u[:count] - chosen.fit.u[:count], rcond=None)[0]
+    u = np.concatenate((moved, model.fit.u[count:]))
     residual = whitener.apply(model.fit.residual)
     return left_by_columns(problem.layout, fitted, np.ones(u.size), u, residual, whitened(curves, whitener), seed)
 
 
 def _beside(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh) -> tuple[Setting, Model, Whitener]:
-    """Return the model beside other runs; only what belongs to each run (zeros, start) is fitted to it."""
+    """Return the model beside other runs, fitted to them no further than its deviations allow."""
     setting = assemble(records, rig, chosen.problem.mapper, chosen.problem.shared)
     count = len(chosen.problem.shared.items)
     problem = replace(setting.problem, base=chosen.problem.base)
@@ -55,11 +61,46 @@ def _beside(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh
     bare = replace(problem.with_shared(Unknowns(())), base=problem.theta(u))
     own = fit(bare, u[count:], whitener, steps=STEPS)
     u = np.concatenate((u[:count], own.u))
-    shared = problem.shared_columns(u, own.outputs, range(count))
-    found = Fit(
-        u, own.chi2, own.residual, own.outputs, np.concatenate((shared, own.jacobian), axis=1), own.covariance, 0
-    )
+    found = _within_doubt(problem, u, chosen.fit.covariance[:count, :count], whitener)
     return setting, replace(chosen, problem=problem, fit=found), whitener
+
+
+def _within_doubt(problem: Problem, u: Vector, covariance: NDArray[np.float64], whitener: Whitener) -> Fit:
+    """Fit all unknowns, the shared ones held to where they begin by their covariance.
+
+    A jaw that hardly rings in the fitted runs has its inertia to some percent; where it rings for tens of periods, no
+    linear step from there tells what that does.
+    """
+    count = len(problem.shared.items)
+    precision = np.eye(u.size)  # of nuisances: their priors
+    precision[:count, :count] = inverse(DOUBT**2 * covariance)
+    centre = np.concatenate((u[:count], np.zeros(u.size - count)))
+    low, high = problem.bounds()
+
+    def at(point: Vector) -> tuple[float, Flat, Outputs]:
+        outputs = problem.simulate(point)
+        residual = problem.measured - transform(problem.layout, outputs)
+        away = point - centre
+        return sum_of_squares(whitener.apply(residual)) + float(away @ precision @ away), residual, outputs
+
+    chi2, residual, outputs = at(u)
+    for done in range(STEPS + 1):
+        jacobian = problem.jacobian(u, outputs)
+        white = whitener.apply(jacobian)
+        normal = gram(white, white) + precision
+        if done == STEPS:
+            break
+        slope = gram(white, whitener.apply(residual)[:, None])[:, 0] - precision @ (u - centre)
+        step = inverse(normal) @ slope
+        for share in SHARES:
+            candidate = np.clip(u + share * step, low, high)
+            after = at(candidate)
+            if after[0] < chi2 - SMALL_FALL:
+                break
+        else:
+            break
+        u, (chi2, residual, outputs) = candidate, after
+    return Fit(u, chi2, residual, outputs, jacobian, inverse(normal), done)
 
 
 def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
