@@ -6,7 +6,8 @@ import pytest
 
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.judge import judge
-from tests.hidden_effects.generator import RIG, generate, true_rig
+from tests.hidden_effects.cases import SCENARIO_SETS
+from tests.hidden_effects.generator import RIG, WHITE, generate, make_case, true_rig
 from tests.hidden_effects.generator_scenarios import SCENARIOS
 
 HIDDEN = "wire_damping"
@@ -37,6 +38,19 @@ def test_a_neighbour_fails_where_motion_is_another() -> None:
     assert verdict.reasons[0].endswith("in the runs held out")
     assert judge(neighbour._replace(unseen=None)).verdict != "unnamed"
     assert judge(true).verdict == "effects"
+
+
+@pytest.mark.long
+def test_a_right_model_is_not_doubted_where_the_jaw_rings_only_in_the_runs_held_out() -> None:
+    """The fitted runs tell the jaw's inertia to some percent, and trapezoids make it ring for tens of periods."""
+    case = make_case(
+        {"viscous_asymmetry": {"difference_N_m_s_per_rad": 4e-6}}, 80003, scenarios=SCENARIO_SETS["work"], noise=WHITE
+    )
+    found = investigate(case.runs, case.assumed, Options(hold_out=tuple(run.name for run in case.held_out)))
+    assert found.choice.model.effects == ("viscous_asymmetry",)
+    assert found.unseen is not None
+    assert found.unseen.gain < 0.3 * (found.baseline.fit.chi2 - found.choice.model.fit.chi2)
+    assert judge(found).verdict == "effects"
 
 
 @pytest.mark.slow
