@@ -209,7 +209,10 @@ def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: boo
 def motor_angle_rad(theta: Vector, theta_enc_rad: Vector, row_s: float) -> Vector:
     """Return the true motor angle from the recorded one: skew, scale and eccentricity of the encoder taken out."""
     p = Physics(*theta.tolist())
-    recorded = late(theta_enc_rad, -p.skew_theta_m / row_s)
+    rows = -p.skew_theta_m / row_s
+    beyond = int(np.ceil(abs(rows))) + 2
+    # Held beyond the ends, the motion would stop there within a row.
+    recorded = late(np.pad(theta_enc_rad, beyond, mode="reflect", reflect_type="odd"), rows)[beyond:-beyond]
     angle = recorded / (1.0 + p.encoder_scale)
     for _ in range(8):  # the error's slope is far below 1: each round takes off its own factor of it
         error = p.encoder_sine * np.sin(angle) + p.encoder_cosine * np.cos(angle)

@@ -129,3 +129,10 @@ def test_neither_load_nor_jaw_is_a_wrong_call() -> None:
         smooth(TIME_S, 1e-3, 0.0)
     with pytest.raises(ValueError, match="too few"):
         smooth(TIME_S[:3], 1e-3, 30.0)
+
+
+def test_a_late_encoder_makes_no_blow_at_the_ends() -> None:
+    theta = theta_of()
+    theta[parameters.index("effects.channel_skew.theta_m_s")] = 1.7e-3
+    shown = 2.0 * TIME_S
+    assert driven.motor_angle_rad(theta, shown, 1e-3) == pytest.approx(shown + 2.0 * 1.7e-3, abs=1e-9)
