@@ -17,7 +17,7 @@ from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import Fit, fit, gram, inverse, sum_of_squares
 from hil_forceps.diagnosis.leftover import Leftover, curves_along, left_by_columns, whitened
 from hil_forceps.diagnosis.look import noise_of
-from hil_forceps.diagnosis.problem import Outputs, Problem
+from hil_forceps.diagnosis.problem import Outputs
 from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
@@ -32,8 +32,20 @@ DOUBT = 2.0  # times the deviations of the fit, which are of its noise alone
 
 
 def left_unseen(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh, seed: int) -> Leftover:
-    """Return what curves find in runs that a model was not fitted to, beside it."""
+    """Return what curves find in runs that a model was not fitted to, beside it.
+
+    Where they find something, the model is first fitted to these runs, no further than its deviations allow.
+    """
     setting, model, whitener = _beside(chosen, records, rig, refresh)
+    left = _left(chosen, setting, model, whitener, rig, seed)
+    if not left.stands_out:
+        return left
+    model = replace(model, fit=_within_doubt(model, chosen.fit.covariance, whitener))
+    return _left(chosen, setting, model, whitener, rig, seed)
+
+
+def _left(chosen: Model, setting: Setting, model: Model, whitener: Whitener, rig: Rig, seed: int) -> Leftover:
+    """Return what curves find beside a model that began where the chosen one ended."""
     problem = model.problem
     responses = responses_of(setting.simulator, problem.theta(model.fit.u), rig)
     curves = curves_along(courses_of(setting, model), problem.layout, responses, problem.mapper)
@@ -51,7 +63,7 @@ def left_unseen(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Ref
 
 
 def _beside(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh) -> tuple[Setting, Model, Whitener]:
-    """Return the model beside other runs, fitted to them no further than its deviations allow."""
+    """Return the model beside other runs; only what belongs to each run (zeros, start) is fitted to it."""
     setting = assemble(records, rig, chosen.problem.mapper, chosen.problem.shared)
     count = len(chosen.problem.shared.items)
     problem = replace(setting.problem, base=chosen.problem.base)
@@ -61,19 +73,23 @@ def _beside(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh
     bare = replace(problem.with_shared(Unknowns(())), base=problem.theta(u))
     own = fit(bare, u[count:], whitener, steps=STEPS)
     u = np.concatenate((u[:count], own.u))
-    found = _within_doubt(problem, u, chosen.fit.covariance[:count, :count], whitener)
+    shared = problem.shared_columns(u, own.outputs, range(count))
+    columns = np.concatenate((shared, own.jacobian), axis=1)
+    found = Fit(u, own.chi2, own.residual, own.outputs, columns, own.covariance, 0)
     return setting, replace(chosen, problem=problem, fit=found), whitener
 
 
-def _within_doubt(problem: Problem, u: Vector, covariance: NDArray[np.float64], whitener: Whitener) -> Fit:
-    """Fit all unknowns, the shared ones held to where they begin by their covariance.
+def _within_doubt(model: Model, covariance: NDArray[np.float64], whitener: Whitener) -> Fit:
+    """Fit all unknowns, the shared ones held by their covariance to where they are.
 
     A jaw that hardly rings in the fitted runs has its inertia to some percent; where it rings for tens of periods, no
     linear step from there tells what that does.
     """
+    problem, found = model.problem, model.fit
+    u, jacobian = found.u, found.jacobian
     count = len(problem.shared.items)
     precision = np.eye(u.size)  # of nuisances: their priors
-    precision[:count, :count] = inverse(DOUBT**2 * covariance)
+    precision[:count, :count] = inverse(DOUBT**2 * covariance[:count, :count])
     centre = np.concatenate((u[:count], np.zeros(u.size - count)))
     low, high = problem.bounds()
 
@@ -84,12 +100,9 @@ def _within_doubt(problem: Problem, u: Vector, covariance: NDArray[np.float64], 
         return sum_of_squares(whitener.apply(residual)) + float(away @ precision @ away), residual, outputs
 
     chi2, residual, outputs = at(u)
-    for done in range(STEPS + 1):
-        jacobian = problem.jacobian(u, outputs)
+    for _ in range(STEPS):
         white = whitener.apply(jacobian)
         normal = gram(white, white) + precision
-        if done == STEPS:
-            break
         slope = gram(white, whitener.apply(residual)[:, None])[:, 0] - precision @ (u - centre)
         step = inverse(normal) @ slope
         for share in SHARES:
@@ -100,7 +113,8 @@ def _within_doubt(problem: Problem, u: Vector, covariance: NDArray[np.float64], 
         else:
             break
         u, (chi2, residual, outputs) = candidate, after
-    return Fit(u, chi2, residual, outputs, jacobian, inverse(normal), done)
+        jacobian = problem.jacobian(u, outputs)
+    return found._replace(u=u, chi2=chi2, residual=residual, outputs=outputs, jacobian=jacobian)
 
 
 def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
