@@ -14,13 +14,16 @@ typedef struct {
     double creep_time, damping, zero_stretch, constant_change, constant_time, cogging_sine, cogging_cosine;
     double cogging_harmonic, ripple_sine, ripple_cosine, ripple_harmonic, current_offset, current_gain, deadband, lag;
     double delay, skew_theta_m, skew_current, skew_theta_j, skew_tau_w, encoder_sine, encoder_cosine, encoder_scale;
-    double pulley_sine, pulley_cosine, pitch, limit;
+    double pulley_sine, pulley_cosine, pitch, limit, play, lever_sine, lever_cosine, coupling_stiffness, coupling_torque;
+    double loaded_mu, loaded_angle, viscous_asymmetry, film_level, film_speed, grip_level, grip_mu, grip_angle;
 } physics;
 
-typedef struct { double theta_m, omega_m, theta_j, omega_j, creep, loop, presliding, current; } state;
+typedef struct {
+    double theta_m, omega_m, theta_j, omega_j, creep, loop, presliding, loaded, gripped, lost, current;
+} state;
 typedef struct { double theta_m, omega_m, theta_j, omega_j; } motion;
 typedef struct { double motor, motor_slope, jaw, jaw_slope; } torques;
-typedef struct { double elongation, tension, radius; int slack; } wire_t;
+typedef struct { double elongation, tension, radius, lever; int slack; } wire_t;
 typedef struct { double wire, motor, jaw; } excess;
 typedef struct { double current, current_slope, current_end, constant, load, load_slope; } drive;
 typedef struct { double speed_of_mean, speed_of_slope, way_of_mean, way_of_slope; } response;
@@ -39,19 +42,30 @@ static double slide(double z, double way, double length) {
     return z;
 }
 
-static wire_t wire(const physics *p, motion m, double creep, double loop) {
-    wire_t w = { p->r_m * m.theta_m, 0.0, p->r_m, 0 };
+static double lost_after(const physics *p, double lost, double way) {
+    return p->play == 0.0 ? 0.0 : clip(p->play, lost + way);
+}
+
+static wire_t wire(const physics *p, motion m, double lost, double creep, double loop) {
+    double angle = m.theta_m - lost, speed = m.omega_m, paid = p->r_j * m.theta_j;
+    if (p->play != 0.0 && lost * m.omega_m < p->play * fabs(m.omega_m)) speed = 0.0;
+    wire_t w = { p->r_m * angle, 0.0, p->r_m, p->r_j, 0 };
     if (p->pulley_cosine != 0.0 || p->pulley_sine != 0.0) {
-        double s = sin(m.theta_m), c = cos(m.theta_m);
+        double s = sin(angle), c = cos(angle);
         w.radius += p->r_m * (p->pulley_cosine * c + p->pulley_sine * s);
         w.elongation += p->r_m * (p->pulley_cosine * s + p->pulley_sine * (1.0 - c));
     }
-    w.radius += p->pitch * m.theta_m / (2.0 * M_PI);
-    w.elongation = w.elongation + p->pitch * m.theta_m * m.theta_m / (4.0 * M_PI) - p->r_j * m.theta_j;
+    if (p->lever_cosine != 0.0 || p->lever_sine != 0.0) {
+        double s = sin(m.theta_j), c = cos(m.theta_j);
+        w.lever += p->r_j * (p->lever_cosine * c + p->lever_sine * s);
+        paid += p->r_j * (p->lever_cosine * s + p->lever_sine * (1.0 - c));
+    }
+    w.radius += p->pitch * angle / (2.0 * M_PI);
+    w.elongation = w.elongation + p->pitch * angle * angle / (4.0 * M_PI) - paid;
     double d = dead_zone(w.elongation - p->zero_stretch - creep, p->slack);
     w.slack = d == 0.0 && p->slack > 0.0;
     w.tension = p->k * d * (1.0 + p->hardening * d * d) + p->loop_force * loop;
-    if (!w.slack) w.tension += p->damping * (w.radius * m.omega_m - p->r_j * m.omega_j);
+    if (!w.slack) w.tension += p->damping * (w.radius * speed - w.lever * m.omega_j);
     return w;
 }
 
@@ -66,8 +80,21 @@ static double motor_level(const physics *p, double omega, double tension) {
         double share = omega / p->stribeck_speed;
         level += p->stribeck_rise * exp(-share * share);
     }
+    if (p->film_level != 0.0) level += p->film_level * (1.0 - exp(-fabs(omega) / p->film_speed));
     return level;
 }
+
+static double rub_of(const physics *p, double presliding, double loaded, double tension) {
+    double rub = p->presliding_level * presliding;
+    if (p->loaded_mu != 0.0) rub += p->loaded_mu * p->r_m * fabs(tension) * loaded;
+    return rub;
+}
+
+static double grip_of(const physics *p, double gripped, double tension) {
+    return (p->grip_level + p->grip_mu * p->r_j * fabs(tension)) * gripped;
+}
+
+static int grips(const physics *p) { return p->grip_level != 0.0 || p->grip_mu != 0.0; }
 
 static double jaw_level(const physics *p, double angle) {
     return high(0.0, p->jaw_coulomb + (p->jaw_slope + p->jaw_curvature * angle) * angle);
@@ -167,8 +194,9 @@ static excess excess_of(const physics *p, const double *g, motion m, wire_t w, c
     linear += g[DAMPING] * (p->r_m * m.omega_m - p->r_j * m.omega_j);
     double motor = d->constant * current * wave(p->ripple_sine, p->ripple_cosine, p->ripple_harmonic, m.theta_m);
     motor += wave(p->cogging_sine, p->cogging_cosine, p->cogging_harmonic, m.theta_m);
-    motor -= (w.radius - p->r_m) * w.tension;
-    return (excess){ w.tension - linear, motor, -wave(p->gravity_sine, p->gravity_cosine, 1.0, m.theta_j) };
+    motor -= 0.5 * p->viscous_asymmetry * fabs(m.omega_m) + (w.radius - p->r_m) * w.tension;
+    double jaw = (w.lever - p->r_j) * w.tension - wave(p->gravity_sine, p->gravity_cosine, 1.0, m.theta_j);
+    return (excess){ w.tension - linear, motor, jaw - (p->coupling_stiffness * m.theta_j + p->coupling_torque) };
 }
 
 static void held_back(double change, double way, double by_mean, double by_slope, double *mean, double *slope) {
@@ -183,51 +211,63 @@ static void held_back(double change, double way, double by_mean, double by_slope
     }
 }
 
-static torques corrections(const physics *p, const double *g, double way_m, double stretch, double slip, excess a, excess b) {
+/* ways: of motor and jaw, of the wire; then how much the friction of motor and jaw that builds up over a way changed. */
+static torques corrections(const physics *p, const double *g, const double *ways, excess a, excess b) {
     const double *m = g + MOTOR_WAY, *j = g + JAW_WAY;
-    double mm = p->r_m * p->r_m, jj = p->r_j * p->r_j, mj = p->r_m * p->r_j, pull, pull_slope, rub_ = 0.0, rub_slope = 0.0;
+    double mm = p->r_m * p->r_m, jj = p->r_j * p->r_j, mj = p->r_m * p->r_j, pull, pull_slope;
+    double rub_ = 0.0, rub_slope = 0.0, grip = 0.0, grip_slope = 0.0;
     double by_mean = mm * m[MOTOR_MEAN] + jj * j[JAW_MEAN] - mj * (m[JAW_MEAN] + j[MOTOR_MEAN]);
     double by_slope = mm * m[MOTOR_SLOPE] + jj * j[JAW_SLOPE] - mj * (m[JAW_SLOPE] + j[MOTOR_SLOPE]);
-    held_back(b.wire - a.wire, stretch, by_mean, by_slope, &pull, &pull_slope);
-    if (p->presliding_level != 0.0)
-        held_back(p->presliding_level * slip, way_m, m[MOTOR_MEAN], m[MOTOR_SLOPE], &rub_, &rub_slope);
+    held_back(b.wire - a.wire, ways[2], by_mean, by_slope, &pull, &pull_slope);
+    if (ways[3] != 0.0) held_back(ways[3], ways[0], m[MOTOR_MEAN], m[MOTOR_SLOPE], &rub_, &rub_slope);
+    if (ways[4] != 0.0) held_back(ways[4], ways[1], j[JAW_MEAN], j[JAW_SLOPE], &grip, &grip_slope);
     double motor = b.motor - a.motor, jaw = b.jaw - a.jaw;
     return (torques){ 0.5 * motor - p->r_m * pull - rub_, motor - p->r_m * pull_slope - rub_slope,
-                      0.5 * jaw + p->r_j * pull, jaw + p->r_j * pull_slope };
+                      0.5 * jaw + p->r_j * pull - grip, jaw + p->r_j * pull_slope - grip_slope };
 }
 
 static state full_step(const physics *p, const double *gains, int base, double inertia_m, double inertia_j, double kept,
                        state x, const drive *d) {
     motion now = { x.theta_m, x.omega_m, x.theta_j, x.omega_j };
     double inertia[2] = { inertia_m, inertia_j }, push[2];
-    wire_t w0 = wire(p, now, x.creep, x.loop);
+    wire_t w0 = wire(p, now, x.lost, x.creep, x.loop);
+    double rubbed = rub_of(p, x.presliding, x.loaded, w0.tension), holding = grip_of(p, x.gripped, w0.tension);
     const double *g = gains + (base + (w0.slack ? SLACK : TAUT)) * SIZE;
     excess first = excess_of(p, g, now, w0, d, d->current - 0.5 * d->current_slope);
-    torques u = { d->constant * d->current + first.motor - p->presliding_level * x.presliding - p->r_m * first.wire,
-                  d->constant * d->current_slope, first.jaw + p->r_j * first.wire - d->load, -d->load_slope };
+    torques u = { d->constant * d->current + first.motor - rubbed - p->r_m * first.wire,
+                  d->constant * d->current_slope, first.jaw + p->r_j * first.wire - d->load - holding, -d->load_slope };
     motion free = free_motion(p, g, &x, u);
     push_of(p, g, &x, u, push);
     double level = motor_level(p, now.omega_m, w0.tension), rest = motor_level(p, 0.0, w0.tension);
     double forward = high(0.0, p->asymmetry), backward = high(0.0, -p->asymmetry), level_j = jaw_level(p, now.theta_j);
     motion end = settled(g, &x, free, push, inertia, (levels){ level, level, rest, forward, backward },
                          (levels){ level_j, level_j, level_j, 0.0, 0.0 });
-    wire_t w1 = wire(p, end, kept * x.creep + (1.0 - kept) * p->creep_share * w0.tension / p->k, x.loop);
+    double creep = kept * x.creep + (1.0 - kept) * p->creep_share * w0.tension / p->k;
+    double lost = lost_after(p, x.lost, end.theta_m - now.theta_m);
+    wire_t w1 = wire(p, end, lost, creep, x.loop);
     if (p->loop_force != 0.0)
-        w1 = wire(p, end, kept * x.creep + (1.0 - kept) * p->creep_share * w0.tension / p->k,
-                  slide(x.loop, w1.elongation - w0.elongation, p->loop_stretch));
+        w1 = wire(p, end, lost, creep, slide(x.loop, w1.elongation - w0.elongation, p->loop_stretch));
     excess last = excess_of(p, g, end, w1, d, d->current + 0.5 * d->current_slope);
-    double slipped = p->presliding_level != 0.0 ? slide(x.presliding, end.theta_m - now.theta_m, p->presliding_angle) : 0.0;
-    torques more = corrections(p, g, end.theta_m - x.theta_m, w1.elongation - w0.elongation, slipped - x.presliding, first, last);
-    free = added(g, free, more);
+    double way_m = end.theta_m - now.theta_m, way_j = end.theta_j - now.theta_j;
+    double slipped = p->presliding_level != 0.0 ? slide(x.presliding, way_m, p->presliding_angle) : 0.0;
+    double loaded = p->loaded_mu != 0.0 ? slide(x.loaded, way_m, p->loaded_angle) : 0.0;
+    double gripped = grips(p) ? slide(x.gripped, way_j, p->grip_angle) : 0.0;
+    double ways[5] = { way_m, way_j, w1.elongation - w0.elongation,
+                       rub_of(p, slipped, loaded, w1.tension) - rubbed, grip_of(p, gripped, w1.tension) - holding };
+    free = added(g, free, corrections(p, g, ways, first, last));
     end = settled(g, &x, free, push, inertia,
                   (levels){ level, motor_level(p, end.omega_m, w1.tension), rest, forward, backward },
                   (levels){ level_j, jaw_level(p, end.theta_j), level_j, 0.0, 0.0 });
-    state after = { end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, d->current_end };
+    way_m = end.theta_m - x.theta_m;
+    state after = { end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, x.loaded, x.gripped,
+                    lost_after(p, x.lost, way_m), d->current_end };
     if (p->creep_share != 0.0)
         after.creep = kept * x.creep + (1.0 - kept) * p->creep_share * 0.5 * (w0.tension + w1.tension) / p->k;
-    if (p->presliding_level != 0.0) after.presliding = slide(x.presliding, end.theta_m - x.theta_m, p->presliding_angle);
+    if (p->presliding_level != 0.0) after.presliding = slide(x.presliding, way_m, p->presliding_angle);
+    if (p->loaded_mu != 0.0) after.loaded = slide(x.loaded, way_m, p->loaded_angle);
+    if (grips(p)) after.gripped = slide(x.gripped, end.theta_j - x.theta_j, p->grip_angle);
     if (p->loop_force != 0.0)
-        after.loop = slide(x.loop, wire(p, end, after.creep, x.loop).elongation - w0.elongation, p->loop_stretch);
+        after.loop = slide(x.loop, wire(p, end, after.lost, after.creep, x.loop).elongation - w0.elongation, p->loop_stretch);
     return after;
 }
 
@@ -239,23 +279,26 @@ static state plain_step(const physics *p, const double *g, const double *inertia
     motion free = free_motion(p, g, &x, u);
     push_of(p, g, &x, u, push);
     motion end = settled(g, &x, free, push, inertia, motor, jaw);
-    return (state){ end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, d->current_end };
+    return (state){ end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, x.loaded, x.gripped,
+                    x.lost, d->current_end };
 }
 
-static int sudden(const physics *p, const state *x, const state *end) {
+static int sudden(const physics *p, double inertia, const state *x, const state *end) {
+    if (p->play > 0.0 && (fabs(x->lost) < p->play || fabs(end->lost) < p->play)) return 1;
     if (p->slack > 0.0) {
-        wire_t a = wire(p, (motion){ x->theta_m, 0.0, x->theta_j, 0.0 }, x->creep, x->loop);
-        wire_t b = wire(p, (motion){ end->theta_m, 0.0, end->theta_j, 0.0 }, end->creep, end->loop);
+        wire_t a = wire(p, (motion){ x->theta_m, 0.0, x->theta_j, 0.0 }, x->lost, x->creep, x->loop);
+        wire_t b = wire(p, (motion){ end->theta_m, 0.0, end->theta_j, 0.0 }, end->lost, end->creep, end->loop);
         if (a.slack != b.slack || a.tension * b.tension < 0.0) return 1;
     }
-    if (p->stribeck_rise == 0.0) return 0;
-    double first = fabs(x->omega_m), last = fabs(end->omega_m);
-    return low(first, last) < 3.0 * p->stribeck_speed && high(first, last) > 0.0;
+    double slow = p->stribeck_rise != 0.0 ? 3.0 * p->stribeck_speed : 0.0, first = fabs(x->omega_m), last = fabs(end->omega_m);
+    if (p->film_level != 0.0)
+        slow = high(slow, p->film_speed * high(0.3, log(high(1.0, 2.0 * p->film_level / p->film_speed / inertia))));
+    return low(first, last) < slow && high(first, last) > 0.0;
 }
 
 static state refined_step(const physics *p, const double *g, const double *inertia, const double *kept, state x, const drive *d) {
     state end = full_step(p, g, TAUT, inertia[0], inertia[1], kept[0], x, d);
-    if (!sudden(p, &x, &end)) return end;
+    if (!sudden(p, inertia[0], &x, &end)) return end;
     for (int piece = 0; piece < PIECES; piece++) {
         double at = (piece + 0.5) / PIECES - 0.5;
         drive part = { d->current + at * d->current_slope, d->current_slope / PIECES, d->current_end, d->constant,
@@ -265,19 +308,19 @@ static state refined_step(const physics *p, const double *g, const double *inert
     return x;
 }
 
-/* law: T, kp, ki, kd, share, limit, error first; start: plant (8), integral, last angle, velocity, current. */
+/* law: T, kp, ki, kd, share, limit, error first; start: plant (11), integral, last angle, velocity, current. */
 void rollout(const double *physics_, const double *law, double quantum, double row_s, int rows, const double *reference,
              const double *load, const double *start, int substeps, int samples, const double *gains,
              const current_step *c, int full, double *out) {
     physics p = *(const physics *)physics_;
     state x = *(const state *)start;
-    double integral = start[8], angle_before = start[9], velocity = start[10], ring[MAX_RING];
+    double integral = start[11], angle_before = start[12], velocity = start[13], ring[MAX_RING];
     int steps = substeps / samples, place = 0, places = c->whole + 2;
     double step_s = row_s / substeps, inertia[2] = { p.I_m / step_s, p.I_j / step_s };
     double kept[2] = { exp(-step_s / p.creep_time), exp(-step_s / PIECES / p.creep_time) };
     for (int i = 0; i < places; i++) ring[i] = x.current;
     for (int n = 0; n < rows; n++) {
-        wire_t w = wire(&p, (motion){ x.theta_m, x.omega_m, x.theta_j, x.omega_j }, x.creep, x.loop);
+        wire_t w = wire(&p, (motion){ x.theta_m, x.omega_m, x.theta_j, x.omega_j }, x.lost, x.creep, x.loop);
         double shown[8] = { encoder(&p, x.theta_m), x.current, x.theta_j, load[n], w.tension, w.elongation, x.omega_m, x.omega_j };
         for (int i = 0; i < 8; i++) out[i * rows + n] = shown[i];
         if (n == rows - 1) break;
