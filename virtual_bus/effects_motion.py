@@ -217,6 +217,17 @@ def fill_taps(
 
 
 @kernel
+def unpacked(state: NDArray[np.float64], p: TruthParameters, e: EffectNumbers) -> tuple[Motion, Memory]:
+    """Return motion and memory of a state in the order of `effects_start.STATE`."""
+    m = Motion(state[0], state[1], state[2], state[3], state[4])
+    x = elongation_of(m.theta_m - state[11], m.theta_j, p, e)
+    memory = Memory(
+        m.theta_m, m.theta_j, x, state[5], state[6], state[7], state[8], state[11], state[12], state[13]
+    )  # fmt: skip
+    return m, memory
+
+
+@kernel
 def advance_with_effects(
     state: NDArray[np.float64],
     queue: Queue,
@@ -236,11 +247,7 @@ def advance_with_effects(
     Steps are cut at edges of the load and where a command arrives. `taps` gets θ_m, i, θ_j and again θ_j as they
     were at the times `tap_ns` (in `start_ns` < t <= `end_ns`; the current from before a change at that time).
     """
-    m = Motion(state[0], state[1], state[2], state[3], state[4])
-    x = elongation_of(m.theta_m - state[11], m.theta_j, p, e)
-    memory = Memory(
-        m.theta_m, m.theta_j, x, state[5], state[6], state[7], state[8], state[11], state[12], state[13]
-    )  # fmt: skip
+    m, memory = unpacked(state, p, e)
     target, current = state[9], state[10]
     tally, room = queue.tally, queue.due_ns.size
     left_ns = start_ns

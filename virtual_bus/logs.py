@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from virtual_bus.effects import EffectNumbers
 from virtual_bus.effects_command import Queue, acting_command, empty_queue, push_command
-from virtual_bus.effects_motion import advance_with_effects
-from virtual_bus.effects_plant import Environment, Memory, Motion, elongation_of, encoder_angle, jaw_load, tension_of
+from virtual_bus.effects_motion import advance_with_effects, unpacked
+from virtual_bus.effects_plant import Environment, encoder_angle, jaw_load, tension_of
 from virtual_bus.effects_start import STATE, check_step, rest_with_effects
 from virtual_bus.kernel import kernel
 from virtual_bus.load import LoadProfile, load_at, segment_of
@@ -84,15 +84,11 @@ def run_loop(
     columns = state.size
     for k in range(reference_rad.size):
         now_ns = start_ns + k * period_ns
-        m = Motion(state[0], state[1], state[2], state[3], state[4])
-        x = elongation_of(m.theta_m - state[11], m.theta_j, p, e)
-        memory_here = Memory(
-            m.theta_m, m.theta_j, x, state[5], state[6], state[7], state[8], state[11], state[12], state[13]
-        )  # fmt: skip
+        m, memory_here = unpacked(state, p, e)
         truth[k, :columns] = state
         load = load_at(load_time_ns, load_N_m, segment_of(load_time_ns, now_ns), now_ns)
         truth[k, columns] = jaw_load(m.theta_j, load, env)
-        truth[k, columns + 1] = x
+        truth[k, columns + 1] = memory_here.elongation
         truth[k, columns + 2] = tension_of(m, memory_here, p, e)
         theta_enc = counted(encoder_angle(m.theta_m, e), quantum_rad) + encoder_error_rad[k]
         command = law_step(memory, reference_rad[k] - theta_enc, theta_enc, law)

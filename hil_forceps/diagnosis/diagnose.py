@@ -17,6 +17,7 @@ from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import fit, fit_again, hold_nuisances
 from hil_forceps.diagnosis.jaw_zero import without_jaw_zero
 from hil_forceps.diagnosis.leftover import Leftover, curves_along, leftover, seen_twice
+from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.load_noise import load_noise, load_noise_driven
 from hil_forceps.diagnosis.look import Looker, noise_of
 from hil_forceps.diagnosis.predict import ClosedLoop
@@ -25,7 +26,7 @@ from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.second_look import confirmed, left_with_sharper_load, with_sharper_load
 from hil_forceps.diagnosis.smoothing import LoadNoise
-from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise, white_noise, whitening
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, measure_noise, white_noise, whitening
 from hil_forceps.diagnosis.starting import completed, unknown_names
 from hil_forceps.diagnosis.trust import trusting
 from hil_forceps.diagnosis.unknowns import Unknowns
@@ -165,12 +166,7 @@ def without_load_noise(
         return records, held_out
     options.progress("looking at the load cell's noise")
     raw = with_raw_load(records)
-    setting = assemble(raw, rig, options.mapper)
-    problem = setting.problem
-    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
-    assumed, _, left = assumed_noise(problem, whitener, setting.floor)
-    responses = responses_of(setting.simulator, problem.theta(assumed.fit.u), rig)
-    noise = load_noise(problem.layout, left, responses, raw)
+    noise = load_noise(*_left_by_assumed(raw, rig, options), raw)
     return smoothed_anew(records, noise), smoothed_anew(held_out, noise)
 
 
@@ -180,14 +176,18 @@ def driven_load_noise(runs: Sequence[Run], records: list[Record], rig: Rig, opti
         return None
     records, _, _ = without_jaw_zero(records, ())
     rig = completed(records, rig)
+    period_s = float(np.median(np.concatenate([np.diff(run.columns["time_s"]) for run in runs])))
+    high = row_noise([run.columns["tau_w_N_m"] for run in runs], period_s)
+    return load_noise_driven(*_left_by_assumed(records, rig, options), records, high, period_s)
+
+
+def _left_by_assumed(records: Sequence[Record], rig: Rig, options: Options) -> tuple[Layout, Flat, list[Response]]:
+    """Return what no parameter near the rig as assumed explains of the runs, and what a load does to them."""
     setting = assemble(records, rig, options.mapper)
     problem = setting.problem
     whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
     assumed, _, left = assumed_noise(problem, whitener, setting.floor)
-    period_s = float(np.median(np.concatenate([np.diff(run.columns["time_s"]) for run in runs])))
-    high = row_noise([run.columns["tau_w_N_m"] for run in runs], period_s)
-    responses = responses_of(setting.simulator, problem.theta(assumed.fit.u), rig)
-    return load_noise_driven(problem.layout, left, responses, records, high, period_s)
+    return problem.layout, left, responses_of(setting.simulator, problem.theta(assumed.fit.u), rig)
 
 
 def assumed_noise(problem: Problem, whitener: Whitener, floor: Vector) -> tuple[Model, Noise, Flat]:

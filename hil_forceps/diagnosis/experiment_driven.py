@@ -29,7 +29,6 @@ AROUND_JUMP_S = 0.04  # longer than the low pass answers
 STILL_SHARE = 0.03  # of the top speed: below it friction may be anything up to its level
 TOP_QUANTILE = 0.99
 MOST_BENT = 6.0  # as in `smoothing`: what it bends is in the offset, what it lets through ties columns to the residual
-DRIVING = ("theta_m_rad", "theta_j_rad", "tau_w_N_m")
 CHANNELS = ("theta_m_rad", "current_A", "tau_m_N_m", "theta_j_rad", "tau_w_N_m")
 
 
@@ -78,7 +77,8 @@ def _record(run: Run, period: float, factor: int, load_noise: LoadNoise | None) 
     def slow(values: Vector) -> Vector:
         return np.ascontiguousarray(sosfiltfilt(low_pass, values)[::factor])
 
-    noises = {name: row_noise([columns[name]], period) for name in DRIVING if name in columns}
+    driving = ("theta_m_rad", "tau_w_N_m" if "tau_w_N_m" in columns else "theta_j_rad")
+    noises = {name: row_noise([columns[name]], period) for name in driving if name in columns}
     if load_noise is not None and "tau_w_N_m" in noises:
         noises["tau_w_N_m"] = load_noise
     calm = {name: slow(smooth_load(columns[name], edges, period, noise, MOST_BENT)) for name, noise in noises.items()}
@@ -106,7 +106,7 @@ def _record(run: Run, period: float, factor: int, load_noise: LoadNoise | None) 
         weights,
         not uneven,
         jaw,
-        calm=Calm(calm["theta_m_rad"], calm.get("tau_w_N_m"), calm.get("theta_j_rad") if load is None else None),
+        calm=Calm(calm["theta_m_rad"], calm.get("tau_w_N_m"), calm.get("theta_j_rad")),
     )
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.model.kernel import kernel
 from hil_forceps.model.parameters import Vector
 from hil_forceps.model.physics import (
     Physics,
@@ -27,6 +27,7 @@ from hil_forceps.model.physics import (
     paid_angle,
     ripple,
     rub_N_m,
+    slid,
     slide,
     torque_constant,
     unlike_N_m,
@@ -140,16 +141,6 @@ def _jaw_speed(
     return min(0.0, _slip(p, theta_p, omega_p, before, load - level, h, memory))
 
 
-@inlined
-def _slid(p: Physics, presliding: float, loaded: float, way: float) -> tuple[float, float]:
-    """Return the states of the motor's friction that builds up over a way."""
-    if p.presliding_level != 0.0:
-        presliding = slide(presliding, way, p.presliding_angle)
-    if p.loaded_mu != 0.0:
-        loaded = slide(loaded, way, p.loaded_angle)
-    return presliding, loaded
-
-
 @kernel
 def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: bool, start: Start) -> Vector:
     rows = c.motor.angle_rad.shape[0]
@@ -164,7 +155,7 @@ def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: boo
         if n > 0:
             way = theta_m - c.motor.angle_rad[n - 1]
             lost = lost_after(p, lost, way)
-            presliding, loaded = _slid(p, presliding, loaded, way)
+            presliding, loaded = slid(p, presliding, loaded, way)
         theta_p, omega_p = theta_m - lost, followed(p, lost, omega_m)
         if not known_load:
             theta_j, omega_j = c.jaw.angle_rad[n], c.jaw.speed_rad_per_s[n]

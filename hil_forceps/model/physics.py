@@ -256,6 +256,16 @@ def rub_N_m(p: Physics, presliding: float, loaded: float, tension_N: float) -> f
 
 
 @inlined
+def slid(p: Physics, presliding: float, loaded: float, way: float) -> tuple[float, float]:
+    """Return the states of the motor's friction that builds up over a way, after a way."""
+    if p.presliding_level != 0.0:
+        presliding = slide(presliding, way, p.presliding_angle)
+    if p.loaded_mu != 0.0:
+        loaded = slide(loaded, way, p.loaded_angle)
+    return presliding, loaded
+
+
+@inlined
 def grip_N_m(p: Physics, gripped: float, tension_N: float) -> float:
     """Return the jaw's friction that builds up over a way; `gripped` from −1 to 1."""
     return (p.grip_level + p.grip_mu * p.r_j * abs(tension_N)) * gripped

@@ -48,6 +48,7 @@ from hil_forceps.model.physics import (
     motor_level_N_m,
     ripple,
     rub_N_m,
+    slid,
     slide,
     unlike_N_m,
     wire,
@@ -280,8 +281,7 @@ def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kep
     if p.loop_force != 0.0:
         w1 = _wire_of(p, end, lost, creep, slide(x.loop, w1.elongation_m - w0.elongation_m, p.loop_stretch))
     last = _excess(p, g, s, end, w1, d, d.current + 0.5 * d.current_slope)
-    slipped = slide(x.presliding, way, p.presliding_angle) if p.presliding_level != 0.0 else 0.0
-    loaded = slide(x.loaded, way, p.loaded_angle) if p.loaded_mu != 0.0 else 0.0
+    slipped, loaded = slid(p, x.presliding, x.loaded, way)
     gripped = slide(x.gripped, end.theta_j - now.theta_j, p.grip_angle) if grips(p) else 0.0
     rub, grip = rub_N_m(p, slipped, loaded, w1.tension_N), grip_N_m(p, gripped, w1.tension_N)
     ways = (w1.elongation_m - w0.elongation_m, rub - rubbed, grip - held)
@@ -295,15 +295,12 @@ def full_step(p: Physics, g: Gains, base: int, inertia: tuple[float, float], kep
 @inlined
 def _remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: float, current_A: float) -> State:
     """Return the state at the end of a step, with what wire and friction remember of it."""
-    creep, loop, presliding, loaded, gripped = x.creep_m, x.loop, x.presliding, x.loaded, x.gripped
+    creep, loop, gripped = x.creep_m, x.loop, x.gripped
     way = end.theta_m - x.theta_m_rad
     lost = lost_after(p, x.lost_rad, way)
     if p.creep_share != 0.0:
         creep = kept * creep + (1.0 - kept) * p.creep_share * 0.5 * (w0.tension_N + w1.tension_N) / p.k
-    if p.presliding_level != 0.0:
-        presliding = slide(presliding, way, p.presliding_angle)
-    if p.loaded_mu != 0.0:
-        loaded = slide(loaded, way, p.loaded_angle)
+    presliding, loaded = slid(p, x.presliding, x.loaded, way)
     if grips(p):
         gripped = slide(gripped, end.theta_j - x.theta_j_rad, p.grip_angle)
     if p.loop_force != 0.0:

@@ -6,6 +6,7 @@ from hil_forceps.diagnosis.result import Diagnosis, Gain, NamedEffect, Shift
 from hil_forceps.report.diagnosis_names import parameter_words, quantity
 from hil_forceps.report.diagnosis_words import (
     DASH,
+    MORE_IS_LEFT,
     VERDICTS,
     bullets,
     effect_words,
@@ -26,8 +27,9 @@ SEVERITIES = ("problem", "warning", "note")
 
 def verdict(diagnosis: Diagnosis) -> str:
     """Say the verdict, the effects named, and in short what else a reader wants first."""
-    more = diagnosis.verdict == "effects" and diagnosis.varies_over
-    mark, kind = VERDICTS["effects, and more" if more else diagnosis.verdict]
+    mark, kind = VERDICTS[diagnosis.verdict]
+    if diagnosis.verdict == "effects" and diagnosis.varies_over:
+        kind = MORE_IS_LEFT
     parts = [
         f'<header class="verdict {diagnosis.verdict}"><div class="kind">{mark} {escaped(diagnosis.verdict)}</div>',
         f"<h1>{escaped(diagnosis.sentence or kind)}</h1>",

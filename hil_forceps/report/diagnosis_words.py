@@ -13,13 +13,10 @@ VERDICTS = {
     "consistent": ("✓", "Nothing beyond noise: the simulation agrees with the measurement."),
     "parameters": ("≈", "Known parameters differ from what the rig says; refitting them explains all of it."),
     "effects": ("▲", "The simulation lacks what is named here; with it, it agrees with the measurement."),
-    "effects, and more": (
-        "▲",
-        "The simulation lacks what is named here; with it less is left, but not only noise.",
-    ),
     "unnamed": ("?", "Something is there that no entry of the catalogue explains."),
     "undetermined": ("–", "These data can't tell."),
 }
+MORE_IS_LEFT = "The simulation lacks what is named here; with it less is left, but not only noise."
 DASH = "–"
 
 
