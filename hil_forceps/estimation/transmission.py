@@ -10,12 +10,14 @@ speed and acceleration, z_i the friction elements and s = tanh(ω/ω_0) the fric
           + (b + b' u) ω + J α
     θ̂_j = the same with other coefficients, and ρ θ in place of c_1 x
 
-    dz_i/dθ_d = (1 − z_i sgn dθ_d) / δ_i
+    dz_i = (1 − z_i sgn dθ_d) / δ_i dθ_d + e^(−|dθ_d| / δ_0) du / u_0,  |z_i| ≤ 1
 
-θ_d is the angle of the motor's own encoder where there is one (its way through the play of a gear counts), else θ. The
+θ_d is the angle of the motor's own encoder where there is one (its way through the play of a gear counts), else θ. At
+rest friction answers to force instead of way: it takes what drives, from none to all of it over u_0, and hardly any of
+a changing current reaches the wire (stiction; Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994). The
 first equation is the balance seen from the jaw; the second is (3) with the wire's stretch by tension and friction. Both
-are linear in everything but δ_i and the corner of the low-pass. x is held at ±1 outside its range, where nothing was
-fitted; ρ θ goes on. What is estimated needs only samples up to now, and nothing about the load's course.
+are linear in everything but δ_i, u_0 and the corner of the low-pass. x is held at ±1 outside its range, where nothing
+was fitted; ρ θ goes on. What is estimated needs only samples up to now, and nothing about the load's course.
 """
 
 from typing import NamedTuple
@@ -32,6 +34,7 @@ ELEMENTS = 3
 _SHAPE, _GAIN, _FRICTION, _LOADED, _SUDDEN = 4, 3, 4, 2, 2  # how many powers of x each group has
 TERMS = _SHAPE + _GAIN + ELEMENTS * (_FRICTION + _LOADED) + 2 * _SUDDEN + 3
 REST_RAD_PER_S = 0.02  # ω_0: slower than this the direction isn't told well
+REST_RAD = 3e-5  # δ_0: a sample over which the motor turns further isn't one at rest
 TERM_DRIVE = _SHAPE  # the term u itself, low-passed
 TERM_SPEED = TERMS - 3
 _SLOPE = 1  # the term x, which isn't held at the ends of the range for the jaw's angle
@@ -41,7 +44,7 @@ _TIME, _DRIVE_ANGLE, _FIRST = 0, 1, 5  # of a state; from _FIRST the low-passes,
 _LOW_PASSES = 3  # of θ, θ_d and u
 _Z = _FIRST + 2 * _LOW_PASSES
 _SIZE = _Z + ELEMENTS
-_CORNER, _MIDDLE, _HALF, _LENGTHS = 0, 1, 2, 3  # of the constants
+_CORNER, _MIDDLE, _HALF, _STANDSTILL, _LENGTHS = 0, 1, 2, 3, 4  # of the constants
 _TORQUE = _LENGTHS + ELEMENTS
 _ANGLE = _TORQUE + TERMS
 
@@ -52,6 +55,7 @@ class Structure(NamedTuple):
     corner_rad_per_s: float  # of the low-pass, two equal poles
     presliding_rad: tuple[float, float, float]  # δ_i
     range_rad: tuple[float, float]  # of θ where the model was fitted
+    standstill: float = 0.0  # u_0, in the unit of what drives; 0: friction at rest doesn't answer to it
 
 
 class Sample(NamedTuple):
@@ -68,7 +72,10 @@ def constants(structure: Structure, torque: Vector | None = None, angle: Vector 
     low, high = structure.range_rad
     if not high > low or not structure.corner_rad_per_s > 0 or not min(structure.presliding_rad) > 0:
         raise ValueError(f"range, corner and presliding lengths must be positive, got {structure}")
-    head = [structure.corner_rad_per_s, 0.5 * (low + high), 0.5 * (high - low), *structure.presliding_rad]
+    if not structure.standstill >= 0:
+        raise ValueError(f"standstill must be 0 or positive, got {structure}")
+    head = [structure.corner_rad_per_s, 0.5 * (low + high), 0.5 * (high - low), structure.standstill]
+    head += structure.presliding_rad
     nothing = np.zeros(TERMS)
     return np.concatenate([head, nothing if torque is None else torque, nothing if angle is None else angle])
 
@@ -103,8 +110,12 @@ def step(state: State, c: Vector, time_ns: int, theta_m_rad: float, theta_drive_
         new[first + 1] += share * (new[first] - new[first + 1])
     way = theta_drive_rad - state[_DRIVE_ANGLE]
     limit = 1.0 if way > 0.0 else -1.0
+    taken = 0.0
+    if c[_STANDSTILL] > 0.0:
+        taken = np.exp(-abs(way) / REST_RAD) * (new[_FIRST + 5] - state[_FIRST + 5]) / c[_STANDSTILL]
     for n in range(ELEMENTS):
-        new[_Z + n] = limit + (new[_Z + n] - limit) * np.exp(-abs(way) / c[_LENGTHS + n])
+        z = min(1.0, max(-1.0, new[_Z + n] + taken))
+        new[_Z + n] = limit + (z - limit) * np.exp(-abs(way) / c[_LENGTHS + n])
     return _with_estimates(new, c)
 
 

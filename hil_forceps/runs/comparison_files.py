@@ -66,6 +66,7 @@ def _fit(fit: TransmissionFit) -> dict[str, object]:
         "low_pass_Hz": fit.structure.corner_rad_per_s / (2.0 * math.pi),
         "presliding_rad": fit.structure.presliding_rad,
         "range_rad": fit.structure.range_rad,
+        "standstill": fit.structure.standstill,
         "terms": transmission.term_names(),
         "tau_w_coefficients": fit.torque.tolist(),
         "theta_j_coefficients": fit.angle.tolist(),

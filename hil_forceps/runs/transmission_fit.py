@@ -1,12 +1,13 @@
 """Fit of the transmission model to training runs.
 
-Within a structure it is linear least squares. What isn't linear (the low-pass, the presliding lengths) comes from a
-small fixed grid, the same for every data set; of its points the one is taken that predicts a load level best that it
-wasn't fitted to, the levels left out one at a time. Only training runs are seen.
+Within a structure it is linear least squares. What isn't linear (the low-pass, the presliding lengths, what friction
+takes at rest) comes from a small fixed grid, the same for every data set; of its points the one is taken that predicts
+a load level best that it wasn't fitted to, the levels left out one at a time. Only training runs are seen.
 """
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ from hil_forceps.runs.table import Run
 Vector = NDArray[np.float64]
 
 CORNERS_Hz = (10.0, 20.0, 40.0)
+# What friction at rest takes of what drives, in standard deviations of it. Between a current and the wire there is the
+# gear's friction; the torque of the spindle is measured behind it.
+STANDSTILL: Mapping[str, tuple[float, ...]] = {"current_A": (0.0, 1.5, 3.0)}
 PRESLIDING_RAD = ((0.006, 0.03, 0.12), (0.01, 0.04, 0.15), (0.015, 0.06, 0.25))
 EVERY = 10  # of the samples are fitted to: neighbours tell the same
 DROPPED_S = 1.0  # at both ends
@@ -80,14 +84,16 @@ def fit_transmission(runs: Sequence[Run], levels: Mapping[str, int], source: str
     low, high = np.quantile(theta, [RANGE_SHARE, 1.0 - RANGE_SHARE])
     if not high > low:
         raise UserError("θ_m doesn't move in the training runs: nothing about a transmission can be fitted")
+    for run in runs:
+        inputs(run, source)
+    deviation = _spread(runs, source)
     best: TransmissionFit | None = None
     least = math.inf
-    for corner_Hz in CORNERS_Hz:
-        for lengths in PRESLIDING_RAD:
-            structure = Structure(2.0 * math.pi * corner_Hz, lengths, (float(low), float(high)))
-            fitted, cost = _fit_one(runs, groups, source, structure)
-            if best is None or cost < least:
-                best, least = fitted, cost
+    for corner_Hz, lengths, taken in product(CORNERS_Hz, PRESLIDING_RAD, STANDSTILL.get(source, (0.0,))):
+        structure = Structure(2.0 * math.pi * corner_Hz, lengths, (float(low), float(high)), taken * deviation)
+        fitted, cost = _fit_one(runs, groups, source, structure)
+        if best is None or cost < least:
+            best, least = fitted, cost
     assert best is not None
     return best
 

@@ -112,6 +112,71 @@ def test_outside_its_range_only_the_straight_part_of_the_angle_goes_on() -> None
     assert beyond[transmission.THETA_J] - edge[transmission.THETA_J] == pytest.approx(0.5 * 2.0)
 
 
+@pytest.mark.parametrize("standstill", [0.0, 0.2])
+def test_at_rest_friction_takes_what_drives_until_it_has_no_more(standstill: float) -> None:
+    torque = np.zeros(TERMS)
+    names = transmission.term_names()
+    torque[names.index("u x^0")] = 1.0
+    for element in (1, 2, 3):
+        torque[names.index(f"z{element} x^0")] = -0.2 / 3
+    c = transmission.constants(Structure(60.0, PRESLIDING_RAD[0], (-1.0, 1.0), standstill), torque)
+    drive = np.concatenate([np.zeros(100), np.full(400, 0.15), np.full(400, 0.5)])
+    rest = np.zeros_like(drive)
+    tau_w, _ = transmission.run(c, np.arange(drive.size) * 1_000_000, rest, rest, drive)
+    reached = tau_w[[499, 899]]
+    assert reached == pytest.approx([0.0, 0.3] if standstill else [0.15, 0.5], abs=2e-3)
+    moving = np.linspace(0.0, 0.9, drive.size)
+    anyhow = [
+        transmission.run(
+            transmission.constants(Structure(60.0, PRESLIDING_RAD[0], (-1.0, 1.0), s), torque),
+            np.arange(drive.size) * 1_000_000,
+            moving,
+            moving,
+            drive,
+        )[0]
+        for s in (0.0, standstill)
+    ]
+    assert np.allclose(anyhow[0], anyhow[1], atol=1e-9)  # a motor that turns has all its friction already
+
+
+def stopping_run(name: str, load_N_m: float, seed: int) -> Run:
+    """A motor that stops for a second in every two; its gear sticks then and takes a current that wanders."""
+    time = np.arange(0.0, SECONDS, 1.0 / RATE_Hz)
+    moving = (time % 2.0) < 1.0
+    way = np.cumsum(np.where(moving, np.sin(np.pi * (time % 2.0)) * np.where(time % 4.0 < 2.0, 1.0, -1.0), 0.0))
+    theta = way / RATE_Hz - 0.35
+    direction = np.where(time % 4.0 < 2.0, 1.0, -1.0)
+    noise = np.random.default_rng(seed)
+    wanders = np.repeat(noise.uniform(-0.9, 0.9, int(SECONDS)), RATE_Hz)
+    taken = np.where(moving, direction, wanders) * 0.05
+    tau_w = load_N_m * (1 + 0.15 * theta)
+    columns = {
+        "time_s": time,
+        "theta_m_rad": theta,
+        "current_A": tau_w + taken + 2e-4 * noise.standard_normal(len(time)),
+        "theta_j_rad": 0.9 * theta,
+        "tau_w_N_m": tau_w,
+    }
+    return Run(name, columns)
+
+
+def test_a_gear_that_sticks_is_found_and_hides_no_load_any_more() -> None:
+    runs = [stopping_run(f"{n}{level}", 0.02 * (level + 1), 10 * n + level) for n in range(2) for level in range(4)]
+    levels = {run.name: int(run.name[1]) for run in runs}
+    train = [run for run in runs if run.name[1] in "02"]
+    renamed = [Run(run.name, {**run.columns, "tau_m_N_m": run.columns["current_A"]}) for run in runs]
+    sticks = fit_transmission(train, levels, "current_A")
+    slides = fit_transmission([run for run in renamed if run.name[1] in "02"], levels, "tau_m_N_m")
+    assert sticks.structure.standstill > 0.0
+    assert slides.structure.standstill == 0.0  # the same columns, taken for a torque behind the gear
+    errors = []
+    for fit in (sticks, slides):
+        held = [run for run in renamed if run.name[1] == "1"]
+        left = [transmission.run(fit.constants, *inputs(run, fit.source))[0] - run.columns["tau_w_N_m"] for run in held]
+        errors.append(rms(np.concatenate([e[RATE_Hz:-RATE_Hz] for e in left])))
+    assert errors[0] < 0.5 * errors[1]
+
+
 def test_a_term_has_a_name_each() -> None:
     names = transmission.term_names()
     assert len(names) == len(set(names)) == TERMS
@@ -126,6 +191,8 @@ def test_what_it_needs_and_lacks_is_named(runs: list[Run]) -> None:
         fit_transmission([], {}, "tau_m_N_m")
     with pytest.raises(ValueError, match="must be positive"):
         transmission.constants(Structure(60.0, PRESLIDING_RAD[0], (1.0, 1.0)))
+    with pytest.raises(ValueError, match="standstill must be 0 or positive"):
+        transmission.constants(Structure(60.0, PRESLIDING_RAD[0], (-1.0, 1.0), -0.1))
 
 
 def test_splits_come_from_loads_and_frequencies_and_not_from_names() -> None:
