@@ -48,6 +48,7 @@ class Record(NamedTuple):
     raw_load_N_m: Vector | None = None  # as measured; only in closed loop
     load_noise: LoadNoise | None = None  # the load cell's
     load_noise_left: LoadNoise | None = None  # what smoothing leaves of it
+    most_bent: float = MOST_BENT  # how far the load was bent by smoothing, as `smooth_load` has it
     calm: Calm | None = None  # in mode "driven"
 
 
@@ -121,7 +122,7 @@ def smoothed_anew(records: Sequence[Record], noise: LoadNoise, most_bent: float 
             return record
         smooth = smooth_load(record.raw_load_N_m, record.edge_rows, record.period_s, noise, most_bent)
         left = noise_left(smooth, record.edge_rows, record.period_s, noise, most_bent)
-        return record._replace(tau_w_N_m=smooth, load_noise=noise, load_noise_left=left)
+        return record._replace(tau_w_N_m=smooth, load_noise=noise, load_noise_left=left, most_bent=most_bent)
 
     return [anew(record) for record in records]
 

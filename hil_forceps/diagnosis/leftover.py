@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.echoes import load_echoes
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.linear import Place, Response, column, direct_column
 from hil_forceps.diagnosis.look import CHANCE
 from hil_forceps.diagnosis.problem import Mapper, Matrix
-from hil_forceps.diagnosis.robust import inflations, left_by
+from hil_forceps.diagnosis.robust import echo_inflations, inflations, left_by
 from hil_forceps.diagnosis.score import Group, score
 from hil_forceps.diagnosis.spectrum import Flat, Layout, Whitener
 
@@ -281,17 +282,39 @@ def leftover(model: Model, whitener: Whitener, curves: Curves, seed: int) -> Lef
     problem, found = model.problem, model.fit
     fitted, residual = whitener.apply(found.jacobian), whitener.apply(found.residual)
     white = whitened(curves, whitener)
-    return left_by_columns(problem.layout, fitted, problem.prior_weights(), found.u, residual, white, seed)
+    beside = Beside(fitted, problem.prior_weights(), found.u)
+    return left_by_columns(
+        problem.layout, beside, residual, white, whitener, lambda: load_echoes(problem, found.u), seed
+    )
+
+
+class Beside(NamedTuple):
+    """Unknowns that are fitted along."""
+
+    columns: Matrix  # whitened
+    weights: Vector  # of u² by what is assumed of them
+    u: Vector
 
 
 def left_by_columns(
-    layout: Layout, fitted: Matrix, weights: Vector, u: Vector, residual: Flat, curves: Curves, seed: int
+    layout: Layout,
+    beside: Beside,
+    residual: Flat,
+    curves: Curves,
+    whitener: Whitener,
+    echoes: Callable[[], Matrix | None],
+    seed: int,
 ) -> Leftover:
-    """Look for curves in a residual beside fitted columns with prior weights of u²; all whitened."""
+    """Look for curves in a residual; it and the curves are whitened, the `echoes` of the load's noise are not."""
+    fitted, weights, u = beside
     white, groups, names = curves
     found = score(fitted, weights, u, white, groups, residual, CHANCE, seed)
     noise = left_by(np.concatenate((fitted, white), axis=1), residual[:, None])[:, 0]
-    found = found._replace(gains=found.gains / inflations(layout, fitted, white, groups, noise))
+    gains = found.gains / inflations(layout, fitted, white, groups, noise)
+    if gains.max() > OVER_CHANCE_TWICE * found.threshold and (drawn := echoes()) is not None:
+        by_load = echo_inflations(layout, fitted, white, groups, whitener.apply(drawn))
+        gains = np.minimum(gains, found.gains / by_load)
+    found = found._replace(gains=gains)
     order = np.argsort(-found.gains)
     families = tuple((*names[i], float(found.gains[i])) for i in order)
     values, vectors = np.linalg.eigh(found.projected)

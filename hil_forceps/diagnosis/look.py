@@ -11,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.echoes import load_echoes
 from hil_forceps.diagnosis.entries import Probe, Scene, probes
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import gram
 from hil_forceps.diagnosis.probing import sized_columns
 from hil_forceps.diagnosis.problem import Matrix
-from hil_forceps.diagnosis.robust import inflations
+from hil_forceps.diagnosis.robust import echo_inflations, inflations
 from hil_forceps.diagnosis.score import Group, Scores, score
 from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise
 
@@ -78,6 +79,7 @@ class Looker:
         self._seed = seed
         self._first: Seen | None = None
         self._course: Flat | None = None  # of the noise, as the last look left it
+        self._echoes: tuple[Matrix | None] | None = None  # None: not looked for yet
         self.inflation: dict[str, float] = {}  # of each entry: how much more than white noise chance gives it
 
     def see(self, model: Model, whitener: Whitener) -> Seen:
@@ -132,10 +134,25 @@ class Looker:
             CHANCE,
             self._seed,
         )
-        found = found._replace(gains=found.gains / inflation, threshold=max(found.threshold, LEAST_GAIN))
+        threshold = max(found.threshold, LEAST_GAIN)
+        high = np.flatnonzero(found.gains / inflation > STANDS_OUT * threshold)
+        echoes = self._load_echoes(model) if high.size else None
+        if echoes is not None:
+            some = _some(seen, [int(i) for i in high])
+            more = echo_inflations(
+                model.problem.layout, fitted, whitener.apply(some.columns), some.groups, whitener.apply(echoes)
+            )
+            inflation[high] = np.maximum(inflation[high], more)
+        found = found._replace(gains=found.gains / inflation, threshold=threshold)
         for probe, much in zip(seen.places, inflation, strict=True):
             self.inflation[probe.effect_id] = max(self.inflation.get(probe.effect_id, 1.0), float(much))
         return Scan(seen.places, seen.groups, seen.columns, found)
+
+    def _load_echoes(self, model: Model) -> Matrix | None:
+        """Return what the load's noise drawn anew does; it hangs little on the model, and each draw is a simulation."""
+        if self._echoes is None:
+            self._echoes = (load_echoes(model.problem, model.fit.u),)
+        return self._echoes[0]
 
 
 def _some(seen: Seen, which: Sequence[int]) -> Seen:

@@ -29,8 +29,11 @@ def inflations(layout: Layout, fitted: Matrix, columns: Matrix, groups: Sequence
     """
     clean = left_by(fitted, columns)
     sums = _block_sums(layout, clean, noise)
-    scatter = sums.T @ sums
-    expected = gram(clean, clean)
+    return _above(gram(clean, clean), sums.T @ sums, groups)
+
+
+def _above(expected: Vector, scatter: Vector, groups: Sequence[Group]) -> Vector:
+    """Return for each group by how much the scatter exceeds the expected one on the mean; at least 1."""
     found = np.ones(len(groups))
     for i, group in enumerate(groups):
         here = slice(group.first, group.stop)
@@ -43,6 +46,25 @@ def inflations(layout: Layout, fitted: Matrix, columns: Matrix, groups: Sequence
         root = vectors[:, kept] / np.sqrt(values[kept])
         found[i] = max(1.0, float(np.trace(root.T @ (seen / np.outer(size, size)) @ root)) / int(kept.sum()))
     return found
+
+
+def echo_inflations(layout: Layout, fitted: Matrix, columns: Matrix, groups: Sequence[Group], echoes: Matrix) -> Vector:
+    """Return the same by what the load's noise drawn anew does (`load_echoes`); all whitened.
+
+    The sum over a run of a column times that noise has as much variance as the draws say; what else is noise has what
+    is left of each band's power, spread evenly.
+    """
+    clean = left_by(fitted, columns)
+    expected = gram(clean, clean)
+    bands = np.maximum(np.bincount(layout.band_of), 1)
+    loads = np.bincount(layout.band_of, np.mean(echoes.astype(np.float64) ** 2, axis=1)) / bands
+    others = np.sqrt(np.clip(1.0 - loads, 0.0, None))[layout.band_of].astype(np.float32)
+    scatter = gram(clean * others[:, None], clean * others[:, None])
+    for run in range(max(part.run for part in layout.parts) + 1):
+        rows = np.concatenate([np.arange(part.start, part.stop) for part in layout.parts if part.run == run])
+        sums = gram(clean[rows], echoes[rows])
+        scatter += sums @ sums.T / echoes.shape[1]
+    return _above(expected, scatter, groups)
 
 
 def left_by(fitted: Matrix, columns: Matrix) -> Matrix:

@@ -75,10 +75,9 @@ def noise_left(
         return noise
     rows, rng = smooth.size, np.random.default_rng(smooth.size)
     frequency = fft.rfftfreq(rows, period_s)
-    colour = np.sqrt(np.interp(frequency, noise.frequency_Hz, noise.power))
     before, after = np.zeros(frequency.size), np.zeros(frequency.size)
     for _ in range(REPLICAS):
-        drawn = fft.irfft(fft.rfft(rng.standard_normal(rows)) * colour, rows)
+        drawn = drawn_noise(rng, rows, period_s, noise)
         left = smooth_load(smooth + drawn, edge_rows, period_s, noise, most_bent) - smooth
         before += np.abs(fft.rfft(drawn)) ** 2
         after += np.abs(fft.rfft(left)) ** 2
@@ -89,6 +88,12 @@ def noise_left(
     seen = np.bincount(band, minlength=BANDS) > 0
     power = np.interp(middle[seen], noise.frequency_Hz, noise.power) * passed[seen]
     return LoadNoise(middle[seen], power)
+
+
+def drawn_noise(rng: np.random.Generator, rows: int, period_s: float, noise: LoadNoise) -> Vector:
+    """Return a draw of a load cell's noise."""
+    colour = np.sqrt(np.interp(fft.rfftfreq(rows, period_s), noise.frequency_Hz, noise.power))
+    return np.asarray(fft.irfft(fft.rfft(rng.standard_normal(rows)) * colour, rows))
 
 
 def _predictor(power: Vector) -> tuple[Vector, float]:

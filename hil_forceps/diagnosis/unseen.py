@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.anew import Refresh, courses_of
 from hil_forceps.diagnosis.assemble import Setting, assemble, responses_of
+from hil_forceps.diagnosis.echoes import load_echoes
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import Fit, fit, gram, inverse, sum_of_squares
-from hil_forceps.diagnosis.leftover import Leftover, curves_along, left_by_columns, whitened
+from hil_forceps.diagnosis.leftover import Beside, Leftover, curves_along, left_by_columns, whitened
 from hil_forceps.diagnosis.look import noise_of
 from hil_forceps.diagnosis.problem import Outputs
 from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform, white_noise, whitening
@@ -59,7 +60,11 @@ def _left(chosen: Model, setting: Setting, model: Model, whitener: Whitener, rig
     moved = np.linalg.lstsq(known, model.fit.u[:count] - chosen.fit.u[:count], rcond=None)[0]
     u = np.concatenate((moved, model.fit.u[count:]))
     residual = whitener.apply(model.fit.residual)
-    return left_by_columns(problem.layout, fitted, np.ones(u.size), u, residual, whitened(curves, whitener), seed)
+    beside = Beside(fitted, np.ones(u.size), u)
+    found = whitened(curves, whitener)
+    return left_by_columns(
+        problem.layout, beside, residual, found, whitener, lambda: load_echoes(problem, model.fit.u), seed
+    )
 
 
 def _beside(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh) -> tuple[Setting, Model, Whitener]:
