@@ -22,7 +22,8 @@ from hil_forceps.diagnosis.load_noise import load_noise, load_noise_driven
 from hil_forceps.diagnosis.look import Looker, noise_of
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
-from hil_forceps.diagnosis.problem import Mapper, Problem
+from hil_forceps.diagnosis.problem import Mapper, Matrix, Problem
+from hil_forceps.diagnosis.robust import widenings
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.second_look import confirmed, left_with_sharper_load, with_sharper_load
 from hil_forceps.diagnosis.smoothing import LoadNoise
@@ -126,10 +127,13 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     if choice.model.effects and sharper is not None:
         options.progress("looking whether weak effects stay with the load smoothed less")
         choice = confirmed(choice, sharper)
+    echoes = looker.load_echoes(choice.model)
+    if echoes is not None:
+        choice = replace(choice, model=with_wider_intervals(choice.model, choice.whitener, echoes))
     options.progress("looking at what is left")
     gone_through = courses_of(setting, choice.model)
     curves = curves_along(gone_through, choice.model.problem.layout, responses, options.mapper)
-    after = leftover(choice.model, choice.whitener, curves, options.seed)
+    after = leftover(choice.model, choice.whitener, curves, echoes, options.seed)
     if after.asks_for_another_look and sharper is not None:
         options.progress("looking at what is left once more, with the load smoothed less")
         after = seen_twice(after, left_with_sharper_load(choice, sharper, responses, options.seed))
@@ -139,7 +143,7 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
         unseen = left_unseen(choice.model, held_records, rig, refresh, options.seed)
     baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
     # Without effects both are one.
-    before = leftover(baseline, choice.whitener, curves, options.seed) if choice.model.effects else after
+    before = leftover(baseline, choice.whitener, curves, echoes, options.seed) if choice.model.effects else after
     nominal = replace(nominal, fit=fit_again(nominal.problem, nominal.fit, choice.whitener))
     return Findings(
         rig,
@@ -156,6 +160,18 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
         unseen,
         whitener,
     )
+
+
+def with_wider_intervals(model: Model, whitener: Whitener, echoes: Matrix) -> Model:
+    """Return the model with the deviations of known parameters that the load's noise gives them, as it happens.
+
+    An effect's own are as much wider as its gain is less.
+    """
+    problem, found = model.problem, model.fit
+    wider = widenings(problem.layout, whitener.apply(found.jacobian), problem.prior_weights(), whitener.apply(echoes))
+    named = [i for i, item in enumerate(problem.shared.items) if item.name.startswith("effects.")]
+    wider[named] = 1.0
+    return replace(model, fit=found._replace(covariance=found.covariance * np.outer(wider, wider)))
 
 
 def without_load_noise(

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.echoes import load_echoes
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.linear import Place, Response, column, direct_column
 from hil_forceps.diagnosis.look import CHANCE
 from hil_forceps.diagnosis.problem import Mapper, Matrix
-from hil_forceps.diagnosis.robust import echo_inflations, inflations, left_by
+from hil_forceps.diagnosis.robust import inflations, left_by
 from hil_forceps.diagnosis.score import Group, score
 from hil_forceps.diagnosis.spectrum import Flat, Layout, Whitener
 
@@ -277,15 +276,12 @@ def whitened(curves: Curves, whitener: Whitener) -> Curves:
     return curves._replace(columns=white)
 
 
-def leftover(model: Model, whitener: Whitener, curves: Curves, seed: int) -> Leftover:
-    """Look for curves in what the model leaves."""
+def leftover(model: Model, whitener: Whitener, curves: Curves, echoes: Matrix | None, seed: int) -> Leftover:
+    """Look for curves in what the model leaves; `echoes`: what the load's noise drawn anew does, not whitened."""
     problem, found = model.problem, model.fit
-    fitted, residual = whitener.apply(found.jacobian), whitener.apply(found.residual)
-    white = whitened(curves, whitener)
-    beside = Beside(fitted, problem.prior_weights(), found.u)
-    return left_by_columns(
-        problem.layout, beside, residual, white, whitener, lambda: load_echoes(problem, found.u), seed
-    )
+    beside = Beside(whitener.apply(found.jacobian), problem.prior_weights(), found.u)
+    residual, drawn = whitener.apply(found.residual), None if echoes is None else whitener.apply(echoes)
+    return left_by_columns(problem.layout, beside, residual, whitened(curves, whitener), drawn, seed)
 
 
 class Beside(NamedTuple):
@@ -297,24 +293,14 @@ class Beside(NamedTuple):
 
 
 def left_by_columns(
-    layout: Layout,
-    beside: Beside,
-    residual: Flat,
-    curves: Curves,
-    whitener: Whitener,
-    echoes: Callable[[], Matrix | None],
-    seed: int,
+    layout: Layout, beside: Beside, residual: Flat, curves: Curves, echoes: Matrix | None, seed: int
 ) -> Leftover:
-    """Look for curves in a residual; it and the curves are whitened, the `echoes` of the load's noise are not."""
+    """Look for curves in a residual; all whitened."""
     fitted, weights, u = beside
     white, groups, names = curves
     found = score(fitted, weights, u, white, groups, residual, CHANCE, seed)
     noise = left_by(np.concatenate((fitted, white), axis=1), residual[:, None])[:, 0]
-    gains = found.gains / inflations(layout, fitted, white, groups, noise)
-    if gains.max() > OVER_CHANCE_TWICE * found.threshold and (drawn := echoes()) is not None:
-        by_load = echo_inflations(layout, fitted, white, groups, whitener.apply(drawn))
-        gains = np.minimum(gains, found.gains / by_load)
-    found = found._replace(gains=gains)
+    found = found._replace(gains=found.gains / inflations(layout, fitted, white, groups, noise, echoes))
     order = np.argsort(-found.gains)
     families = tuple((*names[i], float(found.gains[i])) for i in order)
     values, vectors = np.linalg.eigh(found.projected)

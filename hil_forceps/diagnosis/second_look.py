@@ -12,6 +12,7 @@ from functools import cache
 from hil_forceps.diagnosis.anew import Refresh, courses_of
 from hil_forceps.diagnosis.assemble import Setting, assemble
 from hil_forceps.diagnosis.choice import Choice, Rival, below_threshold
+from hil_forceps.diagnosis.echoes import load_echoes
 from hil_forceps.diagnosis.experiment import smoothed_anew
 from hil_forceps.diagnosis.extension import Model, without_effect
 from hil_forceps.diagnosis.fit import fit, fit_again
@@ -77,4 +78,4 @@ def left_with_sharper_load(choice: Choice, sharper: Sharper, responses: Sequence
     setting, model, whitener = sharper(choice)
     problem = model.problem
     curves = curves_along(courses_of(setting, model), problem.layout, responses, problem.mapper)
-    return leftover(model, whitener, curves, seed)
+    return leftover(model, whitener, curves, load_echoes(problem, model.fit.u), seed)

@@ -14,7 +14,7 @@ from hil_forceps.diagnosis.echoes import ECHOES, load_echoes
 from hil_forceps.diagnosis.experiment import Record, prepare
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.problem import Matrix, Problem
-from hil_forceps.diagnosis.robust import echo_inflations
+from hil_forceps.diagnosis.robust import inflations, widenings
 from hil_forceps.diagnosis.score import Group
 from hil_forceps.diagnosis.smoothing import LoadNoise
 from hil_forceps.diagnosis.spectrum import MOTOR, Layout, fill, make_layout
@@ -106,8 +106,10 @@ def test_the_variance_of_a_sum_with_bursts_is_foretold() -> None:
         loads.append(flat)
     groups = [Group(0, 1, one_sided=False), Group(1, 2, one_sided=False)]
     nothing = np.zeros((where.size, 1), dtype=np.float32)
-    foretold = echo_inflations(where, nothing, columns, groups, np.stack(loads, axis=1))
+    foretold = inflations(where, nothing, columns, groups, np.zeros(where.size, np.float32), np.stack(loads, axis=1))
     seen = np.var([columns.T @ bursts(where, rng) for _ in range(SETS)], axis=0)
     assert seen[0] > 20.0
     assert foretold[0] == pytest.approx(seen[0], rel=0.35)
     assert foretold[1] == pytest.approx(max(seen[1], 1.0), rel=0.2)
+    wider = widenings(where, columns, np.zeros(2), np.stack(loads, axis=1))
+    assert wider**2 == pytest.approx(foretold, rel=0.2)
