@@ -1,11 +1,11 @@
 # Two commands: `make bench` runs the paper's simulations, `make test` what every change has to pass. CI runs
-# `make test-long` besides: what takes tens of seconds a test and has a shorter one beside it.
+# `make test-long` besides: what takes tens of seconds a test and has a shorter one beside it, and all targets.
 VENV ?= .venv
 OUT ?= out
 PY := $(VENV)/bin/python
 TESTS := tests --ignore=tests/targets --ignore=tests/bench
 
-.PHONY: install bench test test-long lint types layers unit system targets targets-short fuzz hidden-effects benchmark wheel clean
+.PHONY: install bench test test-long lint types layers unit system targets targets-short targets-quick fuzz hidden-effects benchmark wheel clean
 
 install:
 	@tools/install.sh $(VENV)
@@ -16,7 +16,7 @@ bench: install
 
 # What computes first, two at a time; then what watches the clock. Some 4 minutes more the first time, where SocketCAN
 # needs a kernel built.
-test: lint types layers unit system targets-short
+test: lint types layers unit system targets-quick
 
 lint: install
 	$(VENV)/bin/ruff check .
@@ -31,7 +31,7 @@ layers: install
 unit: install
 	$(PY) -m pytest -n 2 --dist loadgroup -m "not realtime and not long" $(TESTS)
 
-test-long: install
+test-long: targets-short
 	$(PY) -m pytest -n 2 --dist loadgroup -m "long" $(TESTS)
 
 # One process and nothing beside it: these start processes of their own and watch the clock. On a machine that others
@@ -41,8 +41,9 @@ system: install
 
 # Conformance and simulation 2 on every target that this machine can have, then the table of what ran. What runs in
 # virtual time goes first, for it needs no quiet machine. `make targets` closes the loop over the 20 s of the paper and
-# runs one real-time target at a time: for figures to publish, on a machine with nothing else to do. In `make test` it is
-# 3 s, two at a time, and emulated machines are spared the flood of frames.
+# runs one real-time target at a time: for figures to publish, on a machine with nothing else to do. In
+# `make targets-short` it is 3 s, two at a time, and emulated machines are spared the flood of frames; `targets-quick` has
+# one target of each kind.
 targets: export HIL_FORCEPS_TARGETS_FULL = 1
 targets: TARGET_JOBS = 1
 targets: TARGET_RERUNS = 0
@@ -56,6 +57,11 @@ targets targets-short: install
 		$(PY) -m pytest -n $(TARGET_JOBS) --dist worksteal -m realtime --reruns $(TARGET_RERUNS) tests/targets || status=1; \
 		$(PY) -m tools.target_table || status=1; \
 		exit $$status
+
+targets-quick: install
+	-@tools/install_targets.sh
+	$(PY) -m pytest -n 2 --dist worksteal -m "not realtime and not long" tests/targets
+	$(PY) -m pytest -n 2 --dist worksteal -m "realtime and not long" --reruns 1 tests/targets
 
 # Ten million bytes into every reader and state machine of the Python side.
 fuzz: install

@@ -24,7 +24,7 @@ from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise
 Vector = NDArray[np.float64]
 
 CHANCE = 0.005  # family-wise, of naming something where nothing is
-# Chance under exact noise gives 14 or 15. Of 139 sets without effect 137 gave no more than 13.4, two 15.9 and 17.9. An
+# Chance under exact noise gives 14 or 15. Of 144 sets without effect 142 gave no more than 13.4, two 15.9 and 17.9. An
 # effect of d = 8 gives 64 on average, less where the load's noise comes in bursts.
 LEAST_GAIN = 18.0
 STILL_GOOD = 0.9  # mean cos² between the known parameters' sensitivities then and now

@@ -88,6 +88,7 @@ def test_command_works(installed: Path) -> None:
     assert "theta_m_rad=1.0995575" in decoded
 
 
+@pytest.mark.long
 def test_python_can_finds_the_interface(installed: Path) -> None:
     script = (
         "import can\n"

@@ -51,6 +51,7 @@ def test_simulation_2_in_virtual_time() -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.long
 def test_over_a_pseudo_terminal(tmp_path: Path) -> None:
     link = tmp_path / "port"
     with recorded("python-pty", Part.CONFORMANCE) as record, drive("--serial-pty", str(link)):
@@ -61,6 +62,7 @@ def test_over_a_pseudo_terminal(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.long
 def test_over_udp_multicast_fd(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))

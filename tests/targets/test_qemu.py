@@ -97,6 +97,7 @@ def await_true(process: "subprocess.Popen[str]", what: Callable[[], bool]) -> No
         time.sleep(0.02)
 
 
+@pytest.mark.long
 def test_conformance(tmp_path: Path) -> None:
     with recorded(TARGET, Part.CONFORMANCE) as record:
         require_emulator(record)

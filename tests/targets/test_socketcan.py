@@ -29,7 +29,9 @@ FOLDER: Final = "tests/targets/socketcan"
 INSIDE: Final = "tests.targets.socketcan.inside"
 PYTEST: Final = ("pytest", "-v", "-p", "no:hypothesispytest")
 APPLICABLE: Final = {"classic": 78, "fd": 83, "slcan": 78}
-KINDS: Final = pytest.mark.parametrize("kind", list(TARGETS))
+KINDS: Final = pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=() if kind == "fd" else pytest.mark.long) for kind in TARGETS]
+)
 
 
 class Ended(NamedTuple):

@@ -303,6 +303,7 @@ def test_emps_by_the_train_file_alone() -> None:
     assert roll_off(test) > 8.0 > roll_off(train)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.shared_data
 def test_low_speed_friction_left_out_pulls_the_dead_time_on_the_measured_reference() -> None:

@@ -89,6 +89,7 @@ def test_recording_replays_to_the_byte(realistic: Rig, tmp_path: Path, algorithm
     assert replay(recording, make_pipeline(rig, settings)).first_difference is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("spec", [SPEC._replace(algorithm="kalman"), RunSpec(2, "kalman", True, 2e-4, False, SHORT_S)])
 def test_estimator_may_be_blind_to_what_the_plant_has(paper: Rig, tmp_path: Path, spec: RunSpec) -> None:
     from hil_forceps.bench.assembly import make_pipeline, settings_of  # noqa: PLC0415

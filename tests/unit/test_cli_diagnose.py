@@ -168,6 +168,7 @@ def test_a_clipped_current_gets_no_other_name(call: Any, good: list[Run]) -> Non
     assert {effect["id"] for effect in result["effects"]} <= {"current_saturation"}
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_gaps_are_told_and_do_not_become_a_cause(call: Any, good: list[Run], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choice, "MAX_EFFECTS", 1)  # one name would be wrong already

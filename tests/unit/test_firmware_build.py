@@ -120,6 +120,7 @@ def gcov(build: Path) -> list[dict[str, object]]:
     return files
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_every_line_and_every_branch_is_run() -> None:
     build = make("library", "coverage")
