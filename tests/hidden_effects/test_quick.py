@@ -34,8 +34,8 @@ def test_a_shift_alone_is_no_cause() -> None:
     clean(Spec("shift", "shift", (), 0.0, 7, "mixed", shifted=True))
 
 
-# Of the first, the load's corners, which smoothing bends, look like a drift of friction until it is smoothed less. In the
-# others the load's noise comes in bursts, which passed for a drift of K_t, a ripple, and something that no entry tells.
+# Of the first, the load's corners, which smoothing bends, look like a drift of friction until it is smoothed less. In
+# the others the load's noise comes in bursts, which passed for a drift of K_t, a ripple, and something unnamed.
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("noise", "scenarios", "seed"),

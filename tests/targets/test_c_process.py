@@ -18,9 +18,7 @@ from tests.targets.suite import DRIVE_AHEAD, check, judge
 pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(600)]
 
 # UDP keeps packets whole, so HFP-162, which cuts them, says nothing there.
-LINES = pytest.mark.parametrize(
-    ("line", "applicable"), [("pty", 86), pytest.param("udp", 87, marks=pytest.mark.long)]
-)
+LINES = pytest.mark.parametrize(("line", "applicable"), [("pty", 86), pytest.param("udp", 87, marks=pytest.mark.long)])
 
 
 class Process(NamedTuple):
