@@ -11,7 +11,7 @@ from hil_forceps.diagnosis import linear, predict_driven
 from hil_forceps.diagnosis.assemble_driven import driven_problem
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.first_rows import make_starts
-from hil_forceps.diagnosis.noise_shape import shaped
+from hil_forceps.diagnosis.load_errors import with_load_errors
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
@@ -69,8 +69,14 @@ def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknow
         mapper,
     )
     power = first_noise(simulator, layout.band_channel, rig)
-    problem = replace(problem, layout=shaped(layout, records, responses_of(simulator, theta, rig), power))
     return Setting(problem, simulator, 0.2 * power, power)
+
+
+def aware_of_load(setting: Setting, theta: Vector, rig: Rig) -> Setting:
+    """Return the setting with what errors of the load do to the channels, with these parameters of the model."""
+    problem, responses = setting.problem, responses_of(setting.simulator, theta, rig)
+    layout = with_load_errors(problem.layout, problem.records, responses, setting.first_power, problem.mapper)
+    return setting._replace(problem=replace(problem, layout=layout))
 
 
 def responses_of(simulator: ClosedLoop | Driven, theta: Vector, rig: Rig) -> list[linear.Response]:

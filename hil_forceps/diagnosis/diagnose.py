@@ -8,26 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.anew import courses_of, refresher
-from hil_forceps.diagnosis.assemble import Setting, assemble, responses_of
+from hil_forceps.diagnosis.assemble import Setting, assemble, aware_of_load, responses_of
 from hil_forceps.diagnosis.audit import Finding, audit
 from hil_forceps.diagnosis.choice import Choice, Chooser
-from hil_forceps.diagnosis.experiment import Record, mode_of, prepare, smoothed_anew, with_raw_load
+from hil_forceps.diagnosis.experiment import Record, mode_of, prepare, with_load_course, with_raw_load
 from hil_forceps.diagnosis.experiment_driven import prepare_driven, row_noise
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import fit, fit_again, hold_nuisances
 from hil_forceps.diagnosis.jaw_zero import without_jaw_zero
-from hil_forceps.diagnosis.leftover import Leftover, curves_along, leftover, seen_twice
+from hil_forceps.diagnosis.leftover import Leftover, curves_along, leftover
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.load_noise import load_noise, load_noise_driven
-from hil_forceps.diagnosis.look import Looker, noise_of
+from hil_forceps.diagnosis.look import Looker, no_columns, noise_of
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
-from hil_forceps.diagnosis.problem import Mapper, Matrix, Problem
-from hil_forceps.diagnosis.robust import widenings
+from hil_forceps.diagnosis.problem import Mapper, Problem
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
-from hil_forceps.diagnosis.second_look import confirmed, left_with_sharper_load, with_sharper_load
 from hil_forceps.diagnosis.smoothing import LoadNoise
-from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, measure_noise, white_noise, whitening
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, white_noise, whitening
 from hil_forceps.diagnosis.starting import completed, unknown_names
 from hil_forceps.diagnosis.trust import trusting
 from hil_forceps.diagnosis.unknowns import Unknowns
@@ -122,28 +120,17 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     looker = Looker(scene, options.without, setting.floor, options.seed)
     chooser = Chooser(looker, options.progress, refresh)
     choice = chooser.choose(baseline, whitener)
-    noise = records[0].load_noise
-    sharper = with_sharper_load(noise, rig, refresh) if noise is not None else None
-    if choice.model.effects and sharper is not None:
-        options.progress("looking whether weak effects stay with the load smoothed less")
-        choice = confirmed(choice, sharper)
-    echoes = looker.load_echoes(choice.model)
-    if echoes is not None:
-        choice = replace(choice, model=with_wider_intervals(choice.model, choice.whitener, echoes))
     options.progress("looking at what is left")
     gone_through = courses_of(setting, choice.model)
     curves = curves_along(gone_through, choice.model.problem.layout, responses, options.mapper)
-    after = leftover(choice.model, choice.whitener, curves, echoes, options.seed)
-    if after.asks_for_another_look and sharper is not None:
-        options.progress("looking at what is left once more, with the load smoothed less")
-        after = seen_twice(after, left_with_sharper_load(choice, sharper, responses, options.seed))
+    after = leftover(choice.model, choice.whitener, curves, options.seed)
     unseen = None
     if choice.model.effects and held_records:
         options.progress("looking at what is left in the runs held out")
         unseen = left_unseen(choice.model, held_records, rig, refresh, options.seed)
     baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
     # Without effects both are one.
-    before = leftover(baseline, choice.whitener, curves, echoes, options.seed) if choice.model.effects else after
+    before = leftover(baseline, choice.whitener, curves, options.seed) if choice.model.effects else after
     nominal = replace(nominal, fit=fit_again(nominal.problem, nominal.fit, choice.whitener))
     return Findings(
         rig,
@@ -162,18 +149,6 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     )
 
 
-def with_wider_intervals(model: Model, whitener: Whitener, echoes: Matrix) -> Model:
-    """Return the model with the deviations of known parameters that the load's noise gives them, as it happens.
-
-    An effect's own are as much wider as its gain is less.
-    """
-    problem, found = model.problem, model.fit
-    wider = widenings(problem.layout, whitener.apply(found.jacobian), problem.prior_weights(), whitener.apply(echoes))
-    named = [i for i, item in enumerate(problem.shared.items) if item.name.startswith("effects.")]
-    wider[named] = 1.0
-    return replace(model, fit=found._replace(covariance=found.covariance * np.outer(wider, wider)))
-
-
 def without_load_noise(
     records: list[Record], held_out: list[Record], rig: Rig, options: Options
 ) -> tuple[list[Record], list[Record]]:
@@ -183,7 +158,7 @@ def without_load_noise(
     options.progress("looking at the load cell's noise")
     raw = with_raw_load(records)
     noise = load_noise(*_left_by_assumed(raw, rig, options), raw)
-    return smoothed_anew(records, noise), smoothed_anew(held_out, noise)
+    return with_load_course(records, noise), with_load_course(held_out, noise)
 
 
 def driven_load_noise(runs: Sequence[Run], records: list[Record], rig: Rig, options: Options) -> LoadNoise | None:
@@ -209,7 +184,7 @@ def _left_by_assumed(records: Sequence[Record], rig: Rig, options: Options) -> t
 def assumed_noise(problem: Problem, whitener: Whitener, floor: Vector) -> tuple[Model, Noise, Flat]:
     """Return the rig as assumed beside the data, and the noise that no parameter near it explains, with its course."""
     assumed = Model((), problem, fit(problem, np.zeros(problem.size), whitener, steps=0))
-    noise, course = noise_of(assumed, np.empty((problem.layout.size, 0), dtype=np.float32), whitener, floor)
+    noise, course = noise_of(assumed, no_columns(problem), whitener, floor)
     return assumed, noise, course
 
 
@@ -221,6 +196,7 @@ def fit_baseline(
     `unknown`: parameters of which the rig says no value; nothing was assumed of them.
     """
     setting = assemble(records, rig, options.mapper)
+    setting = aware_of_load(setting, setting.problem.base, rig)
     items = setting.problem.shared.items
     shared = Unknowns(tuple(item._replace(assumed=None) if item.name in unknown else item for item in items))
     problem = setting.problem.with_shared(shared)
@@ -231,8 +207,10 @@ def fit_baseline(
     # What the load cell's noise does is many times the encoder's: taken for signal, it would bend every parameter.
     _, noise, _ = assumed_noise(problem, whitener, setting.floor)
     rough = fit(problem, np.zeros(problem.size), whitening(problem.layout, noise), steps=BASELINE_STEPS)
-    noise = measure_noise(problem.layout, rough.residual)
-    noise = noise._replace(power=np.maximum(noise.power, setting.floor))
+    # Near the true plant now: what errors of the load do is known better, too.
+    setting = aware_of_load(setting._replace(problem=problem), problem.theta(rough.u), rig)
+    problem = setting.problem
+    noise, _ = noise_of(Model((), problem, rough), no_columns(problem), whitening(problem.layout, noise), setting.floor)
     whitener = whitening(problem.layout, noise)
     found = rough
     for number in range(REFRESHES):

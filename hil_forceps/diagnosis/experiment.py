@@ -6,7 +6,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.smoothing import MOST_BENT, LoadNoise, noise_left, smooth_load
+from hil_forceps.diagnosis.load_course import load_course
+from hil_forceps.diagnosis.smoothing import LoadNoise, smooth_load
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
@@ -47,8 +48,7 @@ class Record(NamedTuple):
     theta_j_rad: Vector | None = None  # in mode "driven" without a measured load: it drives, too
     raw_load_N_m: Vector | None = None  # as measured; only in closed loop
     load_noise: LoadNoise | None = None  # the load cell's
-    load_noise_left: LoadNoise | None = None  # what smoothing leaves of it
-    most_bent: float = MOST_BENT  # how far the load was bent by smoothing, as `smooth_load` has it
+    load_error: NDArray[np.float32] | None = None  # what its course leaves open, as `load_course` has it
     calm: Calm | None = None  # in mode "driven"
 
 
@@ -114,15 +114,14 @@ def with_raw_load(records: Sequence[Record]) -> list[Record]:
     return [r if r.raw_load_N_m is None else r._replace(tau_w_N_m=r.raw_load_N_m) for r in records]
 
 
-def smoothed_anew(records: Sequence[Record], noise: LoadNoise, most_bent: float = MOST_BENT) -> list[Record]:
-    """Return records whose load is smoothed with what has been found of its noise."""
+def with_load_course(records: Sequence[Record], noise: LoadNoise) -> list[Record]:
+    """Return records with the course of their load, as far as its noise lets it be known."""
 
     def anew(record: Record) -> Record:
         if record.raw_load_N_m is None:
             return record
-        smooth = smooth_load(record.raw_load_N_m, record.edge_rows, record.period_s, noise, most_bent)
-        left = noise_left(smooth, record.edge_rows, record.period_s, noise, most_bent)
-        return record._replace(tau_w_N_m=smooth, load_noise=noise, load_noise_left=left, most_bent=most_bent)
+        load, error = load_course(record.raw_load_N_m, record.edge_rows, record.period_s, noise)
+        return record._replace(tau_w_N_m=load, load_noise=noise, load_error=error)
 
     return [anew(record) for record in records]
 

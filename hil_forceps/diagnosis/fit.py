@@ -35,7 +35,11 @@ class Fit(NamedTuple):
 
 def chi2_of(problem: Problem, residual: Flat, whitener: Whitener, u: Vector) -> float:
     """Return the objective: squared whitened residual plus priors."""
-    return sum_of_squares(whitener.apply(residual)) + float(np.sum(problem.prior_weights() * u * u))
+    return _objective(whitener.apply(residual), problem.prior_weights(), u)
+
+
+def _objective(white: Flat, weights: Vector, u: Vector) -> float:
+    return sum_of_squares(white) + float(np.sum(weights * u * u))
 
 
 def sum_of_squares(flat: Flat) -> float:
@@ -100,19 +104,24 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
     u = np.clip(u, low, high)
     outputs = problem.simulate(u)
     residual = problem.measured - transform(problem.layout, outputs)
-    chi2 = chi2_of(problem, residual, whitener, u)
+    white = whitener.apply(residual)
+    chi2 = _objective(white, weights, u)
     damping = FIRST_DAMPING
     at, fresh = _sensitivity(problem, u, outputs, whitener, held), True
     done = 0
     while done < steps:
         done += 1
-        slope = gram(at.white, whitener.apply(residual)[:, None])[:, 0] - weights * u
+        slope = gram(at.white, white[:, None])[:, 0] - weights * u
+        whole = _step(at.gram, slope, weights, 0.0, u, low, high) - u
+        if _expected(at.gram, slope, weights, whole) < SMALL_FALL:
+            break
         improved = False
         for _ in range(MAX_DAMPINGS):
             candidate = _step(at.gram, slope, weights, damping, u, low, high)
             new_outputs = problem.simulate(candidate)
             new_residual = problem.measured - transform(problem.layout, new_outputs)
-            new_chi2 = chi2_of(problem, new_residual, whitener, candidate)
+            new_white = whitener.apply(new_residual)
+            new_chi2 = _objective(new_white, weights, candidate)
             if np.isfinite(new_chi2) and new_chi2 < chi2:
                 improved = True
                 break
@@ -121,7 +130,7 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
             break
         if improved:
             fall, expected = chi2 - new_chi2, _expected(at.gram, slope, weights, candidate - u)
-            u, outputs, residual, chi2 = candidate, new_outputs, new_residual, new_chi2
+            u, outputs, residual, white, chi2 = candidate, new_outputs, new_residual, new_white, new_chi2
             damping = max(damping / 30.0, FIRST_DAMPING)
             if fall < SMALL_FALL:
                 break

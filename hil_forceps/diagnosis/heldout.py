@@ -12,12 +12,13 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import fit
+from hil_forceps.diagnosis.look import no_columns, noise_of
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper
 from hil_forceps.diagnosis.result import Gain, RunEvidence
 from hil_forceps.diagnosis.shaking import with_encoder_errors
-from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Layout, Noise, followed, measure_noise, white_noise, whitening
+from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Layout, Noise, power_of_load, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
 
@@ -45,8 +46,7 @@ def play(records: Sequence[Record], rig: Rig, theta: Vector, quantum_rad: float,
     if quantum_rad > 0.0 and isinstance(simulator, ClosedLoop):
         simulator = with_encoder_errors(simulator, theta, problem.nuisances(found.u), quantum_rad, mapper)
         problem = replace(problem, simulate_runs=simulator)
-    noise = measure_noise(problem.layout, found.residual)
-    noise = noise._replace(power=np.maximum(noise.power, setting.floor))
+    noise, _ = noise_of(Model((), problem, found), no_columns(problem), whitener, setting.floor)
     found = fit(problem, found.u, whitening(problem.layout, noise), steps=NUISANCE_STEPS)
     return play_fitted(Model((), problem, found))
 
@@ -123,7 +123,8 @@ def floors_of(noise: Noise, layout: Layout, integral_per_s: float) -> dict[str, 
     motor, jaw = channels == MOTOR, channels == JAW
     power = noise.power.copy()
     if motor.any() and jaw.any() and motor.sum() == jaw.sum():
-        power[jaw] += np.abs(followed(layout, noise)[jaw]) ** 2 * power[motor]
+        power[jaw] += np.abs(noise.mix[jaw]) ** 2 * power[motor]
+    power += power_of_load(layout)
     power[motor] /= 1.0 + (integral_per_s / (2.0 * np.pi * layout.band_Hz[motor])) ** 2
     return {
         str(name): float(np.sqrt(np.average(power[channels == name], weights=counts[channels == name])))

@@ -30,7 +30,6 @@ HOLD_S, HOLD_SHARE = 0.3, 0.003  # still is what gets on slower than this share 
 FEWEST_STILL = 0.02  # of all rows
 QUIET_MEDIANS = 4.0
 OVER_CHANCE = 2.5  # what is more is left over; friction shaken loose by noise is followed in part only
-OVER_CHANCE_TWICE = 1.3  # the same where it was seen with the load smoothed as usual and smoothed less
 
 
 class Scale(NamedTuple):
@@ -63,28 +62,11 @@ class Leftover(NamedTuple):
     threshold: float
     total_gain: float  # of all families together, less what chance gives
     families: tuple[tuple[str, str, float], ...]  # place, variable, gain; the best first
-    twice: bool = False  # seen with the load smoothed less, too
-
-    @property
-    def asks_for_another_look(self) -> bool:
-        """Whether it is more than chance gives, if no more than smoothing may do."""
-        return self.gain > OVER_CHANCE_TWICE * self.threshold
 
     @property
     def stands_out(self) -> bool:
         """Whether it is more than chance and the simulation's errors give."""
-        return self.gain > (OVER_CHANCE_TWICE if self.twice else OVER_CHANCE) * self.threshold
-
-
-def seen_twice(first: Leftover, second: Leftover) -> Leftover:
-    """Return what both looks have in common: of each family the lesser of both, over what chance gives it."""
-    shares = {(place, variable): gain / second.threshold for place, variable, gain in second.families}
-    common = [
-        (place, variable, min(gain, shares[place, variable] * first.threshold))
-        for place, variable, gain in first.families
-    ]
-    common.sort(key=lambda family: -family[2])
-    return Leftover(common[0][2], first.threshold, min(first.total_gain, second.total_gain), tuple(common), twice=True)
+        return self.gain > OVER_CHANCE * self.threshold
 
 
 def scale_of(courses: Sequence[Course]) -> Scale:
@@ -276,12 +258,11 @@ def whitened(curves: Curves, whitener: Whitener) -> Curves:
     return curves._replace(columns=white)
 
 
-def leftover(model: Model, whitener: Whitener, curves: Curves, echoes: Matrix | None, seed: int) -> Leftover:
-    """Look for curves in what the model leaves; `echoes`: what the load's noise drawn anew does, not whitened."""
+def leftover(model: Model, whitener: Whitener, curves: Curves, seed: int) -> Leftover:
+    """Look for curves in what the model leaves."""
     problem, found = model.problem, model.fit
     beside = Beside(whitener.apply(found.jacobian), problem.prior_weights(), found.u)
-    residual, drawn = whitener.apply(found.residual), None if echoes is None else whitener.apply(echoes)
-    return left_by_columns(problem.layout, beside, residual, whitened(curves, whitener), drawn, seed)
+    return left_by_columns(problem.layout, beside, whitener.apply(found.residual), whitened(curves, whitener), seed)
 
 
 class Beside(NamedTuple):
@@ -292,15 +273,13 @@ class Beside(NamedTuple):
     u: Vector
 
 
-def left_by_columns(
-    layout: Layout, beside: Beside, residual: Flat, curves: Curves, echoes: Matrix | None, seed: int
-) -> Leftover:
+def left_by_columns(layout: Layout, beside: Beside, residual: Flat, curves: Curves, seed: int) -> Leftover:
     """Look for curves in a residual; all whitened."""
     fitted, weights, u = beside
     white, groups, names = curves
     found = score(fitted, weights, u, white, groups, residual, CHANCE, seed)
     noise = left_by(np.concatenate((fitted, white), axis=1), residual[:, None])[:, 0]
-    found = found._replace(gains=found.gains / inflations(layout, fitted, white, groups, noise, echoes))
+    found = found._replace(gains=found.gains / inflations(layout, fitted, white, groups, noise))
     order = np.argsort(-found.gains)
     families = tuple((*names[i], float(found.gains[i])) for i in order)
     values, vectors = np.linalg.eigh(found.projected)

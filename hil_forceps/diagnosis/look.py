@@ -11,12 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.echoes import load_echoes
 from hil_forceps.diagnosis.entries import Probe, Scene, probes
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import gram
 from hil_forceps.diagnosis.probing import sized_columns
-from hil_forceps.diagnosis.problem import Matrix
+from hil_forceps.diagnosis.problem import Matrix, Problem
 from hil_forceps.diagnosis.robust import inflations
 from hil_forceps.diagnosis.score import Group, Scores, score
 from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise
@@ -64,10 +63,13 @@ def noise_of(model: Model, scan_columns: Matrix, whitener: Whitener, floor: Vect
     white = white @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)  # orthonormal now
     left = whitener.apply(found.residual)
     left -= white @ (white.T @ left)
-    leverage = np.einsum("ij,ij->i", white, white)
-    course = whitener.undo(left)
-    noise = measure_noise(problem.layout, course, leverage)
-    return noise._replace(power=np.maximum(noise.power, floor)), course
+    noise = measure_noise(problem.layout, whitener, left, white)
+    return noise._replace(power=np.maximum(noise.power, floor)), whitener.undo(left)
+
+
+def no_columns(problem: Problem) -> Matrix:
+    """Return a matrix without columns."""
+    return np.empty((problem.layout.size, 0), dtype=np.float32)
 
 
 class Looker:
@@ -79,7 +81,6 @@ class Looker:
         self._seed = seed
         self._first: Seen | None = None
         self._course: Flat | None = None  # of the noise, as the last look left it
-        self._echoes: tuple[Matrix | None] | None = None  # None: not looked for yet
         self.inflation: dict[str, float] = {}  # of each entry: how much more than white noise chance gives it
 
     def see(self, model: Model, whitener: Whitener) -> Seen:
@@ -137,25 +138,17 @@ class Looker:
         high = [int(i) for i in np.flatnonzero(gains > STANDS_OUT * threshold)]
         if high:
             some = _some(seen._replace(columns=white), high)
-            echoes = self.load_echoes(model)
             inflation = inflations(
                 model.problem.layout,
                 fitted,
                 some.columns,
                 some.groups,
                 whitener.apply(self._course),
-                whitener.apply(echoes) if echoes is not None else None,
             )
             gains[high] /= inflation
             for probe, much in zip(some.places, inflation, strict=True):
                 self.inflation[probe.effect_id] = max(self.inflation.get(probe.effect_id, 1.0), float(much))
         return Scan(seen.places, seen.groups, seen.columns, found._replace(gains=gains, threshold=threshold))
-
-    def load_echoes(self, model: Model) -> Matrix | None:
-        """Return what the load's noise drawn anew does; it hangs little on the model, and each draw is a simulation."""
-        if self._echoes is None:
-            self._echoes = (load_echoes(model.problem, model.fit.u),)
-        return self._echoes[0]
 
 
 def _some(seen: Seen, which: Sequence[int]) -> Seen:

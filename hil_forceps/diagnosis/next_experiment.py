@@ -19,15 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.diagnosis.assemble import responses_of
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.experiment import BURN_IN_S, Record, jumps
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import gram
+from hil_forceps.diagnosis.load_course import load_course
+from hil_forceps.diagnosis.load_errors import with_load_errors
 from hil_forceps.diagnosis.menu import Bounds, Experiment, bounds_of, menu, trajectory_of
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.problem import Mapper, Matrix, Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
-from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, followed, make_layout, transform, whitening
+from hil_forceps.diagnosis.smoothing import drawn_noise
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, make_layout, transform, whitening
 from hil_forceps.model import closed_loop, parameters
 from hil_forceps.rig.catalogue import EFFECTS
 
@@ -229,6 +233,9 @@ def _problem(found: Findings, experiment: Experiment, model: Model) -> Problem:
         raise TypeError("an experiment is foretold in closed loop only")
     staged = ClosedLoop((record,), simulator.law, (start,), (np.empty(0),))
     layout = make_layout([list(record.channels)], [record.weights], [record.period_s])
+    sensors = dict(zip(found.setting.problem.layout.band_channel, found.setting.first_power, strict=True))
+    power = np.array([sensors[name] for name in layout.band_channel])
+    layout = with_load_errors(layout, (record,), responses_of(staged, theta, found.rig), power)
     return replace(
         model.problem,
         records=(record,),
@@ -246,6 +253,10 @@ def record_of(experiment: Experiment, like: Record) -> Record:
     load = np.interp(time, experiment.time_s, experiment.load_N_m)
     weights = np.ones(rows)
     weights[: max(1, round(BURN_IN_S / period))] = 0.0
+    error = None
+    if like.load_noise is not None:
+        noise = drawn_noise(np.random.default_rng(rows), rows, period, like.load_noise)
+        error = load_course(load + noise, jumps(load), period, like.load_noise).error
     return Record(
         experiment.name,
         "closed_loop",
@@ -257,16 +268,17 @@ def record_of(experiment: Experiment, like: Record) -> Record:
         jumps(load),
         weights,
         like.evenly_logged,
+        load_error=error,
     )
 
 
 def noise_on(layout: Layout, measured_on: Layout, noise: Noise) -> Noise:
     """Return the noise that was measured on other runs, for the bands of this layout: the nearest in frequency."""
-    channels, follows = np.array(measured_on.band_channel), followed(measured_on, noise)
+    channels = np.array(measured_on.band_channel)
     power, mix = [], []
     for name, middle in zip(layout.band_channel, layout.band_Hz, strict=True):
         away = np.where(channels == name, np.abs(np.log(measured_on.band_Hz / middle)), np.inf)
         nearest = np.flatnonzero(away <= away.min() + 1e-9)  # one of each run
         power.append(noise.power[nearest].mean())
-        mix.append(follows[nearest].mean())
+        mix.append(noise.mix[nearest].mean())
     return Noise(np.array(power), np.array(mix))

@@ -28,48 +28,15 @@ def inflations(
     columns: Matrix,
     groups: Sequence[Group],
     noise: Flat,
-    echoes: Matrix | None = None,
 ) -> Vector:
     """Return by how much the χ² of each group by chance exceeds that of white noise; at least 1.
 
-    All whitened: `fitted` columns are projected out of `columns`; `noise`: what neither explains; `echoes`: what the
-    load's noise does, drawn anew (`load_echoes`).
+    All whitened: `fitted` columns are projected out of `columns`; `noise`: what neither explains.
     """
     clean = left_by(fitted, columns)
     expected = gram(clean, clean)
     sums = _block_sums(layout, clean, noise)
-    found = _above(expected, sums.T @ sums, groups)
-    return found if echoes is None else np.maximum(found, _above(expected, _scatter(layout, clean, echoes), groups))
-
-
-def widenings(layout: Layout, fitted: Matrix, weights: Vector, echoes: Matrix) -> Vector:
-    """Return by how much the deviations of fitted unknowns exceed those of white noise, by the echoes; at least 1."""
-    known = gram(fitted, fitted) + np.diag(weights)
-    covariance = inverse(known)
-    scatter = covariance @ (_scatter(layout, fitted, echoes) + np.diag(weights)) @ covariance
-    return np.sqrt(np.maximum(np.diag(scatter) / np.diag(covariance), 1.0))
-
-
-def _scatter(layout: Layout, columns: Matrix, echoes: Matrix) -> Vector:
-    """Return the covariance of the sums of column times noise, both whitened, where the echoes are part of the noise.
-
-    The sum over a run of a column times them has as much variance as the draws say; what else is noise has what is left
-    of each band's power, spread evenly.
-    """
-    bands = np.maximum(np.bincount(layout.band_of), 1)
-    loads = np.bincount(layout.band_of, np.mean(echoes.astype(np.float64) ** 2, axis=1)) / bands
-    others = np.sqrt(np.clip(1.0 - loads, 0.0, None))[layout.band_of].astype(np.float32)
-    even = columns * others[:, None]
-    scatter = gram(even, even)
-    for run in range(max(part.run for part in layout.parts) + 1):
-        # The parts of a run lie one behind the other.
-        here = slice(
-            min(part.start for part in layout.parts if part.run == run),
-            max(part.stop for part in layout.parts if part.run == run),
-        )
-        sums = gram(columns[here], echoes[here])
-        scatter += sums @ sums.T / echoes.shape[1]
-    return np.asarray(scatter)
+    return _above(expected, sums.T @ sums, groups)
 
 
 def _above(expected: Vector, scatter: Vector, groups: Sequence[Group]) -> Vector:

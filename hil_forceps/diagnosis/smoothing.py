@@ -13,6 +13,7 @@ Where the noise has a colour, the load is filtered first so that its noise is wh
 noise would else hide bends whose fast part stands far above the noise at its frequency.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,6 @@ ORDER = 8  # of the filter that makes noise white
 FEWEST_ROWS = 8  # of a stretch between jumps that is smoothed at all
 FAST = 0.03  # cutoffs from here on let through what makes the wire ring
 MOST_BENT_FAST = 10.0
-REPLICAS, LOWEST_HZ, BANDS = 4, 1.0, 24  # of noise drawn anew; of what is told of it
 _GRID = (np.arange(4096) + 0.5) / 8192.0  # frequencies, of the sampling frequency
 
 
@@ -56,38 +56,13 @@ def smooth_load(
     """
     pieces = np.split(tau_w, edge_rows + 1)
     if noise is None:
-        white = white_deviation(pieces)
-        noise = LoadNoise(np.array([0.0, 0.5 / period_s]), np.full(2, white**2))
+        noise = LoadNoise(np.array([0.0, 0.5 / period_s]), np.full(2, white_deviation(pieces) ** 2))
     if float(noise.power.max()) <= 0.0:
         return tau_w
-    whitening, deviation = _predictor(np.interp(_GRID / period_s, noise.frequency_Hz, noise.power))
-    levels = [_level(cutoff, deviation) for cutoff in reversed(CUTOFFS)]
+    white = noise_filter(noise, period_s)
     return np.concatenate(
-        [_through(piece, whitening, levels, most_bent) if piece.size >= FEWEST_ROWS else piece for piece in pieces]
+        [_through(piece, white, most_bent) if piece.size >= FEWEST_ROWS else piece for piece in pieces]
     )
-
-
-def noise_left(
-    smooth: Vector, edge_rows: NDArray[np.intp], period_s: float, noise: LoadNoise, most_bent: float = MOST_BENT
-) -> LoadNoise:
-    """Return what smoothing leaves of the noise in a load like this one, from noise drawn anew."""
-    if float(noise.power.max()) <= 0.0:
-        return noise
-    rows, rng = smooth.size, np.random.default_rng(smooth.size)
-    frequency = fft.rfftfreq(rows, period_s)
-    before, after = np.zeros(frequency.size), np.zeros(frequency.size)
-    for _ in range(REPLICAS):
-        drawn = drawn_noise(rng, rows, period_s, noise)
-        left = smooth_load(smooth + drawn, edge_rows, period_s, noise, most_bent) - smooth
-        before += np.abs(fft.rfft(drawn)) ** 2
-        after += np.abs(fft.rfft(left)) ** 2
-    edges = np.concatenate(([0.0], np.geomspace(LOWEST_HZ, frequency[-1] * (1.0 + 1e-9), BANDS)))
-    band = np.searchsorted(edges, frequency, side="right") - 1
-    passed = np.bincount(band, after, BANDS) / np.maximum(np.bincount(band, before, BANDS), 1e-300)
-    middle = np.sqrt(np.maximum(edges[:-1], 0.5 * LOWEST_HZ) * edges[1:])
-    seen = np.bincount(band, minlength=BANDS) > 0
-    power = np.interp(middle[seen], noise.frequency_Hz, noise.power) * passed[seen]
-    return LoadNoise(middle[seen], power)
 
 
 def drawn_noise(rng: np.random.Generator, rows: int, period_s: float, noise: LoadNoise) -> Vector:
@@ -96,21 +71,43 @@ def drawn_noise(rng: np.random.Generator, rows: int, period_s: float, noise: Loa
     return np.asarray(fft.irfft(fft.rfft(rng.standard_normal(rows)) * colour, rows))
 
 
-def _predictor(power: Vector) -> tuple[Vector, float]:
-    """Return the filter that makes noise of this power (on the grid) white, and the deviation that it then has."""
+class NoiseFilter(NamedTuple):
+    """What makes a load cell's noise white: a filter, the deviation behind it, and the noise's covariance over lags."""
+
+    taps: Vector
+    deviation_N_m: float
+    covariance: Vector
+
+
+def noise_filter(noise: LoadNoise, period_s: float) -> NoiseFilter:
+    """Return the filter that makes this noise white."""
+    power = np.interp(_GRID / period_s, noise.frequency_Hz, noise.power)
     turns = 2.0 * np.pi * np.outer(np.arange(ORDER + 1), _GRID)
     covariance = np.cos(turns) @ power / power.size
     covariance[0] *= 1.0 + 1e-9
     taps = solve_toeplitz(covariance[:-1], covariance[1:])
-    return np.concatenate(([1.0], -taps)), float(np.sqrt(max(covariance[0] - taps @ covariance[1:], 0.0)))
+    deviation = float(np.sqrt(max(covariance[0] - taps @ covariance[1:], 0.0)))
+    return NoiseFilter(np.concatenate(([1.0], -taps)), deviation, covariance)
 
 
-def _through(values: Vector, whitening: Vector, levels: list["_Level"], most_bent: float) -> Vector:
+def local_cutoff(piece: Vector, white: NoiseFilter, most_bent: float = MOST_BENT) -> Vector:
+    """Return the cutoff of the smoothing that each row of a load allows, of the sampling frequency."""
+    one = np.ones(1)
+    first, _ = lfilter(white.taps, one, piece, zi=lfiltic(white.taps, one, np.empty(0), np.full(ORDER, piece[0])))
+    logarithm = np.full(piece.size, np.log(2.0 * CUTOFFS[-1]))
+    for cutoff, _, weight in _levels_of(first, white, most_bent):
+        logarithm += weight * (np.log(cutoff) - logarithm)
+    return np.asarray(np.exp(logarithm))
+
+
+def _through(values: Vector, white: NoiseFilter, most_bent: float) -> Vector:
     """Filter a piece, smooth it, filter it back; before it, its start went on for ever."""
     one = np.ones(1)
-    first, _ = lfilter(whitening, one, values, zi=lfiltic(whitening, one, np.empty(0), np.full(ORDER, values[0])))
-    smooth = _adaptive(first, levels, most_bent)
-    back, _ = lfilter(one, whitening, smooth, zi=lfiltic(one, whitening, np.full(ORDER, values[0])))
+    first, _ = lfilter(white.taps, one, values, zi=lfiltic(white.taps, one, np.empty(0), np.full(ORDER, values[0])))
+    result = first
+    for _, smooth, weight in _levels_of(first, white, most_bent):
+        result = result + weight * (smooth - result)
+    back, _ = lfilter(one, white.taps, result, zi=lfiltic(one, white.taps, np.full(ORDER, values[0])))
     return np.asarray(back, dtype=np.float64)
 
 
@@ -120,29 +117,20 @@ def white_deviation(pieces: list[Vector]) -> float:
     return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
 
 
-class _Level(NamedTuple):
-    cutoff: float
-    width: int  # rows of the local mean that is looked at
-    deviation: float  # of that mean by noise
+def _levels_of(values: Vector, white: NoiseFilter, most_bent: float) -> Iterator[tuple[float, Vector, Vector]]:
+    """Return each cutoff, what it smooths white noise's bearer to, and where it does no harm (1) or does (0).
 
-
-def _level(cutoff: float, white: float) -> _Level:
-    width = max(3, round(0.5 / cutoff) | 1)
-    cut = _strength(cutoff) * (2.0 * np.sin(np.pi * _GRID)) ** 6
-    passed = np.sin(np.pi * width * _GRID) / (width * np.sin(np.pi * _GRID)) * cut / (1.0 + cut)
-    return _Level(cutoff, width, white * float(np.sqrt(np.mean(passed**2))))
-
-
-def _adaptive(values: Vector, levels: list[_Level], most_bent: float) -> Vector:
-    """Smooth as strongly as each instant allows."""
-    result = values
-    for cutoff, width, deviation in levels:  # the weakest first; a stronger one takes over where it does no harm
+    The weakest first: a stronger one takes over where it does no harm.
+    """
+    for cutoff in reversed(CUTOFFS):
+        width = max(3, round(0.5 / cutoff) | 1)  # rows of the local mean that is looked at
+        cut = _strength(cutoff) * (2.0 * np.sin(np.pi * _GRID)) ** 6
+        passed = np.sin(np.pi * width * _GRID) / (width * np.sin(np.pi * _GRID)) * cut / (1.0 + cut)
+        deviation = white.deviation_N_m * float(np.sqrt(np.mean(passed**2)))
         smooth = smoothed(values, cutoff)
         bent = np.abs(uniform_filter1d(values - smooth, width)) / deviation
         harmless = maximum_filter1d(bent, 2 * width) < (most_bent if cutoff < FAST else MOST_BENT_FAST)
-        weight = uniform_filter1d(harmless.astype(np.float64), width)
-        result = result + weight * (smooth - result)
-    return result
+        yield cutoff, smooth, uniform_filter1d(harmless.astype(np.float64), width)
 
 
 def _strength(cutoff: float) -> float:

@@ -11,14 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from hil_forceps.diagnosis.low_rank import LoadErrors, LowRank, decompose
+
 Vector = NDArray[np.float64]
 Flat = NDArray[np.float32]
+Matrix = NDArray[np.float32]
 Bands = NDArray[np.intp]
 
 BANDS = 28
 LOWEST_HZ = 0.4
 LEAST_ENTRIES = 60  # of a band: fewer, and it joins its neighbour
 OWN_ENTRIES = 120  # of a band in every run: from here on each run has its own, since runs differ in noise
+LEAST_FREEDOM = 10.0  # entries for which what was taken to be their noise stands
 TAPER_S, MOST_TAPER = 0.3, 0.1  # at each end of a run; no more than this share of it
 
 
@@ -42,8 +46,7 @@ class Layout(NamedTuple):
     band_of: Bands
     band_channel: tuple[str, ...]  # channel of each band
     band_Hz: Vector  # middle of each band
-    shape: Flat | None = None  # of the noise's power within each band, entry by entry, of mean 1; None: flat
-    follows: NDArray[np.complex64] | None = None  # jaw's noise over the motor's, bin by bin of `pairs`; None: 1
+    load: tuple[LoadErrors, ...] = ()  # of each run; empty: the load has none that are known
 
 
 def make_layout(
@@ -128,10 +131,13 @@ def fill(flat: Flat, part: Part, values: Vector) -> None:
 
 
 class Noise(NamedTuple):
-    """Noise of every band, and how much of the jaw's is the motor's: an error of the load cell moves both alike."""
+    """Noise of every band but what errors of the load make, where those are known.
+
+    Else much of the jaw's is the motor's: an error of the load cell moves both alike.
+    """
 
     power: Vector  # of each band; of theta_j_rad what is left once the motor's share is taken out
-    mix: NDArray[np.complex128]  # of each band of theta_j_rad: its part that follows theta_m_rad, over `Layout.follows`
+    mix: NDArray[np.complex128]  # of each band of theta_j_rad: its part that follows theta_m_rad
 
 
 class Whitener(NamedTuple):
@@ -140,6 +146,7 @@ class Whitener(NamedTuple):
     factor: Flat
     pairs: tuple[tuple[int, int, int], ...]  # of each run: start of theta_j_rad, its stop, start of theta_m_rad
     mix: NDArray[np.complex64]  # of each bin of the theta_j_rad parts, one behind the other
+    load: tuple[LowRank, ...] = ()  # of each run
 
     def apply(self, entries: Flat) -> Flat:
         """Whiten a flat vector, or a matrix of them in columns."""
@@ -155,10 +162,32 @@ class Whitener(NamedTuple):
             mixed[start + 1 : stop : 2] -= h.real * imag + h.imag * real
             at += bins
         mixed *= self.factor if entries.ndim == 1 else self.factor[:, None]
-        return mixed
+        return self._without_load(mixed)
 
     def undo(self, white: Flat) -> Flat:
         """Return the flat vector that `apply` made white."""
+        entries = white.copy()
+        for errors in self.load:
+            errors.scale(entries, np.sqrt(1.0 + errors.power))
+        return self._unmixed(entries)
+
+    def sensors(self, white: Flat) -> Flat:
+        """Return what most likely is not the load's errors of a whitened vector; not whitened."""
+        return self._unmixed(self._without_load(white.copy()))
+
+    def freedom(self, fitted: Matrix) -> Vector:
+        """Return how much of each entry is free to show the sensors' noise; `fitted`: orthonormal, whitened."""
+        used = np.einsum("ij,ij->i", *[self._without_load(fitted.copy())] * 2).astype(np.float64)
+        for errors in self.load:
+            used[errors.entries] += errors.basis**2 @ (errors.power / (1.0 + errors.power))
+        return np.asarray(np.maximum(1.0 - used, 0.0))
+
+    def _without_load(self, entries: Flat) -> Flat:
+        for errors in self.load:
+            errors.scale(entries, 1.0 / np.sqrt(1.0 + errors.power))
+        return entries
+
+    def _unmixed(self, white: Flat) -> Flat:
         entries = white / self.factor
         at = 0
         for start, stop, source in self.pairs:
@@ -178,70 +207,65 @@ def pairs(layout: Layout) -> list[tuple[Part, Part]]:
     return [(motor[part.run], part) for part in layout.parts if part.channel == JAW and part.run in motor]
 
 
-def _pairs(layout: Layout) -> tuple[tuple[int, int, int], ...]:
-    return tuple((jaw.start, jaw.stop, motor.start) for motor, jaw in pairs(layout))
-
-
 def white_noise(layout: Layout, power: Vector) -> Noise:
     """Return noise of that power whose channels have nothing to do with each other."""
     return Noise(power, np.zeros(len(layout.band_channel), dtype=np.complex128))
 
 
-def measure_noise(layout: Layout, flat: Flat, leverage: Flat | None = None) -> Noise:
-    """Return the noise that a residual shows; `leverage`: share of each entry that a fit has used up."""
+def measure_noise(layout: Layout, whitener: Whitener, white: Flat, fitted: Matrix) -> Noise:
+    """Return the noise that a whitened residual shows; `fitted`: orthonormal columns that a fit has used up.
+
+    Where errors of the load hide what the sensors do, it stays what the whitener takes it to be.
+    """
     bands = len(layout.band_channel)
-    mix = np.zeros(bands, dtype=np.complex128)
-    left = flat.astype(np.float64)
-    cross = np.zeros(bands, dtype=np.complex128)
-    power_of_motor = np.zeros(bands)
-    follows = follows_of(layout)
-    for (start, stop, source), h in zip(_pairs(layout), follows, strict=True):
-        here = layout.band_of[start:stop:2]
-        jaw = left[start:stop].view(np.complex128)
-        turning = h * left[source : source + stop - start].view(np.complex128)
-        product = jaw * turning.conj()
-        cross += np.bincount(here, product.real, bands) + 1j * np.bincount(here, product.imag, bands)
-        power_of_motor += np.bincount(here, np.abs(turning) ** 2, bands)
-    known = power_of_motor > 0.0
-    mix[known] = cross[known] / power_of_motor[known]
-    for (start, stop, source), h in zip(_pairs(layout), follows, strict=True):
-        here = layout.band_of[start:stop:2]
-        motor = left[source : source + stop - start].view(np.complex128)
-        left[start:stop].view(np.complex128)[:] -= mix[here] * h * motor
-    squares = left**2 if layout.shape is None else left**2 / layout.shape
+    left = whitener.sensors(white).astype(np.float64)
+    free = np.bincount(layout.band_of, weights=whitener.freedom(fitted), minlength=bands)
     count = np.bincount(layout.band_of, minlength=bands)
-    total = np.bincount(layout.band_of, weights=squares, minlength=bands)
-    used = np.bincount(layout.band_of, weights=leverage, minlength=bands) if leverage is not None else 0.0
-    return Noise(np.asarray(total / np.maximum(count - used, 0.25 * count)), mix)
+    if layout.load:
+        total = np.bincount(layout.band_of, weights=left**2, minlength=bands)
+        before = np.bincount(layout.band_of, weights=whitener.factor.astype(np.float64) ** -2, minlength=bands)
+        power = (total + LEAST_FREEDOM * before / np.maximum(count, 1)) / (free + LEAST_FREEDOM)
+        return white_noise(layout, power)
+    mix = _mix(layout, left)
+    for motor, jaw in pairs(layout):
+        bins = left[motor.start : motor.stop].view(np.complex128)
+        left[jaw.start : jaw.stop].view(np.complex128)[:] -= mix[layout.band_of[jaw.start : jaw.stop : 2]] * bins
+    total = np.bincount(layout.band_of, weights=left**2, minlength=bands)
+    return Noise(np.asarray(total / np.maximum(free, 0.25 * count)), mix)
 
 
-def follows_of(layout: Layout) -> list[NDArray[np.complex64]]:
-    """Return for each run with both angles how the jaw's noise follows the motor's, bin by bin."""
-    bins = [(stop - start) // 2 for start, stop, _ in _pairs(layout)]
-    whole = layout.follows if layout.follows is not None else np.ones(sum(bins), dtype=np.complex64)
-    return np.split(whole, np.cumsum(bins)[:-1]) if bins else []
-
-
-def followed(layout: Layout, noise: Noise) -> NDArray[np.complex128]:
-    """Return for each band how much of the motor's noise the jaw's holds, on the mean over its bins."""
+def _mix(layout: Layout, left: Vector) -> NDArray[np.complex128]:
+    """Return for each band how much of the motor's noise the jaw's holds."""
     bands = len(layout.band_channel)
-    total, count = np.zeros(bands, dtype=np.complex128), np.zeros(bands)
-    for (start, stop, _), h in zip(_pairs(layout), follows_of(layout), strict=True):
-        here = layout.band_of[start:stop:2]
-        total += np.bincount(here, h.real, bands) + 1j * np.bincount(here, h.imag, bands)
-        count += np.bincount(here, minlength=bands)
-    return np.asarray(noise.mix * total / np.maximum(count, 1.0))
+    mix, cross = np.zeros(bands, dtype=np.complex128), np.zeros(bands, dtype=np.complex128)
+    power = np.zeros(bands)
+    for motor, jaw in pairs(layout):
+        here = layout.band_of[jaw.start : jaw.stop : 2]
+        turning = left[motor.start : motor.stop].view(np.complex128)
+        product = left[jaw.start : jaw.stop].view(np.complex128) * turning.conj()
+        cross += np.bincount(here, product.real, bands) + 1j * np.bincount(here, product.imag, bands)
+        power += np.bincount(here, np.abs(turning) ** 2, bands)
+    known = power > 0.0
+    mix[known] = cross[known] / power[known]
+    return mix
 
 
 def whitening(layout: Layout, noise: Noise) -> Whitener:
-    """Return what makes this noise white."""
-    pairs = _pairs(layout)
-    mixes = [
-        noise.mix[layout.band_of[start:stop:2]] * h
-        for (start, stop, _), h in zip(pairs, follows_of(layout), strict=True)
-    ]
+    """Return what makes this noise white, and the load's errors beside it."""
+    both = pairs(layout)
+    mixes = [noise.mix[layout.band_of[jaw.start : jaw.stop : 2]] for _, jaw in both]
     mix = np.concatenate(mixes) if mixes else np.empty(0)
     factor = np.asarray((1.0 / np.sqrt(noise.power))[layout.band_of], dtype=np.float32)
-    if layout.shape is not None:
-        factor /= np.sqrt(layout.shape)
-    return Whitener(factor, pairs, mix.astype(np.complex64))
+    load = tuple(decompose(errors, factor) for errors in layout.load)
+    places = tuple((jaw.start, jaw.stop, motor.start) for motor, jaw in both)
+    return Whitener(factor, places, mix.astype(np.complex64), load)
+
+
+def power_of_load(layout: Layout) -> Vector:
+    """Return the mean power that errors of the load have in each band."""
+    bands = len(layout.band_channel)
+    total = np.zeros(bands)
+    for errors in layout.load:
+        rows = np.einsum("ij,ij->i", errors.columns, errors.columns, dtype=np.float64)
+        total += np.bincount(layout.band_of[errors.entries], rows, bands)
+    return np.asarray(total / np.maximum(np.bincount(layout.band_of, minlength=bands), 1))

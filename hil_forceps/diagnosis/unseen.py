@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.anew import Refresh, courses_of
-from hil_forceps.diagnosis.assemble import Setting, assemble, responses_of
-from hil_forceps.diagnosis.echoes import load_echoes
+from hil_forceps.diagnosis.assemble import Setting, assemble, aware_of_load, responses_of
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import Fit, fit, gram, inverse, sum_of_squares
 from hil_forceps.diagnosis.leftover import Beside, Leftover, curves_along, left_by_columns, whitened
 from hil_forceps.diagnosis.look import noise_of
-from hil_forceps.diagnosis.problem import Matrix, Outputs
+from hil_forceps.diagnosis.problem import Outputs
 from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
@@ -38,16 +37,14 @@ def left_unseen(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Ref
     Where they find something, the model is first fitted to these runs, no further than its deviations allow.
     """
     setting, model, whitener = _beside(chosen, records, rig, refresh)
-    left = _left(chosen, setting, model, whitener, rig, None, seed)
+    left = _left(chosen, setting, model, whitener, rig, seed)
     if not left.stands_out:
         return left
     model = replace(model, fit=_within_doubt(model, chosen.fit.covariance, whitener))
-    return _left(chosen, setting, model, whitener, rig, load_echoes(model.problem, model.fit.u), seed)
+    return _left(chosen, setting, model, whitener, rig, seed)
 
 
-def _left(
-    chosen: Model, setting: Setting, model: Model, whitener: Whitener, rig: Rig, echoes: Matrix | None, seed: int
-) -> Leftover:
+def _left(chosen: Model, setting: Setting, model: Model, whitener: Whitener, rig: Rig, seed: int) -> Leftover:
     """Return what curves find beside a model that began where the chosen one ended."""
     problem = model.problem
     responses = responses_of(setting.simulator, problem.theta(model.fit.u), rig)
@@ -62,13 +59,15 @@ def _left(
     moved = np.linalg.lstsq(known, model.fit.u[:count] - chosen.fit.u[:count], rcond=None)[0]
     u = np.concatenate((moved, model.fit.u[count:]))
     residual = whitener.apply(model.fit.residual)
-    beside, drawn = Beside(fitted, np.ones(u.size), u), None if echoes is None else whitener.apply(echoes)
-    return left_by_columns(problem.layout, beside, residual, whitened(curves, whitener), drawn, seed)
+    return left_by_columns(
+        problem.layout, Beside(fitted, np.ones(u.size), u), residual, whitened(curves, whitener), seed
+    )
 
 
 def _beside(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh) -> tuple[Setting, Model, Whitener]:
     """Return the model beside other runs; only what belongs to each run (zeros, start) is fitted to it."""
     setting = assemble(records, rig, chosen.problem.mapper, chosen.problem.shared)
+    setting = aware_of_load(setting, chosen.problem.theta(chosen.fit.u), rig)
     count = len(chosen.problem.shared.items)
     problem = replace(setting.problem, base=chosen.problem.base)
     u = np.concatenate((chosen.fit.u[:count], np.zeros(problem.nuisance_count)))

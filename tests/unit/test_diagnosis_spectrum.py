@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.smoothing import LoadNoise, smooth_load
 from hil_forceps.diagnosis.spectrum import (
+    Flat,
     Layout,
     Noise,
     make_layout,
@@ -34,6 +35,13 @@ def coloured(rng: np.random.Generator, correlation: float) -> Vector:
 def two_channels() -> Layout:
     weights = [np.ones(ROWS)] * RUNS
     return make_layout([("theta_m_rad", "theta_j_rad")] * RUNS, weights, [PERIOD_S] * RUNS)
+
+
+def measured(layout: Layout, flat: Flat, used: Flat | None = None) -> Noise:
+    """Noise of a residual, begun from white noise; `used`: orthonormal columns."""
+    start = whitening(layout, white_noise(layout, np.ones(len(layout.band_channel))))
+    fitted = np.empty((layout.size, 0), dtype=np.float32) if used is None else used
+    return measure_noise(layout, start, start.apply(flat), fitted)
 
 
 def test_smoothing_takes_noise_out_of_a_slow_load_and_keeps_the_load() -> None:
@@ -88,7 +96,7 @@ def test_whitening_makes_noise_of_any_colour_white(correlation: float) -> None:
         for _ in range(RUNS)
     ]
     flat = transform(layout, outputs)
-    white = whitening(layout, measure_noise(layout, flat)).apply(flat)
+    white = whitening(layout, measured(layout, flat)).apply(flat)
     power = np.bincount(layout.band_of, weights=white.astype(float) ** 2) / np.bincount(layout.band_of)
     assert power == pytest.approx(np.ones(power.size), rel=1e-3)  # of every band, on which it was measured
     # Within bands, too: entries of the lower and of the upper half have the same power.
@@ -130,7 +138,7 @@ def test_each_run_has_its_own_noise_where_its_bands_are_wide_enough() -> None:
     loud = (1.0, 3.0, 0.5)
     outputs = [{n: much * rng.standard_normal(ROWS) for n in ("theta_m_rad", "theta_j_rad")} for much in loud]
     flat = transform(layout, outputs)
-    white = whitening(layout, measure_noise(layout, flat)).apply(flat)
+    white = whitening(layout, measured(layout, flat)).apply(flat)
     for part in layout.parts:
         half = part.start + (part.stop - part.start) // 2  # from 250 Hz on
         assert np.mean(white[half : part.stop] ** 2) == pytest.approx(1.0, rel=0.05)
@@ -162,7 +170,7 @@ def test_the_motor_s_share_is_taken_out_of_the_jaw() -> None:
         motor = coloured(rng, 0.9)
         outputs.append({"theta_m_rad": motor, "theta_j_rad": 1.4 * motor + 0.05 * rng.standard_normal(ROWS)})
     flat = transform(layout, outputs)
-    noise = measure_noise(layout, flat)
+    noise = measured(layout, flat)
     jaw = np.array([name == "theta_j_rad" for name in layout.band_channel])
     assert noise.mix[jaw] == pytest.approx(1.4, abs=0.05)
     assert not noise.mix[~jaw].any()
@@ -197,7 +205,12 @@ def test_rows_without_weight_do_not_count() -> None:
 def test_what_a_fit_has_used_up_counts_as_noise() -> None:
     layout = make_layout([("current_A",)], [np.ones(ROWS)], [PERIOD_S])
     flat = np.ones(layout.size, dtype=np.float32)
-    used = np.full(layout.size, 0.5, dtype=np.float32)
-    assert measure_noise(layout, flat).power == pytest.approx(np.ones(len(layout.band_channel)))
-    assert measure_noise(layout, flat, used).power == pytest.approx(2.0 * np.ones(len(layout.band_channel)))
-    assert not white_noise(layout, np.ones(len(layout.band_channel))).mix.any()
+    plain = measured(layout, flat)
+    assert plain.power == pytest.approx(np.ones(len(layout.band_channel)))
+    assert not plain.mix.any()
+    one = np.flatnonzero(layout.band_of == 3)
+    used = np.zeros((layout.size, one.size // 2), dtype=np.float32)
+    used[one[: one.size // 2], np.arange(one.size // 2)] = 1.0
+    found = measured(layout, flat, used)
+    assert found.power[3] == pytest.approx(one.size / (one.size - one.size // 2))
+    assert np.delete(found.power, 3) == pytest.approx(np.ones(len(layout.band_channel) - 1))
