@@ -23,11 +23,12 @@ from hil_forceps.diagnosis.look import Looker, no_columns, noise_of
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Mapper, Problem
+from hil_forceps.diagnosis.ringing import in_deepest_valley
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.smoothing import LoadNoise
 from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, white_noise, whitening
 from hil_forceps.diagnosis.starting import completed, unknown_names
-from hil_forceps.diagnosis.trust import trusting
+from hil_forceps.diagnosis.trust import at_their_word, trusting
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.diagnosis.unseen import left_unseen
 from hil_forceps.rig import Rig
@@ -206,18 +207,24 @@ def fit_baseline(
     problem = refresh(problem, np.zeros(problem.size))
     # What the load cell's noise does is many times the encoder's: taken for signal, it would bend every parameter.
     _, noise, _ = assumed_noise(problem, whitener, setting.floor)
-    rough = fit(problem, np.zeros(problem.size), whitening(problem.layout, noise), steps=BASELINE_STEPS)
+    whitener = whitening(problem.layout, noise)
+    rough = fit(problem, np.zeros(problem.size), whitener, steps=BASELINE_STEPS)
+    problem, u = in_deepest_valley(problem, rough.u, whitener)
+    rough = fit(problem, u, whitener, steps=BASELINE_STEPS)
     # Near the true plant now: what errors of the load do is known better, too.
     setting = aware_of_load(setting._replace(problem=problem), problem.theta(rough.u), rig)
     problem = setting.problem
-    noise, _ = noise_of(Model((), problem, rough), no_columns(problem), whitening(problem.layout, noise), setting.floor)
     whitener = whitening(problem.layout, noise)
-    found = rough
+    noise, _ = noise_of(Model((), problem, rough), no_columns(problem), whitener, setting.floor)
+    whitener = whitening(problem.layout, noise)
+    found, u = rough, rough.u
     for number in range(REFRESHES):
-        problem = refresh(problem, found.u)
-        found = fit(problem, found.u, whitener, held=hold_nuisances(found, problem, whitener), steps=4)
+        problem = refresh(problem, u)
+        found = fit(problem, u, whitener, held=hold_nuisances(found, problem, whitener), steps=4)
+        u = found.u
         if number == 0:
             problem = problem.with_shared(trusting(problem.shared, found))
+            u = at_their_word(problem, u, whitener)
     assert isinstance(problem.simulate_runs, ClosedLoop | Driven)
     setting = setting._replace(problem=problem, simulator=problem.simulate_runs)
     baseline = Model((), problem, found)

@@ -252,7 +252,7 @@ def _mix(layout: Layout, left: Vector) -> NDArray[np.complex128]:
 
 def whitening(layout: Layout, noise: Noise) -> Whitener:
     """Return what makes this noise white, and the load's errors beside it."""
-    both = pairs(layout)
+    both = pairs(layout) if noise.mix.any() else []
     mixes = [noise.mix[layout.band_of[jaw.start : jaw.stop : 2]] for _, jaw in both]
     mix = np.concatenate(mixes) if mixes else np.empty(0)
     factor = np.asarray((1.0 / np.sqrt(noise.power))[layout.band_of], dtype=np.float32)

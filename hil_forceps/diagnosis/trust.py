@@ -8,9 +8,14 @@ given is missing at the motor. So each value that the data don't contradict is t
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.fit import Fit
+from hil_forceps.diagnosis.fit import Fit, chi2_of
+from hil_forceps.diagnosis.problem import Problem
+from hil_forceps.diagnosis.spectrum import Whitener
 from hil_forceps.diagnosis.unknowns import Unknowns
+
+Vector = NDArray[np.float64]
 
 CONTRADICTED = 9.0  # of χ²: three standard deviations
 
@@ -36,3 +41,17 @@ def _cost(shared: Unknowns, found: Fit, which: tuple[int, ...]) -> float:
     added = np.array([shared.items[i].told - shared.items[i].precision for i in at])
     spread = found.covariance[np.ix_(at, at)] + np.diag(1.0 / added)
     return float(found.u[at] @ np.linalg.solve(spread, found.u[at]))
+
+
+def at_their_word(problem: Problem, u: Vector, whitener: Whitener) -> Vector:
+    """Return u with what is taken at the rig's word there, where that is the better start; else u.
+
+    A friction that hardly shows may end at ten times what is said. On a linear step's way back all others would go
+    astray.
+    """
+    items = problem.shared.items
+    trusted = [i for i, item in enumerate(items) if item.told > 1.0 and item.precision == item.told]
+    moved = u.copy()
+    moved[trusted] = 0.0
+    before, after = (chi2_of(problem, problem.measured - problem.predicted(at), whitener, at) for at in (u, moved))
+    return moved if after < before else u

@@ -1,0 +1,59 @@
+"""Where the jaw's inertia is by how the wire rings: no linear step finds it over more than a resonance's width.
+
+The jaw rings on the wire for tens of periods after every corner. A frequency one percent off is soon out of step, and
+more of it fits no worse: χ² over the jaw's inertia has many valleys, and a fit ends in that in which it begins. Nor do
+the sensitivities know of ringing that only what is quick in the load excites, for they come from a calm load. So the
+simulation itself is looked at over all that is thinkable, and the deepest valley is where the inertia is taken to be.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.fit import chi2_of
+from hil_forceps.diagnosis.predict import ClosedLoop
+from hil_forceps.diagnosis.problem import Problem
+from hil_forceps.diagnosis.spectrum import Whitener, transform
+from hil_forceps.diagnosis.unknowns import Unknowns
+
+Vector = NDArray[np.float64]
+
+INERTIA = "forceps.jaw_inertia_kg_m2"
+REACH = 0.35  # of the logarithm, to both sides of what the rig says
+STEP = 0.005
+TELLING = 25.0  # of χ²: how deep a valley is below the middle of what was looked at
+SURE = 0.005  # of the value: a valley is no better known, for the load's noise excites the wire, too
+
+
+def in_deepest_valley(problem: Problem, u: Vector, whitener: Whitener) -> tuple[Problem, Vector]:
+    """Return the problem with the jaw's inertia known to be in the deepest valley of χ², and u with it there.
+
+    Both as they are where no valley is deep, or the loop isn't closed.
+    """
+    loop = problem.simulate_runs
+    names = list(problem.shared.names)
+    if not isinstance(loop, ClosedLoop) or INERTIA not in names:
+        return problem, u
+    place = names.index(INERTIA)
+    item = problem.shared.items[place]
+    plain = replace(loop.coarse(), offset=(), stand_ins=())
+
+    def moved(value: float) -> Vector:
+        return np.concatenate((u[:place], [(value - item.centre) / item.scale], u[place + 1 :]))
+
+    def chi2(value: float) -> float:
+        there = moved(value)
+        outputs = plain(problem.theta(there), problem.nuisances(there))
+        return chi2_of(problem, problem.measured - transform(problem.layout, outputs), whitener, there)
+
+    values = item.centre * np.exp(np.arange(-REACH, REACH + STEP, STEP))
+    values = values[(values >= item.low) & (values <= item.high)]
+    found = np.array(list(problem.mapper(chi2, values)))
+    best = int(np.argmin(found))
+    if float(np.median(found)) - found[best] < TELLING or best in (0, values.size - 1):
+        return problem, u
+    value = float(values[best])
+    known = item._replace(centre=value, precision=(item.scale / (SURE * value)) ** 2, prior=True)
+    items = (*problem.shared.items[:place], known, *problem.shared.items[place + 1 :])
+    return problem.with_shared(Unknowns(items)), np.concatenate((u[:place], [0.0], u[place + 1 :]))
