@@ -1,8 +1,8 @@
 """Where the jaw's inertia is by how the wire rings: no linear step finds it over more than a resonance's width.
 
 The jaw rings on the wire for tens of periods after every corner. A frequency one percent off is soon out of step, and
-more of it fits no worse: χ² over the jaw's inertia has many valleys, and a fit ends in that in which it begins. Nor do
-the sensitivities know of ringing that only what is quick in the load excites, for they come from a calm load. So the
+more of it fits no worse: χ² over the jaw's inertia has many valleys, and a fit may end in any of them. Nor do the
+sensitivities know of ringing that only what is quick in the load excites, for they come from a calm load. So the
 simulation itself is looked at over all that is thinkable, and the deepest valley is where the inertia is taken to be.
 """
 

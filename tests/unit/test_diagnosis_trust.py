@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.fit import Fit
-from hil_forceps.diagnosis.trust import trusting
+from hil_forceps.diagnosis.trust import at_their_word, trusting
 from hil_forceps.diagnosis.unknowns import Unknown, Unknowns
+from tests.unit.test_diagnosis_fit import BOTH, toy, unknown
 
 WIDE = 1e4  # the rig's own deviation is a hundredth of the wide one
 
@@ -54,3 +55,15 @@ def test_of_two_that_trade_places_the_one_gives_way_that_the_data_contradict() -
 def test_both_are_taken_at_their_word_when_their_sum_is_right() -> None:
     covariance = [[0.09, -0.0899], [-0.0899, 0.09]]
     assert precisions(trusting(unknowns(WIDE, WIDE), fit_at([0.6, -0.6], covariance))) == [WIDE, WIDE]
+
+
+def test_a_fit_begins_at_the_rigs_word_where_that_is_nearer() -> None:
+    told = unknown("amplitude", 2.0, 1.0, prior=True)._replace(told=WIDE, precision=WIDE)
+    problem, whitener = toy((told, BOTH[1]), 3)
+    far = np.array([0.2, 0.1, 0.0, 0.0])
+    assert at_their_word(problem, far, whitener).tolist() == [0.0, 0.1, 0.0, 0.0]
+    # Where the rig's word is wrong, and the prior doesn't outweigh the data, the fit's own value is the better start.
+    wrong = told._replace(centre=1.0, told=2.0, precision=2.0)
+    problem, whitener = toy((wrong, BOTH[1]), 3)
+    there = np.array([1.0, -0.2, 0.0, 0.0])
+    assert at_their_word(problem, there, whitener) is there
