@@ -24,8 +24,8 @@ REACH = 0.35  # of the logarithm, to both sides of what the rig says
 STEP = 0.005
 TELLING = 25.0  # of χ²: how deep a valley is below the middle of what was looked at
 SURE = 0.005  # of the value: no valley is known any better
-# Of χ²: what is no further above the deepest may be it. The load's noise excites the simulated wire, too, and where little
-# else does, the truth was seen 11 to 42 above.
+# Of χ²: what is no further above the deepest may be it. The load's noise excites the simulated wire, too, and where
+# little else does, the truth was seen 11 to 42 above.
 DOUBT = 50.0
 
 
