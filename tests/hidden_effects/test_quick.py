@@ -34,9 +34,9 @@ def test_a_shift_alone_is_no_cause() -> None:
     clean(Spec("shift", "shift", (), 0.0, 7, "mixed", shifted=True))
 
 
-# Of the first, the load's corners, bent by smoothing, looked like a drift of friction. In the next three the load's noise
-# comes in bursts, which passed for a drift of K_t, a ripple, and something unnamed. In the last two the jaw's inertia was
-# sought in a wrong valley, and the encoder's slow rounding looks a little like a wire that hardens.
+# Of the first, the load's corners, bent by smoothing, looked like a drift of friction. In the next three the load's
+# noise comes in bursts, which passed for a drift of K_t, a ripple, and something unnamed. In the last two the jaw's
+# inertia was sought in a wrong valley, and the encoder's slow rounding looks a little like a wire that hardens.
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("noise", "scenarios", "seed"),
