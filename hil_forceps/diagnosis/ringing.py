@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.fit import chi2_of
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.problem import Problem
-from hil_forceps.diagnosis.spectrum import Whitener, transform
+from hil_forceps.diagnosis.spectrum import JAW, Whitener, transform
 from hil_forceps.diagnosis.unknowns import Unknowns
 
 Vector = NDArray[np.float64]
@@ -32,11 +32,13 @@ DOUBT = 50.0
 def in_deepest_valley(problem: Problem, u: Vector, whitener: Whitener) -> tuple[Problem, Vector]:
     """Return the problem with the jaw's inertia known to be in the deepest valley of χ², and u with it there.
 
-    Both as they are where no valley is deep, or the loop isn't closed.
+    Both as they are where no valley is deep, the loop isn't closed, or the jaw isn't measured.
     """
     loop = problem.simulate_runs
     names = list(problem.shared.names)
     if not isinstance(loop, ClosedLoop) or INERTIA not in names:
+        return problem, u
+    if any(JAW not in record.channels for record in problem.records):  # at the motor alone, a damped ring is another's
         return problem, u
     place = names.index(INERTIA)
     item = problem.shared.items[place]
