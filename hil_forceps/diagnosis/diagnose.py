@@ -111,6 +111,7 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
         records, notes = prepare(fitted, rig)
         held_records, held_notes = prepare(held, rig)
         records, held_records = without_load_noise(records, held_records, rig, options)
+        notes = [*notes, *_bent_too_often(records)]
     options.progress("fitting the known parameters")
     setting, nominal, baseline, whitener = fit_baseline(records, rig, options, unknown)
     responses = responses_of(setting.simulator, baseline.problem.theta(baseline.fit.u), rig)
@@ -160,6 +161,13 @@ def without_load_noise(
     raw = with_raw_load(records)
     noise = load_noise(*_left_by_assumed(raw, rig, options), raw)
     return with_load_course(records, noise), with_load_course(held_out, noise)
+
+
+def _bent_too_often(records: Sequence[Record]) -> list[str]:
+    said = (
+        "its load bends too often for its noise to be told instant by instant, and weak causes need more; cut the run"
+    )
+    return [f"{r.name}: {said}" for r in records if r.load_noise is not None and r.load_error is None]
 
 
 def driven_load_noise(runs: Sequence[Run], records: list[Record], rig: Rig, options: Options) -> LoadNoise | None:

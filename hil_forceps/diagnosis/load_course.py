@@ -13,22 +13,33 @@ from numpy.typing import NDArray
 from scipy import linalg, sparse
 from scipy.interpolate import BSpline
 
-from hil_forceps.diagnosis.smoothing import FEWEST_ROWS, ORDER, LoadNoise, NoiseFilter, local_cutoff, noise_filter
+from hil_forceps.diagnosis.smoothing import (
+    FEWEST_ROWS,
+    ORDER,
+    LoadNoise,
+    NoiseFilter,
+    local_cutoff,
+    noise_filter,
+    smooth_load,
+)
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float32]
 
 DEGREE = 3
 KNOTS = 3.0  # in a period of the fastest that smoothing would let through; two would just hold it
-MOST_KNOTS = 1200  # of a run
+MOST_KNOTS = 1200  # of a run: some 50 s of work; each is a column of its noise
 RIDGE = 1e-9
 
 
 class LoadCourse(NamedTuple):
-    """The load without its noise, and its error: `error` (rows, k) times k independent standard normal numbers."""
+    """The load without its noise, and its error: `error` (rows, k) times k independent standard normal numbers.
+
+    None where these would be too many: then the load is smoothed.
+    """
 
     load: Vector
-    error: Matrix
+    error: Matrix | None
 
 
 def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noise: LoadNoise) -> LoadCourse:
@@ -38,10 +49,11 @@ def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
     white = noise_filter(noise, period_s)
     pieces = np.split(tau_w, edge_rows + 1)
     wanted = [_knots_until(piece, white) for piece in pieces]
-    share = min(1.0, MOST_KNOTS / sum(float(knots[-1]) for knots in wanted))
-    fits = [_fitted(piece, share * knots, white) for piece, knots in zip(pieces, wanted, strict=True)]
-    error = linalg.block_diag(*(fit.error for fit in fits)).astype(np.float32)
-    return LoadCourse(np.concatenate([fit.load for fit in fits]), error)
+    if sum(float(knots[-1]) for knots in wanted) > MOST_KNOTS:
+        return LoadCourse(smooth_load(tau_w, edge_rows, period_s, noise), None)
+    fits = [_fitted(piece, knots, white) for piece, knots in zip(pieces, wanted, strict=True)]
+    error = linalg.block_diag(*(error for _, error in fits)).astype(np.float32)
+    return LoadCourse(np.concatenate([load for load, _ in fits]), error)
 
 
 def _knots_until(piece: Vector, white: NoiseFilter) -> Vector:
@@ -51,9 +63,9 @@ def _knots_until(piece: Vector, white: NoiseFilter) -> Vector:
     return np.concatenate(([0.0], np.cumsum(np.minimum(KNOTS * local_cutoff(piece, white), 0.5))))
 
 
-def _fitted(piece: Vector, knots_until: Vector, white: NoiseFilter) -> LoadCourse:
+def _fitted(piece: Vector, knots_until: Vector, white: NoiseFilter) -> tuple[Vector, Vector]:
     if piece.size <= DEGREE:
-        return LoadCourse(piece, white.deviation_N_m * np.eye(piece.size, dtype=np.float32))
+        return piece, white.deviation_N_m * np.eye(piece.size)
     count = max(1, min(int(np.ceil(knots_until[-1])), piece.size - DEGREE))
     inner = np.interp(np.linspace(0.0, knots_until[-1], count + 1), knots_until, np.arange(piece.size + 1))
     knots = np.concatenate((np.full(DEGREE, inner[0]), inner, np.full(DEGREE, inner[-1])))
@@ -65,7 +77,7 @@ def _fitted(piece: Vector, knots_until: Vector, white: NoiseFilter) -> LoadCours
     root = linalg.cholesky(normal, lower=True)
     load = basis @ linalg.cho_solve((root, True), seen.T @ (filtered @ piece))
     error = basis @ linalg.solve_triangular(root, np.eye(root.shape[0]), lower=True, trans="T")
-    return LoadCourse(np.asarray(load), np.asarray(error, dtype=np.float32))
+    return np.asarray(load), np.asarray(error)
 
 
 def _filter_matrix(white: NoiseFilter, rows: int) -> sparse.csr_matrix:

@@ -27,7 +27,6 @@ Vector = NDArray[np.float64]
 
 CUTOFFS = (0.002, 0.004, 0.008, 0.016, 0.032, 0.064, 0.125, 0.25)  # of the sampling frequency
 MOST_BENT = 3.0  # standard deviations of a local mean
-LESS_BENT = 1.5  # the same where what smoothing bends must not be taken for an effect; lets more noise through
 ORDER = 8  # of the filter that makes noise white
 FEWEST_ROWS = 8  # of a stretch between jumps that is smoothed at all
 FAST = 0.03  # cutoffs from here on let through what makes the wire ring
@@ -90,12 +89,12 @@ def noise_filter(noise: LoadNoise, period_s: float) -> NoiseFilter:
     return NoiseFilter(np.concatenate(([1.0], -taps)), deviation, covariance)
 
 
-def local_cutoff(piece: Vector, white: NoiseFilter, most_bent: float = MOST_BENT) -> Vector:
+def local_cutoff(piece: Vector, white: NoiseFilter) -> Vector:
     """Return the cutoff of the smoothing that each row of a load allows, of the sampling frequency."""
     one = np.ones(1)
     first, _ = lfilter(white.taps, one, piece, zi=lfiltic(white.taps, one, np.empty(0), np.full(ORDER, piece[0])))
     logarithm = np.full(piece.size, np.log(2.0 * CUTOFFS[-1]))
-    for cutoff, _, weight in _levels_of(first, white, most_bent):
+    for cutoff, _, weight in _levels_of(first, white, MOST_BENT):
         logarithm += weight * (np.log(cutoff) - logarithm)
     return np.asarray(np.exp(logarithm))
 
