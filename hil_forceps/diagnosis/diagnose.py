@@ -164,9 +164,7 @@ def without_load_noise(
 
 
 def _bent_too_often(records: Sequence[Record]) -> list[str]:
-    said = (
-        "its load bends too often for its noise to be told instant by instant, and weak causes need more; cut the run"
-    )
+    said = "its load bends too often for its noise to be told instant by instant; weak causes show in shorter runs"
     return [f"{r.name}: {said}" for r in records if r.load_noise is not None and r.load_error is None]
 
 

@@ -9,7 +9,7 @@ from hil_forceps.diagnosis.linear import Response, column
 from hil_forceps.diagnosis.load_course import load_course
 from hil_forceps.diagnosis.load_errors import with_load_errors
 from hil_forceps.diagnosis.low_rank import LoadErrors, decompose
-from hil_forceps.diagnosis.smoothing import LoadNoise, drawn_noise
+from hil_forceps.diagnosis.smoothing import LoadNoise, drawn_noise, smooth_load
 from hil_forceps.diagnosis.spectrum import (
     Layout,
     make_layout,
@@ -36,6 +36,12 @@ BURST, CALM = slice(2150, 2350), slice(500, 1500)
 SENSORS = {"theta_m_rad": 1e-5, "theta_j_rad": 3e-5}
 
 
+def error_of(noisy: Vector, edges: NDArray[np.intp], noise: LoadNoise) -> Vector:
+    error = load_course(noisy, edges, PERIOD_S, noise).error
+    assert error is not None
+    return error.astype(np.float64)
+
+
 def draws(noise: LoadNoise, edges: NDArray[np.intp] = NONE, load: Vector = LOAD_N_M) -> NDArray[np.float64]:
     """Errors of the course in many draws of the noise (draws, rows)."""
     found = []
@@ -49,8 +55,7 @@ def draws(noise: LoadNoise, edges: NDArray[np.intp] = NONE, load: Vector = LOAD_
 def test_errors_are_as_large_as_foretold_where_the_load_bends_and_elsewhere(noise: LoadNoise) -> None:
     errors = draws(noise)
     noisy = LOAD_N_M + drawn_noise(np.random.default_rng(99), ROWS, PERIOD_S, noise)
-    told = load_course(noisy, NONE, PERIOD_S, noise).error
-    foretold = np.sum(told.astype(float) ** 2, axis=1)
+    foretold = np.sum(error_of(noisy, NONE, noise) ** 2, axis=1)
     for span in (BURST, CALM):
         assert np.sqrt(np.mean(errors[:, span] ** 2) / np.mean(foretold[span])) == pytest.approx(1.0, abs=0.15)
     assert np.mean(foretold[BURST]) > 4.0 * np.mean(foretold[CALM])
@@ -66,14 +71,23 @@ def test_a_jump_stays_where_it_is_and_rows_too_few_to_fit_stay_as_measured() -> 
     assert np.abs(found.load[1980:2000]).max() < 2e-5
     assert np.abs(found.load[2003:2020] - 1e-3).max() < 2e-5
     assert np.array_equal(found.load[2000:2003], noisy[2000:2003])
-    assert np.sum(found.error[2001].astype(float) ** 2) == pytest.approx(SD_N_M**2, rel=1e-3)
+    assert np.sum(error_of(noisy, edges, WHITE)[2001] ** 2) == pytest.approx(SD_N_M**2, rel=1e-3)
 
 
 def test_no_noise_leaves_nothing_open() -> None:
     none = LoadNoise(WHITE.frequency_Hz, np.zeros(2))
     found = load_course(LOAD_N_M, NONE, PERIOD_S, none)
     assert found.load is LOAD_N_M
-    assert found.error.shape == (ROWS, 0)
+    assert error_of(LOAD_N_M, NONE, none).shape == (ROWS, 0)
+
+
+def test_a_load_that_bends_too_often_is_smoothed_and_its_error_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    noisy = LOAD_N_M + drawn_noise(np.random.default_rng(2), ROWS, PERIOD_S, WHITE)
+    wanted = error_of(noisy, NONE, WHITE).shape[1]
+    monkeypatch.setattr("hil_forceps.diagnosis.load_course.MOST_KNOTS", wanted // 2)
+    found = load_course(noisy, NONE, PERIOD_S, WHITE)
+    assert found.error is None
+    assert np.array_equal(found.load, smooth_load(noisy, NONE, PERIOD_S, WHITE))
 
 
 def answer() -> Response:
