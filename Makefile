@@ -4,6 +4,8 @@ VENV ?= .venv
 OUT ?= out
 PY := $(VENV)/bin/python
 TESTS := tests --ignore=tests/targets --ignore=tests/bench
+# Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
+export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: install bench test test-long lint types layers unit system targets targets-short targets-quick fuzz hidden-effects benchmark wheel clean
 
