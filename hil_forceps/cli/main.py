@@ -13,8 +13,8 @@ from hil_forceps.rig.errors import UserError
 EXIT_USER_ERROR = 2
 EXIT_INTERRUPTED = 130
 
-# Commands share their work among threads or processes of their own, and BLAS's beside them would only fight for the cores:
-# a diagnosis takes three times as long. Read when numpy is loaded, later than this.
+# Commands share their work among threads or processes of their own, and BLAS's beside them would only fight for the
+# cores: a diagnosis takes up to three times as long. Read when numpy is loaded, later than this.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 app = App(
