@@ -101,6 +101,7 @@ def test_simulation_2(guest: Guest, kind: str) -> None:
         check_same_motion(figures)
 
 
+@pytest.mark.long
 def test_time_outs(guest: Guest) -> None:
     with recorded("socketcan-time-travel", Part.TIMEOUTS) as record:
         ended = guest("virtual", *PYTEST, f"{FOLDER}/inside_time_outs.py", "--basetemp")
