@@ -16,7 +16,7 @@ from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.low_rank import LEAST_POWER, LoadErrors
 from hil_forceps.diagnosis.problem import Mapper
-from hil_forceps.diagnosis.spectrum import Layout, Part
+from hil_forceps.diagnosis.spectrum import Layout, Part, spectrum_of
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float32]
@@ -51,10 +51,7 @@ def _of_run(parts: Sequence[Part], record: Record, response: Response, sensors: 
         gain = response.gains["jaw"].get(part.channel)
         if gain is None:
             continue
-        answer = fft.irfft(spectra * gain.astype(np.complex64), part.rows)
-        answer *= (part.weights * part.scale).astype(np.float32)
-        seen = fft.rfft(answer)
-        seen[:, 0] *= np.float32(np.sqrt(0.5))
+        seen = spectrum_of(part, fft.irfft(spectra * gain.astype(np.complex64), part.rows))
         power = np.einsum("ij,ij->j", seen.real, seen.real) + np.einsum("ij,ij->j", seen.imag, seen.imag)
         reached = np.flatnonzero(power > LEAST_POWER * sensors[part.start : part.stop : 2])
         bins = int(reached[-1]) + 1 if reached.size else 0

@@ -7,6 +7,7 @@ simulation itself is looked at over all that is thinkable, and the deepest valle
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,26 +30,47 @@ SURE = 0.005  # of the value: no valley is known any better
 DOUBT = 50.0
 
 
+class Valley(NamedTuple):
+    """Where the jaw's inertia is, and how sure."""
+
+    place: int  # of the inertia among the shared unknowns
+    inertia_kg_m2: float
+    deviation_kg_m2: float
+
+
 def in_deepest_valley(problem: Problem, u: Vector, whitener: Whitener) -> tuple[Problem, Vector]:
     """Return the problem with the jaw's inertia known to be in the deepest valley of χ², and u with it there.
 
-    Both as they are where no valley is deep, the loop isn't closed, or the jaw isn't measured.
+    Both as they are where there is none.
+    """
+    valley = deepest_valley(problem, u, whitener)
+    if valley is None:
+        return problem, u
+    place, value, deviation = valley
+    item = problem.shared.items[place]
+    known = item._replace(centre=value, precision=(item.scale / deviation) ** 2, prior=True)
+    items = (*problem.shared.items[:place], known, *problem.shared.items[place + 1 :])
+    found = problem.with_shared(Unknowns(items))
+    return found, moved_to(found, u, place, value)
+
+
+def deepest_valley(problem: Problem, u: Vector, whitener: Whitener) -> Valley | None:
+    """Return where χ² is least over the jaw's inertia, all else as in u.
+
+    None where no valley is deep, the loop isn't closed, or the jaw isn't measured.
     """
     loop = problem.simulate_runs
     names = list(problem.shared.names)
     if not isinstance(loop, ClosedLoop) or INERTIA not in names:
-        return problem, u
+        return None
     if any(JAW not in record.channels for record in problem.records):  # at the motor alone, a damped ring is another's
-        return problem, u
+        return None
     place = names.index(INERTIA)
     item = problem.shared.items[place]
     plain = replace(loop.coarse(), offset=(), stand_ins=())
 
-    def moved(value: float) -> Vector:
-        return np.concatenate((u[:place], [(value - item.centre) / item.scale], u[place + 1 :]))
-
     def chi2(value: float) -> float:
-        there = moved(value)
+        there = moved_to(problem, u, place, value)
         outputs = plain(problem.theta(there), problem.nuisances(there))
         return chi2_of(problem, problem.measured - transform(problem.layout, outputs), whitener, there)
 
@@ -57,10 +79,13 @@ def in_deepest_valley(problem: Problem, u: Vector, whitener: Whitener) -> tuple[
     found = np.array(list(problem.mapper(chi2, values)))
     best = int(np.argmin(found))
     if float(np.median(found)) - found[best] < TELLING or best in (0, values.size - 1):
-        return problem, u
+        return None
     value = float(values[best])
     possible = values[found < found[best] + DOUBT]
-    deviation = max(SURE * value, 0.5 * float(np.ptp(possible)))
-    known = item._replace(centre=value, precision=(item.scale / deviation) ** 2, prior=True)
-    items = (*problem.shared.items[:place], known, *problem.shared.items[place + 1 :])
-    return problem.with_shared(Unknowns(items)), np.concatenate((u[:place], [0.0], u[place + 1 :]))
+    return Valley(place, value, max(SURE * value, 0.5 * float(np.ptp(possible))))
+
+
+def moved_to(problem: Problem, u: Vector, place: int, value: float) -> Vector:
+    """Return u with one of the shared unknowns at a value."""
+    item = problem.shared.items[place]
+    return np.concatenate((u[:place], [(value - item.centre) / item.scale], u[place + 1 :]))

@@ -91,19 +91,23 @@ def noise_filter(noise: LoadNoise, period_s: float) -> NoiseFilter:
 
 def local_cutoff(piece: Vector, white: NoiseFilter) -> Vector:
     """Return the cutoff of the smoothing that each row of a load allows, of the sampling frequency."""
-    one = np.ones(1)
-    first, _ = lfilter(white.taps, one, piece, zi=lfiltic(white.taps, one, np.empty(0), np.full(ORDER, piece[0])))
     logarithm = np.full(piece.size, np.log(2.0 * CUTOFFS[-1]))
-    for cutoff, _, weight in _levels_of(first, white, MOST_BENT):
+    for cutoff, _, weight in _levels_of(_whitened(piece, white), white, MOST_BENT):
         logarithm += weight * (np.log(cutoff) - logarithm)
     return np.asarray(np.exp(logarithm))
 
 
-def _through(values: Vector, white: NoiseFilter, most_bent: float) -> Vector:
-    """Filter a piece, smooth it, filter it back; before it, its start went on for ever."""
+def _whitened(piece: Vector, white: NoiseFilter) -> Vector:
+    """Return a piece whose noise is white; before it, its start went on for ever."""
     one = np.ones(1)
-    first, _ = lfilter(white.taps, one, values, zi=lfiltic(white.taps, one, np.empty(0), np.full(ORDER, values[0])))
-    result = first
+    before = lfiltic(white.taps, one, np.empty(0), np.full(ORDER, piece[0]))
+    return np.asarray(lfilter(white.taps, one, piece, zi=before)[0])
+
+
+def _through(values: Vector, white: NoiseFilter, most_bent: float) -> Vector:
+    """Filter a piece, smooth it, filter it back."""
+    one = np.ones(1)
+    first = result = _whitened(values, white)
     for _, smooth, weight in _levels_of(first, white, most_bent):
         result = result + weight * (smooth - result)
     back, _ = lfilter(one, white.taps, result, zi=lfiltic(one, white.taps, np.full(ORDER, values[0])))

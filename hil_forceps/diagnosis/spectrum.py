@@ -125,9 +125,14 @@ def transform(layout: Layout, outputs: Sequence[Mapping[str, Vector]]) -> Flat:
 
 def fill(flat: Flat, part: Part, values: Vector) -> None:
     """Put a channel of a run into its place."""
-    spectrum = fft.rfft(values * part.weights) * part.scale
-    spectrum[0] *= np.sqrt(0.5)  # real: all its variance is in one entry
-    flat[part.start : part.stop] = spectrum.astype(np.complex64).view(np.float32)
+    flat[part.start : part.stop] = spectrum_of(part, values).astype(np.complex64).view(np.float32)
+
+
+def spectrum_of(part: Part, values: NDArray[np.floating]) -> NDArray[np.complexfloating]:
+    """Return the scaled spectrum of a channel of a run, or of each row of a matrix; as precise as `values` are."""
+    spectrum = fft.rfft(values * part.weights.astype(values.dtype)) * part.scale
+    spectrum[..., 0] *= np.sqrt(0.5)  # real: all its variance is in one entry
+    return np.asarray(spectrum)
 
 
 class Noise(NamedTuple):
@@ -177,7 +182,8 @@ class Whitener(NamedTuple):
 
     def freedom(self, fitted: Matrix) -> Vector:
         """Return how much of each entry is free to show the sensors' noise; `fitted`: orthonormal, whitened."""
-        used = np.einsum("ij,ij->i", *[self._without_load(fitted.copy())] * 2).astype(np.float64)
+        left = self._without_load(fitted.copy()) if self.load else fitted
+        used = np.einsum("ij,ij->i", left, left).astype(np.float64)
         for errors in self.load:
             used[errors.entries] += errors.basis**2 @ (errors.power / (1.0 + errors.power))
         return np.asarray(np.maximum(1.0 - used, 0.0))

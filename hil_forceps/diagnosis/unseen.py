@@ -17,8 +17,8 @@ from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import Fit, fit, gram, inverse, sum_of_squares
 from hil_forceps.diagnosis.leftover import Beside, Leftover, curves_along, left_by_columns, whitened
 from hil_forceps.diagnosis.look import noise_of
-from hil_forceps.diagnosis.problem import Outputs, Problem
-from hil_forceps.diagnosis.ringing import INERTIA, in_deepest_valley
+from hil_forceps.diagnosis.problem import Outputs
+from hil_forceps.diagnosis.ringing import deepest_valley, moved_to
 from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
@@ -95,7 +95,6 @@ def _within_doubt(model: Model, covariance: NDArray[np.float64], whitener: White
     precision[:count, :count] = inverse(DOUBT**2 * covariance[:count, :count])
     centre = np.concatenate((found.u[:count], np.zeros(found.u.size - count)))
     low, high = problem.bounds()
-    u = _at_valley(problem, found.u, whitener)
 
     def at(point: Vector) -> tuple[float, Flat, Outputs]:
         outputs = problem.simulate(point)
@@ -103,9 +102,12 @@ def _within_doubt(model: Model, covariance: NDArray[np.float64], whitener: White
         away = point - centre
         return sum_of_squares(whitener.apply(residual)) + float(away @ precision @ away), residual, outputs
 
-    chi2, residual, outputs = at(u)
-    if (stayed := at(found.u))[0] <= chi2:
-        u, (chi2, residual, outputs) = found.u, stayed
+    u, (chi2, residual, outputs) = found.u, at(found.u)
+    valley = deepest_valley(problem, u, whitener)
+    if valley is not None:
+        there = moved_to(problem, u, valley.place, valley.inertia_kg_m2)
+        if (after := at(there))[0] < chi2:
+            u, (chi2, residual, outputs) = there, after
     for _ in range(STEPS):
         white = whitener.apply(jacobian)
         normal = gram(white, white) + precision
@@ -128,14 +130,3 @@ def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _at_valley(problem: Problem, u: Vector, whitener: Whitener) -> Vector:
-    """Return u with the jaw's inertia where these runs ring best."""
-    known, _ = in_deepest_valley(problem, u, whitener)
-    if known is problem:
-        return u
-    place = problem.shared.names.index(INERTIA)
-    item, moved = problem.shared.items[place], u.copy()
-    moved[place] = (known.shared.items[place].centre - item.centre) / item.scale
-    return moved
