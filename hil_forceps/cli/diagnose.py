@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.memory import keep_pages
 from hil_forceps.cli.run import write_trajectory
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs
@@ -69,6 +70,7 @@ def diagnose(
         raise UserError(f"--without {unknown[0]}: is no effect of the catalogue; see docs/diagnosis.md")
     if jobs is not None and jobs < 1:
         raise UserError(f"--jobs {jobs}: must be 1 or more")
+    keep_pages()
     known = load_rig(rig)
     read = _read(runs)
     make_folder(out)

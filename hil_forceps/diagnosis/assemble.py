@@ -12,9 +12,10 @@ from hil_forceps.diagnosis.assemble_driven import driven_problem
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.first_rows import make_starts
 from hil_forceps.diagnosis.load_errors import with_load_errors
+from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
-from hil_forceps.diagnosis.problem import Mapper, Problem
+from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.spectrum import make_layout, transform
 from hil_forceps.diagnosis.unknowns import Unknowns, known_parameters
 from hil_forceps.model import drive_law, parameters

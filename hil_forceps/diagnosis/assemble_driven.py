@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.experiment_driven import torque_channel
+from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.predict_driven import Driven, make_driven
-from hil_forceps.diagnosis.problem import Mapper, Problem
+from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.spectrum import make_layout, transform
 from hil_forceps.diagnosis.starting import known
 from hil_forceps.diagnosis.unknowns import Unknowns, known_parameters

@@ -96,7 +96,7 @@ class Chooser:
         self._progress("looking at " + (" + ".join(model.effects) or "the known parameters"))
         seen = self._looker.see(model, whitener)
         noise = self._looker.noise(model, seen, whitener)
-        whitener = whitening(model.problem.layout, noise)
+        whitener = whitening(model.problem.layout, noise, model.problem.mapper)
         model = replace(model, fit=fit_again(model.problem, model.fit, whitener))
         return model, self._looker.scan(model, seen, whitener), whitener, noise
 

@@ -20,9 +20,10 @@ from hil_forceps.diagnosis.leftover import Leftover, curves_along, leftover
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.load_noise import load_noise, load_noise_driven
 from hil_forceps.diagnosis.look import Looker, no_columns, noise_of
+from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
-from hil_forceps.diagnosis.problem import Mapper, Problem
+from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.ringing import in_deepest_valley
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.smoothing import LoadNoise
@@ -125,14 +126,15 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     options.progress("looking at what is left")
     gone_through = courses_of(setting, choice.model)
     curves = curves_along(gone_through, choice.model.problem.layout, responses, options.mapper)
-    after = leftover(choice.model, choice.whitener, curves, options.seed)
+    baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
+    # Without effects both are one.
+    beside = (baseline, choice.model) if choice.model.effects else (choice.model,)
+    looks = list(options.mapper(lambda model: leftover(model, choice.whitener, curves, options.seed), beside))
+    before, after = looks[0], looks[-1]
     unseen = None
     if choice.model.effects and held_records:
         options.progress("looking at what is left in the runs held out")
         unseen = left_unseen(choice.model, held_records, rig, refresh, options.seed)
-    baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
-    # Without effects both are one.
-    before = leftover(baseline, choice.whitener, curves, options.seed) if choice.model.effects else after
     nominal = replace(nominal, fit=fit_again(nominal.problem, nominal.fit, choice.whitener))
     return Findings(
         rig,
@@ -160,7 +162,8 @@ def without_load_noise(
     options.progress("looking at the load cell's noise")
     raw = with_raw_load(records)
     noise = load_noise(*_left_by_assumed(raw, rig, options), raw)
-    return with_load_course(records, noise), with_load_course(held_out, noise)
+    found = list(options.mapper(lambda record: with_load_course(record, noise), (*records, *held_out)))
+    return found[: len(records)], found[len(records) :]
 
 
 def _bent_too_often(records: Sequence[Record]) -> list[str]:
@@ -183,7 +186,7 @@ def _left_by_assumed(records: Sequence[Record], rig: Rig, options: Options) -> t
     """Return what no parameter near the rig as assumed explains of the runs, and what a load does to them."""
     setting = assemble(records, rig, options.mapper)
     problem = setting.problem
-    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
+    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power), problem.mapper)
     assumed, _, left = assumed_noise(problem, whitener, setting.floor)
     return problem.layout, left, responses_of(setting.simulator, problem.theta(assumed.fit.u), rig)
 
@@ -207,33 +210,34 @@ def fit_baseline(
     items = setting.problem.shared.items
     shared = Unknowns(tuple(item._replace(assumed=None) if item.name in unknown else item for item in items))
     problem = setting.problem.with_shared(shared)
-    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power))
+    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power), problem.mapper)
     # The rounding makes the wire ring, which is no misfit of the parameters.
     refresh = refresher(rig)
     problem = refresh(problem, np.zeros(problem.size))
     # What the load cell's noise does is many times the encoder's: taken for signal, it would bend every parameter.
     _, noise, _ = assumed_noise(problem, whitener, setting.floor)
-    whitener = whitening(problem.layout, noise)
+    whitener = whitening(problem.layout, noise, problem.mapper)
     rough = fit(problem, np.zeros(problem.size), whitener, steps=BASELINE_STEPS)
-    problem, u = in_deepest_valley(problem, rough.u, whitener)
-    rough = fit(problem, u, whitener, steps=BASELINE_STEPS)
+    found, u = in_deepest_valley(problem, rough.u, whitener)
+    if found is not problem:
+        problem, rough = found, fit(found, u, whitener, steps=BASELINE_STEPS)
     # Near the true plant now: what errors of the load do is known better, too.
     setting = aware_of_load(setting._replace(problem=problem), problem.theta(rough.u), rig)
     problem = setting.problem
-    whitener = whitening(problem.layout, noise)
+    whitener = whitening(problem.layout, noise, problem.mapper)
     noise, _ = noise_of(Model((), problem, rough), no_columns(problem), whitener, setting.floor)
-    whitener = whitening(problem.layout, noise)
-    found, u = rough, rough.u
+    whitener = whitening(problem.layout, noise, problem.mapper)
+    best, u = rough, rough.u
     for number in range(REFRESHES):
         problem = refresh(problem, u)
-        found = fit(problem, u, whitener, held=hold_nuisances(found, problem, whitener), steps=4)
-        u = found.u
+        best = fit(problem, u, whitener, held=hold_nuisances(best, problem, whitener), steps=4)
+        u = best.u
         if number == 0:
-            problem = problem.with_shared(trusting(problem.shared, found))
+            problem = problem.with_shared(trusting(problem.shared, best))
             u = at_their_word(problem, u, whitener)
     assert isinstance(problem.simulate_runs, ClosedLoop | Driven)
     setting = setting._replace(problem=problem, simulator=problem.simulate_runs)
-    baseline = Model((), problem, found)
+    baseline = Model((), problem, best)
     bare = problem.with_shared(Unknowns(()))
     count = len(problem.shared.items)
     nominal = Model((), bare, fit(bare, baseline.fit.u[count:], whitener, steps=4))

@@ -114,16 +114,12 @@ def with_raw_load(records: Sequence[Record]) -> list[Record]:
     return [r if r.raw_load_N_m is None else r._replace(tau_w_N_m=r.raw_load_N_m) for r in records]
 
 
-def with_load_course(records: Sequence[Record], noise: LoadNoise) -> list[Record]:
-    """Return records with the course of their load, as far as its noise lets it be known."""
-
-    def anew(record: Record) -> Record:
-        if record.raw_load_N_m is None:
-            return record
-        load, error = load_course(record.raw_load_N_m, record.edge_rows, record.period_s, noise)
-        return record._replace(tau_w_N_m=load, load_noise=noise, load_error=error)
-
-    return [anew(record) for record in records]
+def with_load_course(record: Record, noise: LoadNoise) -> Record:
+    """Return a record with the course of its load, as far as its noise lets it be known."""
+    if record.raw_load_N_m is None:
+        return record
+    load, error = load_course(record.raw_load_N_m, record.edge_rows, record.period_s, noise)
+    return record._replace(tau_w_N_m=load, load_noise=noise, load_error=error)
 
 
 def grid_of(time: Vector, period: float) -> tuple[Rows, Vector, Mask]:

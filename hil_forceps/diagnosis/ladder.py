@@ -11,7 +11,7 @@ from hil_forceps.diagnosis.extension import without_effect
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.heldout import play
 from hil_forceps.diagnosis.judge import named_effects
-from hil_forceps.diagnosis.problem import Mapper
+from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.result import Rung
 from hil_forceps.rig import Rig
 

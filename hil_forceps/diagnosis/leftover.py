@@ -15,7 +15,8 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.linear import Place, Response, column, direct_column
 from hil_forceps.diagnosis.look import CHANCE
-from hil_forceps.diagnosis.problem import Mapper, Matrix
+from hil_forceps.diagnosis.mapper import Mapper
+from hil_forceps.diagnosis.problem import Matrix
 from hil_forceps.diagnosis.robust import inflations, left_by
 from hil_forceps.diagnosis.score import Group, score
 from hil_forceps.diagnosis.spectrum import Flat, Layout, Whitener

@@ -15,7 +15,7 @@ from scipy import fft
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.low_rank import LEAST_POWER, LoadErrors
-from hil_forceps.diagnosis.problem import Mapper
+from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.spectrum import Layout, Part, spectrum_of
 
 Vector = NDArray[np.float64]

@@ -26,9 +26,10 @@ from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import gram
 from hil_forceps.diagnosis.load_course import load_course
 from hil_forceps.diagnosis.load_errors import with_load_errors
+from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.menu import Bounds, Experiment, bounds_of, menu, trajectory_of
 from hil_forceps.diagnosis.predict import ClosedLoop
-from hil_forceps.diagnosis.problem import Mapper, Matrix, Nuisance, Outputs, Problem
+from hil_forceps.diagnosis.problem import Matrix, Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
 from hil_forceps.diagnosis.smoothing import drawn_noise
 from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, make_layout, transform, whitening
@@ -213,6 +214,10 @@ class _TurnedOver(NamedTuple):
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:
         """Return the transformed channels of each run."""
         return self.upright(_turned_over(theta), nuisances, mapper)
+
+    def only(self, run: int) -> "_TurnedOver":
+        """Return the same of one run."""
+        return _TurnedOver(self.upright.only(run))
 
     def coarse(self) -> "_TurnedOver":
         """Return the same in longer steps."""

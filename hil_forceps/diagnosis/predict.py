@@ -15,7 +15,8 @@ from scipy.ndimage import uniform_filter1d
 
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Record
-from hil_forceps.diagnosis.problem import Mapper, Nuisance, Outputs
+from hil_forceps.diagnosis.mapper import Mapper
+from hil_forceps.diagnosis.problem import Nuisance, Outputs
 from hil_forceps.diagnosis.spectrum import MOTOR
 from hil_forceps.model import closed_loop, drive_law, parameters
 from hil_forceps.model.closed_loop import Channels, Inputs, Start
@@ -174,6 +175,19 @@ class ClosedLoop:
         simulated motor against that noise would seem to explain something.
         """
         return replace(self.unshaken(), records=tuple(with_calm_load(record) for record in self.records))
+
+    def only(self, run: int) -> "ClosedLoop":
+        """Return the same of one run."""
+        one = slice(run, run + 1)
+        return replace(
+            self,
+            records=self.records[one],
+            starts=self.starts[one],
+            encoder_error_rad=self.encoder_error_rad[one],
+            slow=self.slow[one],
+            offset=self.offset[one],
+            stand_ins=tuple(loop.only(run) for loop in self.stand_ins),
+        )
 
     def coarse(self) -> "ClosedLoop":
         """Return the same in longer steps: good for a look, not for a fit."""

@@ -17,7 +17,8 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.experiment import Calm, Record
 from hil_forceps.diagnosis.experiment_driven import still_rad_per_s
 from hil_forceps.diagnosis.linear import Place, Response
-from hil_forceps.diagnosis.problem import Mapper, Nuisance, Outputs
+from hil_forceps.diagnosis.mapper import Mapper
+from hil_forceps.diagnosis.problem import Nuisance, Outputs
 from hil_forceps.model import driven
 from hil_forceps.model.driven import Inputs
 from hil_forceps.rig.plant import PlantParameters
@@ -108,6 +109,17 @@ class Driven:
     def calmed(self) -> "Driven":
         """Return the same."""
         return self
+
+    def only(self, run: int) -> "Driven":
+        """Return the same of one run."""
+        one = slice(run, run + 1)
+        return replace(
+            self,
+            records=self.records[one],
+            inputs=self.inputs[one],
+            calm=self.calm[one],
+            offset=self.offset[one],
+        )
 
     def coarse(self) -> "Driven":
         """Return the same."""

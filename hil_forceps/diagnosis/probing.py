@@ -1,11 +1,11 @@
 """What each place of the catalogue does to the channels: columns of finite differences, each at a telling size.
 
 Friction, dead zones and limits aren't in proportion to their amplitude: at a hundred times the size that the data
-could just show, falling friction makes the motor stick, and its column says nothing about the smaller effect. So the
-places of such entries are simulated again, with amplitudes at which they would just stand out.
+could just show, falling friction makes the motor stick, and its column says nothing about the smaller effect. So such
+entries are first simulated in one run, to find the amplitudes at which they would just stand out.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from hil_forceps.diagnosis.predict import CURRENT_PATH
 from hil_forceps.diagnosis.problem import Matrix, Problem, difference
 from hil_forceps.diagnosis.robust import left_by
 from hil_forceps.diagnosis.score import Group
-from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Whitener, transform, transform_one
 
 Vector = NDArray[np.float64]
 
@@ -40,13 +40,18 @@ TELLING, LARGEST = 12.0, 30.0  # whitened norm of a column; above the second it 
 SIZINGS = 3
 
 
-def probe_columns(problem: Problem, u: Vector, places: Sequence[Probe]) -> tuple[Matrix, list[Group]]:
+def probe_columns(
+    problem: Problem, u: Vector, places: Sequence[Probe], run: int | None = None
+) -> tuple[Matrix, list[Group]]:
     """Simulate every place, coarsely: one column per amplitude, at the probe's size (not divided by it).
 
-    What is in proportion to its amplitude is played without the encoder's shaking and the load's noise.
+    What is in proportion to its amplitude is played without the encoder's shaking and the load's noise. With `run`,
+    only that run: the columns are 0 in all others.
     """
     base, nuisances = problem.theta(u), problem.nuisances(u)
     shaken = problem.simulate_runs.coarse()
+    if run is not None:
+        shaken, nuisances = shaken.only(run), nuisances[run : run + 1]
     simulators = {True: shaken, False: shaken.calmed()}
     needed = {probe.effect_id in SHAKEN for probe in places}
     before = {how: simulators[how](base, nuisances) for how in needed}
@@ -59,11 +64,12 @@ def probe_columns(problem: Problem, u: Vector, places: Sequence[Probe]) -> tuple
         ]
         groups.append(Group(first, len(tasks), probe.one_sided))
 
-    def run(task: tuple[Vector, bool]) -> Flat:
+    def column(task: tuple[Vector, bool]) -> Flat:
         theta, how = task
-        return transform(problem.layout, difference(simulators[how](theta, nuisances), before[how], 1.0))
+        moved = difference(simulators[how](theta, nuisances), before[how], 1.0)
+        return transform(problem.layout, moved) if run is None else transform_one(problem.layout, run, moved[0])
 
-    columns = list(problem.mapper(run, tasks))
+    columns = list(problem.mapper(column, tasks))
     if not columns:
         return np.empty((problem.layout.size, 0), dtype=np.float32), groups
     return np.nan_to_num(np.stack(columns, axis=1)), groups
@@ -74,33 +80,59 @@ def sized_columns(
 ) -> tuple[list[Probe], Matrix, list[Group]]:
     """Return the places with telling sizes, their columns and groups; `fitted`: whitened columns of the unknowns."""
     sized = list(places)
-    columns, groups = probe_columns(problem, u, sized)
     bent = [i for i, probe in enumerate(sized) if probe.effect_id in BENT]
+    runs = len(problem.records)
+    if bent and runs > 1:
+        some, own = probe_columns(problem, u, [sized[i] for i in bent], _telling_run(problem.layout, fitted))
+        _resize(sized, bent, _factors(some, own, fitted, whitener, share=1.0 / runs))
+    columns, groups = probe_columns(problem, u, sized)
     for _ in range(SIZINGS):
-        factors = _factors(bent, columns, groups, fitted, whitener)
-        bent = list(factors)
+        some, own = _of_places(columns, groups, bent)
+        factors = _factors(some, own, fitted, whitener)
+        _resize(sized, bent, factors)
+        bent = [i for i, factor in zip(bent, factors, strict=True) if factor != 1.0]
         if not bent:
             break
-        for i, factor in factors.items():
-            start = {k: v * factor if k in sized[i].amplitudes else v for k, v in sized[i].start.items()}
-            sized[i] = sized[i]._replace(start=start)
         fresh, own = probe_columns(problem, u, [sized[i] for i in bent])
         for i, group in zip(bent, own, strict=True):
             columns[:, groups[i].first : groups[i].stop] = fresh[:, group.first : group.stop]
     return sized, columns, groups
 
 
+def _telling_run(layout: Layout, fitted: Matrix) -> int:
+    """Return the run that says most about what is fitted."""
+    said = np.zeros(max(part.run for part in layout.parts) + 1)
+    for part in layout.parts:
+        here = fitted[part.start : part.stop]
+        said[part.run] += float(np.einsum("ij,ij->", here, here, dtype=np.float64))
+    return int(np.argmax(said))
+
+
+def _of_places(columns: Matrix, groups: Sequence[Group], which: Sequence[int]) -> tuple[Matrix, list[Group]]:
+    """Return the columns of some places, and where each has its own among them."""
+    own = [np.arange(groups[i].first, groups[i].stop) for i in which]
+    stops = np.cumsum([0, *(o.size for o in own)])
+    found = [Group(int(a), int(b), groups[i].one_sided) for i, a, b in zip(which, stops, stops[1:], strict=False)]
+    return np.ascontiguousarray(columns[:, np.concatenate([np.empty(0, dtype=np.intp), *own])]), found
+
+
 def _factors(
-    which: Sequence[int], columns: Matrix, groups: Sequence[Group], fitted: Matrix, whitener: Whitener
-) -> Mapping[int, float]:
-    """Return by what the amplitudes of those places are to be multiplied that tower above what matters."""
-    if not which:
-        return {}
-    own = np.concatenate([np.arange(groups[i].first, groups[i].stop) for i in which])
-    left = left_by(fitted, whitener.apply(np.ascontiguousarray(columns[:, own])))
-    norms = dict(zip(own.tolist(), np.sqrt(np.einsum("ij,ij->j", left, left, dtype=np.float64)), strict=True))
-    largest = {i: max(norms[k] for k in range(groups[i].first, groups[i].stop)) for i in which}
-    return {i: TELLING / norm for i, norm in largest.items() if norm > LARGEST}
+    columns: Matrix, groups: Sequence[Group], fitted: Matrix, whitener: Whitener, share: float = 1.0
+) -> list[float]:
+    """Return by what the amplitudes of each place are to be multiplied: 1 but for those that tower above what matters.
+
+    `share`: how much of what all runs show is in the columns.
+    """
+    left = left_by(fitted, whitener.apply(columns))
+    norms = np.sqrt(np.einsum("ij,ij->j", left, left, dtype=np.float64) / share)
+    largest = [float(norms[group.first : group.stop].max()) for group in groups]
+    return [TELLING / norm if norm > LARGEST else 1.0 for norm in largest]
+
+
+def _resize(places: list[Probe], which: Sequence[int], factors: Sequence[float]) -> None:
+    for i, factor in zip(which, factors, strict=True):
+        start = {k: v * factor if k in places[i].amplitudes else v for k, v in places[i].start.items()}
+        places[i] = places[i]._replace(start=start)
 
 
 def _moved_at_once(probe: Probe) -> list[tuple[str, ...]]:

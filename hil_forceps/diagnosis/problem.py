@@ -1,20 +1,20 @@
 """A fitting problem: measured runs, a simulator, the unknowns; residuals and their sensitivities in the flat layout."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.spectrum import Flat, Layout, fill, transform
 from hil_forceps.diagnosis.unknowns import STEP, Unknowns
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float32]
 Outputs = list[dict[str, Vector]]
-Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 EDGE_SD = 0.29  # of a number that is uniform between 0 and 1
 EDGE_STEP = 0.02
@@ -34,6 +34,9 @@ class Simulator(Protocol):
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:
         """Return one mapping of channels per run; `mapper` may take the runs at once."""
+
+    def only(self, run: int) -> "Simulator":
+        """Return the same of one run."""
 
     def coarse(self) -> "Simulator":
         """Return the same in longer steps."""

@@ -35,8 +35,10 @@ def scene_of(
         ripple = cogging
     else:
         ones = [np.ones_like(c.theta_m) for c in courses]
-        cogging = _harmonics(courses, ones, model, whitener, responses, looked_at)
-        ripple = _harmonics(courses, [c.current_A for c in courses], model, whitener, responses, looked_at)
+        scales = (ones, [c.current_A for c in courses])
+        cogging, ripple = model.problem.mapper(
+            lambda scale: _harmonics(courses, scale, model, whitener, responses, looked_at), scales
+        )
     return Scene(
         max(float(c.time_s[-1]) for c in courses),
         max(float(np.ptp(angle)), 1e-3),
@@ -78,7 +80,7 @@ def _harmonics(
         both = ([s * wave(h * c.theta_m) for c, s in zip(courses, scales, strict=True)] for wave in (np.sin, np.cos))
         return [column(layout, list(responses), "motor", signals) for signals in both]
 
-    columns = [flat for pair in model.problem.mapper(waves, looked_at) for flat in pair]
+    columns = [flat for h in looked_at for flat in waves(h)]
     white = whitener.apply(np.stack(columns, axis=1))
     norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30))
     white = (white / norms).astype(np.float32)

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.predict import ClosedLoop, Offset, Slow, low_pass
-from hil_forceps.diagnosis.problem import Mapper, Nuisance
+from hil_forceps.diagnosis.problem import Nuisance
 from hil_forceps.diagnosis.smoothing import smoothed
 
 Vector = NDArray[np.float64]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from hil_forceps.diagnosis.low_rank import LoadErrors, LowRank, decompose
+from hil_forceps.diagnosis.mapper import Mapper
 
 Vector = NDArray[np.float64]
 Flat = NDArray[np.float32]
@@ -120,6 +121,15 @@ def transform(layout: Layout, outputs: Sequence[Mapping[str, Vector]]) -> Flat:
     flat = np.empty(layout.size, dtype=np.float32)
     for part in layout.parts:
         fill(flat, part, outputs[part.run][part.channel])
+    return flat
+
+
+def transform_one(layout: Layout, run: int, outputs: Mapping[str, Vector]) -> Flat:
+    """Return the flat vector of one run's channels, 0 in all other runs."""
+    flat = np.zeros(layout.size, dtype=np.float32)
+    for part in layout.parts:
+        if part.run == run:
+            fill(flat, part, outputs[part.channel])
     return flat
 
 
@@ -256,13 +266,13 @@ def _mix(layout: Layout, left: Vector) -> NDArray[np.complex128]:
     return mix
 
 
-def whitening(layout: Layout, noise: Noise) -> Whitener:
+def whitening(layout: Layout, noise: Noise, mapper: Mapper = map) -> Whitener:
     """Return what makes this noise white, and the load's errors beside it."""
     both = pairs(layout) if noise.mix.any() else []
     mixes = [noise.mix[layout.band_of[jaw.start : jaw.stop : 2]] for _, jaw in both]
     mix = np.concatenate(mixes) if mixes else np.empty(0)
     factor = np.asarray((1.0 / np.sqrt(noise.power))[layout.band_of], dtype=np.float32)
-    load = tuple(decompose(errors, factor) for errors in layout.load)
+    load = tuple(mapper(lambda errors: decompose(errors, factor), layout.load))
     places = tuple((jaw.start, jaw.stop, motor.start) for motor, jaw in both)
     return Whitener(factor, places, mix.astype(np.complex64), load)
 

@@ -55,7 +55,9 @@ from hil_forceps.model.physics import (
 )
 
 _FALLEN = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
-_FILM = 0.3  # of the film's speed: below it a step is taken in pieces, and up to where the film is stiff
+_FILM = 0.3  # of the film's speed: below it a step may want pieces, and up to where the film is stiff
+_EVEN = 0.2  # of the speed over which friction changes: a change of speed over which it is as good as a line
+_SOFT = 0.1  # of I/h: what friction's slope may be for a step to take it as it comes
 
 
 class Torques(NamedTuple):
@@ -323,6 +325,22 @@ def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: 
 
 
 @inlined
+def _uneven(
+    change_N_m: float, over_rad_per_s: float, reach: float, inertia_per_step: float, speeds: tuple[float, float]
+) -> bool:
+    """Whether friction that changes over some speed, and up to `reach` times that, does so too fast for a step."""
+    first, last = speeds
+    if min(abs(first), abs(last)) >= reach * over_rad_per_s or (first == 0.0 and last == 0.0):
+        return False
+    turns = first * last <= 0.0
+    return (
+        turns
+        or abs(last - first) > _EVEN * over_rad_per_s
+        or abs(change_N_m) > _SOFT * inertia_per_step * over_rad_per_s
+    )
+
+
+@inlined
 def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
     """Whether something happened in a step that wants shorter ones."""
     if p.play > 0.0 and (abs(x.lost_rad) < p.play or abs(end.lost_rad) < p.play):
@@ -332,13 +350,14 @@ def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
         after = _wire_of(p, Motion(end.theta_m_rad, 0.0, end.theta_j_rad, 0.0), end.lost_rad, end.creep_m, end.loop)
         if before.slack != after.slack or before.tension_N * after.tension_N < 0.0:
             return True
-    slow = _FALLEN * p.stribeck_speed if p.stribeck_rise != 0.0 else 0.0
+    speeds = (x.omega_m_rad_per_s, end.omega_m_rad_per_s)
+    if p.stribeck_rise != 0.0 and _uneven(p.stribeck_rise, p.stribeck_speed, _FALLEN, inertia_per_step, speeds):
+        return True
     if p.film_level != 0.0:
         # Beyond, its slope is at most half of what a step can take: L/ω_f exp(−|ω|/ω_f) < I/2h.
         stiff = math.log(max(1.0, 2.0 * p.film_level / p.film_speed / inertia_per_step))
-        slow = max(slow, p.film_speed * max(_FILM, stiff))
-    first, last = abs(x.omega_m_rad_per_s), abs(end.omega_m_rad_per_s)
-    return min(first, last) < slow and max(first, last) > 0.0
+        return _uneven(p.film_level, p.film_speed, max(_FILM, stiff), inertia_per_step, speeds)
+    return False
 
 
 @kernel

@@ -13,7 +13,8 @@ from hil_forceps.diagnosis import fit as fit_module
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import at_bound
 from hil_forceps.diagnosis.fit import MAX_DAMPINGS, Fit, chi2_of, fit, fit_again, follow, gram, hold
-from hil_forceps.diagnosis.problem import Mapper, Nuisance, Outputs, Problem
+from hil_forceps.diagnosis.mapper import Mapper
+from hil_forceps.diagnosis.problem import Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.spectrum import Whitener, make_layout, transform, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknown, Unknowns
 
@@ -35,6 +36,9 @@ class Toy(NamedTuple):
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:  # noqa: ARG002
         return self.says(theta, nuisances)
+
+    def only(self, run: int) -> "Toy":
+        return Toy(lambda theta, nuisances: self.says(theta, [nuisances[0]] * (run + 1))[run:])
 
     def coarse(self) -> "Toy":
         return self
