@@ -14,6 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from pathlib import Path
 from typing import Any
 
+from hil_forceps.cli.memory import keep_pages
 from tests.hidden_effects.cases import PER_ROUND, ROUNDS, Spec, specs
 from tests.hidden_effects.trial import run_case
 
@@ -60,7 +61,7 @@ def run(tasks: Sequence[tuple[Spec, bool]], results: Path, jobs: int, budget_s: 
     began = time.monotonic()
     waiting = list(reversed(tasks))
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context) as pool, results.open("a") as file:
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=keep_pages) as pool, results.open("a") as file:
         running: set[Future[dict[str, Any]]] = set()
         count = 0
         while waiting or running:

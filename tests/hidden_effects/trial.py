@@ -13,6 +13,7 @@ from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.heldout import floors_of, gains, play
 from hil_forceps.diagnosis.judge import TWO_SIDED_95, judge
+from hil_forceps.diagnosis.leftover import Leftover
 from hil_forceps.rig import Rig
 from tests.hidden_effects.cases import NOISES, REST, RIGS, SCENARIO_SETS, Spec, drawn_effect, drawn_shifts
 from tests.hidden_effects.explained import explained
@@ -101,7 +102,9 @@ def _diagnosed(spec: Spec, case: Case, *, gain: bool, whole: bool) -> Outcome:
         },
         "shifts": sorted(verdict.shifts),
         "varies_over": list(verdict.varies_over),
-        "left": [round(found.after.gain, 2), round(found.after.threshold, 2)],
+        "rivals": [[list(rival.model.effects), round(rival.behind, 2)] for rival in found.choice.rivals],
+        "left": _left(found.after),
+        "left_unseen": None if found.unseen is None else _left(found.unseen),
         "scores": _scores(found, spec.effects),
         "baseline": _baseline(found.choice.model, case.true),
     }
@@ -112,6 +115,11 @@ def _diagnosed(spec: Spec, case: Case, *, gain: bool, whole: bool) -> Outcome:
         with_it = judge(investigate(case.runs, case.assumed, replace(options, without=frozenset())))
         record["whole"] = [list(ids) for ids in with_it.sets]
     return record
+
+
+def _left(left: Leftover) -> list[float]:
+    """Return what curves find, and what they find by chance."""
+    return [round(left.gain, 2), round(left.threshold, 2)]
 
 
 def _scores(found: Findings, truth: tuple[str, ...]) -> list[list[Any]]:
