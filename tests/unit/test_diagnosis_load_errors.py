@@ -19,6 +19,8 @@ from hil_forceps.diagnosis.spectrum import (
     white_noise,
     whitening,
 )
+from tests.hidden_effects.generator import RIG, run_seed, simulate
+from tests.hidden_effects.generator_scenarios import SCENARIOS
 
 Vector = NDArray[np.float64]
 
@@ -61,6 +63,28 @@ def test_errors_are_as_large_as_foretold_where_the_load_bends_and_elsewhere(nois
     assert np.mean(foretold[BURST]) > 4.0 * np.mean(foretold[CALM])
     # It isn't bent: what all draws have in common is a small part of what one of them does.
     assert np.std(errors.mean(axis=0)[BURST]) < 0.35 * np.std(errors[:, BURST])
+
+
+def share_not_followed(load: Vector) -> float:
+    """Power of a load that no course with its knots can follow, over that of errors as told, from 5 to 10 Hz."""
+    noisy = load + drawn_noise(np.random.default_rng(0), load.size, PERIOD_S, WHITE)
+    error = error_of(noisy, NONE, WHITE)
+    courses, _ = np.linalg.qr(error)
+    frequency = np.fft.rfftfreq(load.size, PERIOD_S)
+    band = (frequency > 5.0) & (frequency < 10.0)
+    missed = np.abs(np.fft.rfft(load - courses @ (courses.T @ load)))[band] ** 2
+    told = np.abs(np.fft.rfft(error, axis=0))[band] ** 2
+    return float(np.sum(missed) / np.sum(told))
+
+
+def test_quick_motion_makes_no_load_that_cannot_be_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, run = simulate(RIG, SCENARIOS["multisine_mid"], run_seed(11500, 3))
+    load = np.asarray(run.tau_w_N_m)
+    # What sensors add in such a band is a hundredth of what the load's error does there, and stands for hundreds of rows.
+    assert share_not_followed(load) < 1e-4
+    monkeypatch.setattr("hil_forceps.diagnosis.load_course.DEGREE", 3)
+    monkeypatch.setattr("hil_forceps.diagnosis.load_course.KNOTS", 3.0)
+    assert share_not_followed(load) > 5e-4  # a ripple was named for such bends
 
 
 def test_a_jump_stays_where_it_is_and_rows_too_few_to_fit_stay_as_measured() -> None:
