@@ -80,7 +80,7 @@ def share_not_followed(load: Vector) -> float:
 def test_quick_motion_makes_no_load_that_cannot_be_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     _, run = simulate(RIG, SCENARIOS["multisine_mid"], run_seed(11500, 3))
     load = np.asarray(run.tau_w_N_m)
-    # What sensors add in such a band is a hundredth of what the load's error does there, and stands for hundreds of rows.
+    # What sensors add in such a band is a hundredth of what the load's error does there.
     assert share_not_followed(load) < 1e-4
     monkeypatch.setattr("hil_forceps.diagnosis.load_course.DEGREE", 3)
     monkeypatch.setattr("hil_forceps.diagnosis.load_course.KNOTS", 3.0)
