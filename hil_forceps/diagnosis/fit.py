@@ -15,8 +15,7 @@ AGAIN_STEPS = 3
 SMALL_FALL = 0.05  # of χ²: a step that gains less ends the fit
 FIRST_DAMPING = 1e-6
 MAX_DAMPINGS = 7
-# As long as the fall of χ² comes as close to what was expected, the sensitivities are still good.
-TRUSTED, TRUSTED_FALL = 0.1, 0.5  # of what was expected; of χ²
+TRUSTED = 0.1  # of the expected fall: as long as it comes that close, the sensitivities are still good
 BLOCK = 1 << 15  # rows of a product that are made double at a time
 RIDGE = 1e-13
 LEAST_POWER = 1e-60  # of a column: one that shows nothing is known to nothing, but in numbers
@@ -135,7 +134,7 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
             damping = max(damping / 30.0, FIRST_DAMPING)
             if fall < SMALL_FALL:
                 break
-        fresh = not improved or abs(fall - expected) > max(TRUSTED * expected, TRUSTED_FALL)
+        fresh = not improved or abs(fall - expected) > TRUSTED * expected
         if fresh:
             at = _sensitivity(problem, u, outputs, whitener, held)
     covariance = inverse(at.gram + np.diag(weights))
