@@ -17,7 +17,7 @@ from hil_forceps.diagnosis.look import Looker, Scan
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.result import Candidate
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
-from hil_forceps.diagnosis.spectrum import Noise, Whitener, whitening
+from hil_forceps.diagnosis.spectrum import Noise, Whitener
 
 Vector = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ class Chooser:
         self._progress("looking at " + (" + ".join(model.effects) or "the known parameters"))
         seen = self._looker.see(model, whitener)
         noise = self._looker.noise(model, seen, whitener)
-        whitener = whitening(model.problem.layout, noise, model.problem.mapper)
+        whitener = model.problem.whitener(noise)
         model = replace(model, fit=fit_again(model.problem, model.fit, whitener))
         return model, self._looker.scan(model, seen, whitener), whitener, noise
 

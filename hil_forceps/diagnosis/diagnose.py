@@ -27,7 +27,7 @@ from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.ringing import in_deepest_valley
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.smoothing import LoadNoise
-from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, white_noise, whitening
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, white_noise
 from hil_forceps.diagnosis.starting import completed, unknown_names
 from hil_forceps.diagnosis.trust import at_their_word, trusting
 from hil_forceps.diagnosis.unknowns import Unknowns
@@ -186,7 +186,7 @@ def _left_by_assumed(records: Sequence[Record], rig: Rig, options: Options) -> t
     """Return what no parameter near the rig as assumed explains of the runs, and what a load does to them."""
     setting = assemble(records, rig, options.mapper)
     problem = setting.problem
-    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power), problem.mapper)
+    whitener = problem.whitener(white_noise(problem.layout, setting.first_power))
     assumed, _, left = assumed_noise(problem, whitener, setting.floor)
     return problem.layout, left, responses_of(setting.simulator, problem.theta(assumed.fit.u), rig)
 
@@ -210,13 +210,13 @@ def fit_baseline(
     items = setting.problem.shared.items
     shared = Unknowns(tuple(item._replace(assumed=None) if item.name in unknown else item for item in items))
     problem = setting.problem.with_shared(shared)
-    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power), problem.mapper)
+    whitener = problem.whitener(white_noise(problem.layout, setting.first_power))
     # The rounding makes the wire ring, which is no misfit of the parameters.
     refresh = refresher(rig)
     problem = refresh(problem, np.zeros(problem.size))
     # What the load cell's noise does is many times the encoder's: taken for signal, it would bend every parameter.
     _, noise, _ = assumed_noise(problem, whitener, setting.floor)
-    whitener = whitening(problem.layout, noise, problem.mapper)
+    whitener = problem.whitener(noise)
     rough = fit(problem, np.zeros(problem.size), whitener, steps=BASELINE_STEPS)
     found, u = in_deepest_valley(problem, rough.u, whitener)
     if found is not problem:
@@ -224,9 +224,9 @@ def fit_baseline(
     # Near the true plant now: what errors of the load do is known better, too.
     setting = aware_of_load(setting._replace(problem=problem), problem.theta(rough.u), rig)
     problem = setting.problem
-    whitener = whitening(problem.layout, noise, problem.mapper)
+    whitener = problem.whitener(noise)
     noise, _ = noise_of(Model((), problem, rough), no_columns(problem), whitener, setting.floor)
-    whitener = whitening(problem.layout, noise, problem.mapper)
+    whitener = problem.whitener(noise)
     best, u = rough, rough.u
     for number in range(REFRESHES):
         problem = refresh(problem, u)

@@ -18,7 +18,7 @@ from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.result import Gain, RunEvidence
 from hil_forceps.diagnosis.shaking import with_encoder_errors
-from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Layout, Noise, power_of_load, white_noise, whitening
+from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Layout, Noise, power_of_load, white_noise
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
 
@@ -40,14 +40,14 @@ def play(records: Sequence[Record], rig: Rig, theta: Vector, quantum_rad: float,
     """Simulate runs with given parameters; only what belongs to each run (zeros, start) is fitted to it."""
     setting = assemble(records, rig, mapper, Unknowns(()))
     problem = replace(setting.problem, base=theta)
-    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power), mapper)
+    whitener = problem.whitener(white_noise(problem.layout, setting.first_power))
     found = fit(problem, np.zeros(problem.size), whitener, steps=NUISANCE_STEPS)
     simulator = setting.simulator
     if quantum_rad > 0.0 and isinstance(simulator, ClosedLoop):
         simulator = with_encoder_errors(simulator, theta, problem.nuisances(found.u), quantum_rad, mapper)
         problem = replace(problem, simulate_runs=simulator)
     noise, _ = noise_of(Model((), problem, found), no_columns(problem), whitener, setting.floor)
-    found = fit(problem, found.u, whitening(problem.layout, noise, mapper), steps=NUISANCE_STEPS)
+    found = fit(problem, found.u, problem.whitener(noise), steps=NUISANCE_STEPS)
     return play_fitted(Model((), problem, found))
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.entries import Probe, Scene, probes
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import gram
-from hil_forceps.diagnosis.probing import sized_columns
+from hil_forceps.diagnosis.probing import columns_of, sized_columns
 from hil_forceps.diagnosis.problem import Matrix, Problem
 from hil_forceps.diagnosis.robust import inflations
 from hil_forceps.diagnosis.score import Group, Scores, score
@@ -153,11 +153,8 @@ class Looker:
 
 def _some(seen: Seen, which: Sequence[int]) -> Seen:
     """Return some of the places with their columns."""
-    columns = [seen.columns[:, seen.groups[i].first : seen.groups[i].stop] for i in which]
-    stops = np.cumsum([0, *(c.shape[1] for c in columns)])
-    groups = [Group(int(a), int(b), seen.groups[i].one_sided) for i, a, b in zip(which, stops, stops[1:], strict=False)]
-    all_columns = np.concatenate(columns, axis=1) if columns else seen.columns[:, :0]
-    return seen._replace(places=tuple(seen.places[i] for i in which), columns=all_columns, groups=tuple(groups))
+    columns, groups = columns_of(seen.columns, seen.groups, which)
+    return seen._replace(places=tuple(seen.places[i] for i in which), columns=columns, groups=tuple(groups))
 
 
 def _still_good(seen: Seen, model: Model, whitener: Whitener) -> bool:

@@ -32,7 +32,7 @@ from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.problem import Matrix, Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
 from hil_forceps.diagnosis.smoothing import drawn_noise
-from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, make_layout, transform, whitening
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, make_layout, transform
 from hil_forceps.model import closed_loop, parameters
 from hil_forceps.rig.catalogue import EFFECTS
 
@@ -178,9 +178,7 @@ def stage_of(found: Findings, experiment: Experiment, model: Model) -> Stage:
     count = len(problem.shared.items)
     u = np.concatenate((model.fit.u[:count], np.zeros(problem.nuisance_count)))
     outputs = problem.simulate(u)
-    whitener = whitening(
-        problem.layout, noise_on(problem.layout, found.choice.model.problem.layout, found.choice.noise)
-    )
+    whitener = problem.whitener(noise_on(problem.layout, found.choice.model.problem.layout, found.choice.noise))
     known = np.eye(problem.size)
     covariance = model.fit.covariance[:count, :count]
     known[:count, :count] = np.linalg.pinv(covariance, hermitian=True) if count else covariance

@@ -87,7 +87,7 @@ def sized_columns(
         _resize(sized, bent, _factors(some, own, fitted, whitener, share=1.0 / runs))
     columns, groups = probe_columns(problem, u, sized)
     for _ in range(SIZINGS):
-        some, own = _of_places(columns, groups, bent)
+        some, own = columns_of(columns, groups, bent)
         factors = _factors(some, own, fitted, whitener)
         _resize(sized, bent, factors)
         bent = [i for i, factor in zip(bent, factors, strict=True) if factor != 1.0]
@@ -108,7 +108,7 @@ def _telling_run(layout: Layout, fitted: Matrix) -> int:
     return int(np.argmax(said))
 
 
-def _of_places(columns: Matrix, groups: Sequence[Group], which: Sequence[int]) -> tuple[Matrix, list[Group]]:
+def columns_of(columns: Matrix, groups: Sequence[Group], which: Sequence[int]) -> tuple[Matrix, list[Group]]:
     """Return the columns of some places, and where each has its own among them."""
     own = [np.arange(groups[i].first, groups[i].stop) for i in which]
     stops = np.cumsum([0, *(o.size for o in own)])

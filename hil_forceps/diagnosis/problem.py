@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.mapper import Mapper
-from hil_forceps.diagnosis.spectrum import Flat, Layout, fill, transform
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, fill_run, transform, whitening
 from hil_forceps.diagnosis.unknowns import STEP, Unknowns
 
 Vector = NDArray[np.float64]
@@ -84,6 +84,10 @@ class Problem:
     def size(self) -> int:
         """Length of u."""
         return len(self.shared.items) + self.nuisance_count
+
+    def whitener(self, noise: Noise) -> Whitener:
+        """Return what makes this noise of the channels white."""
+        return whitening(self.layout, noise, self.mapper)
 
     def theta(self, u: Vector) -> Vector:
         """Return the model's parameters at u."""
@@ -168,17 +172,12 @@ class Problem:
             tasks.append(("edges", EDGE_STEP / EDGE_SD))
         results = dict(zip((kind for kind, _ in tasks), self.mapper(moved, tasks), strict=True))
         for k, (start, record) in enumerate(zip(starts, self.records, strict=False)):
-            self._fill(columns[:, start], k, results["zero"][k])
-            self._fill(columns[:, start + 1], k, results["integral"][k])
+            fill_run(columns[:, start], self.layout, k, results["zero"][k])
+            fill_run(columns[:, start + 1], self.layout, k, results["integral"][k])
             for j, window in enumerate(_windows(record)):
                 part = {name: _only(values, window) for name, values in results["edges"][k].items()}
-                self._fill(columns[:, start + 2 + j], k, part)
+                fill_run(columns[:, start + 2 + j], self.layout, k, part)
         return columns
-
-    def _fill(self, column: Flat, run: int, outputs: dict[str, Vector]) -> None:
-        for part in self.layout.parts:
-            if part.run == run:
-                fill(column, part, outputs[part.channel])
 
     def jacobian(self, u: Vector, outputs: Outputs) -> Matrix:
         """Return the sensitivities to every entry of u."""

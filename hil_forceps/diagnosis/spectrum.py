@@ -127,10 +127,15 @@ def transform(layout: Layout, outputs: Sequence[Mapping[str, Vector]]) -> Flat:
 def transform_one(layout: Layout, run: int, outputs: Mapping[str, Vector]) -> Flat:
     """Return the flat vector of one run's channels, 0 in all other runs."""
     flat = np.zeros(layout.size, dtype=np.float32)
+    fill_run(flat, layout, run, outputs)
+    return flat
+
+
+def fill_run(flat: Flat, layout: Layout, run: int, outputs: Mapping[str, Vector]) -> None:
+    """Put the channels of a run into their places."""
     for part in layout.parts:
         if part.run == run:
             fill(flat, part, outputs[part.channel])
-    return flat
 
 
 def fill(flat: Flat, part: Part, values: Vector) -> None:
@@ -140,7 +145,7 @@ def fill(flat: Flat, part: Part, values: Vector) -> None:
 
 def spectrum_of(part: Part, values: NDArray[np.floating]) -> NDArray[np.complexfloating]:
     """Return the scaled spectrum of a channel of a run, or of each row of a matrix; as precise as `values` are."""
-    spectrum = fft.rfft(values * part.weights.astype(values.dtype)) * part.scale
+    spectrum = fft.rfft(values * part.weights.astype(values.dtype, copy=False)) * part.scale
     spectrum[..., 0] *= np.sqrt(0.5)  # real: all its variance is in one entry
     return np.asarray(spectrum)
 

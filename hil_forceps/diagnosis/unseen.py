@@ -19,7 +19,7 @@ from hil_forceps.diagnosis.leftover import Beside, Leftover, curves_along, left_
 from hil_forceps.diagnosis.look import noise_of
 from hil_forceps.diagnosis.problem import Outputs
 from hil_forceps.diagnosis.ringing import deepest_valley, moved_to
-from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform, white_noise, whitening
+from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform, white_noise
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
 
@@ -52,7 +52,7 @@ def _left(chosen: Model, setting: Setting, model: Model, whitener: Whitener, rig
     curves = curves_along(courses_of(setting, model), problem.layout, responses, problem.mapper)
     for _ in range(NOISE_ROUNDS):
         noise, _ = noise_of(model, curves.columns, whitener, setting.floor)
-        whitener = whitening(problem.layout, noise, problem.mapper)
+        whitener = problem.whitener(noise)
     white = whitener.apply(model.fit.jacobian)
     count = len(problem.shared.items)
     known = DOUBT * _root(chosen.fit.covariance[:count, :count])
@@ -73,7 +73,7 @@ def _beside(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh
     problem = replace(setting.problem, base=chosen.problem.base)
     u = np.concatenate((chosen.fit.u[:count], np.zeros(problem.nuisance_count)))
     problem = refresh(problem, u)
-    whitener = whitening(problem.layout, white_noise(problem.layout, setting.first_power), problem.mapper)
+    whitener = problem.whitener(white_noise(problem.layout, setting.first_power))
     bare = replace(problem.with_shared(Unknowns(())), base=problem.theta(u))
     own = fit(bare, u[count:], whitener, steps=STEPS)
     u = np.concatenate((u[:count], own.u))
