@@ -90,9 +90,12 @@ def noise_filter(noise: LoadNoise, period_s: float) -> NoiseFilter:
 
 
 def local_cutoff(piece: Vector, white: NoiseFilter) -> Vector:
-    """Return the cutoff of the smoothing that each row of a load allows, of the sampling frequency."""
+    """Return the cutoff of the smoothing that each row of a load allows, of the sampling frequency.
+
+    Fast ones as readily as slow ones: for a course whose error is told.
+    """
     logarithm = np.full(piece.size, np.log(2.0 * CUTOFFS[-1]))
-    for cutoff, _, weight in _levels_of(_whitened(piece, white), white, MOST_BENT):
+    for cutoff, _, weight in _levels_of(_whitened(piece, white), white, MOST_BENT, MOST_BENT):
         logarithm += weight * (np.log(cutoff) - logarithm)
     return np.asarray(np.exp(logarithm))
 
@@ -108,7 +111,7 @@ def _through(values: Vector, white: NoiseFilter, most_bent: float) -> Vector:
     """Filter a piece, smooth it, filter it back."""
     one = np.ones(1)
     first = result = _whitened(values, white)
-    for _, smooth, weight in _levels_of(first, white, most_bent):
+    for _, smooth, weight in _levels_of(first, white, most_bent, MOST_BENT_FAST):
         result = result + weight * (smooth - result)
     back, _ = lfilter(one, white.taps, result, zi=lfiltic(one, white.taps, np.full(ORDER, values[0])))
     return np.asarray(back, dtype=np.float64)
@@ -120,7 +123,9 @@ def white_deviation(pieces: list[Vector]) -> float:
     return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
 
 
-def _levels_of(values: Vector, white: NoiseFilter, most_bent: float) -> Iterator[tuple[float, Vector, Vector]]:
+def _levels_of(
+    values: Vector, white: NoiseFilter, most_bent: float, most_bent_fast: float
+) -> Iterator[tuple[float, Vector, Vector]]:
     """Return each cutoff, what it smooths white noise's bearer to, and where it does no harm (1) or does (0).
 
     The weakest first: a stronger one takes over where it does no harm.
@@ -132,7 +137,7 @@ def _levels_of(values: Vector, white: NoiseFilter, most_bent: float) -> Iterator
         deviation = white.deviation_N_m * float(np.sqrt(np.mean(passed**2)))
         smooth = smoothed(values, cutoff)
         bent = np.abs(uniform_filter1d(values - smooth, width)) / deviation
-        harmless = maximum_filter1d(bent, 2 * width) < (most_bent if cutoff < FAST else MOST_BENT_FAST)
+        harmless = maximum_filter1d(bent, 2 * width) < (most_bent if cutoff < FAST else most_bent_fast)
         yield cutoff, smooth, uniform_filter1d(harmless.astype(np.float64), width)
 
 

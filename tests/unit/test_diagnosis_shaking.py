@@ -34,7 +34,6 @@ def found_width_m() -> tuple[float, ClosedLoop]:
 
 
 @pytest.mark.long
-@pytest.mark.xfail(strict=True, reason="11 % too narrow; 5 % while the load's noise was whitened as a power per band")
 def test_a_slack_is_as_wide_as_it_is() -> None:
     width_m, _ = found_width_m()
     assert width_m == pytest.approx(HALF_WIDTH_M, rel=0.1)

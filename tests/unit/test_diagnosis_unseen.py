@@ -58,7 +58,6 @@ def test_a_right_model_is_not_doubted_where_the_jaw_rings_only_in_the_runs_held_
 
 @pytest.mark.long
 @pytest.mark.xdist_group("ringing")
-@pytest.mark.xfail(strict=True, reason="half of what is explained (doubted at 1.5 times); 4 with a load bent more")
 def test_a_right_model_leaves_little_there(ringing: Findings) -> None:
     assert ringing.unseen is not None
     assert ringing.unseen.gain < 0.3 * (ringing.baseline.fit.chi2 - ringing.choice.model.fit.chi2)
