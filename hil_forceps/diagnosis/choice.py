@@ -90,15 +90,19 @@ class Chooser:
     def _look(self, model: Model, whitener: Whitener) -> tuple[Model, Scan, Whitener, Noise]:
         """Scan the catalogue beside a model; take the noise anew from what neither explains; refit with it."""
         if model.effects:
-            model = replace(model, problem=self._refresh(model.problem, model.fit.u))
-            held = hold_nuisances(model.fit, model.problem, whitener)
-            model = replace(model, fit=fit(model.problem, model.fit.u, whitener, held=held, steps=5))
+            model = self._refitted(model, whitener)
         self._progress("looking at " + (" + ".join(model.effects) or "the known parameters"))
         seen = self._looker.see(model, whitener)
         noise = self._looker.noise(model, seen, whitener)
         whitener = model.problem.whitener(noise)
         model = replace(model, fit=fit_again(model.problem, model.fit, whitener))
         return model, self._looker.scan(model, seen, whitener), whitener, noise
+
+    def _refitted(self, model: Model, whitener: Whitener) -> Model:
+        """Fit a model to the end, what hangs on it taken anew."""
+        model = replace(model, problem=self._refresh(model.problem, model.fit.u))
+        held = hold_nuisances(model.fit, model.problem, whitener)
+        return replace(model, fit=fit(model.problem, model.fit.u, whitener, held=held, steps=5))
 
     def _refined(self, model: Model, scan: Scan, whitener: Whitener, step: int) -> list[Model]:
         """Refit with each entry that stands out; return the models that gain enough, the best first."""
@@ -138,9 +142,14 @@ class Chooser:
         for place in range(len(model.effects) - 1):
             reduced = without_effect(model, place, whitener)
             scan = self._looker.scan(reduced, self._looker.see(reduced, whitener), whitener)
-            for other in self._refined(reduced, scan, whitener, len(model.effects)):
-                if set(other.effects) == set(model.effects):
+            found = self._refined(reduced, scan, whitener, len(model.effects))
+            # The model itself, fitted no further than those that are to take its place.
+            level = next((m.worth for m in found if set(m.effects) == set(model.effects)), model.worth)
+            for refit in found:
+                if set(refit.effects) == set(model.effects):
                     continue
+                close = refit.worth - level < SET_DROP * self._looker.inflation[refit.effects[-1]]
+                other = self._refitted(refit, whitener) if close else refit
                 behind = other.worth - model.worth
                 if behind < -1.0:
                     model = other
