@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.extension import Model, extend, without_effect
-from hil_forceps.diagnosis.fit import fit, fit_again, hold, hold_nuisances
+from hil_forceps.diagnosis.fit import Held, fit, fit_again, hold, hold_nuisances
 from hil_forceps.diagnosis.look import Looker, Scan
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.result import Candidate
@@ -26,6 +26,8 @@ MAX_EXCHANGED = 3  # with more, only forward and backward: each exchange looks a
 SHORTLIST = 7
 SHORTLIST_DROP = 40.0  # of the linear gain below the best
 SET_DROP = 6.0
+MOST_REFRESHES = 8
+SETTLED = 10.0  # of χ²: where friction holds, the rounding as it was for one speed of its film keeps that speed
 ACCURACY = 0.004  # of the misfit already explained: a further effect must gain more than numerics and smoothing leave
 
 
@@ -99,10 +101,20 @@ class Chooser:
         return model, self._looker.scan(model, seen, whitener), whitener, noise
 
     def _refitted(self, model: Model, whitener: Whitener) -> Model:
-        """Fit a model to the end, what hangs on it taken anew."""
-        model = replace(model, problem=self._refresh(model.problem, model.fit.u))
-        held = hold_nuisances(model.fit, model.problem, whitener)
-        return replace(model, fit=fit(model.problem, model.fit.u, whitener, held=held, steps=5))
+        """Fit a model to the end, what hangs on it taken anew as long as that helps."""
+        found = self._anew(model, whitener, hold_nuisances(model.fit, model.problem, whitener))
+        before = model.worth
+        for _ in range(MOST_REFRESHES):
+            if before - found.worth < SETTLED:
+                break
+            before = found.worth
+            again = self._anew(found, whitener, hold(found.fit.jacobian, len(found.problem.shared.items), whitener))
+            found = min(found, again, key=lambda m: m.worth)
+        return found
+
+    def _anew(self, model: Model, whitener: Whitener, held: Held) -> Model:
+        problem = self._refresh(model.problem, model.fit.u)
+        return replace(model, problem=problem, fit=fit(problem, model.fit.u, whitener, held=held, steps=5))
 
     def _refined(self, model: Model, scan: Scan, whitener: Whitener, step: int) -> list[Model]:
         """Refit with each entry that stands out; return the models that gain enough, the best first."""
