@@ -30,8 +30,8 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float32]
 
 DEGREE = 5
-# In a period of the fastest that smoothing would let through; two would just hold it. Bends that the course cannot
-# follow stand out in the channels by 900 of χ² in four runs with three knots of its error, and by 270 with four.
+# In a period of the fastest that smoothing would let through; two would just hold it. Bends that cannot be followed
+# stand out in the channels of four runs by 100 to 650 of χ² with three knots of the error, and by 40 to 270 with four.
 KNOTS = 2.5
 ERROR_KNOTS = 4.0
 MOST_KNOTS = 2000  # of a run: some 50 s of work; each is a column of its noise

@@ -20,8 +20,9 @@ from hil_forceps.diagnosis.spectrum import Layout, Part, spectrum_of
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float32]
+Spectra = NDArray[np.complexfloating]
 
-LEAST_SHOWN = 10.0 * LEAST_POWER  # of the sensors' noise along a column
+SPREAD = 40  # bins by which weights spread a spectrum
 
 
 def with_load_errors(
@@ -51,18 +52,27 @@ def _of_run(parts: Sequence[Part], record: Record, response: Response, sensors: 
         gain = response.gains["jaw"].get(part.channel)
         if gain is None:
             continue
-        seen = spectrum_of(part, fft.irfft(spectra * gain.astype(np.complex64), part.rows))
-        power = np.einsum("ij,ij->j", seen.real, seen.real) + np.einsum("ij,ij->j", seen.imag, seen.imag)
-        reached = np.flatnonzero(power > LEAST_POWER * sensors[part.start : part.stop : 2])
-        bins = int(reached[-1]) + 1 if reached.size else 0
-        entries.append(part.start + np.arange(2 * bins))
-        columns.append(np.ascontiguousarray(seen[:, :bins]).view(np.float32).T)
-    return _shorter(LoadErrors(np.concatenate(entries), np.concatenate(columns)), sensors)
+        seen = _seen(part, spectra, gain.astype(np.complex64), LEAST_POWER * sensors[part.start : part.stop : 2])
+        entries.append(part.start + np.arange(2 * seen.shape[1]))
+        columns.append(np.ascontiguousarray(seen).view(np.float32).T)
+    return LoadErrors(np.concatenate(entries), np.concatenate(columns))
 
 
-def _shorter(errors: LoadErrors, sensors: Vector) -> LoadErrors:
-    """Return the same errors in fewer columns: what no sensor would ever show is left out."""
-    seen = errors.columns / np.sqrt(sensors[errors.entries])[:, None].astype(np.float32)
-    values, vectors = np.linalg.eigh((seen.T @ seen).astype(np.float64))
-    kept = values > LEAST_SHOWN
-    return LoadErrors(errors.entries, np.asarray(errors.columns @ vectors[:, kept], dtype=np.float32))
+def _seen(part: Part, spectra: Spectra, gain: Spectra, least: Vector) -> Spectra:
+    """Return the scaled spectrum of each error in a channel, up to the last bin where all together reach `least`.
+
+    On every second or fourth row where nothing is left that these would not show.
+    """
+    answers = spectra * gain
+    reached = np.flatnonzero(part.scale**2 * _power(answers) > least)
+    last = int(reached[-1]) + 1 + SPREAD if reached.size else 0
+    every = next(n for n in (4, 2, 1) if n == 1 or (part.rows % (2 * n) == 0 and last < part.rows // (2 * n)))
+    fewer = part._replace(rows=part.rows // every, weights=part.weights[::every])
+    seen = spectrum_of(fewer, fft.irfft(answers[:, : fewer.rows // 2 + 1], fewer.rows))
+    reached = np.flatnonzero(_power(seen) > least[: seen.shape[1]])
+    return np.asarray(seen[:, : int(reached[-1]) + 1 if reached.size else 0])
+
+
+def _power(spectra: Spectra) -> Vector:
+    """Return the power of all rows together in each bin."""
+    return np.asarray(np.sum(spectra.real**2 + spectra.imag**2, axis=0))
