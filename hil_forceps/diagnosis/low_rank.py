@@ -9,7 +9,7 @@ Flat = NDArray[np.float32]
 Matrix = NDArray[np.float32]
 Rows = NDArray[np.intp]
 
-LEAST_POWER = 1e-3  # of white noise's: less is none
+LEAST_POWER = 1e-2  # of white noise's: less is none
 
 
 class LoadErrors(NamedTuple):
