@@ -35,7 +35,7 @@ DEGREE = 5
 KNOTS = 2.5
 ERROR_KNOTS = 4.0
 MOST_KNOTS = 2000  # of a run: some 50 s of work; each is a column of its noise
-MOST_PER_ROW = 0.5
+MOST_PER_ROW = 0.5  # knots
 RIDGE = 1e-9
 
 
@@ -58,9 +58,9 @@ def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
     cutoffs = [_cutoff(piece, white) for piece in pieces]
     if ERROR_KNOTS * sum(float(cutoff.sum()) for cutoff in cutoffs) > MOST_KNOTS:
         return LoadCourse(smooth_load(tau_w, edge_rows, period_s, noise), None)
-    both = list(zip(pieces, cutoffs, strict=True))
-    error = linalg.block_diag(*(_error(piece, cutoff, white) for piece, cutoff in both)).astype(np.float32)
-    return LoadCourse(np.concatenate([_course(piece, cutoff, white) for piece, cutoff in both]), error)
+    fits = [_fitted(piece, cutoff, white) for piece, cutoff in zip(pieces, cutoffs, strict=True)]
+    error = linalg.block_diag(*(error for _, error in fits)).astype(np.float32)
+    return LoadCourse(np.concatenate([load for load, _ in fits]), error)
 
 
 def _cutoff(piece: Vector, white: NoiseFilter) -> Vector:
@@ -68,22 +68,21 @@ def _cutoff(piece: Vector, white: NoiseFilter) -> Vector:
     return local_cutoff(piece, white) if piece.size >= FEWEST_ROWS else np.full(piece.size, 1.0 / piece.size)
 
 
-def _course(piece: Vector, cutoff: Vector, white: NoiseFilter) -> Vector:
+def _fitted(piece: Vector, cutoff: Vector, white: NoiseFilter) -> tuple[Vector, Vector]:
+    """Return the course of a piece and its error."""
     if piece.size <= DEGREE:
-        return piece
-    basis, seen, root = _spline(cutoff, KNOTS, white)
-    filtered = _filter_matrix(white, piece.size) @ piece
-    return np.asarray(basis @ linalg.cho_solve((root, True), seen.T @ filtered))
+        return piece, white.deviation_N_m * np.eye(piece.size)
+    whitened = _filter_matrix(white, piece.size)
+    basis, seen, root = _spline(cutoff, KNOTS, whitened)
+    load = basis @ linalg.cho_solve((root, True), seen.T @ (whitened @ piece))
+    basis, _, root = _spline(cutoff, ERROR_KNOTS, whitened)
+    error = basis @ linalg.solve_triangular(root, np.eye(root.shape[0]), lower=True, trans="T")
+    return np.asarray(load), np.asarray(error)
 
 
-def _error(piece: Vector, cutoff: Vector, white: NoiseFilter) -> Vector:
-    if piece.size <= DEGREE:
-        return white.deviation_N_m * np.eye(piece.size)
-    basis, _, root = _spline(cutoff, ERROR_KNOTS, white)
-    return np.asarray(basis @ linalg.solve_triangular(root, np.eye(root.shape[0]), lower=True, trans="T"))
-
-
-def _spline(cutoff: Vector, per_period: float, white: NoiseFilter) -> tuple[sparse.csr_array, sparse.csr_array, Vector]:
+def _spline(
+    cutoff: Vector, per_period: float, whitened: sparse.csr_matrix
+) -> tuple[sparse.csr_array, sparse.csr_array, Vector]:
     """Return a spline's basis, the basis as the filtered load shows it, and the root of its normal matrix."""
     rows = cutoff.size
     until = np.concatenate(([0.0], np.cumsum(np.minimum(per_period * cutoff, MOST_PER_ROW))))
@@ -91,7 +90,7 @@ def _spline(cutoff: Vector, per_period: float, white: NoiseFilter) -> tuple[spar
     inner = np.interp(np.linspace(0.0, until[-1], count + 1), until, np.arange(rows + 1))
     knots = np.concatenate((np.full(DEGREE, inner[0]), inner, np.full(DEGREE, inner[-1])))
     basis = BSpline.design_matrix(np.arange(rows) + 0.5, knots, DEGREE)
-    seen = _filter_matrix(white, rows) @ basis
+    seen = whitened @ basis
     normal = (seen.T @ seen).toarray()
     normal[np.diag_indices_from(normal)] *= 1.0 + RIDGE
     return basis, seen, linalg.cholesky(normal, lower=True)

@@ -64,13 +64,17 @@ def _seen(part: Part, spectra: Spectra, gain: Spectra, least: Vector) -> Spectra
     On every second or fourth row where nothing is left that these would not show.
     """
     answers = spectra * gain
-    reached = np.flatnonzero(part.scale**2 * _power(answers) > least)
-    last = int(reached[-1]) + 1 + SPREAD if reached.size else 0
+    last = _reached(part.scale**2 * _power(answers), least) + SPREAD
     every = next(n for n in (4, 2, 1) if n == 1 or (part.rows % (2 * n) == 0 and last < part.rows // (2 * n)))
     fewer = part._replace(rows=part.rows // every, weights=part.weights[::every])
     seen = spectrum_of(fewer, fft.irfft(answers[:, : fewer.rows // 2 + 1], fewer.rows))
-    reached = np.flatnonzero(_power(seen) > least[: seen.shape[1]])
-    return np.asarray(seen[:, : int(reached[-1]) + 1 if reached.size else 0])
+    return np.asarray(seen[:, : _reached(_power(seen), least[: seen.shape[1]])])
+
+
+def _reached(power: Vector, least: Vector) -> int:
+    """Return how many bins there are up to the last one of more than the least power."""
+    reached = np.flatnonzero(power > least)
+    return int(reached[-1]) + 1 if reached.size else 0
 
 
 def _power(spectra: Spectra) -> Vector:
