@@ -1,6 +1,5 @@
 """What hangs on a model and is taken anew with a better one: what noise does to it, and the course of each run."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.assemble import Setting
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.extension import Model
+from hil_forceps.diagnosis.extension import Model, Refresh
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Problem
@@ -16,10 +15,9 @@ from hil_forceps.diagnosis.shaking import with_encoder_errors
 from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
-Refresh = Callable[[Problem, Vector], Problem]
 
 
-def refresher(rig: Rig) -> Callable[[Problem, Vector], Problem]:
+def refresher(rig: Rig) -> Refresh:
     """Return what takes anew with a better model what the encoder's rounding, or the noise of what drives, does."""
     quantum = quantum_of(rig)
 

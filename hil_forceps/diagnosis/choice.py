@@ -11,21 +11,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.extension import Model, extend, without_effect
+from hil_forceps.diagnosis.extension import Model, Refresh, extend, without_effect
 from hil_forceps.diagnosis.fit import Held, fit, fit_again, hold, hold_nuisances
 from hil_forceps.diagnosis.look import Looker, Scan
-from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.result import Candidate
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
 from hil_forceps.diagnosis.spectrum import Noise, Whitener
 
 Vector = NDArray[np.float64]
 
+CLIPS = "current_saturation"
 MAX_EFFECTS = 6
 MAX_EXCHANGED = 3  # with more, only forward and backward: each exchange looks at the whole catalogue again
 SHORTLIST = 7
+STANDS_OUT = 0.7  # of the threshold, by linear gain
 SHORTLIST_DROP = 40.0  # of the linear gain below the best
 SET_DROP = 6.0
+NEAR_DROP = 20.0  # of rough fits, within which they are worth fitting to the end
 MOST_REFRESHES = 8
 SETTLED = 10.0  # of χ²: where friction holds, the rounding as it was for one speed of its film keeps that speed
 ACCURACY = 0.004  # of the misfit already explained: a further effect must gain more than numerics and smoothing leave
@@ -63,7 +65,7 @@ class Chooser:
         self,
         looker: Looker,
         progress: Callable[[str], None],
-        refresh: Callable[[Problem, Vector], Problem],
+        refresh: Refresh,
     ) -> None:
         self._looker = looker
         self._progress = progress
@@ -81,11 +83,13 @@ class Chooser:
             refined = self._refined(model, scan, whitener, step)
             if not refined:
                 break
-            best = refined[0]
-            rivals = self._within_reach([Rival(m, m.worth - best.worth) for m in refined])
-            model, scan, whitener, noise = self._look(best, whitener)
+            best, *others = refined
+            looked_at, scan, whitener, noise = self._look(best, whitener)
+            model, rivals = self._compared([Rival(looked_at, 0.0)], others, best.worth, whitener)
             if 0 < step < MAX_EXCHANGED:
                 model, rivals = self._exchange(model, rivals, whitener)
+            if model is not looked_at:
+                model, scan, whitener, noise = self._look(model, whitener)
         model, rivals = self._thinned(model, rivals, scan, whitener)
         return Choice(model, tuple(rivals), tuple(self._candidates), scan, whitener, noise, self._looker.inflation)
 
@@ -117,7 +121,10 @@ class Chooser:
         return replace(model, problem=problem, fit=fit(problem, model.fit.u, whitener, held=held, steps=5))
 
     def _refined(self, model: Model, scan: Scan, whitener: Whitener, step: int) -> list[Model]:
-        """Refit with each entry that stands out; return the models that gain enough, the best first."""
+        """Refit with each entry that stands out; return the models that gain enough, the best first.
+
+        Behind them come those that gain too little to be named, but may be what the best one stands for.
+        """
         best: dict[str, int] = {}
         for i, probe in enumerate(scan.probes):
             so_far = best.get(probe.effect_id)
@@ -127,9 +134,12 @@ class Chooser:
         order = sorted(best.values(), key=lambda i: -scan.scores.gains[i])
         top = scan.scores.gains[order[0]] if order else 0.0
         drop = max(SHORTLIST_DROP, 0.4 * top)
-        standing_out = [i for i in order if scan.scores.gains[i] > threshold * 0.7]
-        near = [i for i in standing_out if scan.scores.gains[i] > top - drop][:SHORTLIST]
+        standing_out = [i for i in order if scan.scores.gains[i] > STANDS_OUT * threshold]
+        close = [i for i in order if standing_out and scan.scores.gains[i] > top - NEAR_DROP]
+        near = [i for i in standing_out if scan.scores.gains[i] > top - drop]
+        near = max(near, close, key=len)[:SHORTLIST]
         found: list[Model] = []
+        lesser: list[Model] = []
         gains: dict[str, float] = {}
         held = hold(model.fit.jacobian, len(model.problem.shared.items), whitener)
         # Where all of the best end at a bound or gain too little, those behind them have their turn.
@@ -139,15 +149,17 @@ class Chooser:
             for i in short:
                 name = scan.probes[i].effect_id
                 self._progress(f"refitting with {name}")
-                refit = extend(model, scan.probes[i], scan.scores.amplitudes[i], whitener, held)
+                refit = extend(model, scan.probes[i], scan.scores.amplitudes[i], whitener, held, self._refresh)
                 extra = len(refit.problem.shared.items) - len(model.problem.shared.items)
-                gain = (model.fit.chi2 - refit.fit.chi2) / self._looker.inflation[name]
+                gain = (model.fit.chi2 - refit.fit.chi2) / self._inflation(name)
+                if name == CLIPS:  # its rounding is taken anew, which moves χ² by itself
+                    gain = min(gain, float(scan.scores.gains[i]))
                 gains[name] = gain - COST_PER_COLUMN * (extra - 1)
-                if gains[name] > threshold and not refit.at_bound:
-                    found.append(refit)
+                if not refit.at_bound:
+                    (found if gains[name] > threshold else lesser).append(refit)
         found.sort(key=lambda m: m.worth)
         self._note(scan, best, gains, found, step)
-        return found
+        return found + lesser if found else []
 
     def _exchange(self, model: Model, rivals: list[Rival], whitener: Whitener) -> tuple[Model, list[Rival]]:
         """Replace each effect but the last by every other that stands out in its place, where that fits better."""
@@ -157,24 +169,43 @@ class Chooser:
             found = self._refined(reduced, scan, whitener, len(model.effects))
             # The model itself, fitted no further than those that are to take its place.
             level = next((m.worth for m in found if set(m.effects) == set(model.effects)), model.worth)
-            for refit in found:
-                if set(refit.effects) == set(model.effects):
-                    continue
-                close = refit.worth - level < SET_DROP * self._looker.inflation[refit.effects[-1]]
-                other = self._refitted(refit, whitener) if close else refit
-                behind = other.worth - model.worth
-                if behind < -1.0:
-                    model = other
-                    rivals = [Rival(rival.model, rival.behind - behind) for rival in rivals]
-                    behind = 0.0
-                rivals.append(Rival(other, behind))
+            model, rivals = self._compared(rivals, found, level, whitener)
+        return model, rivals
+
+    def _compared(
+        self, rivals: list[Rival], others: Iterable[Model], level: float, whitener: Whitener
+    ) -> tuple[Model, list[Rival]]:
+        """Put others beside the first of rivals, the model; return the best and what can't be told from it.
+
+        `level`: where the model was when it was fitted no further than the others. Those that come near are fitted as
+        far as the model is now, beside the same noise and rounding: taken anew, the rounding moves χ² by 20 and more.
+        """
+        model = rivals[0].model
+        known = {frozenset(rival.model.effects) for rival in rivals}
+        for other in others:
+            near = NEAR_DROP * self._inflation(other.effects[-1])
+            if frozenset(other.effects) in known or other.worth - level > near:
+                continue
+            refit = self._as_far(other, model, whitener)
+            behind = refit.worth - model.worth
+            if behind < -1.0:
+                model = refit
+                rivals = [Rival(rival.model, rival.behind - behind) for rival in rivals]
+            rivals = [*rivals, Rival(refit, max(behind, 0.0))]
         return model, self._within_reach(rivals)
+
+    def _as_far(self, other: Model, model: Model, whitener: Whitener) -> Model:
+        if CLIPS in {*model.effects} ^ {*other.effects}:  # a rounding taken beside a limit holds beside this limit only
+            return self._refitted(other, whitener)
+        problem = replace(other.problem, simulate_runs=model.problem.simulate_runs)
+        held = hold_nuisances(other.fit, problem, whitener)
+        return replace(other, problem=problem, fit=fit(problem, other.fit.u, whitener, held=held, steps=5))
 
     def _thinned(self, model: Model, rivals: list[Rival], scan: Scan, whitener: Whitener) -> tuple[Model, list[Rival]]:
         """Drop effects that no longer gain enough with the noise as it is known in the end."""
         for place in reversed(range(len(model.effects))):
             less = without_effect(model, place, whitener)
-            if less.fit.chi2 - model.fit.chi2 < scan.scores.threshold * self._looker.inflation[model.effects[place]]:
+            if less.fit.chi2 - model.fit.chi2 < scan.scores.threshold * self._inflation(model.effects[place]):
                 self._candidates = below_threshold(self._candidates, {model.effects[place]})
                 model, rivals = less, [Rival(less, 0.0)]
         return model, rivals
@@ -183,9 +214,13 @@ class Chooser:
         """Return those that can't be told from the best, the best first, each set of effects once."""
         found: dict[frozenset[str], Rival] = {}
         for rival in sorted(rivals, key=lambda rival: rival.behind):
-            if rival.behind <= SET_DROP * max(self._looker.inflation.get(name, 1.0) for name in rival.model.effects):
+            names = (*rival.model.effects, *rivals[0].model.effects)
+            if rival.behind <= SET_DROP * max(self._inflation(name) for name in names):
                 found.setdefault(frozenset(rival.model.effects), rival)
         return list(found.values())
+
+    def _inflation(self, name: str) -> float:
+        return self._looker.inflation.get(name, 1.0)
 
     def _note(self, scan: Scan, best: dict[str, int], gains: dict[str, float], found: list[Model], step: int) -> None:
         named = found[0].effects[-1] if found else ""

@@ -33,6 +33,7 @@ class Scene(NamedTuple):
     current_max_A: float
     harmonics_cogging: tuple[float, ...]
     harmonics_ripple: tuple[float, ...]
+    limits_A: tuple[float, ...] = ()  # of the current, that the simulation itself asks for
 
 
 class Probe(NamedTuple):
@@ -59,7 +60,8 @@ def probes(scene: Scene, without: frozenset[str] = frozenset()) -> list[Probe]:
 def _with_shape(entry: Effect, shape: Mapping[str, float], scene: Scene) -> list[Probe]:
     if entry.id == "current_saturation":
         # Its parameter is no amplitude: the limit is lowered a little below what the runs reach.
-        return [Probe(entry.id, {"limit_A": share * scene.current_max_A}, (), True) for share in LIMIT_SHARES]
+        limits = (*scene.limits_A, *(share * scene.current_max_A for share in LIMIT_SHARES))
+        return [Probe(entry.id, {"limit_A": limit}, (), True) for limit in limits]
     sizes = {p.name: _size(entry, p.typical, scene) for p in entry.parameters if p.neutral is not None}
     if entry.id == "channel_skew":  # each channel is a place of its own
         return [Probe(entry.id, {**dict.fromkeys(sizes, 0.0), name: sizes[name]}, (name,), False) for name in sizes]

@@ -30,7 +30,7 @@ MEMORY_SHARES = (0.01, 0.05, 0.2)  # of the range: memories over a way
 HOLD_S, HOLD_SHARE = 0.3, 0.003  # still is what gets on slower than this share of top speed over so long
 FEWEST_STILL = 0.02  # of all rows
 QUIET_MEDIANS = 4.0
-OVER_CHANCE = 2.5  # what is more is left over; friction shaken loose by noise is followed in part only
+OVER_CHANCE = 1.5  # what is more is left over; friction shaken loose by noise is followed in part only
 
 
 class Scale(NamedTuple):

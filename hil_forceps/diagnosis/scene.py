@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.current_limit import deepest_limits
 from hil_forceps.diagnosis.entries import Scene, quantiles_of_speed
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.linear import Response, column
@@ -48,6 +49,7 @@ def scene_of(
         max(current, 1e-6),
         cogging,
         ripple,
+        tuple(deepest_limits(model.problem, model.fit.u, whitener, current)),
     )
 
 

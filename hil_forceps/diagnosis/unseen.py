@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.anew import Refresh, courses_of
+from hil_forceps.diagnosis.anew import courses_of
 from hil_forceps.diagnosis.assemble import Setting, assemble, aware_of_load, responses_of
 from hil_forceps.diagnosis.experiment import Record
-from hil_forceps.diagnosis.extension import Model
+from hil_forceps.diagnosis.extension import Model, Refresh
 from hil_forceps.diagnosis.fit import Fit, fit, gram, inverse, sum_of_squares
 from hil_forceps.diagnosis.leftover import Beside, Leftover, curves_along, left_by_columns, whitened
 from hil_forceps.diagnosis.look import noise_of

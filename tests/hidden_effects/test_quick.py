@@ -76,6 +76,19 @@ def test_a_rival_is_compared_when_it_is_fitted_as_far() -> None:
 
 
 @pytest.mark.long
+def test_a_neighbour_s_set_holds_the_truth_where_rough_fits_leave_it_behind() -> None:
+    record = ran(Spec("weight", "effect", ("jaw_gravity",), 50.0, 11720, "work"))
+    assert named_right(record) or in_set(record), (record["named"], record["sets"])
+
+
+@pytest.mark.long
+def test_a_limit_is_named_that_clips_a_few_peaks() -> None:
+    record = ran(Spec("limit", "effect", ("current_saturation",), 50.0, 11717, "mixed"))
+    assert named_right(record), (record["verdict"], record["named"])
+    assert record["left"][0] < record["left"][1]
+
+
+@pytest.mark.long
 def test_an_effect_that_no_entry_describes_is_not_called_by_another_s_name() -> None:
     record = ran(Spec("deleted", "deleted", ("wire_slack",), 50.0, 7, "mixed", deleted=True))
     assert record["verdict"] == "unnamed"
