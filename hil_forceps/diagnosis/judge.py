@@ -10,7 +10,7 @@ from scipy import stats
 from hil_forceps.diagnosis.choice import SET_DROP
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.extension import Model
-from hil_forceps.diagnosis.leftover import Leftover
+from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover
 from hil_forceps.diagnosis.look import CHANCE
 from hil_forceps.diagnosis.result import (
     AuditFinding,
@@ -33,6 +33,7 @@ POWER_80 = 0.8416
 ACCURACY_OF_ALL = 2e-5
 UNEXPLAINED_SHARE = 0.015  # of the misfit: what may be left beside named effects without doubting them
 UNSEEN_SHARE = 0.6  # the same in runs held out: true models leave up to 0.4 where those are much quicker
+UNSEEN_OVER_CHANCE = 2.5  # a jaw's inertia that the fitted runs hardly show left up to 2.3 times chance in them
 ACCURACY = 1e-3  # of an effect's parameter: what the simulation's steps leave, however well the data show it
 
 
@@ -82,8 +83,9 @@ def judge(found: Findings) -> Judgement:
 
 def _unexplained(found: Findings) -> Leftover | None:
     """Return what is left beyond doubt: in the fitted runs, or beside named effects in those held out."""
-    for left, share in ((found.after, UNEXPLAINED_SHARE), (found.unseen, UNSEEN_SHARE)):
-        if left is None or not _beyond_numerics(found, left):
+    looks = ((found.after, UNEXPLAINED_SHARE, OVER_CHANCE), (found.unseen, UNSEEN_SHARE, UNSEEN_OVER_CHANCE))
+    for left, share, over_chance in looks:
+        if left is None or left.gain < over_chance * left.threshold or not _beyond_numerics(found, left):
             continue
         if not found.choice.model.effects or left.gain > share * (left.gain + _explained(found)):
             return left
