@@ -25,6 +25,7 @@ MAX_EFFECTS = 6
 MAX_EXCHANGED = 3  # with more, only forward and backward: each exchange looks at the whole catalogue again
 SHORTLIST = 7
 STANDS_OUT = 0.7  # of the threshold, by linear gain
+OVERLOOKED = 3
 SHORTLIST_DROP = 40.0  # of the linear gain below the best
 SET_DROP = 6.0
 NEAR_DROP = 20.0  # of rough fits, within which they are worth fitting to the end
@@ -75,21 +76,37 @@ class Chooser:
 
     def choose(self, baseline: Model, whitener: Whitener) -> Choice:
         """Choose from the refitted baseline on; `whitener` is a first guess of the noise."""
-        model = baseline
-        rivals = [Rival(baseline, 0.0)]
-        model, scan, whitener, noise = self._look(model, whitener)
+        model, scan, whitener, noise = self._look(baseline, whitener)
         self._first_chi2 = model.fit.chi2
-        for step in range(MAX_EFFECTS):
-            refined = self._refined(model, scan, whitener, step)
-            if not refined:
-                break
+        start = Choice(model, (Rival(model, 0.0),), (), scan, whitener, noise, self._looker.inflation)
+        return self._grown(start, self._refined(model, scan, whitener, 0))
+
+    def further(self, choice: Choice) -> Choice:
+        """Go on from a choice beside which something is left; the same choice where that leads nowhere.
+
+        Where friction or a slack is bent to what an entry would do, its linear gain can be 5 and a refit's 90.
+        """
+        refined = self._refined(choice.model, choice.scan, choice.whitener, len(choice.model.effects), overlooked=True)
+        return self._grown(choice, refined) if refined else choice
+
+    def _grown(self, choice: Choice, refined: list[Model]) -> Choice:
+        """Let entries join as long as one gains enough, beginning with the first of those refitted."""
+        model, rivals, scan, whitener, noise = (
+            choice.model,
+            list(choice.rivals),
+            choice.scan,
+            choice.whitener,
+            choice.noise,
+        )
+        while refined and len(model.effects) < MAX_EFFECTS:
             best, *others = refined
             looked_at, scan, whitener, noise = self._look(best, whitener)
             model, rivals = self._compared([Rival(looked_at, 0.0)], others, best.worth, whitener)
-            if 0 < step < MAX_EXCHANGED:
+            if 1 < len(best.effects) <= MAX_EXCHANGED:
                 model, rivals = self._exchange(model, rivals, whitener)
             if model is not looked_at:
                 model, scan, whitener, noise = self._look(model, whitener)
+            refined = self._refined(model, scan, whitener, len(model.effects))
         model, rivals = self._thinned(model, rivals, scan, whitener)
         return Choice(model, tuple(rivals), tuple(self._candidates), scan, whitener, noise, self._looker.inflation)
 
@@ -120,10 +137,13 @@ class Chooser:
         problem = self._refresh(model.problem, model.fit.u)
         return replace(model, problem=problem, fit=fit(problem, model.fit.u, whitener, held=held, steps=5))
 
-    def _refined(self, model: Model, scan: Scan, whitener: Whitener, step: int) -> list[Model]:
+    def _refined(
+        self, model: Model, scan: Scan, whitener: Whitener, step: int, *, overlooked: bool = False
+    ) -> list[Model]:
         """Refit with each entry that stands out; return the models that gain enough, the best first.
 
         Behind them come those that gain too little to be named, but may be what the best one stands for.
+        `overlooked`: with the best of those that don't stand out instead.
         """
         best: dict[str, int] = {}
         for i, probe in enumerate(scan.probes):
@@ -132,18 +152,15 @@ class Chooser:
                 best[probe.effect_id] = i
         threshold = max(scan.scores.threshold, ACCURACY * (self._first_chi2 - model.fit.chi2))
         order = sorted(best.values(), key=lambda i: -scan.scores.gains[i])
-        top = scan.scores.gains[order[0]] if order else 0.0
-        drop = max(SHORTLIST_DROP, 0.4 * top)
-        standing_out = [i for i in order if scan.scores.gains[i] > STANDS_OUT * threshold]
-        close = [i for i in order if standing_out and scan.scores.gains[i] > top - NEAR_DROP]
-        near = [i for i in standing_out if scan.scores.gains[i] > top - drop]
-        near = max(near, close, key=len)[:SHORTLIST]
+        if overlooked:
+            order = [i for i in order if scan.probes[i].effect_id not in model.effects]
+        lists = _shortlists(order, scan.scores.gains, threshold, overlooked=overlooked)
         found: list[Model] = []
         lesser: list[Model] = []
         gains: dict[str, float] = {}
         held = hold(model.fit.jacobian, len(model.problem.shared.items), whitener)
         # Where all of the best end at a bound or gain too little, those behind them have their turn.
-        for short in (near, standing_out[len(near) :][:SHORTLIST]):
+        for short in lists:
             if found:
                 break
             for i in short:
@@ -158,7 +175,8 @@ class Chooser:
                 if not refit.at_bound:
                     (found if gains[name] > threshold else lesser).append(refit)
         found.sort(key=lambda m: m.worth)
-        self._note(scan, best, gains, found, step)
+        if found or not overlooked:
+            self._note(scan, best, gains, found, step)
         return found + lesser if found else []
 
     def _exchange(self, model: Model, rivals: list[Rival], whitener: Whitener) -> tuple[Model, list[Rival]]:
@@ -239,3 +257,16 @@ class Chooser:
             else:
                 state = "weaker"
             self._candidates.append(Candidate(effect_id, step, gain, scan.scores.threshold, state))  # type: ignore[arg-type]
+
+
+def _shortlists(order: list[int], gains: Vector, threshold: float, *, overlooked: bool) -> tuple[list[int], ...]:
+    """Return which places are to be refitted, and which if none of those will do; `order`: the best first."""
+    standing_out = [i for i in order if gains[i] > STANDS_OUT * threshold]
+    if overlooked:
+        return (order[len(standing_out) :][:OVERLOOKED],)
+    if not standing_out:
+        return ()
+    top = gains[order[0]]
+    near = [i for i in standing_out if gains[i] > top - max(SHORTLIST_DROP, 0.4 * top)]
+    close = [i for i in order if gains[i] > top - NEAR_DROP]
+    return max(near, close, key=len)[:SHORTLIST], standing_out[len(near) :][:SHORTLIST]

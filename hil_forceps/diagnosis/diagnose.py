@@ -124,13 +124,12 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     chooser = Chooser(looker, options.progress, refresh)
     choice = chooser.choose(baseline, whitener)
     options.progress("looking at what is left")
-    gone_through = courses_of(setting, choice.model)
-    curves = curves_along(gone_through, choice.model.problem.layout, responses, options.mapper)
-    baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
-    # Without effects both are one.
-    beside = (baseline, choice.model) if choice.model.effects else (choice.model,)
-    looks = list(options.mapper(lambda model: leftover(model, choice.whitener, curves, options.seed), beside))
-    before, after = looks[0], looks[-1]
+    baseline, before, after = _left(setting, baseline, choice, responses, options)
+    if after.gain > after.threshold and records[0].mode != "driven":
+        further = chooser.further(choice)
+        if further is not choice:
+            choice = further
+            baseline, before, after = _left(setting, baseline, choice, responses, options)
     unseen = None
     if choice.model.effects and held_records:
         options.progress("looking at what is left in the runs held out")
@@ -151,6 +150,22 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
         unseen,
         whitener,
     )
+
+
+def _left(
+    setting: Setting,
+    baseline: Model,
+    choice: Choice,
+    responses: Sequence[Response] | None,
+    options: Options,
+) -> tuple[Model, Leftover, Leftover]:
+    """Return the baseline with the noise as known in the end, and what is left beside it and beside the choice."""
+    curves = curves_along(courses_of(setting, choice.model), choice.model.problem.layout, responses, options.mapper)
+    baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
+    # Without effects both are one.
+    beside = (baseline, choice.model) if choice.model.effects else (choice.model,)
+    looks = list(options.mapper(lambda model: leftover(model, choice.whitener, curves, options.seed), beside))
+    return baseline, looks[0], looks[-1]
 
 
 def without_load_noise(

@@ -25,7 +25,7 @@ Vector = NDArray[np.float64]
 CHANCE = 0.005  # family-wise, of naming something where nothing is
 # Chance under exact noise gives 15. One set without effect gave 21, for the slow part of the encoder's rounding, all
 # others no more than 14 to 17. Effects of d = 8 were seen to give 24 to 103.
-LEAST_GAIN = 22.0
+LEAST_GAIN = 18.0
 STILL_GOOD = 0.9  # mean cos² between the known parameters' sensitivities then and now
 TELLING_NORM = 5.0  # of a whitened sensitivity; shorter ones say nothing
 STANDS_OUT = 0.5  # of the threshold: from here on it is looked at again

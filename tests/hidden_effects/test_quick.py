@@ -89,6 +89,13 @@ def test_a_limit_is_named_that_clips_a_few_peaks() -> None:
 
 
 @pytest.mark.long
+def test_friction_is_named_that_shows_nothing_until_it_is_fitted() -> None:
+    effects = ("stribeck_friction", "load_dependent_friction")
+    record = ran(Spec("overlooked", "pair", effects, 20.0, 11704, "mixed"))
+    assert named_right(record), (record["named"], record["left"])
+
+
+@pytest.mark.long
 def test_an_effect_that_no_entry_describes_is_not_called_by_another_s_name() -> None:
     record = ran(Spec("deleted", "deleted", ("wire_slack",), 50.0, 7, "mixed", deleted=True))
     assert record["verdict"] == "unnamed"
