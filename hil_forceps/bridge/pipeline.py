@@ -13,7 +13,8 @@ experiment is the stamp of the first OPERATIONAL sample, and trajectory time is 
 Approach: where the motor angle at the zero is more than `tolerance_rad` away from the first reference, the difference
 is added to the reference and fades out along 10s³ − 15s⁴ + 6s⁵, as long as it takes to stay below `speed_rad_per_s`.
 The trajectory runs on underneath, so the zero stays what it is; a jaw that is already where the trajectory begins
-(the paper's bench) has no approach at all.
+(the paper's bench) has no approach at all. A first reference further away than the gate's bounds lie apart can't be
+meant: it is denied, and the approach begins with the next, or one wild estimate would shift all that follow.
 """
 
 import math
@@ -43,6 +44,7 @@ class Verdict(IntEnum):
 
     NOTHING_NEW = 0  # no sample since the tick before
     STALE = 1  # the newest sample is older than allowed
+    DENIED_TOO_FAR = 2  # the first reference is further from the motor's angle than the gate's bounds lie apart
 
 
 GATE_CODES = {verdict: GATE_VERDICT_BASE + place for place, verdict in enumerate(GateVerdict)}
@@ -85,7 +87,7 @@ class Pipeline:
             raise ValueError("the greatest sample age and the approach speed must be positive")
         self.zero_ns: int | None = None
         self.denied_in_a_row = 0
-        self.verdict = int(Verdict.NOTHING_NEW)  # of the gate, or NOTHING_NEW before it was asked
+        self.verdict = int(Verdict.NOTHING_NEW)  # of the last reference asked for; NOTHING_NEW before it
         self.newest: RawSample | None = None
         self.sample = Sample(0, math.nan, math.nan)  # the newest, in SI
         self.estimate = Estimate(math.nan, math.nan)  # after it
@@ -170,10 +172,27 @@ class Pipeline:
         requested_rad = motor_reference_rad(theta_j_rad, elongation_m, self._plant)
         fade = self._fade
         if fade is None and math.isfinite(requested_rad):
-            fade = self._fade = _fade(self.sample.theta_m_rad - requested_rad, t_ns, self._approach)
+            offset_rad = self.sample.theta_m_rad - requested_rad
+            if abs(offset_rad) > self._gate.range_rad:
+                return self._deny(newest, t_ns, now_ns, theta_j_rad, elongation_m, requested_rad)
+            fade = self._fade = _fade(offset_rad, t_ns, self._approach)
         if fade is not None and t_ns < fade.end_ns:
             requested_rad += fade.offset_rad * (1.0 - _smooth((t_ns - fade.begin_ns) / (fade.end_ns - fade.begin_ns)))
         return self._through_gate(newest, t_ns, now_ns, theta_j_rad, elongation_m, requested_rad)
+
+    def _deny(
+        self, newest: RawSample, t_ns: int, now_ns: int, theta_j_rad: float, elongation_m: float, requested_rad: float
+    ) -> Reference:
+        self.verdict = code = int(Verdict.DENIED_TOO_FAR)
+        self._count_denied()
+        return Reference(
+            now_ns, newest.stamp_ns, t_ns, None, theta_j_rad, elongation_m, requested_rad, math.nan, code,
+            newest.sequence,
+        )  # fmt: skip
+
+    def _count_denied(self) -> None:
+        self.denied_in_a_row += 1
+        self.counters["denied"] += 1
 
     def _through_gate(
         self, newest: RawSample, t_ns: int, now_ns: int, theta_j_rad: float, elongation_m: float, requested_rad: float
@@ -183,8 +202,7 @@ class Pipeline:
             state = self._gate.open(self.sample.theta_m_rad, now_ns)
         self._gate_state, passed_rad, verdict = self._gate.step(state, requested_rad, now_ns)
         if passed_rad is None:
-            self.denied_in_a_row += 1
-            self.counters["denied"] += 1
+            self._count_denied()
             raw, passed_rad = None, math.nan
         else:
             self.denied_in_a_row = 0

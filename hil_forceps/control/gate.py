@@ -68,6 +68,11 @@ class Gate:
             raise ValueError(f"not limits of a gate: {limits!r}, max_gap_s={max_gap_s!r}")
         self._max_gap_ns = round(max_gap_s * 1e9)
 
+    @property
+    def range_rad(self) -> float:
+        """How far the bounds lie apart."""
+        return self._high - self._low
+
     def open(self, theta_m_rad: float, now_ns: int) -> GateState:
         """Return the state of a gate opened at the measured angle; closed when that isn't within the bounds."""
         if not self._low <= theta_m_rad <= self._high:

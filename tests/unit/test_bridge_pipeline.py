@@ -165,6 +165,24 @@ def test_an_estimate_that_is_not_finite_lets_nothing_leave() -> None:
     assert uncompensated.reference(0).reference_raw is not None
 
 
+@pytest.mark.parametrize("wild_m", [1.0, -1e300, 1e300])
+def test_a_wild_first_estimate_is_denied_and_shifts_nothing_that_follows(wild_m: float) -> None:
+    elongation_m = [wild_m]
+    estimator = Estimator("x", lambda _: np.zeros(1), lambda s, _: s, lambda _: Estimate(0.0, elongation_m[0]))
+    line = Pipeline(estimator, lambda _: START_JAW_RAD, PLANT, Gate(LIMITS), True, 3e-3)
+    line.feed(raw(0))
+    first = line.reference(0)
+    assert (first.reference_raw, first.verdict) == (None, Verdict.DENIED_TOO_FAR)
+    assert abs(first.requested_rad) > 100.0, "what was asked for is recorded"
+    assert math.isnan(first.passed_rad)
+    assert (line.denied_in_a_row, line.counters["denied"]) == (1, 1)
+    elongation_m[0] = 0.0
+    for k in range(1, 10):
+        line.feed(raw(k))
+        assert line.reference(k * MS).passed_rad == pytest.approx(START_RAD, abs=1e-3)
+    assert line.denied_in_a_row == 0
+
+
 def test_one_reference_that_passes_ends_a_row_of_denied_ones() -> None:
     elongation_m = [math.nan]
     estimator = Estimator("x", lambda _: np.zeros(1), lambda s, _: s, lambda _: Estimate(0.0, elongation_m[0]))
