@@ -4,6 +4,10 @@ The jaw rings on the wire for tens of periods after every corner. A frequency on
 more of it fits no worse: χ² over the jaw's inertia has many valleys, and a fit may end in any of them. Nor do the
 sensitivities know of ringing that only what is quick in the load excites, for they come from a calm load. So the
 simulation itself is looked at over all that is thinkable, and the deepest valley is where the inertia is taken to be.
+
+Where the load jumps, its instants set the phase of the ringing. Fitted beside a wrong inertia they suit that one: in
+trapezoids held out χ² was least 3 % off with the instants as they were, and 4900 less, at 0.4 %, with instants of its
+own beside each inertia.
 """
 
 from dataclasses import replace
@@ -12,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.fit import chi2_of
+from hil_forceps.diagnosis.fit import chi2_of, fit
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.spectrum import JAW, Whitener, transform
@@ -28,6 +32,9 @@ SURE = 0.005  # of the value: no valley is known any better
 # Of χ²: what is no further above the deepest may be it. The load's noise excites the simulated wire, too, and where
 # little else does, the truth was seen 11 to 42 above.
 DOUBT = 50.0
+STRIDE = 0.02  # of the value
+MOST_STRIDES = 10
+OWN_STEPS = 3
 
 
 class Valley(NamedTuple):
@@ -36,6 +43,12 @@ class Valley(NamedTuple):
     place: int  # of the inertia among the shared unknowns
     inertia_kg_m2: float
     deviation_kg_m2: float
+
+
+class _Point(NamedTuple):
+    inertia_kg_m2: float
+    chi2: float
+    u: Vector
 
 
 def in_deepest_valley(problem: Problem, u: Vector, whitener: Whitener) -> tuple[Problem, Vector]:
@@ -87,6 +100,40 @@ def deepest_valley(problem: Problem, u: Vector, whitener: Whitener) -> Valley | 
     value = float(values[best])
     possible = values[found < found[best] + DOUBT]
     return Valley(place, value, max(SURE * value, 0.5 * float(np.ptp(possible))))
+
+
+def beside_own_unknowns(problem: Problem, u: Vector, place: int, whitener: Whitener) -> Vector:
+    """Return u with the jaw's inertia where χ² is least with each run's own unknowns fitted beside it.
+
+    Downhill from where it is; `place`: of the inertia among the shared unknowns.
+    """
+    count = len(problem.shared.items)
+    item = problem.shared.items[place]
+
+    def at(value: float, near: Vector) -> _Point:
+        value = min(max(value, item.low), item.high)
+        there = moved_to(problem, near, place, value)
+        bare = replace(problem.with_shared(Unknowns(())), base=problem.theta(there))
+        own = fit(bare, there[count:], whitener, steps=OWN_STEPS)
+        return _Point(value, own.chi2, np.concatenate((there[:count], own.u)))
+
+    here = at(float(problem.shared.values(u[:count])[place]), u)
+    less, more = (at(here.inertia_kg_m2 * factor, here.u) for factor in (1.0 - STRIDE, 1.0 + STRIDE))
+    three, factor = ((less, here, more), 1.0 + STRIDE) if more.chi2 < less.chi2 else ((more, here, less), 1.0 - STRIDE)
+    for _ in range(MOST_STRIDES):
+        if three[2].chi2 >= three[1].chi2:
+            break
+        three = (three[1], three[2], at(three[2].inertia_kg_m2 * factor, three[2].u))
+    return min((*three, at(_vertex(three), three[1].u)), key=lambda point: point.chi2).u
+
+
+def _vertex(points: tuple[_Point, _Point, _Point]) -> float:
+    """Return where the parabola through three points is least, or the middle one where it isn't between them."""
+    middle = points[1].inertia_kg_m2
+    x = np.array([point.inertia_kg_m2 / middle - 1.0 for point in points])
+    square, slope, _ = np.polyfit(x, [point.chi2 for point in points], 2)
+    least = -0.5 * slope / square if square > 0.0 else 0.0
+    return float(middle * (1.0 + least)) if x.min() < least < x.max() else middle
 
 
 def _beside(deep: NDArray[np.bool_]) -> NDArray[np.bool_]:

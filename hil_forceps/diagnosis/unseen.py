@@ -6,6 +6,7 @@ model is held to them, within a fit's deviations, and what it leaves in the othe
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from hil_forceps.diagnosis.fit import Fit, fit, gram, inverse, sum_of_squares
 from hil_forceps.diagnosis.leftover import Beside, Leftover, curves_along, left_by_columns, whitened
 from hil_forceps.diagnosis.look import noise_of
 from hil_forceps.diagnosis.problem import Outputs
-from hil_forceps.diagnosis.ringing import deepest_valley, moved_to
+from hil_forceps.diagnosis.ringing import beside_own_unknowns, deepest_valley, moved_to
 from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform, white_noise
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
@@ -26,10 +27,18 @@ from hil_forceps.rig import Rig
 Vector = NDArray[np.float64]
 
 STEPS = 4
+RINGS = 2  # the encoder's rounding as it is taken holds some of the ringing
 NOISE_ROUNDS = 2
 SHARES = (1.0, 0.3, 0.1)  # of a step, until it helps
 SMALL_FALL = 1.0  # of χ²
 DOUBT = 2.0  # times the deviations of the fit, which are of its noise alone
+
+
+class Known(NamedTuple):
+    """What the fitted runs say of the shared unknowns, in units of their scales."""
+
+    centre: Vector
+    covariance: NDArray[np.float64]
 
 
 def left_unseen(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh, seed: int) -> Leftover:
@@ -38,15 +47,20 @@ def left_unseen(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Ref
     Where they find something, the model is first fitted to these runs, no further than its deviations allow.
     """
     setting, model, whitener = _beside(chosen, records, rig, refresh)
-    left = _left(chosen, setting, model, whitener, rig, seed)
+    count = len(chosen.problem.shared.items)
+    known = Known(chosen.fit.u[:count], DOUBT**2 * chosen.fit.covariance[:count, :count])
+    left = _left(known, setting, model, whitener, rig, seed)
     if not left.stands_out:
         return left
-    model = replace(model, fit=_within_doubt(model, chosen.fit.covariance, whitener))
-    return _left(chosen, setting, model, whitener, rig, seed)
+    place, model = _rung(model, whitener, refresh)
+    if place is not None:
+        known = _apart(known, place)
+    model = _within_doubt(model, known, whitener)
+    return _left(known, setting, model, whitener, rig, seed)
 
 
-def _left(chosen: Model, setting: Setting, model: Model, whitener: Whitener, rig: Rig, seed: int) -> Leftover:
-    """Return what curves find beside a model that began where the chosen one ended."""
+def _left(known: Known, setting: Setting, model: Model, whitener: Whitener, rig: Rig, seed: int) -> Leftover:
+    """Return what curves find beside a model, its shared unknowns held to what is known of them."""
     problem = model.problem
     responses = responses_of(setting.simulator, problem.theta(model.fit.u), rig)
     curves = curves_along(courses_of(setting, model), problem.layout, responses, problem.mapper)
@@ -55,9 +69,9 @@ def _left(chosen: Model, setting: Setting, model: Model, whitener: Whitener, rig
         whitener = problem.whitener(noise)
     white = whitener.apply(model.fit.jacobian)
     count = len(problem.shared.items)
-    known = DOUBT * _root(chosen.fit.covariance[:count, :count])
-    fitted = np.concatenate((white[:, :count] @ known.astype(np.float32), white[:, count:]), axis=1)
-    moved = np.linalg.lstsq(known, model.fit.u[:count] - chosen.fit.u[:count], rcond=None)[0]
+    root = _root(known.covariance)
+    fitted = np.concatenate((white[:, :count] @ root.astype(np.float32), white[:, count:]), axis=1)
+    moved = np.linalg.lstsq(root, model.fit.u[:count] - known.centre, rcond=None)[0]
     u = np.concatenate((moved, model.fit.u[count:]))
     residual = whitener.apply(model.fit.residual)
     return left_by_columns(
@@ -83,17 +97,52 @@ def _beside(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh
     return setting, replace(chosen, problem=problem, fit=found), whitener
 
 
-def _within_doubt(model: Model, covariance: NDArray[np.float64], whitener: Whitener) -> Fit:
-    """Fit all unknowns, the shared ones held by their covariance to where they are.
+def _rung(model: Model, whitener: Whitener, refresh: Refresh) -> tuple[int | None, Model]:
+    """Return the place of the jaw's inertia, and the model with the inertia that these runs' ringing shows.
+
+    None, and the model as it is, where that is no better.
 
     A jaw that hardly rings in the fitted runs has its inertia to some percent; where it rings for tens of periods, no
     linear step from there tells what that does.
     """
+    problem, u = model.problem, model.fit.u
+    valley = deepest_valley(problem, u, whitener)
+    if valley is None:
+        return None, model
+    u = moved_to(problem, u, valley.place, valley.inertia_kg_m2)
+    for _ in range(RINGS):
+        problem = refresh(problem, u)
+        u = beside_own_unknowns(problem, u, valley.place, whitener)
+    problem = refresh(problem, u)
+    outputs = problem.simulate(u)
+    residual = problem.measured - transform(problem.layout, outputs)
+    chi2 = sum_of_squares(whitener.apply(residual))
+    if chi2 >= sum_of_squares(whitener.apply(model.fit.residual)):
+        return None, model
+    jacobian = problem.jacobian(u, outputs)
+    found = model.fit._replace(u=u, chi2=chi2, residual=residual, outputs=outputs, jacobian=jacobian)
+    return valley.place, replace(model, problem=problem, fit=found)
+
+
+def _apart(known: Known, place: int) -> Known:
+    """Return the same with one unknown that says nothing of the others.
+
+    Sensitivities of a calm load know little of ringing: what they tell of the inertia and others together would drag
+    these along when the inertia is put right (a friction by a quarter, 90 of χ²).
+    """
+    covariance = known.covariance.copy()
+    covariance[place], covariance[:, place] = 0.0, 0.0
+    covariance[place, place] = known.covariance[place, place]
+    return known._replace(covariance=covariance)
+
+
+def _within_doubt(model: Model, known: Known, whitener: Whitener) -> Model:
+    """Fit all unknowns, the shared ones held to what is known of them."""
     problem, found = model.problem, model.fit
     jacobian, count = found.jacobian, len(problem.shared.items)
     precision = np.eye(found.u.size)  # of nuisances: their priors
-    precision[:count, :count] = inverse(DOUBT**2 * covariance[:count, :count])
-    centre = np.concatenate((found.u[:count], np.zeros(found.u.size - count)))
+    precision[:count, :count] = inverse(known.covariance)
+    centre = np.concatenate((known.centre, np.zeros(found.u.size - count)))
     low, high = problem.bounds()
 
     def at(point: Vector) -> tuple[float, Flat, Outputs]:
@@ -103,11 +152,6 @@ def _within_doubt(model: Model, covariance: NDArray[np.float64], whitener: White
         return sum_of_squares(whitener.apply(residual)) + float(away @ precision @ away), residual, outputs
 
     u, (chi2, residual, outputs) = found.u, at(found.u)
-    valley = deepest_valley(problem, u, whitener)
-    if valley is not None:
-        there = moved_to(problem, u, valley.place, valley.inertia_kg_m2)
-        if (after := at(there))[0] < chi2:
-            u, (chi2, residual, outputs) = there, after
     for _ in range(STEPS):
         white = whitener.apply(jacobian)
         normal = gram(white, white) + precision
@@ -122,7 +166,8 @@ def _within_doubt(model: Model, covariance: NDArray[np.float64], whitener: White
             break
         u, (chi2, residual, outputs) = candidate, after
         jacobian = problem.jacobian(u, outputs)
-    return found._replace(u=u, chi2=chi2, residual=residual, outputs=outputs, jacobian=jacobian)
+    fitted = found._replace(u=u, chi2=chi2, residual=residual, outputs=outputs, jacobian=jacobian)
+    return replace(model, fit=fitted)
 
 
 def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,8 +10,9 @@ from hil_forceps.diagnosis.diagnose import Options, without_load_noise
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.problem import Problem
-from hil_forceps.diagnosis.ringing import INERTIA, in_deepest_valley
+from hil_forceps.diagnosis.ringing import INERTIA, beside_own_unknowns, deepest_valley, in_deepest_valley, moved_to
 from hil_forceps.diagnosis.spectrum import Whitener, white_noise, whitening
+from hil_forceps.diagnosis.unknowns import Unknowns
 from tests.hidden_effects.generator import RIG, make_case
 
 
@@ -42,6 +43,23 @@ def test_a_valley_far_off_is_found_and_held(factor: float) -> None:
     assert inertia_of(found, fit(found, u, whitener, steps=6).u) == pytest.approx(true, rel=0.01)
     assert found.shared.items[place].assumed == item.assumed  # a shift is told against what the rig says
     assert np.delete(u, place) == pytest.approx(np.delete(rough, place))
+
+
+@pytest.mark.parametrize("off", [0.95, 1.05])
+def test_instants_of_jumps_that_suit_a_wrong_inertia_do_not_hold_it_there(off: float) -> None:
+    problem, whitener = beside(1.0, "trapezoid")
+    true = RIG.plant().jaw_inertia_kg_m2
+    place, count = problem.shared.names.index(INERTIA), len(problem.shared.items)
+    wrong = moved_to(problem, np.zeros(problem.size), place, off * true)
+    bare = replace(problem.with_shared(Unknowns(())), base=problem.theta(wrong))
+    u = np.concatenate((wrong[:count], fit(bare, wrong[count:], whitener, steps=6).u))
+    valley = deepest_valley(problem, u, whitener)
+    assert valley is not None
+    u = moved_to(problem, u, place, valley.inertia_kg_m2)
+    found = beside_own_unknowns(problem, u, place, whitener)
+    assert abs(valley.inertia_kg_m2 / true - 1.0) > 0.01
+    assert inertia_of(problem, found) == pytest.approx(true, rel=0.005)
+    assert np.delete(found[:count], place) == pytest.approx(np.delete(u[:count], place))
 
 
 def test_without_a_valley_nothing_changes() -> None:
