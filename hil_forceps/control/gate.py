@@ -9,7 +9,8 @@ v = Δθ/Δt the speed of the later, for any requests and any times:
 - there is always room to brake: v² / (2 acceleration_max) ≤ distance to the bound ahead.
 
 The last makes the others possible for ever: braking by acceleration_max·Δt at each step covers a lower Riemann sum of
-the continuous braking, so never more than v²/(2a), whatever the steps. All hold up to the rounding of floats.
+the continuous braking, so never more than v²/(2a), whatever the steps. The bounds hold exactly, all else up to the
+rounding of floats.
 
 A gate is closed until `open` is given a measured angle within the bounds, and its first output is that angle. It
 closes when more than `max_gap_s` lies between two outputs, and stays closed until it is opened again.
@@ -101,7 +102,8 @@ class Gate:
         ahead = self._high - position if wanted > 0.0 else position - self._low
         stoppable = self._stoppable_speed(ahead, dt_s)
         magnitude = abs(wanted)
-        if magnitude > stoppable:
+        # Beside a bound of 1e-252 a distance rounds to nothing; the bounds hold exactly.
+        if magnitude > stoppable or not self._low <= requested <= self._high:
             verdict = GateVerdict.LIMITED_POSITION
         elif magnitude > self._speed:
             verdict = GateVerdict.LIMITED_SPEED

@@ -2,7 +2,7 @@
 
 import math
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hil_forceps.control.gate import CLOSED, Gate, GateVerdict
@@ -10,13 +10,18 @@ from hil_forceps.rig.sections import Limits
 
 MAX_GAP_S = 0.02
 
-limits = st.builds(
-    lambda low, width, speed, acceleration: Limits(
+
+def limits_of(low: float, width: float, speed: float, acceleration: float) -> Limits:
+    return Limits(
         position_min_rad=low,
         position_max_rad=low + width,
         speed_max_rad_per_s=speed,
         acceleration_max_rad_per_s2=acceleration,
-    ),
+    )
+
+
+limits = st.builds(
+    limits_of,
     st.floats(-10.0, 10.0),
     st.floats(1e-3, 20.0),
     st.floats(1e-2, 1e4),
@@ -32,6 +37,7 @@ waits_ns = st.one_of(
 
 
 @given(limits, st.floats(0.0, 1.0), st.lists(st.tuples(requests, waits_ns), max_size=60))
+@example(limits_of(1e-252, 0.25, 275.0, 1.77e7), 1.0, [(0.0, 900_000)] * 5)  # distances that round to nothing
 def test_limits_are_never_exceeded(given_limits: Limits, where: float, ticks: list[tuple[float, int]]) -> None:
     low, high = given_limits.position_min_rad, given_limits.position_max_rad
     top, steepest = given_limits.speed_max_rad_per_s, given_limits.acceleration_max_rad_per_s2
