@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from hil_forceps.diagnosis.choice import SET_DROP
+from hil_forceps.diagnosis.choice import CLIPS, SET_DROP
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover
@@ -33,6 +33,9 @@ POWER_80 = 0.8416
 ACCURACY_OF_ALL = 2e-5
 UNEXPLAINED_SHARE = 0.015  # of the misfit: what may be left beside named effects without doubting them
 UNSEEN_SHARE = 0.1  # the same in runs held out; deleted entries' neighbours left 0.2 and 0.47
+# The same where no loop keeps errors small: at a limit of the current they add up, the load's too, which is told of the
+# closed loop. The truth has ten times the χ² of its noise there (limit of d = 50), and the right model left 0.57.
+UNSEEN_SHARE_OPEN = 0.6
 UNSEEN_OVER_CHANCE = 2.5  # right models were seen to leave up to 1.3 times chance in them
 ACCURACY = 1e-3  # of an effect's parameter: what the simulation's steps leave, however well the data show it
 
@@ -83,13 +86,19 @@ def judge(found: Findings) -> Judgement:
 
 def _unexplained(found: Findings) -> Leftover | None:
     """Return what is left beyond doubt: in the fitted runs, or beside named effects in those held out."""
-    looks = ((found.after, UNEXPLAINED_SHARE, OVER_CHANCE), (found.unseen, UNSEEN_SHARE, UNSEEN_OVER_CHANCE))
+    looks = ((found.after, UNEXPLAINED_SHARE, OVER_CHANCE), (found.unseen, _unseen_share(found), UNSEEN_OVER_CHANCE))
     for left, share, over_chance in looks:
         if left is None or left.gain < over_chance * left.threshold or not _beyond_numerics(found, left):
             continue
         if not found.choice.model.effects or left.gain > share * (left.gain + _explained(found)):
             return left
     return None
+
+
+def _unseen_share(found: Findings) -> float:
+    """Return what share of all misfit may be left in runs held out."""
+    is_open = found.records[0].mode == "driven" or CLIPS in found.choice.model.effects
+    return UNSEEN_SHARE_OPEN if is_open else UNSEEN_SHARE
 
 
 def _beyond_numerics(found: Findings, left: Leftover) -> bool:

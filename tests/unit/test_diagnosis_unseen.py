@@ -64,6 +64,17 @@ def test_a_right_model_leaves_nothing_there(ringing: Findings) -> None:
     assert ringing.unseen.gain < 0.1 * (ringing.baseline.fit.chi2 - ringing.choice.model.fit.chi2)
 
 
+@pytest.mark.long
+@pytest.mark.xdist_group("ringing")
+def test_how_much_may_be_left_there_hangs_on_whether_a_loop_keeps_errors_small(ringing: Findings) -> None:
+    assert ringing.unseen is not None
+    explained = ringing.baseline.fit.chi2 - ringing.choice.model.fit.chi2
+    doubtful = ringing._replace(unseen=ringing.unseen._replace(gain=0.4 * explained))
+    assert judge(doubtful).verdict == "unnamed"
+    driven = doubtful._replace(records=tuple(record._replace(mode="driven") for record in doubtful.records))
+    assert judge(driven).verdict == "effects"
+
+
 @pytest.mark.slow
 def test_nothing_held_out_nothing_unseen() -> None:
     runs = [generate(TRUE, replace(SCENARIOS["trapezoid"], duration_s=4.0), 7, name="only")]
