@@ -91,13 +91,8 @@ class Chooser:
 
     def _grown(self, choice: Choice, refined: list[Model]) -> Choice:
         """Let entries join as long as one gains enough, beginning with the first of those refitted."""
-        model, rivals, scan, whitener, noise = (
-            choice.model,
-            list(choice.rivals),
-            choice.scan,
-            choice.whitener,
-            choice.noise,
-        )
+        model, rivals = choice.model, list(choice.rivals)
+        scan, whitener, noise = choice.scan, choice.whitener, choice.noise
         while refined and len(model.effects) < MAX_EFFECTS:
             best, *others = refined
             looked_at, scan, whitener, noise = self._look(best, whitener)

@@ -6,9 +6,6 @@ there: fits ended 1600 of χ² above the valley, half a percent beside the limit
 from where nothing is clipped.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +23,7 @@ WIDE = np.arange(0.96, 0.4, -0.02)
 TELLING = 9.0  # of χ²
 
 
-def deepest_limits(problem: Problem, u: Vector, whitener: Whitener, current_max_A: float) -> Sequence[float]:
+def deepest_limits(problem: Problem, u: Vector, whitener: Whitener, current_max_A: float) -> tuple[float, ...]:
     """Return the limit in A with the least χ², all else as in u.
 
     Nothing where no limit lessens it, or no loop is closed.
@@ -34,7 +31,7 @@ def deepest_limits(problem: Problem, u: Vector, whitener: Whitener, current_max_
     loop = problem.simulate_runs
     if not isinstance(loop, ClosedLoop):
         return ()
-    plain = replace(loop.coarse(), offset=(), stand_ins=())
+    plain = loop.as_shaken()
     nuisances = problem.nuisances(u)
 
     def chi2(limit_A: float) -> float:

@@ -1,5 +1,6 @@
 """Output-error fits: Gauss-Newton with damping, priors and bounds on whitened residuals."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.problem import Matrix, Outputs, Problem
 from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform
+from hil_forceps.diagnosis.unknowns import Unknowns
 
 Vector = NDArray[np.float64]
 
@@ -153,6 +155,12 @@ def follow(problem: Problem, u: Vector, whitener: Whitener, held: Held) -> tuple
     before = chi2_of(problem, residual, whitener, u)
     after = chi2_of(problem, problem.measured - problem.predicted(moved), whitener, moved)
     return (moved, after) if after < before else (u, before)
+
+
+def fit_own(problem: Problem, u: Vector, whitener: Whitener, steps: int) -> Fit:
+    """Fit only what belongs to each run, the shared unknowns held as in u; the fit returned has those alone."""
+    bare = replace(problem.with_shared(Unknowns(())), base=problem.theta(u))
+    return fit(bare, u[len(problem.shared.items) :], whitener, steps=steps)
 
 
 def fit_again(problem: Problem, found: Fit, whitener: Whitener) -> Fit:

@@ -194,6 +194,10 @@ class ClosedLoop:
         stand_ins = tuple(replace(loop, longest_substep_s=LONGEST_COARSE_SUBSTEP_S) for loop in self.stand_ins)
         return replace(self, stand_ins=stand_ins, longest_substep_s=LONGEST_COARSE_SUBSTEP_S)
 
+    def as_shaken(self) -> "ClosedLoop":
+        """Return the same for a look: shaken by each run's own rounding alone, in longer steps."""
+        return replace(self, offset=(), stand_ins=(), longest_substep_s=LONGEST_COARSE_SUBSTEP_S)
+
     def course(self, run: int, theta: Vector, nuisance: Nuisance) -> Course:
         """Return what a run went through inside."""
         record = self.records[run]

@@ -10,13 +10,12 @@ trapezoids held out χ² was least 3 % off with the instants as they were, and 4
 own beside each inertia.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.fit import chi2_of, fit
+from hil_forceps.diagnosis.fit import chi2_of, fit_own
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.spectrum import JAW, Whitener, transform
@@ -80,7 +79,7 @@ def deepest_valley(problem: Problem, u: Vector, whitener: Whitener) -> Valley | 
         return None
     place = names.index(INERTIA)
     item = problem.shared.items[place]
-    plain = replace(loop.coarse(), offset=(), stand_ins=())
+    plain = loop.as_shaken()
 
     def chi2(value: float) -> float:
         there = moved_to(problem, u, place, value)
@@ -113,8 +112,7 @@ def beside_own_unknowns(problem: Problem, u: Vector, place: int, whitener: White
     def at(value: float, near: Vector) -> _Point:
         value = min(max(value, item.low), item.high)
         there = moved_to(problem, near, place, value)
-        bare = replace(problem.with_shared(Unknowns(())), base=problem.theta(there))
-        own = fit(bare, there[count:], whitener, steps=OWN_STEPS)
+        own = fit_own(problem, there, whitener, OWN_STEPS)
         return _Point(value, own.chi2, np.concatenate((there[:count], own.u)))
 
     here = at(float(problem.shared.values(u[:count])[place]), u)

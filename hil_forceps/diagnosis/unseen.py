@@ -15,13 +15,12 @@ from hil_forceps.diagnosis.anew import courses_of
 from hil_forceps.diagnosis.assemble import Setting, assemble, aware_of_load, responses_of
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model, Refresh
-from hil_forceps.diagnosis.fit import Fit, fit, gram, inverse, sum_of_squares
+from hil_forceps.diagnosis.fit import Fit, fit_own, gram, inverse, sum_of_squares
 from hil_forceps.diagnosis.leftover import Beside, Leftover, curves_along, left_by_columns, whitened
 from hil_forceps.diagnosis.look import noise_of
 from hil_forceps.diagnosis.problem import Outputs
 from hil_forceps.diagnosis.ringing import beside_own_unknowns, deepest_valley, moved_to
 from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform, white_noise
-from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
@@ -88,8 +87,7 @@ def _beside(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Refresh
     u = np.concatenate((chosen.fit.u[:count], np.zeros(problem.nuisance_count)))
     problem = refresh(problem, u)
     whitener = problem.whitener(white_noise(problem.layout, setting.first_power))
-    bare = replace(problem.with_shared(Unknowns(())), base=problem.theta(u))
-    own = fit(bare, u[count:], whitener, steps=STEPS)
+    own = fit_own(problem, u, whitener, STEPS)
     u = np.concatenate((u[:count], own.u))
     shared = problem.shared_columns(u, own.outputs, range(count))
     columns = np.concatenate((shared, own.jacobian), axis=1)
