@@ -6,29 +6,21 @@ All models that come within `SET_DROP` of the best are kept: the data can't tell
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Literal, NamedTuple
 
 from hil_forceps.diagnosis.extension import Model, Refresh, extend, without_effect
-from hil_forceps.diagnosis.fit import Held, fit, fit_again, hold, hold_nuisances
+from hil_forceps.diagnosis.fit import AGAIN_STEPS, Held, fit, fit_again, hold, hold_nuisances
 from hil_forceps.diagnosis.look import Looker, Scan
 from hil_forceps.diagnosis.result import Candidate
+from hil_forceps.diagnosis.ringing import in_valley_of, out_of_a_wrong_valley
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
+from hil_forceps.diagnosis.shortlist import NEAR_DROP, best_of_each, promising, shortlists
 from hil_forceps.diagnosis.spectrum import Noise, Whitener
-
-Vector = NDArray[np.float64]
 
 CLIPS = "current_saturation"
 MAX_EFFECTS = 6
 MAX_EXCHANGED = 3  # with more, only forward and backward: each exchange looks at the whole catalogue again
-SHORTLIST = 7
-STANDS_OUT = 0.7  # of the threshold, by linear gain
-OVERLOOKED = 3
-SHORTLIST_DROP = 40.0  # of the linear gain below the best
 SET_DROP = 6.0
-NEAR_DROP = 20.0  # of rough fits, within which they are worth fitting to the end
 MOST_REFRESHES = 8
 SETTLED = 10.0  # of χ²: where friction holds, the rounding as it was for one speed of its film keeps that speed
 ACCURACY = 0.004  # of the misfit already explained: a further effect must gain more than numerics and smoothing leave
@@ -54,9 +46,11 @@ class Choice:
     inflation: Mapping[str, float]  # of each entry: how much more than white noise chance gives it
 
 
-def below_threshold(candidates: Iterable[Candidate], dropped: Collection[str]) -> list[Candidate]:
-    """Return the candidates with those that were named and are dropped below the threshold."""
-    return [replace(c, state="below threshold") if c.state == "named" and c.id in dropped else c for c in candidates]
+def no_longer_named(
+    candidates: Iterable[Candidate], dropped: Collection[str], state: Literal["below threshold", "weaker"]
+) -> list[Candidate]:
+    """Return the candidates with those that were named and are dropped in another state."""
+    return [replace(c, state=state) if c.state == "named" and c.id in dropped else c for c in candidates]
 
 
 class Chooser:
@@ -89,6 +83,35 @@ class Chooser:
         refined = self._refined(choice.model, choice.scan, choice.whitener, len(choice.model.effects), overlooked=True)
         return self._grown(choice, refined) if refined else choice
 
+    def instead(self, choice: Choice) -> Choice:
+        """Replace an effect beside which much is left by another, each beside its own rounding; or the same choice.
+
+        What the drive's rounding does is taken from what a model leaves, and with it some of what it lacks: a slack
+        gained 44 beside the rounding that was taken without it, and 600 beside its own.
+        """
+        model, whitener = choice.model, choice.whitener
+        if not 0 < len(model.effects) <= MAX_EXCHANGED:
+            return choice
+        best, gain = model, 0.0
+        for place in range(len(model.effects)):
+            reduced, scan = self._without(model, place, whitener)
+            held = hold(reduced.fit.jacobian, len(reduced.problem.shared.items), whitener)
+            for i in promising(scan, model.effects):
+                name = scan.probes[i].effect_id
+                self._progress(f"refitting with {name} instead")
+                other = extend(reduced, scan.probes[i], scan.scores.amplitudes[i], whitener, held, self._refresh)
+                other = self._refitted(other, whitener)
+                if not other.at_bound and other.worth < best.worth - SETTLED:
+                    best, gain = other, reduced.fit.chi2 - other.fit.chi2
+        if best is model:
+            return choice
+        self._candidates = no_longer_named(self._candidates, set(model.effects) - set(best.effects), "weaker")
+        step, threshold = len(best.effects) - 1, choice.scan.scores.threshold
+        self._candidates.append(Candidate(best.effects[-1], step, gain, threshold, "named"))
+        best, scan, whitener, noise = self._look(best, whitener)
+        start = replace(choice, model=best, rivals=(Rival(best, 0.0),), scan=scan, whitener=whitener, noise=noise)
+        return self._grown(start, self._refined(best, scan, whitener, len(best.effects)))
+
     def _grown(self, choice: Choice, refined: list[Model]) -> Choice:
         """Let entries join as long as one gains enough, beginning with the first of those refitted."""
         model, rivals = choice.model, list(choice.rivals)
@@ -118,6 +141,9 @@ class Chooser:
 
     def _refitted(self, model: Model, whitener: Whitener) -> Model:
         """Fit a model to the end, what hangs on it taken anew as long as that helps."""
+        problem, u = out_of_a_wrong_valley(model.problem, model.fit.u, whitener)
+        if problem is not model.problem:
+            model = replace(model, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
         found = self._anew(model, whitener, hold_nuisances(model.fit, model.problem, whitener))
         before = model.worth
         for _ in range(MOST_REFRESHES):
@@ -140,16 +166,12 @@ class Chooser:
         Behind them come those that gain too little to be named, but may be what the best one stands for.
         `overlooked`: with the best of those that don't stand out instead.
         """
-        best: dict[str, int] = {}
-        for i, probe in enumerate(scan.probes):
-            so_far = best.get(probe.effect_id)
-            if so_far is None or scan.scores.gains[i] > scan.scores.gains[so_far]:
-                best[probe.effect_id] = i
+        best = best_of_each(scan)
         threshold = max(scan.scores.threshold, ACCURACY * (self._first_chi2 - model.fit.chi2))
         order = sorted(best.values(), key=lambda i: -scan.scores.gains[i])
         if overlooked:
             order = [i for i in order if scan.probes[i].effect_id not in model.effects]
-        lists = _shortlists(order, scan.scores.gains, threshold, overlooked=overlooked)
+        lists = shortlists(order, scan.scores.gains, threshold, overlooked=overlooked)
         found: list[Model] = []
         lesser: list[Model] = []
         gains: dict[str, float] = {}
@@ -177,13 +199,17 @@ class Chooser:
     def _exchange(self, model: Model, rivals: list[Rival], whitener: Whitener) -> tuple[Model, list[Rival]]:
         """Replace each effect but the last by every other that stands out in its place, where that fits better."""
         for place in range(len(model.effects) - 1):
-            reduced = without_effect(model, place, whitener)
-            scan = self._looker.scan(reduced, self._looker.see(reduced, whitener), whitener)
+            reduced, scan = self._without(model, place, whitener)
             found = self._refined(reduced, scan, whitener, len(model.effects))
             # The model itself, fitted no further than those that are to take its place.
             level = next((m.worth for m in found if set(m.effects) == set(model.effects)), model.worth)
             model, rivals = self._compared(rivals, found, level, whitener)
         return model, rivals
+
+    def _without(self, model: Model, place: int, whitener: Whitener) -> tuple[Model, Scan]:
+        """Return the model refitted without one of its effects, and the catalogue beside that."""
+        reduced = without_effect(model, place, whitener)
+        return reduced, self._looker.scan(reduced, self._looker.see(reduced, whitener), whitener)
 
     def _compared(
         self, rivals: list[Rival], others: Iterable[Model], level: float, whitener: Whitener
@@ -211,15 +237,16 @@ class Chooser:
         if CLIPS in {*model.effects} ^ {*other.effects}:  # a rounding taken beside a limit holds beside this limit only
             return self._refitted(other, whitener)
         problem = replace(other.problem, simulate_runs=model.problem.simulate_runs)
-        held = hold_nuisances(other.fit, problem, whitener)
-        return replace(other, problem=problem, fit=fit(problem, other.fit.u, whitener, held=held, steps=5))
+        beside, u = in_valley_of(model.problem, model.fit.u, problem, other.fit.u)
+        held = hold_nuisances(other.fit, problem, whitener) if beside is problem else None
+        return replace(other, problem=beside, fit=fit(beside, u, whitener, held=held, steps=5))
 
     def _thinned(self, model: Model, rivals: list[Rival], scan: Scan, whitener: Whitener) -> tuple[Model, list[Rival]]:
         """Drop effects that no longer gain enough with the noise as it is known in the end."""
         for place in reversed(range(len(model.effects))):
             less = without_effect(model, place, whitener)
             if less.fit.chi2 - model.fit.chi2 < scan.scores.threshold * self._inflation(model.effects[place]):
-                self._candidates = below_threshold(self._candidates, {model.effects[place]})
+                self._candidates = no_longer_named(self._candidates, {model.effects[place]}, "below threshold")
                 model, rivals = less, [Rival(less, 0.0)]
         return model, rivals
 
@@ -252,16 +279,3 @@ class Chooser:
             else:
                 state = "weaker"
             self._candidates.append(Candidate(effect_id, step, gain, scan.scores.threshold, state))  # type: ignore[arg-type]
-
-
-def _shortlists(order: list[int], gains: Vector, threshold: float, *, overlooked: bool) -> tuple[list[int], ...]:
-    """Return which places are to be refitted, and which if none of those will do; `order`: the best first."""
-    standing_out = [i for i in order if gains[i] > STANDS_OUT * threshold]
-    if overlooked:
-        return (order[len(standing_out) :][:OVERLOOKED],)
-    if not standing_out:
-        return ()
-    top = gains[order[0]]
-    near = [i for i in standing_out if gains[i] > top - max(SHORTLIST_DROP, 0.4 * top)]
-    close = [i for i in order if gains[i] > top - NEAR_DROP]
-    return max(near, close, key=len)[:SHORTLIST], standing_out[len(near) :][:SHORTLIST]

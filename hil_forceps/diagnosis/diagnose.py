@@ -16,9 +16,9 @@ from hil_forceps.diagnosis.experiment_driven import prepare_driven, row_noise
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import fit, fit_again, hold_nuisances
 from hil_forceps.diagnosis.jaw_zero import without_jaw_zero
-from hil_forceps.diagnosis.leftover import Leftover, curves_along, leftover
+from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover, curves_along, leftover
 from hil_forceps.diagnosis.linear import Response
-from hil_forceps.diagnosis.load_noise import load_noise, load_noise_driven
+from hil_forceps.diagnosis.load_noise import beside_straight, load_noise, load_noise_driven
 from hil_forceps.diagnosis.look import Looker, no_columns, noise_of
 from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.predict import ClosedLoop
@@ -41,6 +41,8 @@ Progress = Callable[[str], None]
 
 HELD_OUT_SHARE = 3  # one run in three is held out
 BASELINE_STEPS = 10
+COURSES = 3  # of the load after the first, at most, each with the noise that the one before leaves
+ANOTHER_NOISE = 0.25  # of the logarithm of its power
 REFRESHES = 3  # of the encoder's rounding, which hangs on the fit that it changes
 
 
@@ -125,10 +127,12 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     choice = chooser.choose(baseline, whitener)
     options.progress("looking at what is left")
     baseline, before, after = _left(setting, baseline, choice, responses, options)
-    if after.gain > after.threshold and records[0].mode != "driven":
-        further = chooser.further(choice)
-        if further is not choice:
-            choice = further
+    for enough, again in ((after.threshold, chooser.further), (OVER_CHANCE * after.threshold, chooser.instead)):
+        if after.gain <= enough or records[0].mode == "driven":
+            break
+        found = again(choice)
+        if found is not choice:
+            choice = found
             baseline, before, after = _left(setting, baseline, choice, responses, options)
     unseen = None
     if choice.model.effects and held_records:
@@ -177,7 +181,16 @@ def without_load_noise(
     options.progress("looking at the load cell's noise")
     raw = with_raw_load(records)
     noise = load_noise(*_left_by_assumed(raw, rig, options), raw)
-    found = list(options.mapper(lambda record: with_load_course(record, noise), (*records, *held_out)))
+
+    def with_courses(noise: LoadNoise) -> list[Record]:
+        return list(options.mapper(lambda record: with_load_course(record, noise), (*records, *held_out)))
+
+    found = with_courses(noise)
+    for _ in range(COURSES):
+        better = beside_straight(found, noise)
+        if better is noise or np.all(np.abs(np.log(better.power / noise.power)) < ANOTHER_NOISE):
+            break
+        found, noise = with_courses(better), better
     return found[: len(records)], found[len(records) :]
 
 

@@ -49,6 +49,7 @@ class Record(NamedTuple):
     raw_load_N_m: Vector | None = None  # as measured; only in closed loop
     load_noise: LoadNoise | None = None  # the load cell's
     load_error: NDArray[np.float32] | None = None  # what its course leaves open, as `load_course` has it
+    straight: bool = False  # whether its load is known to be of straight pieces
     calm: Calm | None = None  # in mode "driven"
 
 
@@ -118,8 +119,8 @@ def with_load_course(record: Record, noise: LoadNoise) -> Record:
     """Return a record with the course of its load, as far as its noise lets it be known."""
     if record.raw_load_N_m is None:
         return record
-    load, error = load_course(record.raw_load_N_m, record.edge_rows, record.period_s, noise)
-    return record._replace(tau_w_N_m=load, load_noise=noise, load_error=error)
+    load, error, straight = load_course(record.raw_load_N_m, record.edge_rows, record.period_s, noise)
+    return record._replace(tau_w_N_m=load, load_noise=noise, load_error=error, straight=straight)
 
 
 def grid_of(time: Vector, period: float) -> tuple[Rows, Vector, Mask]:

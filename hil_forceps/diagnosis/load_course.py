@@ -1,8 +1,9 @@
 """The load's course between its jumps, and how far the load cell's noise leaves it open.
 
-A spline with as many knots as its bends ask for, fitted to the load as measured with the noise's own weights: what
-noise does to such a fit is known instant by instant, as a matrix. Where the load bends the knots are close and much of
-the noise gets through, elsewhere little (generalised least squares; de Boor, A Practical Guide to Splines).
+Straight pieces where these hold it (`straight.py`). Else a spline with as many knots as its bends ask for, fitted to
+the load as measured with the noise's own weights: what noise does to such a fit is known instant by instant, as a
+matrix. Where the load bends the knots are close and much of the noise gets through, elsewhere little (generalised least
+squares; de Boor, A Practical Guide to Splines).
 
 The error is told of more knots than the course itself has. What bends too fast for its knots is hidden in the load's
 noise, but not in an encoder's: taken for an effect, a thousandth of the load's error is. Noise that is told and isn't
@@ -18,13 +19,14 @@ from scipy.interpolate import BSpline
 
 from hil_forceps.diagnosis.smoothing import (
     FEWEST_ROWS,
-    ORDER,
     LoadNoise,
     NoiseFilter,
     local_cutoff,
     noise_filter,
     smooth_load,
+    whitening_matrix,
 )
+from hil_forceps.diagnosis.straight import BLOCKS, PieceCourse, straight_course
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float32]
@@ -47,6 +49,7 @@ class LoadCourse(NamedTuple):
 
     load: Vector
     error: Matrix | None
+    straight: bool = False  # whether straight pieces hold all of it
 
 
 def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noise: LoadNoise) -> LoadCourse:
@@ -55,12 +58,20 @@ def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
         return LoadCourse(tau_w, np.empty((tau_w.size, 0), dtype=np.float32))
     white = noise_filter(noise, period_s)
     pieces = np.split(tau_w, edge_rows + 1)
-    cutoffs = [_cutoff(piece, white) for piece in pieces]
+    block = max(1, tau_w.size // BLOCKS)
+    courses = [straight_course(piece, block, period_s, noise) for piece in pieces]
+    none = np.empty(0)
+    cutoffs = [
+        none if course is not None else _cutoff(piece, white) for piece, course in zip(pieces, courses, strict=True)
+    ]
     if ERROR_KNOTS * sum(float(cutoff.sum()) for cutoff in cutoffs) > MOST_KNOTS:
         return LoadCourse(smooth_load(tau_w, edge_rows, period_s, noise), None)
-    fits = [_fitted(piece, cutoff, white) for piece, cutoff in zip(pieces, cutoffs, strict=True)]
-    error = linalg.block_diag(*(error for _, error in fits)).astype(np.float32)
-    return LoadCourse(np.concatenate([load for load, _ in fits]), error)
+    found = [
+        straight if straight is not None else _splined(piece, cutoff, white)
+        for piece, straight, cutoff in zip(pieces, courses, cutoffs, strict=True)
+    ]
+    error = linalg.block_diag(*(course.error for course in found)).astype(np.float32)
+    return LoadCourse(np.concatenate([course.load for course in found]), error, None not in courses)
 
 
 def _cutoff(piece: Vector, white: NoiseFilter) -> Vector:
@@ -68,16 +79,16 @@ def _cutoff(piece: Vector, white: NoiseFilter) -> Vector:
     return local_cutoff(piece, white) if piece.size >= FEWEST_ROWS else np.full(piece.size, 1.0 / piece.size)
 
 
-def _fitted(piece: Vector, cutoff: Vector, white: NoiseFilter) -> tuple[Vector, Vector]:
-    """Return the course of a piece and its error."""
+def _splined(piece: Vector, cutoff: Vector, white: NoiseFilter) -> PieceCourse:
+    """Return a spline of a piece, and its error."""
     if piece.size <= DEGREE:
-        return piece, white.deviation_N_m * np.eye(piece.size)
-    whitened = _filter_matrix(white, piece.size)
+        return PieceCourse(piece, white.deviation_N_m * np.eye(piece.size))
+    whitened = whitening_matrix(white, piece.size)
     basis, seen, root = _spline(cutoff, KNOTS, whitened)
     load = basis @ linalg.cho_solve((root, True), seen.T @ (whitened @ piece))
     basis, _, root = _spline(cutoff, ERROR_KNOTS, whitened)
     error = basis @ linalg.solve_triangular(root, np.eye(root.shape[0]), lower=True, trans="T")
-    return np.asarray(load), np.asarray(error)
+    return PieceCourse(np.asarray(load), np.asarray(error))
 
 
 def _spline(
@@ -94,15 +105,3 @@ def _spline(
     normal = (seen.T @ seen).toarray()
     normal[np.diag_indices_from(normal)] *= 1.0 + RIDGE
     return basis, seen, linalg.cholesky(normal, lower=True)
-
-
-def _filter_matrix(white: NoiseFilter, rows: int) -> sparse.csr_matrix:
-    """Return the matrix that makes the noise of so many rows white, of variance 1; exact from the first row on."""
-    first = min(ORDER, rows)
-    taps = white.taps[: first + (rows > ORDER)] / white.deviation_N_m
-    lags = range(taps.size)
-    whole = sparse.diags_array([np.full(rows - lag, taps[lag]) for lag in lags], offsets=[-lag for lag in lags])
-    start = linalg.cholesky(linalg.toeplitz(white.covariance[:first]), lower=True)
-    head = sparse.csr_matrix(linalg.solve_triangular(start, np.eye(first), lower=True))
-    top = sparse.hstack((head, sparse.csr_matrix((first, rows - first))))
-    return sparse.csr_matrix(sparse.vstack((top, whole.tocsr()[first:])))

@@ -27,6 +27,7 @@ FEWEST_BINS = 12
 ALONE_HZ = 100.0  # from here on the load's own spectrum is that of its noise
 EDGE_ROWS = 4
 QUIETER = 0.35  # quantile over the runs
+MOST_TAKEN = 0.8  # of the noise, by a course
 PASSED = 0.14  # of the rate of rows: below it the low pass of runs driven by their motion lets all through
 
 
@@ -83,6 +84,46 @@ def load_noise(layout: Layout, left: Flat, responses: Sequence[Response], record
     if middle.any():
         power[low < LOWEST_HZ] = np.median(power[middle])
     return LoadNoise(np.concatenate((low, high[0])), np.concatenate((power, high[1])))
+
+
+def beside_straight(records: Sequence[Record], noise: LoadNoise) -> LoadNoise:
+    """Return the noise that straight courses leave of the loads, at the same frequencies; `noise` where there are none.
+
+    No effect is in it, as may be where it comes from both residuals: a cogging had made it 500 times too large.
+    """
+    found = np.array([_left_of(record, noise) for record in records if record.straight])
+    if not found.size:
+        return noise
+    power, seen = noise.power.copy(), np.isfinite(found).any(axis=0)
+    power[seen] = np.nanmedian(found[:, seen], axis=0)
+    return noise._replace(power=power)
+
+
+def _left_of(record: Record, noise: LoadNoise) -> Vector:
+    """Return the power around each frequency of what a course leaves of a load; NaN where it has too few bins.
+
+    What the course has taken of it is put back: as great a share as its error has of the noise that it was fitted with.
+    All that is slow is taken together.
+    """
+    assert record.raw_load_N_m is not None
+    assert record.tau_w_N_m is not None
+    assert record.load_error is not None
+    centres, rows = noise.frequency_Hz, record.time_s.size
+    slow = int(np.searchsorted(centres, LOWEST_HZ))
+    here = np.searchsorted(np.sqrt(centres[1:] * centres[:-1]), fft.rfftfreq(rows, record.period_s))
+    last_slow = max(slow - 1, 0)
+    here = np.maximum(here, last_slow)
+    count = np.bincount(here, minlength=centres.size)
+
+    def power(signals: NDArray[np.floating]) -> Vector:
+        each = np.sum(np.abs(fft.rfft(signals, axis=0)) ** 2, axis=1) / rows
+        found = np.asarray(np.bincount(here, each, centres.size) / np.maximum(count, 1))
+        found[:slow] = found[last_slow]
+        return found
+
+    taken = np.minimum(power(record.load_error) / noise.power, MOST_TAKEN)
+    left = power((record.raw_load_N_m - record.tau_w_N_m)[:, None]) / (1.0 - taken)
+    return np.where((count >= FEWEST_BINS) | (np.arange(centres.size) < slow), left, np.nan)
 
 
 def _low(pair: tuple[Part, Part], left: Flat, response: Response, records: Sequence[Record], cuts: Vector) -> Vector:

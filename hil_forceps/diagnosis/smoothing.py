@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
+from scipy import fft, linalg, sparse
 from scipy.linalg import solve_toeplitz, solveh_banded
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import lfilter, lfiltic
@@ -87,6 +87,18 @@ def noise_filter(noise: LoadNoise, period_s: float) -> NoiseFilter:
     taps = solve_toeplitz(covariance[:-1], covariance[1:])
     deviation = float(np.sqrt(max(covariance[0] - taps @ covariance[1:], 0.0)))
     return NoiseFilter(np.concatenate(([1.0], -taps)), deviation, covariance)
+
+
+def whitening_matrix(white: NoiseFilter, rows: int) -> sparse.csr_matrix:
+    """Return the matrix that makes the noise of so many rows white, of variance 1; exact from the first row on."""
+    first = min(ORDER, rows)
+    taps = white.taps[: first + (rows > ORDER)] / white.deviation_N_m
+    lags = range(taps.size)
+    whole = sparse.diags_array([np.full(rows - lag, taps[lag]) for lag in lags], offsets=[-lag for lag in lags])
+    start = linalg.cholesky(linalg.toeplitz(white.covariance[:first]), lower=True)
+    head = sparse.csr_matrix(linalg.solve_triangular(start, np.eye(first), lower=True))
+    top = sparse.hstack((head, sparse.csr_matrix((first, rows - first))))
+    return sparse.csr_matrix(sparse.vstack((top, whole.tocsr()[first:])))
 
 
 def local_cutoff(piece: Vector, white: NoiseFilter) -> Vector:

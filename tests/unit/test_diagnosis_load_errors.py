@@ -83,14 +83,20 @@ def stands_out(scenario: str) -> float:
     return float(np.sum((missed / np.array([SENSORS[name] for name in layout.band_channel])[layout.band_of]) ** 2))
 
 
+@pytest.mark.parametrize("scenario", ["multisine_mid", "slow"])
+def test_no_corner_of_a_ramp_stands_out(scenario: str) -> None:
+    assert stands_out(scenario) < 1.0
+
+
 @pytest.mark.parametrize("scenario", ["multisine_mid", "slow", "grasp"])
 def test_no_bend_of_a_load_stands_out_that_cannot_be_followed(scenario: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"{COURSE}.straight_course", lambda *_: None)
     told = stands_out(scenario)
     assert told < 20.0  # an effect is named from 22 on
     monkeypatch.setattr(f"{COURSE}.ERROR_KNOTS", 2.5)
     assert stands_out(scenario) > 2.0 * told
     # Where bends count as such only ten deviations above the noise, too little of them is followed.
-    monkeypatch.undo()
+    monkeypatch.setattr(f"{COURSE}.ERROR_KNOTS", ERROR_KNOTS)
     monkeypatch.setattr("hil_forceps.diagnosis.smoothing.MOST_BENT", 10.0)
     assert stands_out(scenario) > 10.0 * told
 

@@ -8,9 +8,9 @@ from scipy.ndimage import uniform_filter1d
 
 from hil_forceps.diagnosis import diagnose
 from hil_forceps.diagnosis.diagnose import Options, fit_baseline, without_load_noise
-from hil_forceps.diagnosis.experiment import Record, prepare
+from hil_forceps.diagnosis.experiment import Record, prepare, with_load_course
 from hil_forceps.diagnosis.linear import Response
-from hil_forceps.diagnosis.load_noise import load_noise
+from hil_forceps.diagnosis.load_noise import beside_straight, load_noise
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.smoothing import LoadNoise
 from hil_forceps.diagnosis.spectrum import Flat, Layout
@@ -45,6 +45,32 @@ def test_the_colour_is_found_and_the_load_known_as_well_as_is_said(
         told = np.sqrt(np.mean(np.sum(record.load_error.astype(float) ** 2, axis=1)))
         assert rms < most
         assert 0.75 < rms / told < 1.25
+
+
+def test_straight_loads_put_right_a_noise_that_an_effect_has_spoilt() -> None:
+    case = make_case({}, 31, scenarios=(("multisine", "teleoperation"), ()))
+    straight, smooth = prepare(case.fit, case.assumed)[0]
+    frequency_Hz = np.geomspace(0.5, 450.0, 15)
+    spoilt = LoadNoise(frequency_Hz, np.where(frequency_Hz < 20.0, 5.0e-8, 1.0e-10))
+    first = with_load_course(straight, spoilt)
+    assert first.straight
+    found = beside_straight([first, with_load_course(smooth, spoilt)], spoilt)
+    again = beside_straight([with_load_course(straight, found)], found)
+    assert again.power == pytest.approx(np.full(15, 1.0e-10), rel=0.4)
+    assert beside_straight([with_load_course(smooth, again)], again) is again
+
+
+def test_slow_noise_that_a_course_takes_along_is_put_back() -> None:
+    case = make_case({}, 31, scenarios=(KINDS, ()), noise=COLOURED)
+    frequency_Hz = np.geomspace(0.5, 450.0, 15)
+    turn = 2.0 * np.pi * frequency_Hz * 1.0e-3
+    true = 1.0e-10 * (1.0 - 0.9**2) / (1.0 + 0.9**2 - 1.8 * np.cos(turn))
+    noise = LoadNoise(frequency_Hz, true)
+    known = [with_load_course(record, noise) for record in prepare(case.fit, case.assumed)[0]]
+    assert all(record.straight for record in known)
+    found = beside_straight(known, noise).power / true
+    assert np.mean(found[frequency_Hz < 12.0]) == pytest.approx(1.0, abs=0.2)
+    assert found[frequency_Hz > 12.0] == pytest.approx(np.ones(np.count_nonzero(frequency_Hz > 12.0)), rel=0.2)
 
 
 def test_the_jaw_of_a_motor_that_creeps_is_where_the_counting_puts_it() -> None:

@@ -10,7 +10,15 @@ from hil_forceps.diagnosis.diagnose import Options, without_load_noise
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.problem import Problem
-from hil_forceps.diagnosis.ringing import INERTIA, beside_own_unknowns, deepest_valley, in_deepest_valley, moved_to
+from hil_forceps.diagnosis.ringing import (
+    INERTIA,
+    beside_own_unknowns,
+    deepest_valley,
+    in_deepest_valley,
+    in_valley_of,
+    moved_to,
+    out_of_a_wrong_valley,
+)
 from hil_forceps.diagnosis.spectrum import Whitener, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknowns
 from tests.hidden_effects.generator import RIG, make_case
@@ -60,6 +68,28 @@ def test_instants_of_jumps_that_suit_a_wrong_inertia_do_not_hold_it_there(off: f
     assert abs(valley.inertia_kg_m2 / true - 1.0) > 0.01
     assert inertia_of(problem, found) == pytest.approx(true, rel=0.005)
     assert np.delete(found[:count], place) == pytest.approx(np.delete(u[:count], place))
+
+
+def test_an_inertia_pulled_from_its_valley_is_sought_anew_and_one_that_is_not_stays() -> None:
+    problem, whitener = beside(1.0, "trapezoid")
+    true = RIG.plant().jaw_inertia_kg_m2
+    place, count = problem.shared.names.index(INERTIA), len(problem.shared.items)
+    item = problem.shared.items[place]
+    wrong = item._replace(centre=1.1 * true, precision=(item.scale / (0.005 * true)) ** 2, prior=True)
+    held = problem.with_shared(Unknowns((*problem.shared.items[:place], wrong, *problem.shared.items[place + 1 :])))
+    pulled = moved_to(held, np.zeros(held.size), place, 1.03 * true)
+    assert inertia_of(held, fit(held, pulled, whitener, steps=8).u) > 1.01 * true
+    found, u = out_of_a_wrong_valley(held, pulled, whitener)
+    assert inertia_of(found, u) == pytest.approx(true, rel=0.005)
+    assert inertia_of(found, fit(found, u, whitener, steps=8).u) == pytest.approx(true, rel=0.01)
+    assert found.shared.items[place].assumed == item.assumed
+    there, v = in_valley_of(found, u, held, pulled)
+    assert inertia_of(there, v) == pytest.approx(inertia_of(found, u), rel=1e-9)
+    assert np.array_equal(v[count:], u[count:])
+    assert there.shared.items[place] == found.shared.items[place]
+    still = moved_to(held, pulled, place, 1.09 * true)
+    assert out_of_a_wrong_valley(held, still, whitener) == (held, still)
+    assert in_valley_of(held, pulled, held, still) == (held, still)
 
 
 def test_without_a_valley_nothing_changes() -> None:
