@@ -12,10 +12,11 @@ from hil_forceps.diagnosis.extension import Model, Refresh, extend, without_effe
 from hil_forceps.diagnosis.fit import AGAIN_STEPS, Held, fit, fit_again, hold, hold_nuisances
 from hil_forceps.diagnosis.look import Looker, Scan
 from hil_forceps.diagnosis.result import Candidate
-from hil_forceps.diagnosis.ringing import in_valley_of, out_of_a_wrong_valley
+from hil_forceps.diagnosis.ringing import at_the_rig_s_word, in_valley_of, out_of_a_wrong_valley
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
 from hil_forceps.diagnosis.shortlist import NEAR_DROP, best_of_each, promising, shortlists
 from hil_forceps.diagnosis.spectrum import Noise, Whitener
+from hil_forceps.diagnosis.widths import at_better_widths
 
 CLIPS = "current_saturation"
 MAX_EFFECTS = 6
@@ -140,8 +141,21 @@ class Chooser:
         return model, self._looker.scan(model, seen, whitener), whitener, noise
 
     def _refitted(self, model: Model, whitener: Whitener) -> Model:
-        """Fit a model to the end, what hangs on it taken anew as long as that helps."""
+        """Fit a model to the end; where that leads far from the rig's inertias, from those, too."""
+        found = self._settled(model, whitener)
+        other = at_the_rig_s_word(found.problem, found.fit.u)
+        if other is None:
+            return found
+        problem, u = other
+        again = replace(found, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
+        return min(found, self._settled(again, whitener), key=lambda m: m.worth)
+
+    def _settled(self, model: Model, whitener: Whitener) -> Model:
+        """Fit a model, what hangs on it taken anew as long as that helps."""
         problem, u = out_of_a_wrong_valley(model.problem, model.fit.u, whitener)
+        if problem is not model.problem:
+            model = replace(model, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
+        problem, u = at_better_widths(model.problem, model.fit, whitener, self._refresh)
         if problem is not model.problem:
             model = replace(model, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
         found = self._anew(model, whitener, hold_nuisances(model.fit, model.problem, whitener))

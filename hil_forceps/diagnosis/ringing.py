@@ -24,6 +24,7 @@ from hil_forceps.diagnosis.unknowns import Unknown, Unknowns
 Vector = NDArray[np.float64]
 
 INERTIA = "forceps.jaw_inertia_kg_m2"
+MOTOR_INERTIA = "forceps.motor_inertia_kg_m2"
 REACH = 0.35  # of the logarithm, to both sides of what the rig says
 STEP = 0.005
 TELLING = 25.0  # of χ²: how deep a valley is below the middle of what was looked at
@@ -83,6 +84,25 @@ def out_of_a_wrong_valley(problem: Problem, u: Vector, whitener: Whitener) -> tu
     value = float(problem.shared.values(u[: len(problem.shared.items)])[place])
     found = _known(problem, Valley(place, value, LOOSE * value))
     return found, moved_to(found, u, place, value)
+
+
+def at_the_rig_s_word(problem: Problem, u: Vector) -> tuple[Problem, Vector] | None:
+    """Return the same with both inertias as the rig has them, where the motor's was pulled far from there; else None.
+
+    Slow motion shows only their sum. A valley that something else had bent held the jaw's 15 % too high, and the
+    motor's ended at a third of its value.
+    """
+    names = problem.shared.names
+    if INERTIA not in names or MOTOR_INERTIA not in names:
+        return None
+    motor, jaw = names.index(MOTOR_INERTIA), names.index(INERTIA)
+    item = problem.shared.items[jaw]
+    told = problem.shared.items[motor].assumed
+    pulled = problem.shared.prior_weights()[motor] * u[motor] ** 2 >= STRAINED**2
+    if not pulled or told is None or item.assumed is None or item.centre == item.assumed:
+        return None
+    back = _with_item(problem, jaw, item._replace(centre=item.assumed, precision=item.told))
+    return back, moved_to(back, moved_to(back, u, jaw, item.assumed), motor, told)
 
 
 def in_valley_of(other: Problem, v: Vector, problem: Problem, u: Vector) -> tuple[Problem, Vector]:
