@@ -11,12 +11,13 @@ from hil_forceps.diagnosis import linear, predict_driven
 from hil_forceps.diagnosis.assemble_driven import driven_problem
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.first_rows import make_starts
+from hil_forceps.diagnosis.fit import chi2_of
 from hil_forceps.diagnosis.load_errors import with_load_errors
 from hil_forceps.diagnosis.mapper import Mapper
-from hil_forceps.diagnosis.predict import ClosedLoop
+from hil_forceps.diagnosis.predict import REFERENCES, ClosedLoop, samples_per_row
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Problem
-from hil_forceps.diagnosis.spectrum import make_layout, transform
+from hil_forceps.diagnosis.spectrum import make_layout, transform, white_noise
 from hil_forceps.diagnosis.unknowns import Unknowns, known_parameters
 from hil_forceps.model import drive_law, parameters
 from hil_forceps.rig import Rig
@@ -70,7 +71,24 @@ def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknow
         mapper,
     )
     power = first_noise(simulator, layout.band_channel, rig)
+    if any(samples_per_row(record, law) > 1 for record in records):
+        simulator = _with_its_reference(problem, simulator, power)
+        problem = replace(problem, simulate_runs=simulator)
     return Setting(problem, simulator, 0.2 * power, power)
+
+
+def _with_its_reference(problem: Problem, simulator: ClosedLoop, power: Vector) -> ClosedLoop:
+    """Return the loop with the reference between rows as the runs show it.
+
+    No rig says how it goes on, and half a row of delay is what many an effect does.
+    """
+    whitener, start = problem.whitener(white_noise(problem.layout, power)), np.zeros(problem.size)
+
+    def chi2(loop: ClosedLoop) -> float:
+        at = replace(problem, simulate_runs=loop)
+        return chi2_of(at, problem.measured - at.predicted(start), whitener, start)
+
+    return min((replace(simulator, reference=reference) for reference in REFERENCES), key=chi2)
 
 
 def aware_of_load(setting: Setting, theta: Vector, rig: Rig) -> Setting:

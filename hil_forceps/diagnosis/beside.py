@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hil_forceps.diagnosis.predict import REFERENCES, between_rows
 from hil_forceps.model import closed_loop, driven
 from hil_forceps.model.closed_loop import DriveState, law_vector
 from hil_forceps.model.drive_law import law_current
@@ -88,7 +89,17 @@ def _closed(run: Run, rig: Rig, law: DriveLaw, theta: Column) -> Beside:
     start = _start(columns, theta, law_vector(law.model_copy(update={"sample_time_s": interval_s})), law)
     counts = rig.encoder.counts_per_rev
     quantum = 0.0 if counts is None else 2.0 * math.pi / counts
-    out = closed_loop.simulate(theta, numbers, quantum, inputs, start, SUBSTEPS * samples, samples)
+    courses = {r: between_rows(inputs.reference_rad, samples, r) for r in REFERENCES[: None if samples > 1 else 1]}
+    outs = {
+        name: closed_loop.simulate(
+            theta, numbers, quantum, inputs._replace(reference_rad=course), start, SUBSTEPS * samples, samples
+        )
+        for name, course in courses.items()
+    }
+    best = min(outs, key=lambda name: float(np.std(outs[name].theta_m_rad - columns["theta_m_rad"])))
+    out = outs[best]
+    if best != "held":
+        notes.append(f"between rows the drive is given a {best} reference: held until the next row it fits worse")
     constant = rig.plant().torque_constant_N_m_per_A
     simulated = {
         "theta_m_rad": out.theta_m_rad,

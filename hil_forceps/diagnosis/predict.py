@@ -7,10 +7,11 @@ encoder's, which the loop feeds into it, and shows what happens between command 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import uniform_filter1d
 
 from hil_forceps.diagnosis.course import Course
@@ -42,6 +43,10 @@ _PATH = tuple(
     for p in effect(name).parameters
 )
 
+# What a drive follows that samples between rows: what the bus brought last, straight lines or its own course.
+Reference = Literal["held", "straight", "smooth"]
+REFERENCES: tuple[Reference, ...] = ("held", "straight", "smooth")
+
 
 class Slow(NamedTuple):
     """What the encoder's rounding does slowly in a run."""
@@ -66,11 +71,12 @@ class ClosedLoop:
     records: tuple[Record, ...]
     law: Vector
     starts: tuple[Start, ...]
-    encoder_error_rad: tuple[Vector, ...]  # of each run; empty: none
+    encoder_error_rad: tuple[Vector, ...]  # of each run, one for each sample of the drive; empty: none
     slow: tuple[Slow, ...] = ()  # of each run
     offset: tuple[Offset, ...] = ()  # of each run: what its rounding does more than those that stand in for it
     stand_ins: tuple["ClosedLoop", ...] = ()  # the same, shaken by a rounding of another time with either sign
     longest_substep_s: float = LONGEST_SUBSTEP_S
+    reference: Reference = "smooth"
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:
         """Return the transformed channels of each run.
@@ -97,6 +103,7 @@ class ClosedLoop:
     def raw(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float = 0.0) -> Channels:
         """Simulate a run: recorded channels and what is inside."""
         record, start = self.records[run], self.starts[run]
+        samples = samples_per_row(record, self.law)
         integral = start.drive.integral_rad_s + nuisance.integral_rad_s + _sensor_share(theta, start, self.law)
         drive = start.drive._replace(integral_rad_s=integral)
         plant = _settled(theta, start, record)
@@ -104,13 +111,12 @@ class ClosedLoop:
         tau_w = record.tau_w_N_m if record.tau_w_N_m is not None else np.zeros(rows)
         inputs = Inputs(
             record.time_s,
-            record.reference_rad,
+            between_rows(record.reference_rad, samples, self.reference),
             tau_w,
             record.edge_rows.astype(np.int64),
             np.ascontiguousarray(nuisance.edge_fractions, dtype=np.float64),
             self.encoder_error_rad[run],
         )
-        samples = round(record.period_s / float(self.law[drive_law.SAMPLE_TIME]))
         substeps = samples * max(1, int(np.ceil(record.period_s / samples / self.longest_substep_s)))
         found = closed_loop.simulate(theta, self.law, quantum_rad, inputs, Start(plant, drive), substeps, samples)
         jaw = found.theta_j_rad + nuisance.theta_j_zero_rad
@@ -122,7 +128,7 @@ class ClosedLoop:
     def outputs(self, run: int, channels: Channels, offset: Offset | None = None) -> dict[str, Vector]:
         """Transform simulated channels, with an offset added to them."""
         angle = channels.theta_m_rad
-        error = self.encoder_error_rad[run]
+        error = self.encoder_error_rad[run][:: samples_per_row(self.records[run], self.law)]
         seen = angle + error if error.size else angle
         found = {name: np.asarray(getattr(channels, name)) for name in self.records[run].channels}
         if offset is not None:
@@ -237,6 +243,20 @@ def path_differs(theta: Vector) -> bool:
 def low_pass(values: Vector, width: int) -> Vector:
     """Return two moving averages, one after the other."""
     return np.asarray(uniform_filter1d(uniform_filter1d(values, width), width))
+
+
+def samples_per_row(record: Record, law: Vector) -> int:
+    """Return how many samples a drive takes from row to row."""
+    return round(record.period_s / float(law[drive_law.SAMPLE_TIME]))
+
+
+def between_rows(values: Vector, samples: int, reference: Reference) -> Vector:
+    """Return the reference at each sample of the drive, from that of rows; the last row's is held."""
+    if samples == 1 or reference == "held":
+        return np.repeat(values, samples)
+    rows = np.arange(values.size)
+    at = np.minimum(np.arange(values.size * samples) / samples, rows[-1])
+    return np.asarray(np.interp(at, rows, values) if reference == "straight" else CubicSpline(rows, values)(at))
 
 
 def follows_law(record: Record, law: Vector) -> bool:

@@ -6,10 +6,11 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.mapper import Mapper
-from hil_forceps.diagnosis.predict import ClosedLoop, Offset, Slow, low_pass
+from hil_forceps.diagnosis.predict import ClosedLoop, Offset, Slow, low_pass, samples_per_row
 from hil_forceps.diagnosis.problem import Nuisance
 from hil_forceps.diagnosis.smoothing import smoothed
 
@@ -49,7 +50,22 @@ def _fast_left(loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], q
     record = loop.records[run]
     left = record.channels["theta_m_rad"] - loop.raw(run, theta, nuisances[run]).theta_m_rad
     fast = left - low_pass(left, shake_width(record.period_s))
-    return np.asarray(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
+    error = np.asarray(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
+    return counted_between(
+        record.channels["theta_m_rad"] - error, error, samples_per_row(record, loop.law), quantum_rad
+    )
+
+
+def counted_between(angle: Vector, error: Vector, samples: int, quantum_rad: float) -> Vector:
+    """Return the rounding at each sample of the drive: as it is at rows, and as an angle between them is counted."""
+    if samples == 1:
+        return error
+    last = angle.size - 1
+    at = np.minimum(np.arange(angle.size * samples) / samples, last)
+    between = CubicSpline(np.arange(last + 1), angle)(at)
+    found = np.rint(between / quantum_rad) * quantum_rad - between
+    found[::samples] = error
+    return np.asarray(found)
 
 
 def _offset(loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], run: int) -> Offset:
@@ -60,7 +76,8 @@ def _offset(loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], run:
         for name in ("theta_m_rad", "theta_j_rad", "current_A")
     )
     # Others' roundings cancel, and the slow part isn't what the drive has read on the average.
-    read = motor - loop.slow[run].theta_m_rad + loop.encoder_error_rad[run]
+    error = loop.encoder_error_rad[run][:: samples_per_row(loop.records[run], loop.law)]
+    read = motor - loop.slow[run].theta_m_rad + error
     return Offset(motor, jaw, current, np.cumsum(read) * loop.records[run].period_s)
 
 

@@ -45,12 +45,12 @@ class Inputs(NamedTuple):
     """What a run was driven with. `tau_w_N_m` is as recorded: a skewed channel is set right for the plant."""
 
     time_s: Vector  # n, equally spaced
-    reference_rad: Vector  # n; held until the next row
+    reference_rad: Vector  # n, held until the next row, or one for each sample of the drive
     tau_w_N_m: Vector  # n, linear in between
     edge_rows: NDArray[np.int64]  # m, increasing: between row k and k + 1 the load jumps ...
     edge_fractions: Vector  # m: ... at this fraction of the interval, instead of a ramp
-    # n, or empty for none: what the drive's encoder shows beyond the angle, its rounding as it happened. The loop makes
-    # currents of it that shake the motor, and shaken friction is another friction. Not in the recorded angle.
+    # As many as references, or none: what the drive's encoder shows beyond the angle, its rounding as it happened. The
+    # loop makes currents of it, which shake the motor; shaken friction is another friction. Not in the recorded angle.
     encoder_error_rad: Vector = _NO_ERROR
 
 
@@ -138,7 +138,8 @@ def _behind(commands: Vector, place: int, samples: int) -> float:
 def _rollout(
     p: Physics, law: Vector, quantum_rad: float, row_s: float, inputs: Inputs, start: Start, substeps: int, samples: int
 ) -> Vector:
-    rows, steps, step_s = inputs.reference_rad.shape[0], substeps // samples, row_s / substeps
+    rows, steps, step_s = inputs.tau_w_N_m.shape[0], substeps // samples, row_s / substeps
+    told = inputs.reference_rad.shape[0] // rows  # references a row
     x, drive = start
     out = np.empty((_CHANNELS, rows))
     edges = _edges(rows, inputs.edge_rows, inputs.edge_fractions)
@@ -159,9 +160,10 @@ def _rollout(
             into = step % steps
             if into == 0:
                 angle = quantise(encoder_rad(p, x.theta_m_rad), quantum_rad)
-                if row < inputs.encoder_error_rad.shape[0]:
-                    angle += inputs.encoder_error_rad[row]
-                drive = drive_sample(law, drive, inputs.reference_rad[row], angle)
+                at = row if told == 1 else row * samples + step // steps
+                if at < inputs.encoder_error_rad.shape[0]:
+                    angle += inputs.encoder_error_rad[at]
+                drive = drive_sample(law, drive, inputs.reference_rad[at], angle)
                 place = place + 1 if place + 1 < commands.shape[0] else 0
                 commands[place] = max(-p.limit, min(p.limit, dead_zone(drive.current_A, p.deadband)))
             old, new = _behind(commands, place, c.whole_samples + 1), _behind(commands, place, c.whole_samples)
@@ -193,7 +195,8 @@ def simulate(
     a row, a multiple of `drive_samples_per_row`. ValueError when shapes or counts don't fit.
     """
     rows = inputs.time_s.shape[0]
-    if rows < 2 or any(column.shape != (rows,) for column in (inputs.reference_rad, inputs.tau_w_N_m)):
+    references = inputs.reference_rad.shape
+    if rows < 2 or references not in {(rows,), (rows * drive_samples_per_row,)} or inputs.tau_w_N_m.shape != (rows,):
         raise ValueError("time_s, reference_rad and tau_w_N_m must have the same length, 2 at least")
     if inputs.edge_rows.shape != inputs.edge_fractions.shape:
         raise ValueError("edge_rows and edge_fractions must have the same length")

@@ -1,6 +1,6 @@
 """`make hidden-effects`: hides effects in data, has them diagnosed, writes one line of JSON per case.
 
-python -m tests.hidden_effects.campaign --out out/hidden-effects [--jobs 2] [--only KIND] [--budget MINUTES] [--resume]
+python -m tests.hidden_effects.campaign --out out/hidden-effects [--jobs 2] [--only KIND] [--first ROUND] [--budget MINUTES] [--resume]
 """
 
 import argparse
@@ -24,7 +24,7 @@ GAIN_EVERY = 3  # held-out runs are played for one case in so many: they cost as
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run what is asked for; returns 0 also when the budget cut it short."""
     options = _parser().parse_args(arguments)
-    wanted = chosen(specs(options.rounds), options.only, options.case)
+    wanted = chosen(specs(options.rounds, options.first), options.only, options.case)
     if not wanted:
         sys.stderr.write("no such case\n")
         return 2
@@ -95,6 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--only", action="append", default=[], choices=list(PER_ROUND), metavar="KIND")
     parser.add_argument("--case", action="append", default=[], metavar="ID", help="one case, to look into it")
     parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--first", type=int, default=0, metavar="ROUND", help="the first of them, for fresh seeds")
     parser.add_argument("--budget", type=float, default=1e9, metavar="MINUTES")
     parser.add_argument("--resume", action="store_true", help="keep the results that are there")
     return parser

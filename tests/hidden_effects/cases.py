@@ -73,9 +73,9 @@ class Spec:
     deleted: bool = False  # the effects are missing from the catalogue
 
 
-def specs(rounds: int = ROUNDS) -> list[Spec]:
+def specs(rounds: int = ROUNDS, first: int = 0) -> list[Spec]:
     """Return all cases; every kind is spread evenly over each round, and every round holds every effect."""
-    return [spec for number in range(rounds) for spec in _round(number)]
+    return [spec for number in range(first, rounds) for spec in _round(number)]
 
 
 def _round(number: int) -> list[Spec]:
