@@ -1,6 +1,7 @@
 """`make hidden-effects`: hides effects in data, has them diagnosed, writes one line of JSON per case.
 
-python -m tests.hidden_effects.campaign --out out/hidden-effects [--jobs 2] [--only KIND] [--first ROUND] [--budget MINUTES] [--resume]
+python -m tests.hidden_effects.campaign --out out/hidden-effects [--jobs 2] [--only KIND] [--first ROUND]
+    [--rounds ROUND] [--budget MINUTES] [--resume]
 """
 
 import argparse
