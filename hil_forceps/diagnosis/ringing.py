@@ -25,6 +25,7 @@ Vector = NDArray[np.float64]
 
 INERTIA = "forceps.jaw_inertia_kg_m2"
 MOTOR_INERTIA = "forceps.motor_inertia_kg_m2"
+AT_WORD = (INERTIA, MOTOR_INERTIA, "forceps.motor_coulomb_N_m")
 REACH = 0.35  # of the logarithm, to both sides of what the rig says
 STEP = 0.005
 TELLING = 25.0  # of χ²: how deep a valley is below the middle of what was looked at
@@ -87,22 +88,24 @@ def out_of_a_wrong_valley(problem: Problem, u: Vector, whitener: Whitener) -> tu
 
 
 def at_the_rig_s_word(problem: Problem, u: Vector) -> tuple[Problem, Vector] | None:
-    """Return the same with both inertias as the rig has them, where the motor's was pulled far from there; else None.
+    """Return the same with inertias and the motor's friction as the rig has them; None where its inertia is near that.
 
-    Slow motion shows only their sum. A valley that something else had bent held the jaw's 15 % too high, and the
-    motor's ended at a third of its value.
+    Slow motion shows only the sum of both inertias. A valley that something else had bent held the jaw's 15 % too high,
+    and the motor's ended at a third of its value.
     """
     names = problem.shared.names
     if INERTIA not in names or MOTOR_INERTIA not in names:
         return None
     motor, jaw = names.index(MOTOR_INERTIA), names.index(INERTIA)
     item = problem.shared.items[jaw]
-    told = problem.shared.items[motor].assumed
     pulled = problem.shared.prior_weights()[motor] * u[motor] ** 2 >= STRAINED**2
-    if not pulled or told is None or item.assumed is None or item.centre == item.assumed:
+    if not pulled or item.assumed is None or item.centre == item.assumed:
         return None
     back = _with_item(problem, jaw, item._replace(centre=item.assumed, precision=item.told))
-    return back, moved_to(back, moved_to(back, u, jaw, item.assumed), motor, told)
+    for place, other in enumerate(back.shared.items):
+        if other.name in AT_WORD and other.assumed is not None:
+            u = moved_to(back, u, place, other.assumed)
+    return back, u
 
 
 def in_valley_of(other: Problem, v: Vector, problem: Problem, u: Vector) -> tuple[Problem, Vector]:
