@@ -198,6 +198,8 @@ def simulate(
     references = inputs.reference_rad.shape
     if rows < 2 or references not in {(rows,), (rows * drive_samples_per_row,)} or inputs.tau_w_N_m.shape != (rows,):
         raise ValueError("time_s, reference_rad and tau_w_N_m must have the same length, 2 at least")
+    if inputs.encoder_error_rad.shape not in {(0,), references}:
+        raise ValueError("encoder_error_rad must have the same length as reference_rad, or none")
     if inputs.edge_rows.shape != inputs.edge_fractions.shape:
         raise ValueError("edge_rows and edge_fractions must have the same length")
     if drive_samples_per_row < 1 or substeps < 1 or substeps % drive_samples_per_row:

@@ -69,10 +69,9 @@ def test_the_loop_reads_a_value_at_each_sample() -> None:
         theta, law, 0.0, of_samples._replace(encoder_error_rad=error_between), start, SAMPLES, SAMPLES
     )
     assert np.abs(other.current_A - each.current_A).max() > 1e-5
-    with pytest.raises(ValueError, match="same length"):
-        closed_loop.simulate(
-            theta, law, 0.0, of_rows._replace(reference_rad=np.zeros(2 * ROWS)), start, SAMPLES, SAMPLES
-        )
+    for wrong in (of_rows._replace(reference_rad=np.zeros(2 * ROWS)), of_samples._replace(encoder_error_rad=error)):
+        with pytest.raises(ValueError, match="same length"):
+            closed_loop.simulate(theta, law, 0.0, wrong, start, SAMPLES, SAMPLES)
 
 
 @pytest.mark.parametrize("reference", REFERENCES)
