@@ -8,15 +8,21 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hil_forceps.diagnosis.extension import Model, Refresh, extend, without_effect
 from hil_forceps.diagnosis.fit import AGAIN_STEPS, Held, fit, fit_again, hold, hold_nuisances
 from hil_forceps.diagnosis.look import Looker, Scan
+from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.result import Candidate
 from hil_forceps.diagnosis.ringing import at_the_rig_s_word, in_valley_of, out_of_a_wrong_valley
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
 from hil_forceps.diagnosis.shortlist import NEAR_DROP, best_of_each, promising, shortlists
 from hil_forceps.diagnosis.spectrum import Noise, Whitener
 from hil_forceps.diagnosis.widths import at_better_widths
+
+Vector = NDArray[np.float64]
 
 CLIPS = "current_saturation"
 MAX_EFFECTS = 6
@@ -52,6 +58,13 @@ def no_longer_named(
 ) -> list[Candidate]:
     """Return the candidates with those that were named and are dropped in another state."""
     return [replace(c, state=state) if c.state == "named" and c.id in dropped else c for c in candidates]
+
+
+def _from(problem: Problem, u: Vector, model: Model, whitener: Whitener) -> Model:
+    """Return a model fitted to a problem from u on; the model itself where that is its problem."""
+    if problem is model.problem:
+        return model
+    return replace(model, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
 
 
 class Chooser:
@@ -146,18 +159,13 @@ class Chooser:
         other = at_the_rig_s_word(found.problem, found.fit.u)
         if other is None:
             return found
-        problem, u = other
-        again = replace(found, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
-        return min(found, self._settled(again, whitener), key=lambda m: m.worth)
+        again = self._settled(_from(*other, found, whitener), whitener)
+        return min(found, again, key=lambda m: m.worth)
 
     def _settled(self, model: Model, whitener: Whitener) -> Model:
         """Fit a model, what hangs on it taken anew as long as that helps."""
-        problem, u = out_of_a_wrong_valley(model.problem, model.fit.u, whitener)
-        if problem is not model.problem:
-            model = replace(model, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
-        problem, u = at_better_widths(model.problem, model.fit, whitener, self._refresh)
-        if problem is not model.problem:
-            model = replace(model, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
+        model = _from(*out_of_a_wrong_valley(model.problem, model.fit.u, whitener), model, whitener)
+        model = _from(*at_better_widths(model.problem, model.fit, whitener, self._refresh), model, whitener)
         found = self._anew(model, whitener, hold_nuisances(model.fit, model.problem, whitener))
         before = model.worth
         for _ in range(MOST_REFRESHES):

@@ -128,7 +128,7 @@ class ClosedLoop:
     def outputs(self, run: int, channels: Channels, offset: Offset | None = None) -> dict[str, Vector]:
         """Transform simulated channels, with an offset added to them."""
         angle = channels.theta_m_rad
-        error = self.encoder_error_rad[run][:: samples_per_row(self.records[run], self.law)]
+        error = self.error_at_rows(run)
         seen = angle + error if error.size else angle
         found = {name: np.asarray(getattr(channels, name)) for name in self.records[run].channels}
         if offset is not None:
@@ -142,6 +142,10 @@ class ClosedLoop:
         if offset is not None:
             found[MOTOR] = found[MOTOR] + self.integral_per_s * offset.seen_rad_s
         return found
+
+    def error_at_rows(self, run: int) -> Vector:
+        """Return the encoder's rounding of a run at its rows; empty: none."""
+        return self.encoder_error_rad[run][:: samples_per_row(self.records[run], self.law)]
 
     def transformed(self, run: int, channels: dict[str, Vector], seen_rad: Vector) -> dict[str, Vector]:
         """Put what the law does not explain in place of the current; `seen_rad`: angle with the encoder's rounding."""
@@ -251,8 +255,10 @@ def samples_per_row(record: Record, law: Vector) -> int:
 
 
 def between_rows(values: Vector, samples: int, reference: Reference) -> Vector:
-    """Return the reference at each sample of the drive, from that of rows; the last row's is held."""
-    if samples == 1 or reference == "held":
+    """Return a reference, or an angle, at each sample of the drive, from that of rows; the last row's is held."""
+    if samples == 1:
+        return values
+    if reference == "held":
         return np.repeat(values, samples)
     rows = np.arange(values.size)
     at = np.minimum(np.arange(values.size * samples) / samples, rows[-1])

@@ -76,7 +76,7 @@ def out_of_a_wrong_valley(problem: Problem, u: Vector, whitener: Whitener) -> tu
     if INERTIA not in problem.shared.names:
         return problem, u
     place = problem.shared.names.index(INERTIA)
-    if problem.shared.prior_weights()[place] * u[place] ** 2 < STRAINED**2:
+    if not _strained(problem, u, place):
         return problem, u
     valley = deepest_valley(problem, u, whitener)
     if valley is None:
@@ -98,14 +98,18 @@ def at_the_rig_s_word(problem: Problem, u: Vector) -> tuple[Problem, Vector] | N
         return None
     motor, jaw = names.index(MOTOR_INERTIA), names.index(INERTIA)
     item = problem.shared.items[jaw]
-    pulled = problem.shared.prior_weights()[motor] * u[motor] ** 2 >= STRAINED**2
-    if not pulled or item.assumed is None or item.centre == item.assumed:
+    if not _strained(problem, u, motor) or item.assumed is None or item.centre == item.assumed:
         return None
     back = _with_item(problem, jaw, item._replace(centre=item.assumed, precision=item.told))
     for place, other in enumerate(back.shared.items):
         if other.name in AT_WORD and other.assumed is not None:
             u = moved_to(back, u, place, other.assumed)
     return back, u
+
+
+def _strained(problem: Problem, u: Vector, place: int) -> bool:
+    """Tell whether a model pulls one of the shared unknowns far from what is known of it."""
+    return bool(problem.shared.prior_weights()[place] * u[place] ** 2 >= STRAINED**2)
 
 
 def in_valley_of(other: Problem, v: Vector, problem: Problem, u: Vector) -> tuple[Problem, Vector]:

@@ -6,11 +6,10 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.mapper import Mapper
-from hil_forceps.diagnosis.predict import ClosedLoop, Offset, Slow, low_pass, samples_per_row
+from hil_forceps.diagnosis.predict import ClosedLoop, Offset, Slow, between_rows, low_pass, samples_per_row
 from hil_forceps.diagnosis.problem import Nuisance
 from hil_forceps.diagnosis.smoothing import smoothed
 
@@ -60,9 +59,7 @@ def counted_between(angle: Vector, error: Vector, samples: int, quantum_rad: flo
     """Return the rounding at each sample of the drive: as it is at rows, and as an angle between them is counted."""
     if samples == 1:
         return error
-    last = angle.size - 1
-    at = np.minimum(np.arange(angle.size * samples) / samples, last)
-    between = CubicSpline(np.arange(last + 1), angle)(at)
+    between = between_rows(angle, samples, "smooth")
     found = np.rint(between / quantum_rad) * quantum_rad - between
     found[::samples] = error
     return np.asarray(found)
@@ -76,8 +73,7 @@ def _offset(loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], run:
         for name in ("theta_m_rad", "theta_j_rad", "current_A")
     )
     # Others' roundings cancel, and the slow part isn't what the drive has read on the average.
-    error = loop.encoder_error_rad[run][:: samples_per_row(loop.records[run], loop.law)]
-    read = motor - loop.slow[run].theta_m_rad + error
+    read = motor - loop.slow[run].theta_m_rad + loop.error_at_rows(run)
     return Offset(motor, jaw, current, np.cumsum(read) * loop.records[run].period_s)
 
 
