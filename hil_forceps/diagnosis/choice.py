@@ -2,6 +2,9 @@
 
 Every entry is looked for at several shapes by its linear sensitivity; the best few are refitted without linearising.
 All models that come within `SET_DROP` of the best are kept: the data can't tell them apart.
+
+Where the measured motion drives, what is left is many times the noise, and an entry that joins early keeps what others
+would say better: there several ways up are tried, each from another first entry, and the likeliest is gone on.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -29,6 +32,7 @@ MAX_EFFECTS = 6
 MAX_EXCHANGED = 3  # with more, only forward and backward: each exchange looks at the whole catalogue again
 SET_DROP = 6.0
 MOST_REFRESHES = 8
+WAYS, WAYS_EFFECTS = 3, 3  # how many ways up are tried, and how far
 SETTLED = 10.0  # of χ²: where friction holds, the rounding as it was for one speed of its film keeps that speed
 ACCURACY = 0.004  # of the misfit already explained: a further effect must gain more than numerics and smoothing leave
 
@@ -67,6 +71,19 @@ def _from(problem: Problem, u: Vector, model: Model, whitener: Whitener) -> Mode
     return replace(model, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
 
 
+def _named_first(candidates: Iterable[Candidate], name: str) -> list[Candidate]:
+    """Return the candidates of a first step with this one as the one that was named."""
+    return [
+        replace(c, state="named") if c.id == name else replace(c, state="weaker") if c.state == "named" else c
+        for c in candidates
+    ]
+
+
+def _unlikeliness(choice: Choice) -> float:
+    """Return −2 log of the likelihood of a model with its own noise (Whittle), but for a constant."""
+    return choice.model.worth - 2.0 * float(np.sum(np.log(choice.whitener.factor, dtype=np.float64)))
+
+
 class Chooser:
     """Chooses the effects for a problem; keeps what it has fitted."""
 
@@ -75,10 +92,13 @@ class Chooser:
         looker: Looker,
         progress: Callable[[str], None],
         refresh: Refresh,
+        *,
+        several_ways: bool = False,
     ) -> None:
         self._looker = looker
         self._progress = progress
         self._refresh = refresh  # what of the problem hangs on the model, taken anew
+        self._several_ways = several_ways
         self._candidates: list[Candidate] = []
         self._first_chi2 = 0.0
 
@@ -87,7 +107,24 @@ class Chooser:
         model, scan, whitener, noise = self._look(baseline, whitener)
         self._first_chi2 = model.fit.chi2
         start = Choice(model, (Rival(model, 0.0),), (), scan, whitener, noise, self._looker.inflation)
-        return self._grown(start, self._refined(model, scan, whitener, 0))
+        refined = self._refined(model, scan, whitener, 0)
+        return self._likeliest_way(start, refined) if self._several_ways else self._grown(start, refined)
+
+    def _likeliest_way(self, start: Choice, refined: list[Model]) -> Choice:
+        """Let entries join from each of the best first ones on; go on with the way that leads furthest."""
+        ways: list[tuple[Choice, dict[str, float]]] = []
+        noted, inflation = list(self._candidates), dict(self._looker.inflation)
+        for first in refined[:WAYS]:
+            self._candidates, self._looker.inflation = _named_first(noted, first.effects[-1]), dict(inflation)
+            others = [model for model in refined if model is not first]
+            ways.append((self._grown(start, [first, *others], WAYS_EFFECTS), self._looker.inflation))
+        if not ways:
+            return start
+        way, self._looker.inflation = min(ways, key=lambda way: _unlikeliness(way[0]))
+        self._candidates = list(way.candidates)
+        model, scan, whitener, noise = self._look(way.model, way.whitener)
+        way = replace(way, model=model, scan=scan, whitener=whitener, noise=noise)
+        return self._grown(way, self._refined(model, scan, whitener, len(model.effects)))
 
     def further(self, choice: Choice) -> Choice:
         """Go on from a choice beside which something is left; the same choice where that leads nowhere.
@@ -126,11 +163,11 @@ class Chooser:
         start = replace(choice, model=best, rivals=(Rival(best, 0.0),), scan=scan, whitener=whitener, noise=noise)
         return self._grown(start, self._refined(best, scan, whitener, len(best.effects)))
 
-    def _grown(self, choice: Choice, refined: list[Model]) -> Choice:
-        """Let entries join as long as one gains enough, beginning with the first of those refitted."""
+    def _grown(self, choice: Choice, refined: list[Model], most: int = MAX_EFFECTS) -> Choice:
+        """Let entries join as long as one gains enough, up to `most`, beginning with the first of those refitted."""
         model, rivals = choice.model, list(choice.rivals)
         scan, whitener, noise = choice.scan, choice.whitener, choice.noise
-        while refined and len(model.effects) < MAX_EFFECTS:
+        while refined and len(model.effects) < most:
             best, *others = refined
             looked_at, scan, whitener, noise = self._look(best, whitener)
             model, rivals = self._compared([Rival(looked_at, 0.0)], others, best.worth, whitener)
@@ -138,7 +175,7 @@ class Chooser:
                 model, rivals = self._exchange(model, rivals, whitener)
             if model is not looked_at:
                 model, scan, whitener, noise = self._look(model, whitener)
-            refined = self._refined(model, scan, whitener, len(model.effects))
+            refined = self._refined(model, scan, whitener, len(model.effects)) if len(model.effects) < most else []
         model, rivals = self._thinned(model, rivals, scan, whitener)
         return Choice(model, tuple(rivals), tuple(self._candidates), scan, whitener, noise, self._looker.inflation)
 
@@ -189,11 +226,11 @@ class Chooser:
         `overlooked`: with the best of those that don't stand out instead.
         """
         best = best_of_each(scan)
-        threshold = max(scan.scores.threshold, ACCURACY * (self._first_chi2 - model.fit.chi2))
+        needed = self._needed(scan, model)
         order = sorted(best.values(), key=lambda i: -scan.scores.gains[i])
         if overlooked:
             order = [i for i in order if scan.probes[i].effect_id not in model.effects]
-        lists = shortlists(order, scan.scores.gains, threshold, overlooked=overlooked)
+        lists = shortlists(order, scan.scores.gains, needed, overlooked=overlooked)
         found: list[Model] = []
         lesser: list[Model] = []
         gains: dict[str, float] = {}
@@ -212,7 +249,7 @@ class Chooser:
                     gain = min(gain, float(scan.scores.gains[i]))
                 gains[name] = gain - COST_PER_COLUMN * (extra - 1)
                 if not refit.at_bound:
-                    (found if gains[name] > threshold else lesser).append(refit)
+                    (found if gains[name] > needed[i] else lesser).append(refit)
         found.sort(key=lambda m: m.worth)
         if found or not overlooked:
             self._note(scan, best, gains, found, step)
@@ -280,6 +317,12 @@ class Chooser:
             if rival.behind <= SET_DROP * max(self._inflation(name) for name in names):
                 found.setdefault(frozenset(rival.model.effects), rival)
         return list(found.values())
+
+    def _needed(self, scan: Scan, model: Model) -> Vector:
+        """Return what each place must gain; what numerics leave is of χ² itself, whatever chance gives an entry."""
+        accuracy = ACCURACY * (self._first_chi2 - model.fit.chi2)
+        own = np.array([accuracy / self._inflation(probe.effect_id) for probe in scan.probes])
+        return np.asarray(np.maximum(own, scan.scores.threshold))
 
     def _inflation(self, name: str) -> float:
         return self._looker.inflation.get(name, 1.0)

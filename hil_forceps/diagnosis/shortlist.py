@@ -34,11 +34,11 @@ def promising(scan: Scan, effects: Collection[str]) -> list[int]:
     return sorted(places, key=lambda i: -gains[i])[:MOST_INSTEAD]
 
 
-def shortlists(order: list[int], gains: Vector, threshold: float, *, overlooked: bool) -> tuple[list[int], ...]:
+def shortlists(order: list[int], gains: Vector, needed: Vector, *, overlooked: bool) -> tuple[list[int], ...]:
     """Return which places are to be refitted, and which if none of those will do; `order`: the best first."""
-    standing_out = [i for i in order if gains[i] > STANDS_OUT * threshold]
+    standing_out = [i for i in order if gains[i] > STANDS_OUT * needed[i]]
     if overlooked:
-        return (order[len(standing_out) :][:OVERLOOKED],)
+        return ([i for i in order if i not in standing_out][:OVERLOOKED],)
     if not standing_out:
         return ()
     top = gains[order[0]]
