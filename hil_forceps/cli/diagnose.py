@@ -3,10 +3,10 @@
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -18,6 +18,7 @@ from hil_forceps.cli.run import write_trajectory
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs
 from hil_forceps.diagnosis.diagnose import Options
+from hil_forceps.diagnosis.mapper import over_threads
 from hil_forceps.diagnosis.result import Diagnosis, Rung, to_json
 from hil_forceps.report.diagnosis import write_figures, write_report
 from hil_forceps.rig import load_rig
@@ -82,11 +83,12 @@ def diagnose(
     ):
         task = bar.add_task("reading", total=None)
 
-        def mapper(work: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterable[Any]:
-            return pool.map(work, tasks)
-
         options = Options(
-            frozenset(without), tuple(hold_out), seed, mapper, lambda text: bar.update(task, description=text)
+            frozenset(without),
+            tuple(hold_out),
+            seed,
+            over_threads(pool),
+            lambda text: bar.update(task, description=text),
         )
         diagnosis, extended, trajectory = diagnose_runs(read, known, options)
         bar.update(task, description="drawing")

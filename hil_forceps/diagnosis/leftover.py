@@ -27,9 +27,7 @@ Signals = list[Vector]
 WAVES = 5
 MEMORIES_S = (0.02, 0.1, 0.5, 2.0)
 MEMORY_SHARES = (0.01, 0.05, 0.2)  # of the range: memories over a way
-HOLD_S, HOLD_SHARE = 0.3, 0.003  # still is what gets on slower than this share of top speed over so long
-FEWEST_STILL = 0.02  # of all rows
-QUIET_MEDIANS = 4.0
+SHARP = 0.003  # of top speed: slow motion beside fast turns has a direction, too
 OVER_CHANCE = 1.5  # what is more is left over; friction shaken loose by noise is followed in part only
 
 
@@ -44,8 +42,6 @@ class Scale(NamedTuple):
     tension_N: float
     current_A: float
     duration_s: float
-    quiet_m: float  # speeds up to here come of the load cell's noise as well, where the motor holds still
-    quiet_j: float
 
 
 class Curve(NamedTuple):
@@ -89,28 +85,7 @@ def scale_of(courses: Sequence[Course]) -> Scale:
         top([c.tension_N for c in courses]),
         top([c.current_A for c in courses]),
         max(float(c.time_s[-1]) for c in courses),
-        _quiet([(c.theta_m, c.omega_m, c.period_s) for c in courses]),
-        _quiet([(c.theta_j, c.omega_j, c.period_s) for c in courses]),
     )
-
-
-def _quiet(motions: Sequence[tuple[Vector, Vector, float]]) -> float:
-    """Return the speed that shaking about one place has, for the most part; 0 where nothing holds still.
-
-    The simulation is shaken by the noise of the load that drives it, the forceps is not: a curve that told directions
-    of such motion would explain by friction what is the load's noise.
-    """
-    top = max(float(np.abs(omega).max()) for _, omega, _ in motions)
-    still = []
-    for theta, omega, period_s in motions:
-        rows = max(1, round(HOLD_S / period_s))
-        gone = np.abs(theta[rows:] - theta[:-rows]) / (rows * period_s)
-        middle = omega[rows // 2 : rows // 2 + gone.size]
-        still.append(np.abs(middle[gone < HOLD_SHARE * top]))
-    speeds = np.concatenate(still)
-    if speeds.size < FEWEST_STILL * sum(omega.size for _, omega, _ in motions):
-        return 0.0
-    return QUIET_MEDIANS * float(np.median(speeds))
 
 
 def _waves(x: Vector, span: tuple[float, float]) -> list[Vector]:
@@ -118,9 +93,8 @@ def _waves(x: Vector, span: tuple[float, float]) -> list[Vector]:
     return [np.cos(k * phase) for k in range(1, WAVES + 1)]
 
 
-def _sign(omega: Vector, top: float, quiet: float) -> Vector:
-    beyond = np.sign(omega) * np.maximum(np.abs(omega) - quiet, 0.0)
-    return np.asarray(np.tanh(beyond / (0.01 * top)))
+def _sign(omega: Vector, top: float) -> Vector:
+    return np.asarray(np.tanh(omega / (SHARP * top)))
 
 
 def _memory_over_way(x: Vector, length: float) -> Vector:
@@ -146,15 +120,13 @@ def _curves() -> tuple[Curve, ...]:
         Curve(
             "motor",
             "theta and direction",
-            lambda c, s: [w * _sign(c.omega_m, s.omega_m, s.quiet_m) for w in _waves(c.theta_m, s.theta_m)],
+            lambda c, s: [w * _sign(c.omega_m, s.omega_m) for w in _waves(c.theta_m, s.theta_m)],
         ),
-        Curve("motor", "omega", lambda c, s: _over_speed(c.omega_m, s.omega_m, s.quiet_m)),
+        Curve("motor", "omega", lambda c, s: _over_speed(c.omega_m, s.omega_m)),
         Curve(
             "motor",
             "tension and direction",
-            lambda c, s: [
-                np.abs(c.tension_N) ** n * _sign(c.omega_m, s.omega_m, s.quiet_m) / s.tension_N**n for n in (1, 2, 3)
-            ],
+            lambda c, s: [np.abs(c.tension_N) ** n * _sign(c.omega_m, s.omega_m) / s.tension_N**n for n in (1, 2, 3)],
         ),
         Curve("motor", "time", lambda c, s: [w * v for w in _over_time(c, s) for v in (c.omega_m, c.current_A)]),
         Curve(
@@ -184,9 +156,9 @@ def _curves() -> tuple[Curve, ...]:
         Curve(
             "jaw",
             "theta and direction",
-            lambda c, s: [w * _sign(c.omega_j, s.omega_j, s.quiet_j) for w in _waves(c.theta_j, s.theta_j)],
+            lambda c, s: [w * _sign(c.omega_j, s.omega_j) for w in _waves(c.theta_j, s.theta_j)],
         ),
-        Curve("jaw", "omega", lambda c, s: _over_speed(c.omega_j, s.omega_j, s.quiet_j)),
+        Curve("jaw", "omega", lambda c, s: _over_speed(c.omega_j, s.omega_j)),
         Curve("jaw", "load", lambda c, _: [c.load_N_m, _slow(c.load_N_m, c.period_s, 0.1)]),
         Curve("theta_m_rad", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),
         Curve("theta_j_rad", "theta", lambda c, s: _waves(c.theta_j, s.theta_j)),
@@ -196,8 +168,8 @@ def _curves() -> tuple[Curve, ...]:
     )
 
 
-def _over_speed(omega: Vector, top: float, quiet: float) -> list[Vector]:
-    sign = _sign(omega, top, quiet)
+def _over_speed(omega: Vector, top: float) -> list[Vector]:
+    sign = _sign(omega, top)
     falling = [sign * np.exp(-((omega / (share * top)) ** 2)) for share in (0.03, 0.1, 0.3)]
     return [sign, np.abs(sign), *falling, omega * np.abs(omega) / top]
 

@@ -11,6 +11,7 @@ from hil_forceps.diagnosis.anew import quantum_of
 from hil_forceps.diagnosis.conclude import silent
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.extension import Model
+from hil_forceps.diagnosis.fit import sum_of_squares
 from hil_forceps.diagnosis.heldout import floors_of, gains, play
 from hil_forceps.diagnosis.judge import TWO_SIDED_95, judge
 from hil_forceps.diagnosis.leftover import Leftover
@@ -112,9 +113,17 @@ def _diagnosed(spec: Spec, case: Case, *, gain: bool, whole: bool) -> Outcome:
         record["gain"] = held_out_gain(found, case.assumed, options)
         record["explained"] = explained(found, case, spec, SCENARIO_SETS.get(spec.scenarios, REST)[1])
     if spec.deleted and whole:
-        with_it = judge(investigate(case.runs, case.assumed, replace(options, without=frozenset())))
-        record["whole"] = [list(ids) for ids in with_it.sets]
+        with_it = investigate(case.runs, case.assumed, replace(options, without=frozenset()))
+        record["whole"] = [list(ids) for ids in judge(with_it).sets]
+        record["worse"] = round(_worse(found, with_it), 1)
     return record
+
+
+def _worse(found: Findings, whole: Findings) -> float:
+    """Return how much χ² is above that of another choice in the fitted runs, both by the other's noise."""
+    whitener = whole.choice.whitener
+    there, here = (sum_of_squares(whitener.apply(f.choice.model.fit.residual)) for f in (whole, found))
+    return here - there
 
 
 def _left(left: Leftover) -> list[float]:

@@ -1,0 +1,41 @@
+"""Work shared out over threads: in order, and never waiting for itself."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from hil_forceps.diagnosis.mapper import over_threads
+
+LONGEST_S = 20.0
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_tasks_that_share_out_work_of_their_own_end(threads: int) -> None:
+    # A diagnosis that tried a slack at other widths hung for ever: all threads waited for their own tasks.
+    pool = ThreadPoolExecutor(threads)
+    mapper = over_threads(pool)
+    found: list[list[int]] = []
+
+    def square(number: int) -> int:
+        return number**2
+
+    def sums(number: int) -> int:
+        return sum(mapper(square, range(number)))
+
+    worker = threading.Thread(target=lambda: found.append(list(mapper(sums, range(8)))), daemon=True)
+    worker.start()
+    worker.join(LONGEST_S)
+    pool.shutdown(wait=False, cancel_futures=True)
+
+    assert found == [[0, 0, 1, 5, 14, 30, 55, 91]]
+
+
+def test_a_task_that_fails_leaves_its_thread_ready_to_share() -> None:
+    with ThreadPoolExecutor(1) as pool:
+        mapper = over_threads(pool)
+        with pytest.raises(ZeroDivisionError):
+            list(mapper(lambda number: 1 // number, [0]))
+        threads = set(mapper(lambda _: threading.current_thread().name, range(3)))
+
+    assert threads != {threading.current_thread().name}
