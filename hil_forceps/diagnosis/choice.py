@@ -7,7 +7,7 @@ Where the measured motion drives, what is left is many times the noise, and an e
 would say better: there several ways up are tried, each from another first entry, and the likeliest is gone on.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
@@ -138,22 +138,23 @@ class Chooser:
         """Replace an effect beside which much is left by another, each beside its own rounding; or the same choice.
 
         What the drive's rounding does is taken from what a model leaves, and with it some of what it lacks: a slack
-        gained 44 beside the rounding that was taken without it, and 600 beside its own.
+        gained 44 beside the rounding that was taken without it, and 600 beside its own. Where there is no effect yet,
+        one joins by what it gains beside its own.
         """
         model, whitener = choice.model, choice.whitener
-        if not 0 < len(model.effects) <= MAX_EXCHANGED:
+        if len(model.effects) > MAX_EXCHANGED:
             return choice
         best, gain = model, 0.0
-        for place in range(len(model.effects)):
-            reduced, scan = self._without(model, place, whitener)
+        least = SETTLED if model.effects else choice.scan.scores.threshold
+        for reduced, scan in self._with_one_less(choice):
             held = hold(reduced.fit.jacobian, len(reduced.problem.shared.items), whitener)
             for i in promising(scan, model.effects):
                 name = scan.probes[i].effect_id
                 self._progress(f"refitting with {name} instead")
                 other = extend(reduced, scan.probes[i], scan.scores.amplitudes[i], whitener, held, self._refresh)
                 other = self._refitted(other, whitener)
-                if not other.at_bound and other.worth < best.worth - SETTLED:
-                    best, gain = other, reduced.fit.chi2 - other.fit.chi2
+                if not other.at_bound and other.worth < best.worth - least:
+                    best, gain, least = other, reduced.fit.chi2 - other.fit.chi2, SETTLED
         if best is model:
             return choice
         self._candidates = no_longer_named(self._candidates, set(model.effects) - set(best.effects), "weaker")
@@ -162,6 +163,13 @@ class Chooser:
         best, scan, whitener, noise = self._look(best, whitener)
         start = replace(choice, model=best, rivals=(Rival(best, 0.0),), scan=scan, whitener=whitener, noise=noise)
         return self._grown(start, self._refined(best, scan, whitener, len(best.effects)))
+
+    def _with_one_less(self, choice: Choice) -> Iterator[tuple[Model, Scan]]:
+        """Yield the model without each of its effects, and the catalogue beside that; the model itself without any."""
+        if not choice.model.effects:
+            yield choice.model, choice.scan
+        for place in range(len(choice.model.effects)):
+            yield self._without(choice.model, place, choice.whitener)
 
     def _grown(self, choice: Choice, refined: list[Model], most: int = MAX_EFFECTS) -> Choice:
         """Let entries join as long as one gains enough, up to `most`, beginning with the first of those refitted."""
