@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from hil_forceps.estimation import transmission
@@ -14,26 +15,47 @@ from hil_forceps.runs.instrument_report import (
     PUBLISHED_TAU_W_RMSE_N_m,
     Table,
 )
+from hil_forceps.runs.instrument_series import SeriesZeros
 from hil_forceps.runs.transmission_fit import TransmissionFit
 
+HEADERS = ("driven by", "method", "whole: τ_w (mN m)", "θ_j (deg)", "closing: τ_w (mN m)", "θ_j (deg)")
 PUBLISHED = PUBLISHED_TAU_W_RMSE_N_m, PUBLISHED_THETA_J_RMSE_RAD
 
 
 def comparison_tables(comparison: Comparison) -> list[tuple[str, Table]]:
-    """Per split a table of errors, each source's best whole-motion torque first; the published figures end the last."""
-    headers = ("driven by", "method", "whole: τ_w (mN m)", "θ_j (deg)", "closing: τ_w (mN m)", "θ_j (deg)")
+    """Per split a table of errors, each source's best whole-motion torque first; the published figures end the last.
+
+    Behind each split's table one with the zero of each series by its training runs, and how probable such zeros are.
+    """
     tables = []
     for split in dict.fromkeys(score.split for score in comparison.overall):
-        pairs: dict[tuple[str, str], dict[str, HeldOut]] = {}
-        for score in comparison.overall:
-            if score.split == split:
-                pairs.setdefault((score.source, score.method), {})[score.part] = score
-        ordered = sorted(pairs.items(), key=lambda pair: (pair[0][0] != "tau_m_N_m", _rank(pair[1])))
-        rows = [(*key, *_cells(parts.get(WHOLE)), *_cells(parts.get(CLOSING))) for key, parts in ordered]
+        rows = _rows([score for score in comparison.overall if score.split == split])
         if split == PUBLISHED_PROTOCOL:
             rows.append(("motor side", "published network", "-", "-", *_numbers(*PUBLISHED)))
-        tables.append((split, Table(headers, tuple(rows))))
+        tables.append((split, Table(HEADERS, tuple(rows))))
+        if shifted := [score for score in comparison.by_series if score.split == split]:
+            tables.append(
+                (f"{split}, zero of each series{_chances(comparison, split)}", Table(HEADERS, (*_rows(shifted),)))
+            )
     return tables
+
+
+def _rows(scores: Sequence[HeldOut]) -> list[tuple[str, ...]]:
+    pairs: dict[tuple[str, str], dict[str, HeldOut]] = {}
+    for score in scores:
+        pairs.setdefault((score.source, score.method), {})[score.part] = score
+    ordered = sorted(pairs.items(), key=lambda pair: (pair[0][0] != "tau_m_N_m", _rank(pair[1])))
+    return [(*key, *_cells(parts.get(WHOLE)), *_cells(parts.get(CLOSING))) for key, parts in ordered]
+
+
+def _chances(comparison: Comparison, split: str) -> str:
+    """Say how probable it is that series differ by chance alone, as the transmission estimator shows it."""
+    said = []
+    for name, zeros in comparison.zeros.items():
+        own, source, part = name.split("/")
+        if own == split and part == WHOLE and not math.isnan(zeros.theta_j_chance):
+            said.append(f"{source}: τ_w {zeros.tau_w_chance:.2g}, θ_j {zeros.theta_j_chance:.2g}")
+    return f" (by chance: {'; '.join(said)})" if said else ""
 
 
 def _rank(parts: dict[str, HeldOut]) -> float:
@@ -49,6 +71,8 @@ def write_comparison(comparison: Comparison, out: Path) -> tuple[Path, Path]:
         "splits": [split._asdict() for split in comparison.splits],
         "fits": {name: _fit(fit) for name, fit in comparison.fits.items()},
         "overall": [score._asdict() for score in comparison.overall],
+        "overall_zero_of_each_series": [score._asdict() for score in comparison.by_series],
+        "series_zeros": {name: _zeros(zeros) for name, zeros in comparison.zeros.items()},
         "residuals": [residual._asdict() for residual in comparison.residuals],
         "published": {"tau_w_rmse_N_m": PUBLISHED_TAU_W_RMSE_N_m, "theta_j_rmse_rad": PUBLISHED_THETA_J_RMSE_RAD},
     }
@@ -58,6 +82,15 @@ def write_comparison(comparison: Comparison, out: Path) -> tuple[Path, Path]:
         writer.writerow(HeldOut._fields)
         writer.writerows(comparison.per_run)
     return summary, runs
+
+
+def _zeros(zeros: SeriesZeros) -> dict[str, object]:
+    return {
+        "tau_w_N_m": {str(series): zero for series, zero in zeros.tau_w_N_m.items()},
+        "theta_j_rad": {str(series): zero for series, zero in zeros.theta_j_rad.items()},
+        "tau_w_chance": None if math.isnan(zeros.tau_w_chance) else zeros.tau_w_chance,
+        "theta_j_chance": None if math.isnan(zeros.theta_j_chance) else zeros.theta_j_chance,
+    }
 
 
 def _fit(fit: TransmissionFit) -> dict[str, object]:

@@ -6,7 +6,7 @@ the part that it is scored on. Black boxes get the same causal low-passed inputs
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from hil_forceps.estimation import transmission
 from hil_forceps.runs.black_boxes import SEED, Fit, Predict, black_boxes
 from hil_forceps.runs.instrument_report import CLOSING, WHOLE, Array, RunInfo
 from hil_forceps.runs.instrument_score import Estimated, parts_of
+from hil_forceps.runs.instrument_series import NO_ZEROS, Means, SeriesZeros, series_zeros
 from hil_forceps.runs.instrument_splits import Split, splits
 from hil_forceps.runs.table import Run
 from hil_forceps.runs.transmission_fit import TransmissionFit, counted, fit_transmission, inputs
@@ -26,6 +27,7 @@ TRAINED_SHARE = 0.85  # the publication's 70 % and the 15 % that it stopped by; 
 
 Bench = Callable[[Sequence[Run], Run, str], dict[str, Estimated]]  # training runs, run, source -> by method
 Note = Callable[[str], None]
+_Key = tuple[str, str, str]  # source, method, part
 
 
 class HeldOut(NamedTuple):
@@ -72,28 +74,64 @@ class Comparison(NamedTuple):
     splits: tuple[Split, ...]
     fits: Mapping[str, TransmissionFit]  # "split/source"
     overall: tuple[HeldOut, ...]
+    by_series: tuple[HeldOut, ...]  # the same with the zero of each series by its training runs
+    zeros: Mapping[str, SeriesZeros]  # "split/source/part", of the transmission estimator
     per_run: tuple[HeldOut, ...]
     residuals: tuple[Residual, ...]
     courses: tuple[Course, ...]
 
 
 class _Errors:
-    """Squared errors gathered run by run."""
+    """Squared errors gathered run by run, and mean errors on the training runs."""
 
-    def __init__(self, split: str) -> None:
-        self.split = split
+    def __init__(self, split: Split) -> None:
+        self.split = split.name
+        self.series = split.series
         self.per_run: list[HeldOut] = []
+        self._means: list[Means] = []  # of each of `per_run`
+        self._train: dict[_Key, list[Means]] = {}
 
     def add(self, run: str, source: str, method: str, part: str, tau_w: Array, theta_j: Array) -> None:
         """Take in one method's errors on one run."""
         if len(tau_w):
             score = HeldOut(self.split, run, source, method, part, _rms(tau_w), _rms(theta_j), len(tau_w))
             self.per_run.append(score)
+            self._means.append(Means(run, float(np.mean(tau_w)), float(np.mean(theta_j))))
+
+    def add_training(self, run: str, source: str, method: str, part: str, tau_w: float, theta_j: float) -> None:
+        """Take in one method's mean errors on one training run."""
+        self._train.setdefault((source, method, part), []).append(Means(run, tau_w, theta_j))
 
     def overall(self) -> list[HeldOut]:
         """Return the errors over all samples, in the order in which methods came."""
-        groups: dict[tuple[str, str, str], list[HeldOut]] = {}
-        for score in self.per_run:
+        return self._pooled(self.per_run)
+
+    def by_series(self) -> list[HeldOut]:
+        """Return the same with the zero of each series taken from its training runs."""
+        zeros = {key: series_zeros(means, self.series) for key, means in self._train.items()}
+        moved = []
+        for score, means in zip(self.per_run, self._means, strict=True):
+            found = zeros.get((score.source, score.method, score.part), NO_ZEROS)
+            tau_w, theta_j = found.of(self.series[score.run])
+            moved.append(
+                score._replace(
+                    tau_w_rmse_N_m=_about(score.tau_w_rmse_N_m, means.tau_w_N_m, tau_w),
+                    theta_j_rmse_rad=_about(score.theta_j_rmse_rad, means.theta_j_rad, theta_j),
+                )
+            )
+        return self._pooled(moved)
+
+    def zeros_of(self, method: str) -> dict[str, SeriesZeros]:
+        """Return the zeros of each series for a method, by split, source and part."""
+        return {
+            f"{self.split}/{source}/{part}": series_zeros(means, self.series)
+            for (source, own, part), means in self._train.items()
+            if own == method
+        }
+
+    def _pooled(self, per_run: Sequence[HeldOut]) -> list[HeldOut]:
+        groups: dict[_Key, list[HeldOut]] = {}
+        for score in per_run:
             groups.setdefault((score.source, score.method, score.part), []).append(score)
         return [HeldOut(self.split, "", *key, *_pooled(scores)) for key, scores in groups.items()]
 
@@ -113,16 +151,20 @@ def compare(
     named, known = {run.name: run for run in runs}, {info.name: info for info in infos}
     fits: dict[str, TransmissionFit] = {}
     overall: list[HeldOut] = []
+    by_series: list[HeldOut] = []
+    zeros: dict[str, SeriesZeros] = {}
     per_run: list[HeldOut] = []
     residuals: list[Residual] = []
     courses: list[Course] = []
     for split in found:
-        errors = _Errors(split.name)
+        errors = _Errors(split)
         train, held = [named[name] for name in split.train], [named[name] for name in split.held_out]
         for source in sources:
             _tell(note, f"{split.name}, {source}")
             fit = fit_transmission(train, split.levels, source)
             fits[f"{split.name}/{source}"] = fit
+            for run in train:
+                _learn(errors, run, source, EXTENDED, estimate(fit, run))
             for run in held:
                 estimated = estimate(fit, run)
                 residuals += _score(errors, run, source, EXTENDED, estimated)
@@ -133,11 +175,15 @@ def compare(
                 _tell(note, f"{split.name}, {source}, {method}")
                 _score_box(errors, train, held, fit, method, box)
         overall += errors.overall()
+        by_series += errors.by_series()
+        zeros |= errors.zeros_of(EXTENDED)
         per_run += errors.per_run
     for source in sources:
         _tell(note, f"{PUBLISHED_PROTOCOL}, {source}")
         overall += _published_protocol(runs, found, source, boxes)
-    return Comparison(found, fits, tuple(overall), tuple(per_run), tuple(residuals), tuple(courses))
+    return Comparison(
+        found, fits, tuple(overall), tuple(by_series), zeros, tuple(per_run), tuple(residuals), tuple(courses)
+    )
 
 
 def estimate(fit: TransmissionFit, run: Run) -> Estimated:
@@ -158,22 +204,53 @@ def _score(errors: _Errors, run: Run, source: str, method: str, estimated: Estim
     return residuals
 
 
+def _learn(errors: _Errors, run: Run, source: str, method: str, estimated: Estimated) -> None:
+    """Take in the mean errors on a training run."""
+    for part, rows in parts_of(run).items():
+        if np.any(rows):
+            tau_w, theta_j = _differences(run, estimated, rows)
+            errors.add_training(run.name, source, method, part, -float(np.mean(tau_w)), -float(np.mean(theta_j)))
+
+
 def _score_bench(errors: _Errors, train: Sequence[Run], held: Sequence[Run], source: str, bench: Bench) -> None:
     """Score the bench's estimators with zeros, per part, from the training runs."""
-    zeros: dict[tuple[str, str], list[tuple[float, float, int]]] = {}
-    for run in train:
+    trained = [wrong for wrong in _wrong(train, train, source, bench) if len(wrong.tau_w)]
+    sums: dict[tuple[str, str], list[tuple[float, float, int]]] = {}
+    for _, method, part, tau_w, theta_j in trained:
+        own = float(np.sum(tau_w)), float(np.sum(theta_j)), len(tau_w)
+        sums.setdefault((method, part), []).append(own)
+    zeros = {key: _zeros(of_runs) for key, of_runs in sums.items()}
+    for run, method, part, tau_w, theta_j in trained:
+        tau_zero, theta_zero = zeros[method, part]
+        means = float(np.mean(tau_w)) - tau_zero, float(np.mean(theta_j)) - theta_zero
+        errors.add_training(run, source, method, part, *means)
+    for run, method, part, tau_w, theta_j in _wrong(train, held, source, bench):
+        if (method, part) in zeros and np.all(np.isfinite(tau_w)):
+            tau_zero, theta_zero = zeros[method, part]
+            errors.add(run, source, method, part, tau_w - tau_zero, theta_j - theta_zero)
+
+
+class _Wrong(NamedTuple):
+    """Measured minus estimated over a part of a run."""
+
+    run: str
+    method: str
+    part: str
+    tau_w: Array
+    theta_j: Array
+
+
+def _wrong(train: Sequence[Run], runs: Sequence[Run], source: str, bench: Bench) -> Iterator[_Wrong]:
+    for run in runs:
         for method, estimated in bench(train, run, source).items():
             for part, rows in parts_of(run).items():
-                tau_w, theta_j = _differences(run, estimated, rows)
-                sums = float(np.sum(tau_w)), float(np.sum(theta_j)), len(tau_w)
-                zeros.setdefault((method, part), []).append(sums)
-    for run in held:
-        for method, estimated in bench(train, run, source).items():
-            for part, rows in parts_of(run).items():
-                tau_zero, theta_zero, count = map(sum, zip(*zeros[method, part], strict=True))
-                tau_w, theta_j = _differences(run, estimated, rows)
-                if count and np.all(np.isfinite(tau_w)):
-                    errors.add(run.name, source, method, part, tau_w - tau_zero / count, theta_j - theta_zero / count)
+                yield _Wrong(run.name, method, part, *_differences(run, estimated, rows))
+
+
+def _zeros(of_runs: Sequence[tuple[float, float, int]]) -> tuple[float, float]:
+    """Return the mean errors of torque and angle over all samples."""
+    tau_w, theta_j, count = map(sum, zip(*of_runs, strict=True))
+    return tau_w / count, theta_j / count
 
 
 def _differences(run: Run, estimated: Estimated, rows: NDArray[np.bool_]) -> tuple[Array, Array]:
@@ -191,11 +268,19 @@ def _score_box(
         if not len(x):
             continue
         predict: Predict = box(x, y)
+
+        def wrong_on(run: Run, rows: NDArray[np.intp], predict: Predict = predict) -> Array:
+            return predict(momentary(fit, run)[rows]) - _targets(run)[rows]
+
+        for run in train:
+            rows = np.intersect1d(counted(run), np.flatnonzero(parts_of(run)[part]))
+            if len(rows):
+                tau_w_mean, theta_j_mean = np.mean(wrong_on(run, rows), axis=0)
+                errors.add_training(run.name, fit.source, method, part, float(tau_w_mean), float(theta_j_mean))
         for run in held:
             rows = np.flatnonzero(parts_of(run)[part])
             if len(rows):
-                wrong = predict(momentary(fit, run)[rows]) - _targets(run)[rows]
-                errors.add(run.name, fit.source, method, part, wrong[:, 0], wrong[:, 1])
+                errors.add(run.name, fit.source, method, part, *wrong_on(run, rows).T)
 
 
 def momentary(fit: TransmissionFit, run: Run) -> Array:
@@ -259,6 +344,11 @@ def _course(split: Split, info: RunInfo, run: Run, source: str, estimated: Estim
 
 def _rms(values: Array) -> float:
     return math.sqrt(float(np.mean(values**2)))
+
+
+def _about(rmse: float, mean: float, zero: float) -> float:
+    """Return the root mean square about a zero of errors with this one about 0 and this mean."""
+    return math.sqrt(max(rmse**2 - 2.0 * zero * mean + zero**2, 0.0))
 
 
 def _pooled(scores: Sequence[HeldOut]) -> tuple[float, float, int]:

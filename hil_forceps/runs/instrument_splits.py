@@ -9,12 +9,13 @@ ODD_LOADS, EXTREMES = "odd loads", "highest frequency and load"
 
 
 class Split(NamedTuple):
-    """Names of the runs on either side; `levels` of all of them, 0 the lowest load."""
+    """Names of the runs on either side; of all of them `levels`, 0 the lowest load, and `series`, 0 the slowest."""
 
     name: str
     train: tuple[str, ...]
     held_out: tuple[str, ...]
     levels: Mapping[str, int]
+    series: Mapping[str, int]
 
 
 def splits(runs: Sequence[RunInfo]) -> tuple[Split, ...]:
@@ -30,7 +31,8 @@ def splits(runs: Sequence[RunInfo]) -> tuple[Split, ...]:
     for name, out in held.items():
         train = tuple(run.name for run in runs if run.name not in out)
         if train and out:
-            made.append(Split(name, train, tuple(run.name for run in runs if run.name in out), levels))
+            held_out = tuple(run.name for run in runs if run.name in out)
+            made.append(Split(name, train, held_out, levels, frequencies))
     return tuple(made)
 
 
