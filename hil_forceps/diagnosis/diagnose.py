@@ -123,7 +123,7 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     scene = scene_of(courses, baseline, whitener, responses, harmonics)
     refresh = refresher(rig)
     looker = Looker(scene, options.without, setting.floor, options.seed)
-    chooser = Chooser(looker, options.progress, refresh, several_ways=records[0].mode == "driven")
+    chooser = Chooser(looker, options.progress, refresh, driven=records[0].mode == "driven")
     choice = chooser.choose(baseline, whitener)
     options.progress("looking at what is left")
     baseline, before, after = _left(setting, baseline, choice, responses, options)
