@@ -96,6 +96,20 @@ def test_friction_is_named_that_shows_nothing_until_it_is_fitted() -> None:
 
 
 @pytest.mark.long
+def test_friction_joins_by_what_it_gains_beside_its_own_rounding() -> None:
+    """Beside the rounding taken without it, it gains 25 where 400 are hidden, from wherever its fit begins."""
+    record = ran(Spec("falling", "effect", ("stribeck_friction",), 20.0, 12212, "turns"))
+    assert named_right(record), (record["verdict"], record["named"], record["left"])
+
+
+@pytest.mark.long
+def test_a_direction_of_slow_motion_shows_beside_fast_turns() -> None:
+    """A deleted friction over the jaw's angle, where one run turns forty times as fast as the others."""
+    record = ran(Spec("deleted", "deleted", ("jaw_position_friction",), 20.0, 12204, "turns", deleted=True))
+    assert record["verdict"] == "unnamed", (record["verdict"], record["named"], record["left"])
+
+
+@pytest.mark.long
 def test_an_effect_that_no_entry_describes_is_not_called_by_another_s_name() -> None:
     record = ran(Spec("deleted", "deleted", ("wire_slack",), 50.0, 7, "mixed", deleted=True))
     assert record["verdict"] == "unnamed"
