@@ -15,10 +15,10 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.memory import keep_pages
 from hil_forceps.cli.run import write_trajectory
+from hil_forceps.cli.threads import over_threads
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs
 from hil_forceps.diagnosis.diagnose import Options
-from hil_forceps.diagnosis.mapper import over_threads
 from hil_forceps.diagnosis.result import Diagnosis, Rung, to_json
 from hil_forceps.report.diagnosis import write_figures, write_report
 from hil_forceps.rig import load_rig
