@@ -166,7 +166,8 @@ def figures(records: Sequence[Record]) -> list[tuple[str, str, str]]:
     times = sorted(r["cpu_s"] for r in records if r.get("verdict") not in {None, "undetermined"})
     if times:
         middle, most = times[len(times) // 2], times[-1]
-        rows.append(("processor time, six runs of 12 s at 1 kHz, one thread", "", f"median {middle} s, longest {most} s"))
+        words = "processor time, six runs of 12 s at 1 kHz, one thread"
+        rows.append((words, "", f"median {middle} s, longest {most} s"))
     return rows
 
 
