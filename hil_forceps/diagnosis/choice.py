@@ -32,6 +32,7 @@ MAX_EFFECTS = 6
 MAX_EXCHANGED = 3  # with more, only forward and backward: each exchange looks at the whole catalogue again
 SET_DROP = 6.0
 MOST_REFRESHES = 8
+BEYOND = 4.0  # steps of a fit with its rounding taken anew, tried where one such step still helps
 WAYS, WAYS_EFFECTS = 3, 3  # how many ways up are tried, and how far
 SETTLED = 10.0  # of χ²: where friction holds, the rounding as it was for one speed of its film keeps that speed
 ACCURACY = 0.004  # of the misfit already explained: a further effect must gain more than numerics and smoothing leave
@@ -72,6 +73,17 @@ def _from(problem: Problem, u: Vector, model: Model, whitener: Whitener) -> Mode
     if problem is model.problem:
         return model
     return replace(model, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
+
+
+def _beyond(before: Model, after: Model) -> Model:
+    """Return a model whose unknowns go on as they went from one to the next, to where it is to be taken anew.
+
+    The rounding is taken from what a model leaves, so it holds some of what the model lacks; fit and rounding in turn
+    go a little of the way each time, always the same way.
+    """
+    low, high = after.problem.bounds()
+    u = np.clip(after.fit.u + BEYOND * (after.fit.u - before.fit.u), low, high)
+    return replace(after, fit=after.fit._replace(u=u))
 
 
 def _named_first(candidates: Iterable[Candidate], name: str) -> list[Candidate]:
@@ -220,7 +232,10 @@ class Chooser:
             if before - found.worth < SETTLED:
                 break
             before = found.worth
-            again = self._anew(found, whitener, hold(found.fit.jacobian, len(found.problem.shared.items), whitener))
+            held = hold(found.fit.jacobian, len(found.problem.shared.items), whitener)
+            again = self._anew(found, whitener, held)
+            if not self._driven and found.worth - again.worth > SETTLED:
+                again = min(again, self._anew(_beyond(found, again), whitener, held), key=lambda m: m.worth)
             found = min(found, again, key=lambda m: m.worth)
         return found
 

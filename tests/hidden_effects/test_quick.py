@@ -103,6 +103,16 @@ def test_friction_joins_by_what_it_gains_beside_its_own_rounding() -> None:
 
 
 @pytest.mark.long
+def test_fit_and_rounding_are_followed_to_where_they_agree() -> None:
+    """In turn they went a little of the way each: a quarter of the rise was lost, and 81 left in the runs held out."""
+    record = ran(Spec("falling", "effect", ("stribeck_friction",), 50.0, 12304, "turns"))
+    assert named_right(record), (record["verdict"], record["named"])
+    assert record["left_unseen"][0] < 1.5 * record["left_unseen"][1]
+    rise = record["parameters"]["stribeck_friction"]["rise_N_m"][0]
+    assert rise == pytest.approx(record["hidden"]["stribeck_friction"]["rise_N_m"], rel=0.15)
+
+
+@pytest.mark.long
 def test_a_direction_of_slow_motion_shows_beside_fast_turns() -> None:
     """A deleted friction over the jaw's angle, where one run turns forty times as fast as the others."""
     record = ran(Spec("deleted", "deleted", ("jaw_position_friction",), 20.0, 12204, "turns", deleted=True))

@@ -1,0 +1,76 @@
+"""A fit and the rounding that is taken anew beside it, in turn: where each turn goes a little of the way."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from hil_forceps.diagnosis import choice
+from hil_forceps.diagnosis.choice import Chooser
+from hil_forceps.diagnosis.extension import Model
+from hil_forceps.diagnosis.fit import Held
+
+END = 1.0  # where the fit would come to in the end
+SHARE = 0.1  # of the way that a turn goes
+MOST = 2000.0  # of χ², at 0
+
+
+class _Fit(SimpleNamespace):
+    def _replace(self, **changed: Any) -> "_Fit":
+        return _Fit(**{**vars(self), **changed})
+
+
+class Slow(Chooser):
+    """Each turn goes a tenth of the way, to a place where χ² is the less the nearer the end."""
+
+    def __init__(self, *, driven: bool) -> None:
+        super().__init__(cast("Any", None), lambda _: None, cast("Any", None), driven=driven)
+
+    def _anew(self, model: Model, *_: Any) -> Model:
+        return at(float(model.fit.u[0]) + SHARE * (END - float(model.fit.u[0])))
+
+
+def at(place: float) -> Model:
+    problem = SimpleNamespace(
+        shared=SimpleNamespace(items=()),
+        bounds=lambda: (np.array([-5.0]), np.array([5.0])),
+    )
+    fit = _Fit(u=np.array([place]), chi2=MOST * (END - place) ** 2, jacobian=None)
+    return Model(("film_friction",), cast("Any", problem), cast("Any", fit))
+
+
+@pytest.fixture
+def _nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "out_of_a_wrong_valley", lambda problem, u, _: (problem, u))
+    monkeypatch.setattr(choice, "at_better_widths", lambda problem, fit, *_: (problem, fit.u))
+    for name in ("hold", "hold_nuisances"):
+        monkeypatch.setattr(choice, name, lambda *_: cast("Held", None))
+
+
+def settled(*, driven: bool) -> float:
+    found = Slow(driven=driven)._settled(at(0.0), cast("Any", None))
+    return float(found.fit.u[0])
+
+
+@pytest.mark.usefixtures("_nothing_else")
+def test_a_long_way_in_small_steps_is_gone_to_its_end() -> None:
+    assert settled(driven=False) == pytest.approx(END, abs=0.1)
+
+
+@pytest.mark.usefixtures("_nothing_else")
+def test_driven_by_motion_there_is_no_rounding_to_follow() -> None:
+    steps = 1 + choice.MOST_REFRESHES
+    assert settled(driven=True) == pytest.approx(1.0 - (1.0 - SHARE) ** steps, abs=1e-9)
+
+
+@pytest.mark.usefixtures("_nothing_else")
+def test_what_lies_beyond_counts_only_where_it_is_better(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "BEYOND", 40.0)  # past the end, and worse there
+
+    assert settled(driven=False) == pytest.approx(settled(driven=True), abs=1e-9)
+
+
+def test_a_place_beyond_keeps_to_the_bounds() -> None:
+    assert choice._beyond(at(0.0), replace(at(4.9), effects=())).fit.u[0] == 5.0
