@@ -61,16 +61,17 @@ def replay(
     algorithm
         For a recording: another estimator than the recorded one; then only its estimates are compared.
     black_boxes
-        For runs of an instrument: gradient boosting and a network in the comparison too; needs scikit-learn.
+        For runs of an instrument: gradient boosting and a network in the comparison too; needs scikit-learn. For runs
+        of an axis: a network driven by the force alone, fitted from several seeds; some minutes more.
     """
     if missing := [path for path in (source, *others) if not path.exists()]:
         raise UserError([f"{path}: no such file or folder" for path in missing])
     if others:
         if rig is None or out is None:
             raise UserError("runs of an axis need --rig RIG.yaml and --out DIR")
-        if algorithm is not None or black_boxes:
-            raise UserError("several sources are runs of an axis: --algorithm and --black-boxes don't go with them")
-        return replay_axis([source, *others], rig, out)
+        if algorithm is not None:
+            raise UserError("several sources are runs of an axis: --algorithm doesn't go with them")
+        return replay_axis([source, *others], rig, out, with_networks=black_boxes)
     if source.suffix.lower() == RECORDING_SUFFIX:
         return _recording(source, algorithm)
     if rig is None or out is None:

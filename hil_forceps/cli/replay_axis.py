@@ -1,7 +1,9 @@
 """`hil-forceps replay` with runs of an axis: the first trains, the others test."""
 
+import os
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from rich.console import Console
@@ -10,14 +12,16 @@ from rich.progress import Progress
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.tables import print_cells
+from hil_forceps.cli.threads import over_threads
 from hil_forceps.report.axis import write_axis_figures
 from hil_forceps.rig import load_rig
 from hil_forceps.runs.axis import read_axis
 from hil_forceps.runs.axis_comparison import compare_axis
 from hil_forceps.runs.axis_files import axis_tables, write_axis
+from hil_forceps.runs.axis_network import SEEDS, fit_networks
 
 
-def replay_axis(sources: Sequence[Path], rig_path: Path, out: Path) -> int:
+def replay_axis(sources: Sequence[Path], rig_path: Path, out: Path, *, with_networks: bool = False) -> int:
     """Compare, print the tables, write files and figures; returns the exit code."""
     rig = load_rig(rig_path)
     make_folder(out)
@@ -29,6 +33,11 @@ def replay_axis(sources: Sequence[Path], rig_path: Path, out: Path) -> int:
             bar.update(task, completed=done, total=total, description=what)
 
         found = compare_axis(read_axis(sources, rig), progress)
+        if with_networks:
+            bar.update(task, description=f"networks, {SEEDS} seeds")
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                networks = fit_networks(found.train, found.tests, mapper=over_threads(pool))
+            found = found._replace(networks=networks)
         write_axis(found, out)
         bar.update(task, description="figures")
         figures = write_axis_figures(found, out)

@@ -1,6 +1,7 @@
 """Figures of the comparison on an axis: force and what models leave, the evidence, and the open loop."""
 
 from collections.abc import Callable
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,8 @@ def write_axis_figures(found: AxisComparison, out: Path) -> list[Path]:
         "axis_evidence": evidence_figure(found),
         "axis_open_loop": open_loop_figure(found),
     }
+    if found.networks:
+        figures["axis_networks"] = networks_figure(found)
     return [path for name, figure in figures.items() for path in save_figure(figure, out, name)]
 
 
@@ -178,4 +181,27 @@ def open_loop_figure(found: AxisComparison) -> Figure:
         right.set_ylabel("friction, test more than train (N)")
         right.legend(fontsize=6)
         panel_letter(right, "b")
+    return figure
+
+
+def networks_figure(found: AxisComparison) -> Figure:
+    """Error of the position in open loop while networks are fitted: training and first test run, the law beside."""
+    best = found.open_loop_chosen
+    own = (best.train_rmse_m, best.test_rmse_m[0])
+    with house_style():
+        figure = new_figure(DOUBLE_COLUMN, 62)
+        pair = figure.subplots(1, 2, sharey=True)
+        for place, (axes, letter) in enumerate(zip(pair, "ab", strict=True)):
+            for network, marker in zip(found.networks, cycle("os^vDx"), strict=False):
+                errors = [(told.train_rmse_m, told.test_rmse_m[0])[place] * MILLI for told in network.told]
+                steps = [told.steps for told in network.told]
+                axes.plot(steps, errors, marker=marker, ms=2.2, lw=0.5, label=f"seed {network.seed}")
+            axes.axhline(own[place] * MILLI, color=INK, lw=0.9, ls="--", label="law chosen by the training run")
+            axes.set_yscale("log")
+            axes.set_xlabel("steps of the network's fit")
+            axes.set_title(f"{(found.train, found.tests[0])[place].name} ({('trains', 'test')[place]})")
+            panel_letter(axes, letter)
+        pair[0].set_ylabel("error of the position, RMS (mm)")
+        handles, labels = pair[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=len(handles))
     return figure

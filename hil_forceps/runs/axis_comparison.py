@@ -15,6 +15,7 @@ from hil_forceps.rig.errors import UserError
 from hil_forceps.runs import axis_evidence as evidence
 from hil_forceps.runs.axis import AxisRun
 from hil_forceps.runs.axis_ladder import Interval, Rung, blocks, chosen, climb, intervals, jackknife
+from hil_forceps.runs.axis_network import NetworkFit
 from hil_forceps.runs.axis_open_loop import Needed, OpenLoop, compare_open_loop, needed, position_error, rms
 from hil_forceps.runs.axis_ripple import Spectrum, period_m, spectrum, zero_m
 
@@ -62,6 +63,7 @@ class AxisComparison(NamedTuple):
     needed: tuple[Needed, ...]  # per test run
     profiles: dict[str, Vector]  # term -> force error over `axis_evidence.DEAD_TIMES_s`, training run
     evidence: tuple[RunEvidence, ...]
+    networks: tuple[NetworkFit, ...] = ()  # where they were asked for
 
 
 def compare_axis(runs: Sequence[AxisRun], note: Note | None = None) -> AxisComparison:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from hil_forceps.runs.axis_comparison import AxisComparison, RunEvidence
 from hil_forceps.runs.axis_ladder import Interval
+from hil_forceps.runs.axis_network import NetworkFit
 from hil_forceps.runs.instrument_report import Table
 
 WORDS = {
@@ -59,12 +60,27 @@ def _open_loop(found: AxisComparison) -> Table:
          *(_mm(x) for x in told.test_rmse_m))
         for told in found.open_loops
     ]  # fmt: skip
+    for network in found.networks:
+        end = network.told[-1]
+        rows.append(
+            (f"network, seed {network.seed}", "stretches", _mm(end.train_rmse_m), "", *map(_mm, end.test_rmse_m))
+        )
+    if found.networks:
+        rows.append(("  while they were fitted, least to most", "", *_ranges(found)))
     driven = found.open_loop_chosen
     rows.append((f"chosen by train: {WORDS[driven.model]}", driven.fitted_to, "", "", *map(_mm, driven.test_rmse_m)))
     alone = [_mm(need.rmse_scale_only_m) for need in found.needed]
     rows.append(("  its friction scaled on the test run", "1 number", "", "", *alone))
     rows.append(("  and a constant force", "2 numbers", "", "", *(_mm(need.rmse_m) for need in found.needed)))
     return Table(headers, tuple(rows))
+
+
+def _ranges(found: AxisComparison) -> list[str]:
+    """Return from where to where errors went in the second half of all networks' fits."""
+    late = [told for network in found.networks for told in network.told[len(network.told) // 2 :]]
+    columns = list(zip(*((told.train_rmse_m, *told.test_rmse_m) for told in late), strict=True))
+    train, *tests = (f"{_mm(min(column))} … {_mm(max(column))}" for column in columns)
+    return [train, "", *tests]
 
 
 def write_axis(found: AxisComparison, out: Path) -> tuple[Path, Path]:
@@ -108,10 +124,23 @@ def _content(found: AxisComparison) -> dict[str, object]:
         ],
         "open_loop_chosen": {"model": found.open_loop_chosen.model, "fitted_to": found.open_loop_chosen.fitted_to},
         "open_loop_of_inverse_model": [_interval(interval) for interval in found.open_loop_range_m],
+        "networks": [_network(network) for network in found.networks],
         "needed_on_test": [need._asdict() for need in found.needed],
         "dead_time_profiles": {term: profile.tolist() for term, profile in found.profiles.items()},
         "runs": [_run(told) for told in found.evidence],
     }
+
+
+def _network(network: NetworkFit) -> dict[str, object]:
+    told = [
+        {"steps": t.steps, "train_rmse_m": _finite(t.train_rmse_m), "test_rmse_m": [*map(_finite, t.test_rmse_m)]}
+        for t in network.told
+    ]
+    return {"seed": network.seed, "told": told}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _run(told: RunEvidence) -> dict[str, object]:

@@ -252,9 +252,9 @@ def test_the_command_on_two_runs(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert ended.value.code == 2
     assert "need --rig" in capsys.readouterr().err
     with pytest.raises(SystemExit) as ended:
-        main(["replay", *sources, "--rig", str(RIG), "--out", str(tmp_path / "out"), "--black-boxes"])
+        main(["replay", *sources, "--rig", str(RIG), "--out", str(tmp_path / "out"), "--algorithm", "kalman"])
     assert ended.value.code == 2
-    assert "don't go with" in capsys.readouterr().err
+    assert "doesn't go with" in capsys.readouterr().err
 
 
 def emps(name: str) -> Path:
