@@ -47,7 +47,8 @@ def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknow
         return Setting(problem, driven, 0.2 * power, power)
     law = drive_law.law_vector(rig.require_drive())
     theta = parameters.vector(rig)
-    simulator = ClosedLoop(tuple(records), law, make_starts(records, theta, law), (np.empty(0),) * len(records))
+    starts, errors = make_starts(records, theta, law), (np.empty(0),) * len(records)
+    simulator = ClosedLoop(tuple(records), law, starts, errors, clips_as_recorded=True)
     layout = make_layout(
         [list(record.channels) for record in records],
         [record.weights for record in records],

@@ -27,7 +27,6 @@ from hil_forceps.diagnosis.widths import at_better_widths
 
 Vector = NDArray[np.float64]
 
-CLIPS = "current_saturation"
 MAX_EFFECTS = 6
 MAX_EXCHANGED = 3  # with more, only forward and backward: each exchange looks at the whole catalogue again
 SET_DROP = 6.0
@@ -166,7 +165,7 @@ class Chooser:
             for i in promising(scan, model.effects):
                 name = scan.probes[i].effect_id
                 self._progress(f"refitting with {name} instead")
-                other = extend(reduced, scan.probes[i], scan.scores.amplitudes[i], whitener, held, self._refresh)
+                other = extend(reduced, scan.probes[i], scan.scores.amplitudes[i], whitener, held)
                 other = self._refitted(other, whitener)
                 if not other.at_bound and other.worth < best.worth - least:
                     best, gain, least = other, reduced.fit.chi2 - other.fit.chi2, SETTLED
@@ -268,11 +267,9 @@ class Chooser:
             for i in short:
                 name = scan.probes[i].effect_id
                 self._progress(f"refitting with {name}")
-                refit = extend(model, scan.probes[i], scan.scores.amplitudes[i], whitener, held, self._refresh)
+                refit = extend(model, scan.probes[i], scan.scores.amplitudes[i], whitener, held)
                 extra = len(refit.problem.shared.items) - len(model.problem.shared.items)
                 gain = (model.fit.chi2 - refit.fit.chi2) / self._inflation(name)
-                if name == CLIPS:  # its rounding is taken anew, which moves χ² by itself
-                    gain = min(gain, float(scan.scores.gains[i]))
                 gains[name] = gain - COST_PER_COLUMN * (extra - 1)
                 if not refit.at_bound:
                     (found if gains[name] > needed[i] else lesser).append(refit)
@@ -319,8 +316,6 @@ class Chooser:
         return model, self._within_reach(rivals)
 
     def _as_far(self, other: Model, model: Model, whitener: Whitener) -> Model:
-        if CLIPS in {*model.effects} ^ {*other.effects}:  # a rounding taken beside a limit holds beside this limit only
-            return self._refitted(other, whitener)
         problem = replace(other.problem, simulate_runs=model.problem.simulate_runs)
         beside, u = in_valley_of(model.problem, model.fit.u, problem, other.fit.u)
         held = hold_nuisances(other.fit, problem, whitener) if beside is problem else None

@@ -36,11 +36,8 @@ class Model:
         return self.fit.chi2 + COST_PER_COLUMN * len(self.problem.shared.items)
 
 
-def extend(model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, held: Held, refresh: Refresh) -> Model:
-    """Refit a model with an entry added, beginning where the linear look found it.
-
-    What hangs on the model is taken anew beside a limit, for it differs by what is clipped.
-    """
+def extend(model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, held: Held) -> Model:
+    """Refit a model with an entry added, beginning where the linear look found it."""
     entry = effect(probe.effect_id)
     start = dict(probe.start)
     factors = np.full(len(probe.amplitudes), amplitudes[0]) if probe.together else amplitudes
@@ -51,8 +48,6 @@ def extend(model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, h
     count = len(model.problem.shared.items)
     for _ in range(MAX_HALVINGS):
         problem, u = _with_effect(model, probe, start)
-        if not probe.amplitudes:
-            problem = refresh(problem, u)
         u, chi2 = follow(problem, u, whitener, held)
         if not probe.amplitudes or chi2 < model.fit.chi2:
             break  # else the linear look has promised too much

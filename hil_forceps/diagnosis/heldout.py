@@ -39,10 +39,12 @@ class Played(NamedTuple):
 def play(records: Sequence[Record], rig: Rig, theta: Vector, quantum_rad: float, mapper: Mapper) -> Played:
     """Simulate runs with given parameters; only what belongs to each run (zeros, start) is fitted to it."""
     setting = assemble(records, rig, mapper, Unknowns(()))
-    problem = replace(setting.problem, base=theta)
+    simulator = setting.simulator
+    if isinstance(simulator, ClosedLoop):  # foretells a limit by its own commands
+        simulator = replace(simulator, clips_as_recorded=False)
+    problem = replace(setting.problem, base=theta, simulate_runs=simulator)
     whitener = problem.whitener(white_noise(problem.layout, setting.first_power))
     found = fit(problem, np.zeros(problem.size), whitener, steps=NUISANCE_STEPS)
-    simulator = setting.simulator
     if quantum_rad > 0.0 and isinstance(simulator, ClosedLoop):
         simulator = with_encoder_errors(simulator, theta, problem.nuisances(found.u), quantum_rad, mapper)
         problem = replace(problem, simulate_runs=simulator)

@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from hil_forceps.diagnosis.choice import CLIPS, SET_DROP
+from hil_forceps.diagnosis.choice import SET_DROP
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover
 from hil_forceps.diagnosis.look import CHANCE
+from hil_forceps.diagnosis.predict import CLIPS
 from hil_forceps.diagnosis.result import (
     AuditFinding,
     Balance,
@@ -97,7 +98,8 @@ def _unexplained(found: Findings) -> Leftover | None:
 
 def _unseen_share(found: Findings) -> float:
     """Return what share of all misfit may be left in runs held out."""
-    is_open = found.records[0].mode == "driven" or CLIPS in found.choice.model.effects
+    by_itself = not all(record.evenly_logged for record in found.held_out)  # a limit clips as the simulation has it
+    is_open = found.records[0].mode == "driven" or (by_itself and CLIPS in found.choice.model.effects)
     return UNSEEN_SHARE_OPEN if is_open else UNSEEN_SHARE
 
 

@@ -5,6 +5,7 @@ recorded angles. The same is done to the simulated channels. That makes the nois
 encoder's, which the loop feeds into it, and shows what happens between command and current in a channel of its own.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
@@ -20,7 +21,7 @@ from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.problem import Nuisance, Outputs
 from hil_forceps.diagnosis.spectrum import MOTOR
 from hil_forceps.model import closed_loop, drive_law, parameters
-from hil_forceps.model.closed_loop import Channels, Inputs, Start
+from hil_forceps.model.closed_loop import Channels, DriveState, Inputs, Start
 from hil_forceps.rig.catalogue import effect
 
 Vector = NDArray[np.float64]
@@ -42,6 +43,10 @@ _PATH = tuple(
     for name in CURRENT_PATH
     for p in effect(name).parameters
 )
+
+CLIPS = "current_saturation"
+LIMIT = parameters.index(f"effects.{CLIPS}.limit_A")
+DEADBAND = parameters.index("effects.amplifier_deadband.half_width_A")
 
 # What a drive follows that samples between rows: what the bus brought last, straight lines or its own course.
 Reference = Literal["held", "straight", "smooth"]
@@ -76,6 +81,7 @@ class ClosedLoop:
     offset: tuple[Offset, ...] = ()  # of each run: what its rounding does more than those that stand in for it
     stand_ins: tuple["ClosedLoop", ...] = ()  # the same, shaken by a rounding of another time with either sign
     longest_substep_s: float = LONGEST_SUBSTEP_S
+    clips_as_recorded: bool = False  # a limit takes off what it took off the commands of the recorded angles
     reference: Reference = "smooth"
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:
@@ -117,6 +123,11 @@ class ClosedLoop:
             np.ascontiguousarray(nuisance.edge_fractions, dtype=np.float64),
             self.encoder_error_rad[run],
         )
+        if self.clips_as_recorded and math.isfinite(theta[LIMIT]) and record.evenly_logged:
+            angle = between_rows(record.channels["theta_m_rad"], samples, "smooth")
+            inputs = inputs._replace(added_A=_clipped_off(theta, self.law, drive, inputs.reference_rad, angle))
+            theta = theta.copy()
+            theta[LIMIT] = math.inf
         substeps = samples * max(1, int(np.ceil(record.period_s / samples / self.longest_substep_s)))
         found = closed_loop.simulate(theta, self.law, quantum_rad, inputs, Start(plant, drive), substeps, samples)
         jaw = found.theta_j_rad + nuisance.theta_j_zero_rad
@@ -225,6 +236,17 @@ class ClosedLoop:
             record.time_s,
             record.period_s,
         )
+
+
+def _clipped_off(theta: Vector, law: Vector, drive: DriveState, reference_rad: Vector, angle_rad: Vector) -> Vector:
+    """Return what a limit adds to the commands that the law makes of recorded angles.
+
+    Where a limit clips, the loop is open: a simulation that clips by itself clips other tips and goes astray by the
+    load's noise. This one is held to the recorded angles by its law, there as everywhere.
+    """
+    commands = drive_law.law_current(law, reference_rad, angle_rad, drive)
+    commands -= np.clip(commands, -theta[DEADBAND], theta[DEADBAND])
+    return np.asarray(np.clip(commands, -theta[LIMIT], theta[LIMIT]) - commands)
 
 
 def with_calm_load(record: Record) -> Record:

@@ -52,6 +52,8 @@ class Inputs(NamedTuple):
     # As many as references, or none: what the drive's encoder shows beyond the angle, its rounding as it happened. The
     # loop makes currents of it, which shake the motor; shaken friction is another friction. Not in the recorded angle.
     encoder_error_rad: Vector = _NO_ERROR
+    # As many as references, or none: what is added to the drive's commands behind its limit.
+    added_A: Vector = _NO_ERROR
 
 
 class Start(NamedTuple):
@@ -166,6 +168,8 @@ def _rollout(
                 drive = drive_sample(law, drive, inputs.reference_rad[at], angle)
                 place = place + 1 if place + 1 < commands.shape[0] else 0
                 commands[place] = max(-p.limit, min(p.limit, dead_zone(drive.current_A, p.deadband)))
+                if at < inputs.added_A.shape[0]:
+                    commands[place] += inputs.added_A[at]
             old, new = _behind(commands, place, c.whole_samples + 1), _behind(commands, place, c.whole_samples)
             mean, slope, end = current_over(c, into, x.current_A, old, new)
             load, load_slope = _load(first, last, step, substeps, edges[row])
@@ -200,6 +204,8 @@ def simulate(
         raise ValueError("time_s, reference_rad and tau_w_N_m must have the same length, 2 at least")
     if inputs.encoder_error_rad.shape not in {(0,), references}:
         raise ValueError("encoder_error_rad must have the same length as reference_rad, or none")
+    if inputs.added_A.shape not in {(0,), references}:
+        raise ValueError("added_A must have the same length as reference_rad, or none")
     if inputs.edge_rows.shape != inputs.edge_fractions.shape:
         raise ValueError("edge_rows and edge_fractions must have the same length")
     if drive_samples_per_row < 1 or substeps < 1 or substeps % drive_samples_per_row:

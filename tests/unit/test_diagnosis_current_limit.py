@@ -1,4 +1,4 @@
-"""A limit that clips the tips of a few peaks is found by the simulation itself, where no step leads."""
+"""A limit that clips the tips of a few peaks is found, and takes off what it took off the recorded commands."""
 
 from dataclasses import replace
 from functools import cache
@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.anew import refresher
-from hil_forceps.diagnosis.current_limit import LIMIT, NARROW, deepest_limits
+from hil_forceps.diagnosis.current_limit import NARROW, deepest_limits
 from hil_forceps.diagnosis.diagnose import Options, fit_baseline, without_load_noise
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import fit
+from hil_forceps.diagnosis.heldout import play
+from hil_forceps.diagnosis.predict import LIMIT, ClosedLoop
 from hil_forceps.diagnosis.spectrum import Whitener
+from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from tests.hidden_effects.generator import make_case
 
@@ -44,15 +47,36 @@ def test_a_limit_is_found_and_none_where_there_is_none() -> None:
 
 
 @pytest.mark.long
-def test_a_limit_fits_only_beside_a_rounding_that_was_taken_with_it() -> None:
+def test_a_limit_fits_beside_any_rounding() -> None:
+    """A limit takes off what it took off recorded commands; what shakes the simulated motor has no part in it."""
     free_A, _, _, _ = fitted(None)
     _, clipped, whitener, assumed = fitted(CLIPPED * free_A)
     base = clipped.problem.base.copy()
     base[LIMIT] = CLIPPED * free_A
     stale = replace(clipped.problem, base=base)
     fresh = refresher(assumed)(stale, clipped.fit.u)
-    without, before, after = (
-        fit(problem, clipped.fit.u, whitener, steps=0).chi2 for problem in (clipped.problem, stale, fresh)
+    loop = clipped.problem.simulate_runs
+    assert isinstance(loop, ClosedLoop)
+    stand_ins = tuple(replace(other, clips_as_recorded=False) for other in loop.stand_ins)
+    by_itself = replace(stale, simulate_runs=replace(loop, stand_ins=stand_ins, clips_as_recorded=False))
+    without, before, after, own = (
+        fit(problem, clipped.fit.u, whitener, steps=0).chi2 for problem in (clipped.problem, stale, fresh, by_itself)
     )
-    assert after < without - 1000.0
-    assert before > without + 1000.0
+    assert before < without - 1000.0
+    assert after == pytest.approx(before, abs=200.0)
+    assert own > without + 1000.0
+    # In the current's own channel only the sensor's noise is left.
+    noise_A = assumed.noise.current_A
+    there = stale.simulate(clipped.fit.u)
+    left = [own["current_A"] - other["current_A"] for own, other in zip(loop.measured(), there, strict=True)]
+    assert all(float(np.std(values)) < 1.05 * noise_A for values in left)
+
+
+def test_runs_held_out_are_foretold_by_commands_of_the_simulation() -> None:
+    """Recorded angles show what a limit did in a run: a model that is judged by that run mustn't look there."""
+    case = make_case({}, SEED, scenarios=(("multisine",), ()))
+    records, _ = prepare(case.fit, case.assumed)
+    theta = parameters.vector(case.assumed)
+    theta[LIMIT] = 0.9 * float(np.abs(records[0].channels["current_A"]).max())
+    played = play(records, case.assumed, theta, 0.0, map).channels[0]
+    assert float(np.max(np.abs(played["current_A"]))) == pytest.approx(theta[LIMIT], rel=1e-9)

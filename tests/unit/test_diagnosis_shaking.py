@@ -25,7 +25,7 @@ def found_width_m(kinds: tuple[str, str]) -> tuple[float, ClosedLoop]:
     _, _, baseline, whitener = fit_baseline(records, case.assumed, Options())
     probe = Probe("wire_slack", {"half_width_m": HALF_WIDTH_M}, ("half_width_m",), False)
     held = hold(baseline.fit.jacobian, len(baseline.problem.shared.items), whitener)
-    model = extend(baseline, probe, np.ones(1), whitener, held, lambda problem, _: problem)
+    model = extend(baseline, probe, np.ones(1), whitener, held)
     problem = refresher(case.assumed)(model.problem, model.fit.u)
     fitted = fit(problem, model.fit.u, whitener, steps=6)
     place = problem.shared.names.index("effects.wire_slack.half_width_m")
