@@ -105,8 +105,9 @@ def _unseen_share(found: Findings) -> float:
 
 def _beyond_numerics(found: Findings, left: Leftover) -> bool:
     """Tell whether what is left stands out, from chance and from what numerics and the encoder's shaking leave."""
-    # The latter grows with what there is to simulate.
-    return left.stands_out and left.gain > ACCURACY_OF_ALL * (found.nominal.fit.chi2 - found.choice.model.fit.chi2)
+    # The latter grows with what there is to simulate, in the runs held out as in those fitted.
+    simulated = max(found.nominal.fit.chi2 - found.choice.model.fit.chi2, left.explained)
+    return left.stands_out and left.gain > ACCURACY_OF_ALL * simulated
 
 
 def _explained(found: Findings) -> float:

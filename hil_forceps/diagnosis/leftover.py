@@ -28,6 +28,7 @@ WAVES = 5
 MEMORIES_S = (0.02, 0.1, 0.5, 2.0)
 MEMORY_SHARES = (0.01, 0.05, 0.2)  # of the range: memories over a way
 SHARP = 0.003  # of top speed: slow motion beside fast turns has a direction, too
+HIGH = (0.8, 0.9, 0.95, 0.98)  # of the largest current: what lies beyond shows by itself
 OVER_CHANCE = 1.5  # what is more is left over; friction shaken loose by noise is followed in part only
 
 
@@ -59,6 +60,7 @@ class Leftover(NamedTuple):
     threshold: float
     total_gain: float  # of all families together, less what chance gives
     families: tuple[tuple[str, str, float], ...]  # place, variable, gain; the best first
+    explained: float = 0.0  # of χ², by what the model has named; told of runs held out
 
     @property
     def stands_out(self) -> bool:
@@ -128,6 +130,7 @@ def _curves() -> tuple[Curve, ...]:
             "tension and direction",
             lambda c, s: [np.abs(c.tension_N) ** n * _sign(c.omega_m, s.omega_m) / s.tension_N**n for n in (1, 2, 3)],
         ),
+        Curve("motor", "high current", lambda c, s: _high_current(c.current_A, s.current_A)),
         Curve("motor", "time", lambda c, s: [w * v for w in _over_time(c, s) for v in (c.omega_m, c.current_A)]),
         Curve(
             "motor",
@@ -164,6 +167,7 @@ def _curves() -> tuple[Curve, ...]:
         Curve("theta_j_rad", "theta", lambda c, s: _waves(c.theta_j, s.theta_j)),
         Curve("theta_j_rad", "rate", lambda c, _: [c.omega_j, np.gradient(c.omega_j, c.period_s)]),
         Curve("current_A", "current", lambda c, s: _over_current(c.current_A, s.current_A)),
+        Curve("current_A", "high current", lambda c, s: _high_current(c.current_A, s.current_A)),
         Curve("current_A", "rate", lambda c, _: _rates(c.current_A)),
     )
 
@@ -180,6 +184,10 @@ def _over_time(c: Course, s: Scale) -> list[Vector]:
 
 def _over_current(i: Vector, top: float) -> list[Vector]:
     return [np.ones_like(i), i, np.abs(i), np.tanh(i / (0.03 * top)), i**3 / top**2]
+
+
+def _high_current(i: Vector, top: float) -> list[Vector]:
+    return [np.sign(i) * np.maximum(np.abs(i) - share * top, 0.0) for share in HIGH]
 
 
 def _rates(i: Vector) -> list[Vector]:

@@ -21,7 +21,9 @@ from hil_forceps.diagnosis.look import noise_of
 from hil_forceps.diagnosis.problem import Outputs
 from hil_forceps.diagnosis.ringing import beside_own_unknowns, deepest_valley, moved_to
 from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform, white_noise
+from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
+from hil_forceps.rig.catalogue import effect
 
 Vector = NDArray[np.float64]
 
@@ -51,11 +53,25 @@ def left_unseen(chosen: Model, records: Sequence[Record], rig: Rig, refresh: Ref
     left = _left(known, setting, model, whitener, rig, seed)
     if not left.stands_out:
         return left
+    explained = _explained(model, whitener)
     place, model = _rung(model, whitener, refresh)
     if place is not None:
         known = _apart(known, place)
     model = _within_doubt(model, known, whitener)
-    return _left(known, setting, model, whitener, rig, seed)
+    return _left(known, setting, model, whitener, rig, seed)._replace(explained=explained)
+
+
+def _explained(model: Model, whitener: Whitener) -> float:
+    """Return by how much χ² is higher with all effects of a model off, the rest as it is."""
+    problem = model.problem
+    theta = problem.theta(model.fit.u)
+    for name in model.effects:
+        for parameter in effect(name).parameters:
+            key = f"effects.{name}.{parameter.name}"
+            theta[parameters.index(key)] = parameters.off_value(key)
+    outputs = problem.simulate_runs(theta, problem.nuisances(model.fit.u), problem.mapper)
+    without, there = problem.measured - transform(problem.layout, outputs), model.fit.residual
+    return sum_of_squares(whitener.apply(without)) - sum_of_squares(whitener.apply(there))
 
 
 def _left(known: Known, setting: Setting, model: Model, whitener: Whitener, rig: Rig, seed: int) -> Leftover:
