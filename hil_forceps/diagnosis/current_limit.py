@@ -15,7 +15,7 @@ WIDE = np.arange(0.96, 0.4, -0.02)
 TELLING = 9.0  # of χ²
 
 
-def deepest_limits(problem: Problem, u: Vector, whitener: Whitener, current_max_A: float) -> tuple[float, ...]:
+def deepest_limits(problem: Problem, u: Vector, whitener: Whitener) -> tuple[float, ...]:
     """Return the limit in A with the least χ², all else as in u.
 
     Nothing where no limit lessens it, or no loop is closed.
@@ -23,6 +23,8 @@ def deepest_limits(problem: Problem, u: Vector, whitener: Whitener, current_max_
     loop = problem.simulate_runs
     if not isinstance(loop, ClosedLoop):
         return ()
+    # Peaks of a simulation can lie below a limit that clips those of the drive; recorded ones lie on it, with noise.
+    current_max_A = max(float(np.abs(record.channels["current_A"]).max()) for record in problem.records)
     plain = loop.as_shaken()
     nuisances = problem.nuisances(u)
 

@@ -49,7 +49,7 @@ def scene_of(
         max(current, 1e-6),
         cogging,
         ripple,
-        deepest_limits(model.problem, model.fit.u, whitener, current),
+        deepest_limits(model.problem, model.fit.u, whitener),
     )
 
 

@@ -40,9 +40,9 @@ def fitted(limit_A: float | None) -> tuple[float, Model, Whitener, Rig]:
 def test_a_limit_is_found_and_none_where_there_is_none() -> None:
     free_A, baseline, whitener, _ = fitted(None)
     # Noise of the current's sensor lies upon its largest value: a limit there or above clips nothing.
-    assert all(limit > 0.995 * free_A for limit in deepest_limits(baseline.problem, baseline.fit.u, whitener, free_A))
+    assert all(limit > 0.995 * free_A for limit in deepest_limits(baseline.problem, baseline.fit.u, whitener))
     _, clipped, whitener, _ = fitted(CLIPPED * free_A)
-    (found_A,) = deepest_limits(clipped.problem, clipped.fit.u, whitener, free_A)
+    (found_A,) = deepest_limits(clipped.problem, clipped.fit.u, whitener)
     assert found_A == pytest.approx(CLIPPED * free_A, abs=1.1 * free_A * float(NARROW[0] - NARROW[1]))
 
 
