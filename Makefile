@@ -7,7 +7,7 @@ TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install bench test test-long lint types layers unit system targets targets-short targets-quick fuzz hidden-effects benchmark wheel clean
+.PHONY: install bench test test-long lint types layers unit system targets targets-short targets-quick fuzz hidden-effects real-data benchmark wheel clean
 
 install:
 	@tools/install.sh $(VENV)
@@ -31,7 +31,7 @@ layers: install
 	$(VENV)/bin/lint-imports
 
 unit: install
-	$(PY) -m pytest -n 2 --dist loadgroup -m "not realtime and not long" $(TESTS)
+	$(PY) -m pytest -n 2 --dist loadgroup -m "not realtime and not long and not campaign" $(TESTS)
 
 test-long: targets-short
 	$(PY) -m pytest -n 2 --dist loadgroup -m "long" $(TESTS)
@@ -73,6 +73,10 @@ fuzz: install
 hidden-effects: install
 	$(PY) -m tests.hidden_effects.campaign --out $(OUT)/hidden-effects --jobs 2 --resume
 	$(PY) -m tests.hidden_effects.tally $(OUT)/hidden-effects --markdown docs/diagnosis.md --figures docs/figures
+
+# The ladders of the surgical tool, where its data are beside this folder or at HIL_FORCEPS_DATA; some 15 minutes.
+real-data: install
+	$(PY) -m pytest -m campaign tests/unit
 
 # Figures of speed; apart from the tests because they mean nothing on a busy machine.
 benchmark: install
