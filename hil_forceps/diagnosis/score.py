@@ -22,7 +22,7 @@ Square = NDArray[np.float64]
 
 DRAWS = 4000
 COST_PER_COLUMN = 2.0  # of a place with more columns: what χ² falls by chance, twice
-LEAST_SHARE = 1e-6  # of a column's power left after projection: below it the data hold nothing of its own
+LEAST_SHARE = 1e-7  # of a column's power left after projection: below it the data hold nothing of its own
 
 
 class Group(NamedTuple):

@@ -56,6 +56,19 @@ def test_a_place_that_is_a_known_parameter_in_disguise_holds_nothing() -> None:
     assert found.gains[0] == 0.0
 
 
+def test_what_only_a_prior_holds_against_a_nuisance_counts() -> None:
+    """A stretched wire moves the jaw as the sensor's zeros do: what is known of these, run by run, tells of it."""
+    runs, rows = 4, ROWS // 4
+    zeros = np.kron(np.eye(runs), np.ones((rows, 1))).astype(np.float32)  # of each run, at the size of its prior ...
+    zeros *= np.float32(np.sqrt(3e6 / rows))  # ... which rows of a real run know 3e6 times better
+    stretch = zeros.sum(axis=1, keepdims=True)
+    weights, u = np.ones(runs), np.full(runs, 4.0)  # the fit has put every zero four deviations off
+    residual = columns(3, 1)[:, 0]
+    found = score(zeros, weights, u, stretch, [Group(0, 1, False)], residual, 0.05, 0)
+    assert found.informative.tolist() == [True]
+    assert found.gains[0] == pytest.approx(runs * 4.0**2, rel=0.05)
+
+
 def test_a_one_sided_place_gains_nothing_from_the_other_side() -> None:
     column = columns(2, CANDIDATES)[:, 4].astype(float)
     assert scored(-0.7 * column, singles(True)).gains[4] == 0.0
