@@ -114,6 +114,8 @@ def _scale(view: View, match: Match, figures: dict[str, float]) -> Iterator[Find
 
 def _clipped(view: View, command: Column, current: Column, law: DriveLaw) -> Iterator[Finding]:
     """Find where the current stands at an extreme while the law asks for more."""
+    if law.ki_A_per_rad_s > 0.0:  # what the integral held when the run began is in all commands
+        command = command + float(np.median(current[1:] - command[:-1]))
     top = float(np.quantile(np.abs(current), 0.999))
     width = max(_PLATEAU_SD * view.noise_sd["current_A"], 1e-3 * top)
     at_top = np.abs(current[1:]) > top - width

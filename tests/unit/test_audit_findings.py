@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,6 +15,9 @@ from hil_forceps.model.parameters import NAMES, index, vector
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.catalogue import EFFECTS as CATALOGUE
 from hil_forceps.runs.table import Column, Run
+from tests.hidden_effects.generator import RIG as GENERATED
+from tests.hidden_effects.generator import generate, true_rig
+from tests.hidden_effects.generator_scenarios import SCENARIOS
 
 COUNTS = 16384
 Columns = dict[str, Column]
@@ -318,3 +322,11 @@ def test_time_grows_as_the_rows_do() -> None:
 
     # What grows by rows takes 8 times as long, what grows by their square 64 times.
     assert seconds(clean(0, "sines", 96.0)) < 23.0 * seconds(clean(0, "sines", 12.0))
+
+
+@pytest.mark.parametrize("seed", [0, 4, 9])
+def test_what_the_integral_held_at_the_start_is_no_clipping(seed: int) -> None:
+    """A run that begins amid motion has a constant more in all its commands: the law seemed to ask for more."""
+    scenario = replace(SCENARIOS["teleoperation"], duration_s=6.0)
+    run = generate(true_rig(GENERATED, {}, {}), scenario, seed, name="amid")
+    assert not [finding for finding in audit([run], GENERATED) if finding.kind == "clipped"]
