@@ -13,7 +13,7 @@ from tests.hidden_effects.generator_scenarios import SCENARIOS
 HIDDEN = "wire_damping"
 ALIAS = "wire_creep"  # as quick as a damping in slow motion: with both, chance decides between them
 KINDS = ("teleoperation", "slow", "multisine", "trapezoid")  # slow motion to fit, quick to judge
-SEED = 80  # with 60 the fitted runs leave 1.7 times chance over speed, and 1.2 times without any effect
+SEED = 90  # with 60 chance leaves too much over speed in the fitted runs; with 80 a hysteresis ties with the creep
 TRUE = true_rig(RIG, {HIDDEN: {"damping_N_s_per_m": 13.0}}, {})
 
 
