@@ -20,6 +20,7 @@ from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bench.summary import RunRecord, summary, timing, timing_traces, write_json
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.cli.tables import print_table
 from hil_forceps.report.bench import write_bench_figures
 from hil_forceps.report.save import save_figure
 from hil_forceps.report.timing import timing_figure
@@ -177,9 +178,8 @@ def _print_table(records: Sequence[RunRecord]) -> None:
             str(record.frames_lost),
             f"{record.timing['real_time_factor']:.1f}",
         )
-    console = Console()
     width = MINIMUM_WIDTH if told == [""] else MINIMUM_WIDTH + len("estimator's rig") + 5
-    Console(width=None if console.is_terminal else width).print(table)
+    print_table(table, width)
     not_finite = sorted({record.spec.algorithm for record in records if not record.metrics.finite})
     for algorithm in not_finite:
         sys.stdout.write(f"{algorithm}: – where the estimate did not stay finite; see docs/estimators.md\n")

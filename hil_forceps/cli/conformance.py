@@ -9,7 +9,6 @@ from typing import Annotated
 
 from cyclopts import Parameter
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -23,6 +22,7 @@ from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.conformance_port import LinkPort
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.options import interface_options
+from hil_forceps.cli.tables import print_table
 from hil_forceps.rig.errors import UserError
 
 MINIMUM_WIDTH = 120
@@ -197,8 +197,7 @@ def _print_results(suite: Suite, line: str, results: Sequence[Result]) -> None:
         name = result.requirement.name + ("" if result.requirement.level == "MUST" else " (SHOULD)")
         verdict = Text(result.verdict, _STYLES[result.verdict])
         table.add_row(name, verdict, result.requirement.title, Text(result.evidence))
-    console = Console()
-    Console(width=None if console.is_terminal else MINIMUM_WIDTH).print(table)
+    print_table(table, MINIMUM_WIDTH)
     reasons: dict[str, list[str]] = {}
     for result in (r for r in results if not r.applies):
         reasons.setdefault(result.evidence, []).append(result.requirement.name)

@@ -1,7 +1,5 @@
 """Tables on standard output."""
 
-import sys
-
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -18,5 +16,10 @@ def print_cells(cells: Cells, title: str, texts: int) -> None:
         table.add_column(header.replace(" (", "\n("), justify="right" if place >= texts else "left", no_wrap=place == 0)
     for row in cells.rows:
         table.add_row(*row)
-    # A file or a pipe has no width: nothing is cut there.
-    Console(width=None if sys.stdout.isatty() else FILE_COLUMNS).print(table)
+    print_table(table, FILE_COLUMNS)
+
+
+def print_table(table: Table, file_columns: int) -> None:
+    """Print a table as wide as the terminal is; a file or a pipe, which has no width, gets so many columns."""
+    console = Console()
+    Console(width=None if console.is_terminal else file_columns).print(table)

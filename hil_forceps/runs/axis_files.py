@@ -110,7 +110,7 @@ def _content(found: AxisComparison) -> dict[str, object]:
                 "kept": rung.kept,
                 "train_error": rung.error,
                 "left_out_error": rung.left_out_error,
-                "gain_sigmas": rung.gain_sigmas if math.isfinite(rung.gain_sigmas) else None,
+                "gain_sigmas": _finite(rung.gain_sigmas),
                 "shape": rung.fit.shape._asdict(),
                 "coefficients": rung.fit.coefficients,
             }
@@ -148,7 +148,7 @@ def _run(told: RunEvidence) -> dict[str, object]:
         "run": told.run,
         "ripple_period_m": told.ripple_period_m,
         "ripple_zero_m": told.ripple_zero_m,
-        "acceleration_roll_off_decades": told.roll_off_decades if math.isfinite(told.roll_off_decades) else None,
+        "acceleration_roll_off_decades": _finite(told.roll_off_decades),
         "bands": [band._asdict() for band in told.bands],
         "stiffness": told.stiffness._asdict() if told.stiffness else None,
         "strokes": [stroke._asdict() for stroke in told.strokes],
