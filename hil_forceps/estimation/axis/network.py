@@ -75,6 +75,12 @@ def _stages(position: float, speed: float, force: float, step: float, weights: M
 
 
 @_compiled
+def _change(at: Matrix, rate: int, step: float) -> float:
+    """Return by how much a step changes what has its rates in column `rate` of the stages."""
+    return float(step / 6.0 * (at[0, rate] + 2.0 * at[1, rate] + 2.0 * at[2, rate] + at[3, rate]))
+
+
+@_compiled
 def play(unknowns: Vector, force: Vector, start: Vector, step_s: float) -> Vector:
     """Return the positions of an axis that starts at `start` (position, speed), each force held for a step [rows]."""
     weights, offset = unknowns[:-1].reshape(_INPUTS, HIDDEN), unknowns[-1]
@@ -83,8 +89,7 @@ def play(unknowns: Vector, force: Vector, start: Vector, step_s: float) -> Vecto
     for row in range(force.size):
         positions[row] = p
         at = _stages(p, v, force[row], step_s, weights, offset)
-        p += step_s / 6.0 * (at[0, 1] + 2.0 * at[1, 1] + 2.0 * at[2, 1] + at[3, 1])
-        v += step_s / 6.0 * (at[0, 2] + 2.0 * at[1, 2] + 2.0 * at[2, 2] + at[3, 2])
+        p, v = p + _change(at, 1, step_s), v + _change(at, 2, step_s)
     return positions
 
 
@@ -101,8 +106,7 @@ def _stretch(
     for k in range(STRETCH_ROWS):
         at = _stages(p, v, force[row + k], step, weights, offset)
         course[k] = at
-        p += step / 6.0 * (at[0, 1] + 2.0 * at[1, 1] + 2.0 * at[2, 1] + at[3, 1])
-        v += step / 6.0 * (at[0, 2] + 2.0 * at[1, 2] + 2.0 * at[2, 2] + at[3, 2])
+        p, v = p + _change(at, 1, step), v + _change(at, 2, step)
     share = 1.0 / (STRETCHES * STRETCH_ROWS)
     misfit = disagreement = by_p = by_v = 0.0
     for k in range(STRETCH_ROWS - 1, -1, -1):
