@@ -164,6 +164,8 @@ def _curves() -> tuple[Curve, ...]:
         Curve("jaw", "omega", lambda c, s: _over_speed(c.omega_j, s.omega_j)),
         Curve("jaw", "load", lambda c, _: [c.load_N_m, _slow(c.load_N_m, c.period_s, 0.1)]),
         Curve("theta_m_rad", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),
+        # The zeros of runs take it up as far as is known of them; more than that is no zero.
+        Curve("theta_j_rad", "constant", lambda c, _: [np.ones_like(c.theta_j)]),
         Curve("theta_j_rad", "theta", lambda c, s: _waves(c.theta_j, s.theta_j)),
         Curve("theta_j_rad", "rate", lambda c, _: [c.omega_j, np.gradient(c.omega_j, c.period_s)]),
         Curve("current_A", "current", lambda c, s: _over_current(c.current_A, s.current_A)),
