@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -14,13 +15,13 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.memory import keep_pages
-from hil_forceps.cli.run import write_trajectory
 from hil_forceps.cli.threads import over_threads
+from hil_forceps.cli.trajectory_file import write_trajectory
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs
 from hil_forceps.diagnosis.diagnose import Options
 from hil_forceps.diagnosis.result import Diagnosis, Rung, to_json
-from hil_forceps.report.diagnosis import write_figures, write_report
+from hil_forceps.report.diagnosis import draughtsman, write_figures, write_report
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from hil_forceps.rig.errors import UserError
@@ -77,8 +78,10 @@ def diagnose(
     make_folder(out)
     console = Console(stderr=True)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    threads = jobs or os.cpu_count() or 1
     with (
-        ThreadPoolExecutor(jobs or os.cpu_count() or 1) as pool,
+        ThreadPoolExecutor(threads) as pool,
+        draughtsman() if threads > 1 else nullcontext() as helper,
         Progress(*columns, console=console, disable=not console.is_terminal) as bar,
     ):
         task = bar.add_task("reading", total=None)
@@ -92,7 +95,7 @@ def diagnose(
         )
         diagnosis, extended, trajectory = diagnose_runs(read, known, options)
         bar.update(task, description="drawing")
-        write_report(diagnosis, out / "report.html")
+        write_report(diagnosis, out / "report.html", helper=helper)
         if figures:
             write_figures(diagnosis, out / "figures")
     (out / "diagnosis.json").write_text(json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n")

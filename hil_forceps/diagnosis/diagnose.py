@@ -126,18 +126,20 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     chooser = Chooser(looker, options.progress, refresh, driven=records[0].mode == "driven")
     choice = chooser.choose(baseline, whitener)
     options.progress("looking at what is left")
-    baseline, before, after = _left(setting, baseline, choice, responses, options)
+
+    def unseen_beside(model: Model) -> Leftover | None:
+        if not model.effects or not held_records:
+            return None
+        return left_unseen(model, held_records, rig, refresh, options.seed)
+
+    baseline, before, after, unseen = _left(setting, baseline, choice, responses, options, unseen_beside)
     for enough, again in ((after.threshold, chooser.further), (OVER_CHANCE * after.threshold, chooser.instead)):
         if after.gain <= enough or records[0].mode == "driven":
             break
         found = again(choice)
         if found is not choice:
             choice = found
-            baseline, before, after = _left(setting, baseline, choice, responses, options)
-    unseen = None
-    if choice.model.effects and held_records:
-        options.progress("looking at what is left in the runs held out")
-        unseen = left_unseen(choice.model, held_records, rig, refresh, options.seed)
+            baseline, before, after, unseen = _left(setting, baseline, choice, responses, options, unseen_beside)
     nominal = replace(nominal, fit=fit_again(nominal.problem, nominal.fit, choice.whitener))
     return Findings(
         rig,
@@ -162,14 +164,21 @@ def _left(
     choice: Choice,
     responses: Sequence[Response] | None,
     options: Options,
-) -> tuple[Model, Leftover, Leftover]:
-    """Return the baseline with the noise as known in the end, and what is left beside it and beside the choice."""
+    unseen_beside: Callable[[Model], Leftover | None],
+) -> tuple[Model, Leftover, Leftover, Leftover | None]:
+    """Return the baseline with the noise as known in the end, and what is left beside it, the choice, and unseen."""
     curves = curves_along(courses_of(setting, choice.model), choice.model.problem.layout, responses, options.mapper)
     baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
-    # Without effects both are one.
-    beside = (baseline, choice.model) if choice.model.effects else (choice.model,)
-    looks = list(options.mapper(lambda model: leftover(model, choice.whitener, curves, options.seed), beside))
-    return baseline, looks[0], looks[-1]
+
+    def beside(model: Model) -> Leftover:
+        return leftover(model, choice.whitener, curves, options.seed)
+
+    looks: list[Callable[[], Leftover | None]] = [lambda: unseen_beside(choice.model), lambda: beside(choice.model)]
+    if choice.model.effects:  # without any both are one
+        looks.append(lambda: beside(baseline))
+    unseen, after, *before = options.mapper(lambda look: look(), looks)
+    assert after is not None
+    return baseline, (before or [after])[0], after, unseen
 
 
 def without_load_noise(

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.extension import Model
-from hil_forceps.diagnosis.linear import Place, Response, column, direct_column
+from hil_forceps.diagnosis.linear import Place, Response, columns, direct_column
 from hil_forceps.diagnosis.look import CHANCE
 from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.problem import Matrix
@@ -210,27 +210,29 @@ def curves_along(
 ) -> Curves:
     """Return the curves over what runs went through; without `responses` (loop not known) those in the channels."""
     scale = scale_of(courses)
-    columns: list[Flat] = []
+    found: list[Matrix] = []
     groups: list[Group] = []
     names: list[tuple[str, str]] = []
     channels = {part.channel for part in layout.parts}
+    count = 0
 
-    def of_curve(curve: Curve) -> list[Flat]:
-        members = zip(*(curve.members(course, scale) for course in courses), strict=True)
+    def of_curve(curve: Curve) -> Matrix | None:
+        members = [np.stack(curve.members(course, scale)) for course in courses]
         if curve.place in channels:
-            return [direct_column(layout, str(curve.place), list(signals)) for signals in members]
+            added = zip(*members, strict=True)
+            return np.stack([direct_column(layout, str(curve.place), list(each)) for each in added], axis=1)
         if responses is not None and curve.place in ("motor", "wire", "jaw"):
-            place = cast("Place", curve.place)
-            return [column(layout, list(responses), place, list(signals)) for signals in members]
-        return []
+            return columns(layout, responses, cast("Place", curve.place), members)
+        return None
 
     curves = _curves()
-    for curve, found_columns in zip(curves, mapper(of_curve, curves), strict=True):
-        if found_columns:
-            groups.append(Group(len(columns), len(columns) + len(found_columns), False))
+    for curve, these in zip(curves, mapper(of_curve, curves), strict=True):
+        if these is not None:
+            groups.append(Group(count, count + these.shape[1], False))
             names.append((str(curve.place), curve.variable))
-            columns += found_columns
-    return Curves(np.stack(columns, axis=1), tuple(groups), tuple(names))
+            found.append(these)
+            count += these.shape[1]
+    return Curves(np.concatenate(found, axis=1), tuple(groups), tuple(names))
 
 
 def whitened(curves: Curves, whitener: Whitener) -> Curves:

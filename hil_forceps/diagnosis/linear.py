@@ -4,19 +4,20 @@ Only for looking: which harmonics are worth a simulation, and whether what is le
 variable. Everything that ends in a result goes through the simulator.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from hil_forceps.diagnosis.spectrum import Flat, Layout, fill
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Matrix, fill, spectrum_of
 from hil_forceps.model.two_inertia import continuous
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.sections import DriveLaw
 
 Vector = NDArray[np.float64]
+Vectors = NDArray[np.float64]  # one a row
 Complex = NDArray[np.complex128]
 Place = Literal["motor", "wire", "jaw"]
 
@@ -61,17 +62,20 @@ def _controller(law: DriveLaw, omega: Vector) -> Complex:
     return np.asarray(pid * hold)
 
 
-def column(layout: Layout, responses_of: list[Response], place: Place, signals: list[Vector]) -> Flat:
-    """Return the flat sensitivity to a disturbance at a place; `signals`: its course in each run."""
-    flat = np.zeros(layout.size, dtype=np.float32)
-    spectra = [fft.rfft(signal) for signal in signals]
+def columns(layout: Layout, responses_of: Sequence[Response], place: Place, signals: Sequence[Vectors]) -> Matrix:
+    """Return the flat sensitivities to disturbances at a place, one column each; `signals`: their courses in each run.
+
+    Single precision: nothing that ends in a result hangs on it.
+    """
+    found = np.zeros((len(signals[0]), layout.size), dtype=np.float32)
+    spectra = [fft.rfft(each.astype(np.float32)) for each in signals]
     for part in layout.parts:
         gain = responses_of[part.run].gains[place].get(part.channel)
         if gain is None:
             continue
-        answer = fft.irfft(spectra[part.run] * gain, part.rows)
-        fill(flat, part, answer)
-    return flat
+        answers = fft.irfft(spectra[part.run] * gain.astype(np.complex64), part.rows)
+        found[:, part.start : part.stop] = spectrum_of(part, answers).view(np.float32)
+    return np.ascontiguousarray(found.T)
 
 
 def direct_column(layout: Layout, channel: str, signals: list[Vector]) -> Flat:

@@ -9,9 +9,9 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.current_limit import deepest_limits
 from hil_forceps.diagnosis.entries import Scene, quantiles_of_speed
 from hil_forceps.diagnosis.extension import Model
-from hil_forceps.diagnosis.linear import Response, column
+from hil_forceps.diagnosis.linear import Response, columns
 from hil_forceps.diagnosis.score import Group, score
-from hil_forceps.diagnosis.spectrum import Flat, Whitener
+from hil_forceps.diagnosis.spectrum import Whitener
 
 Vector = NDArray[np.float64]
 
@@ -78,14 +78,12 @@ def _harmonics(
     layout = model.problem.layout
     groups = [Group(2 * k, 2 * k + 2, False) for k in range(len(looked_at))]
 
-    def waves(h: float) -> list[Flat]:
-        both = ([s * wave(h * c.theta_m) for c, s in zip(courses, scales, strict=True)] for wave in (np.sin, np.cos))
-        return [column(layout, list(responses), "motor", signals) for signals in both]
-
-    columns = [flat for h in looked_at for flat in waves(h)]
-    white = whitener.apply(np.stack(columns, axis=1))
+    order = np.repeat(looked_at, 2)[:, None]
+    late = np.tile((0.0, 0.5 * np.pi), len(looked_at))[:, None]
+    waves = [s * np.sin(order * c.theta_m + late) for c, s in zip(courses, scales, strict=True)]
+    white = whitener.apply(columns(layout, responses, "motor", waves))
     norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30))
-    white = (white / norms).astype(np.float32)
+    white /= norms.astype(np.float32)
     found = score(
         whitener.apply(model.fit.jacobian),
         model.problem.prior_weights(),
@@ -96,5 +94,5 @@ def _harmonics(
         0.5,
         0,
     )
-    order = np.argsort(-found.gains)[:KEPT_HARMONICS]
-    return tuple(sorted(looked_at[i] for i in order))
+    best = np.argsort(-found.gains)[:KEPT_HARMONICS]
+    return tuple(sorted(looked_at[i] for i in best))

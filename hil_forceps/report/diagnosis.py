@@ -1,6 +1,10 @@
 """A diagnosis as one HTML page that opens offline, and its figures as files."""
 
-from collections.abc import Callable
+import gc
+import signal
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 from hil_forceps.diagnosis.result import Diagnosis
@@ -10,25 +14,56 @@ from hil_forceps.report.diagnosis_words import escaped
 Progress = Callable[[int, int, str], None]  # figures done, of how many, which one comes now
 
 
-def write_report(diagnosis: Diagnosis, path: Path, *, progress: Progress | None = None) -> None:
+def draughtsman() -> ProcessPoolExecutor:
+    """Return a process that draws half of the figures; it loads what it draws with at once, while others compute."""
+    helper = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_ready)
+    helper.submit(_ready)
+    return helper
+
+
+def _ready() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who draws beside ends it
+    from hil_forceps.report import diagnosis_figures  # noqa: F401, PLC0415
+
+    gc.freeze()
+
+
+def write_report(
+    diagnosis: Diagnosis, path: Path, *, helper: Executor | None = None, progress: Progress | None = None
+) -> None:
     """Write the page with its figures inside, folders made where missing; raises OSError.
 
-    The same diagnosis gives the same bytes.
+    `helper` draws two of three, for it has loaded what it draws with. The same diagnosis gives the same bytes.
     """
     from hil_forceps.report import diagnosis_figures  # noqa: PLC0415 - matplotlib takes a while to load
 
-    panels = diagnosis_figures.panels(diagnosis)
+    names = [panel.name for panel in diagnosis_figures.panels(diagnosis)]
+    own = names[::3] if helper else names
+    theirs = helper.submit(_images, diagnosis, [name for name in names if name not in own]) if helper else None
+    drawn = _images(diagnosis, own, progress)
+    if theirs:
+        drawn |= theirs.result()
+    images = {name: drawn[name] for name in names if name in drawn}  # the page has them in this order
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page(diagnosis, images), encoding="utf-8")
+
+
+def _images(diagnosis: Diagnosis, names: Sequence[str], progress: Progress | None = None) -> dict[str, str]:
+    """Draw the figures of these names, ready for the page."""
+    from hil_forceps.report import diagnosis_figures  # noqa: PLC0415 - as above
+
     images: dict[str, str] = {}
-    for done, panel in enumerate(panels):
-        _tell(progress, done, len(panels), panel.name)
+    for panel in diagnosis_figures.panels(diagnosis):
+        if panel.name not in names:
+            continue
+        _tell(progress, len(images), len(names), panel.name)
         figure = panel.draw()
         if figure is not None:
             caption = escaped(panel.caption)
             image = diagnosis_figures.svg_image(figure, caption)
             images[panel.name] = f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
-    _tell(progress, len(panels), len(panels), "page")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page(diagnosis, images), encoding="utf-8")
+    _tell(progress, len(names), len(names), "page")
+    return images
 
 
 def write_figures(diagnosis: Diagnosis, folder: Path, *, progress: Progress | None = None) -> list[Path]:

@@ -7,7 +7,7 @@ import pytest
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.session import Plan, feedback_period_s, host_config, run_session, service_config
 from hil_forceps.bridge.adapters import LinkSpec, open_link
-from hil_forceps.cli.run import read_trajectory, write_trajectory
+from hil_forceps.cli.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis import choice
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.experiment import Record
-from hil_forceps.diagnosis.linear import Response, column
+from hil_forceps.diagnosis.linear import Response, columns
 from hil_forceps.diagnosis.load_course import ERROR_KNOTS, load_course
 from hil_forceps.diagnosis.load_errors import with_load_errors
 from hil_forceps.diagnosis.low_rank import LoadErrors, decompose
@@ -79,7 +79,7 @@ def stands_out(scenario: str) -> float:
     error = error_of(load + drawn_noise(np.random.default_rng(0), ROWS, PERIOD_S, WHITE), NONE, WHITE)
     courses, _ = np.linalg.qr(error)
     layout = make_layout([list(SENSORS)], [np.ones(ROWS)], [PERIOD_S])
-    missed = column(layout, [answer()], "jaw", [load - courses @ (courses.T @ load)])
+    missed = columns(layout, [answer()], "jaw", [(load - courses @ (courses.T @ load))[None]])[:, 0]
     return float(np.sum((missed / np.array([SENSORS[name] for name in layout.band_channel])[layout.band_of]) ** 2))
 
 
@@ -155,7 +155,7 @@ def residual(layout: Layout, record: Record, rng: np.random.Generator) -> NDArra
     """What a simulation leaves that is driven by the course of a noisy load."""
     assert record.tau_w_N_m is not None
     own = transform(layout, [{name: sd * rng.standard_normal(ROWS) for name, sd in SENSORS.items()}])
-    return own + column(layout, [answer()], "jaw", [record.tau_w_N_m - LOAD_N_M])
+    return own + columns(layout, [answer()], "jaw", [(record.tau_w_N_m - LOAD_N_M)[None]])[:, 0]
 
 
 def test_noise_in_bursts_is_white_over_time_and_between_channels() -> None:

@@ -8,7 +8,7 @@ from hil_forceps.diagnosis.diagnose import Options, fit_baseline
 from hil_forceps.diagnosis.entries import Probe
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.heldout import floors_of
-from hil_forceps.diagnosis.linear import column, responses
+from hil_forceps.diagnosis.linear import columns, responses
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.probing import probe_columns
 from hil_forceps.diagnosis.score import score
@@ -52,7 +52,7 @@ def test_the_linear_loop_says_the_same_of_a_steady_torque() -> None:
     courses = courses_of(setting, baseline)
     answers = responses(RIG.plant(), RIG.require_drive(), courses[0].time_s.size, 1.0e-3, simulator.integral_per_s)
     torque = [-1.35e-2 * OFFSET_A * np.ones_like(courses[0].time_s)]
-    linear = column(problem.layout, [answers], "motor", torque)
+    linear = columns(problem.layout, [answers], "motor", [each[None] for each in torque])[:, 0]
     place = Probe("current_offset", {"offset_A": OFFSET_A}, ("offset_A",), False)
     simulated = probe_columns(problem, baseline.fit.u, [place])[0][:, 0]
     motor = next(part for part in problem.layout.parts if part.channel == "theta_m_rad")
