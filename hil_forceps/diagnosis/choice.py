@@ -21,7 +21,7 @@ from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.result import Candidate
 from hil_forceps.diagnosis.ringing import at_the_rig_s_word, in_valley_of, out_of_a_wrong_valley
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
-from hil_forceps.diagnosis.shortlist import NEAR_DROP, best_of_each, promising, shortlists
+from hil_forceps.diagnosis.shortlist import NEAR_DROP, aliases, best_of_each, promising, shortlists, with_aliases
 from hil_forceps.diagnosis.spectrum import Noise, Whitener
 from hil_forceps.diagnosis.widths import at_better_widths
 
@@ -257,7 +257,7 @@ class Chooser:
         order = sorted(best.values(), key=lambda i: -scan.scores.gains[i])
         if overlooked:
             order = [i for i in order if scan.probes[i].effect_id not in model.effects]
-        lists = shortlists(order, scan.scores.gains, needed, overlooked=overlooked)
+        lists = with_aliases(shortlists(order, scan.scores.gains, needed, overlooked=overlooked), order, scan)
         found: list[Model] = []
         lesser: list[Model] = []
         gains: dict[str, float] = {}
@@ -307,7 +307,8 @@ class Chooser:
         known = {frozenset(rival.model.effects) for rival in rivals}
         for other in others:
             near = NEAR_DROP * self._inflation(other.effects[-1])
-            if frozenset(other.effects) in known or other.worth - level > near:
+            far = other.worth - level > near and not aliases(other.effects, model.effects)
+            if far or frozenset(other.effects) in known:
                 continue
             refit = self._as_far(other, model, whitener)
             behind = refit.worth - model.worth

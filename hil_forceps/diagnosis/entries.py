@@ -18,7 +18,7 @@ HYSTERESIS_STRETCHES = (0.03, 0.15, 0.6)  # of the stretch's range
 PRESLIDING_ANGLES = (0.003, 0.02, 0.1)  # of the angle's range
 PLAY_SHARE = 0.01  # of the angle's range
 STRIBECK_QUANTILES = (0.03, 0.1, 0.3, 0.7)  # of the speed while moving
-HUMPS = (0.15, 0.45)  # of how far the jaw goes to either side
+HUMPS = (0.05, 0.15, 0.45)  # of how far the jaw goes to either side
 LIMIT_SHARES = (0.9985, 0.995, 0.98, 0.85, 0.6)  # of the largest current
 
 

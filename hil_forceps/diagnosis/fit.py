@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.problem import Matrix, Outputs, Problem
 from hil_forceps.diagnosis.spectrum import Flat, Whitener, transform
 from hil_forceps.diagnosis.unknowns import Unknowns
@@ -49,13 +50,17 @@ def sum_of_squares(flat: Flat) -> float:
     return float(np.einsum("i,i->", flat, flat, dtype=np.float64))
 
 
-def gram(left: Matrix, right: Matrix) -> NDArray[np.float64]:
+def gram(left: Matrix, right: Matrix, mapper: Mapper = map) -> NDArray[np.float64]:
     """Return leftᵀ right in double precision: where only priors tell unknowns apart, the last digits count."""
-    total = np.zeros((left.shape[1], right.shape[1]))
-    for start in range(0, left.shape[0], BLOCK):
+
+    def product(start: int) -> NDArray[np.float64]:
         first = left[start : start + BLOCK].astype(np.float64)
         second = first if right is left else right[start : start + BLOCK].astype(np.float64)
-        total += first.T @ second
+        return np.asarray(first.T @ second)
+
+    total = np.zeros((left.shape[1], right.shape[1]))
+    for each in mapper(product, range(0, left.shape[0], BLOCK)):
+        total += each
     return total
 
 
@@ -79,7 +84,7 @@ class Held(NamedTuple):
 def hold(jacobian: Matrix, shared: int, whitener: Whitener) -> Held:
     """Prepare the sensitivities of a fit for others that begin at it."""
     white = whitener.apply(jacobian)
-    return Held(jacobian, white, gram(white, white), shared)
+    return Held(jacobian, white, gram(white, white, whitener.mapper), shared)
 
 
 def hold_nuisances(found: Fit, problem: Problem, whitener: Whitener) -> Held:
@@ -173,13 +178,13 @@ def _sensitivity(problem: Problem, u: Vector, outputs: Outputs, whitener: Whiten
     if held is None:
         columns = problem.jacobian(u, outputs)
         white = whitener.apply(columns)
-        return Sensitivity(columns, white, gram(white, white))
+        return Sensitivity(columns, white, gram(white, white, problem.mapper))
     first, count = held.shared, len(problem.shared.items)
     if first == count:
         return Sensitivity(held.columns, held.white, held.gram)
     fresh = problem.shared_columns(u, outputs, range(first, count))
     white = whitener.apply(fresh)
-    cross, own = gram(held.white, white), gram(white, white)
+    cross, own = gram(held.white, white, problem.mapper), gram(white, white, problem.mapper)
     old = held.gram
     products = np.block(
         [

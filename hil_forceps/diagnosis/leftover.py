@@ -25,6 +25,7 @@ Vector = NDArray[np.float64]
 Signals = list[Vector]
 
 WAVES = 5
+TURNS = 3  # harmonics of a turn
 MEMORIES_S = (0.02, 0.1, 0.5, 2.0)
 MEMORY_SHARES = (0.01, 0.05, 0.2)  # of the range: memories over a way
 SHARP = 0.003  # of top speed: slow motion beside fast turns has a direction, too
@@ -95,6 +96,10 @@ def _waves(x: Vector, span: tuple[float, float]) -> list[Vector]:
     return [np.cos(k * phase) for k in range(1, WAVES + 1)]
 
 
+def _round(x: Vector) -> list[Vector]:
+    return [wave(k * x) for k in range(1, TURNS + 1) for wave in (np.sin, np.cos)]
+
+
 def _sign(omega: Vector, top: float) -> Vector:
     return np.asarray(np.tanh(omega / (SHARP * top)))
 
@@ -124,6 +129,7 @@ def _curves() -> tuple[Curve, ...]:
             "theta and direction",
             lambda c, s: [w * _sign(c.omega_m, s.omega_m) for w in _waves(c.theta_m, s.theta_m)],
         ),
+        Curve("motor", "turn", lambda c, _: _round(c.theta_m)),
         Curve("motor", "omega", lambda c, s: _over_speed(c.omega_m, s.omega_m)),
         Curve(
             "motor",
@@ -155,6 +161,8 @@ def _curves() -> tuple[Curve, ...]:
             lambda c, s: [_memory_over_way(c.stretch_m, share * s.stretch_m) for share in MEMORY_SHARES],
         ),
         Curve("wire", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),
+        Curve("wire", "turn", lambda c, _: _round(c.theta_m)),
+        Curve("wire", "jaw's turn", lambda c, _: _round(c.theta_j)),
         Curve("jaw", "theta", lambda c, s: _waves(c.theta_j, s.theta_j)),
         Curve(
             "jaw",
@@ -163,6 +171,7 @@ def _curves() -> tuple[Curve, ...]:
         ),
         Curve("jaw", "omega", lambda c, s: _over_speed(c.omega_j, s.omega_j)),
         Curve("jaw", "load", lambda c, _: [c.load_N_m, _slow(c.load_N_m, c.period_s, 0.1)]),
+        Curve("theta_m_rad", "turn", lambda c, _: _round(c.theta_m)),
         Curve("theta_m_rad", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),
         # The zeros of runs take it up as far as is known of them; more than that is no zero.
         Curve("theta_j_rad", "constant", lambda c, _: [np.ones_like(c.theta_j)]),

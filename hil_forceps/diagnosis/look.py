@@ -58,7 +58,7 @@ def noise_of(model: Model, scan_columns: Matrix, whitener: Whitener, floor: Vect
     white = whitener.apply(columns)
     norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30)).astype(np.float32)
     white /= norms
-    values, vectors = np.linalg.eigh(gram(white, white))
+    values, vectors = np.linalg.eigh(gram(white, white, problem.mapper))
     kept = values > 1e-7 * float(values.max())
     white = white @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)  # orthonormal now
     left = whitener.apply(found.residual)

@@ -16,6 +16,19 @@ MOST_INSTEAD, LEAST_PROMISE = 5, 2.0  # entries; of the linear gain
 SHORTLIST_DROP = 40.0  # of the linear gain below the best
 NEAR_DROP = 20.0  # of χ², within which entries are worth a refit, and rough fits worth fitting to the end
 
+# What does the same but near a reversal, or but far round a turn: a rough fit of one beside the other's rounding can be
+# 100 of χ² behind and its full fit 0.1 (an asymmetric friction that was taken for an offset of the current).
+ALIASES = (
+    frozenset({"current_offset", "coulomb_asymmetry"}),
+    frozenset({"actuation_delay", "electrical_lag"}),
+    frozenset({"pulley_eccentricity", "spool_radius_change"}),
+)
+
+
+def aliases(one: Collection[str], other: Collection[str]) -> bool:
+    """Tell whether two sets of effects differ by an alias alone."""
+    return frozenset(one) ^ frozenset(other) in ALIASES
+
 
 def best_of_each(scan: Scan) -> dict[str, int]:
     """Return the place of each entry that gains most."""
@@ -45,3 +58,13 @@ def shortlists(order: list[int], gains: Vector, needed: Vector, *, overlooked: b
     near = [i for i in standing_out if gains[i] > top - max(SHORTLIST_DROP, 0.4 * top)]
     close = [i for i in order if gains[i] > top - NEAR_DROP]
     return max(near, close, key=len)[:SHORTLIST], standing_out[len(near) :][:SHORTLIST]
+
+
+def with_aliases(lists: tuple[list[int], ...], order: list[int], scan: Scan) -> tuple[list[int], ...]:
+    """Return shortlists of which the first holds the alias of the best, too, however little that gains by its look."""
+    if not lists or not lists[0]:
+        return lists
+    first, *rest = lists
+    best = scan.probes[first[0]].effect_id
+    more = [i for i in order if i not in first and aliases((best,), (scan.probes[i].effect_id,))]
+    return first + more, *rest

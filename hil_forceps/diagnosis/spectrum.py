@@ -167,6 +167,7 @@ class Whitener(NamedTuple):
     pairs: tuple[tuple[int, int, int], ...]  # of each run: start of theta_j_rad, its stop, start of theta_m_rad
     mix: NDArray[np.complex64]  # of each bin of the theta_j_rad parts, one behind the other
     load: tuple[LowRank, ...] = ()  # of each run
+    mapper: Mapper = map
 
     def apply(self, entries: Flat) -> Flat:
         """Whiten a flat vector, or a matrix of them in columns."""
@@ -204,8 +205,8 @@ class Whitener(NamedTuple):
         return np.asarray(np.maximum(1.0 - used, 0.0))
 
     def _without_load(self, entries: Flat) -> Flat:
-        for errors in self.load:
-            errors.scale(entries, 1.0 / np.sqrt(1.0 + errors.power))
+        # Each run has entries of its own.
+        list(self.mapper(lambda errors: errors.scale(entries, 1.0 / np.sqrt(1.0 + errors.power)), self.load))
         return entries
 
     def _unmixed(self, white: Flat) -> Flat:
@@ -279,7 +280,7 @@ def whitening(layout: Layout, noise: Noise, mapper: Mapper = map) -> Whitener:
     factor = np.asarray((1.0 / np.sqrt(noise.power))[layout.band_of], dtype=np.float32)
     load = tuple(mapper(lambda errors: decompose(errors, factor), layout.load))
     places = tuple((jaw.start, jaw.stop, motor.start) for motor, jaw in both)
-    return Whitener(factor, places, mix.astype(np.complex64), load)
+    return Whitener(factor, places, mix.astype(np.complex64), load, mapper)
 
 
 def power_of_load(layout: Layout) -> Vector:
