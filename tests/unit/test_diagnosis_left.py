@@ -17,9 +17,7 @@ KINDS = ("multisine", "chirp", "trapezoid")
 
 def found_without(*ids: str) -> Findings:
     """Return what is found in runs of a stretched wire when entries are missing from the catalogue."""
-    runs = [
-        generate(TRUE, replace(SCENARIOS[kind], duration_s=4.0), 40 + k, name=kind) for k, kind in enumerate(KINDS)
-    ]
+    runs = [generate(TRUE, replace(SCENARIOS[kind], duration_s=4.0), 40 + k, name=kind) for k, kind in enumerate(KINDS)]
     return investigate(runs, RIG, Options(without=frozenset(ids), hold_out=KINDS[-1:]))
 
 

@@ -1,0 +1,35 @@
+"""Which entries are worth a refit."""
+
+import numpy as np
+
+from hil_forceps.diagnosis.entries import Probe
+from hil_forceps.diagnosis.look import Scan
+from hil_forceps.diagnosis.score import Group, Scores
+from hil_forceps.diagnosis.shortlist import aliases, shortlists, with_aliases
+
+NAMES = ("current_offset", "cogging", "coulomb_asymmetry", "wire_slack")
+GAINS = np.array([250.0, 230.0, 120.0, 110.0])
+
+
+def scan_of(names: tuple[str, ...]) -> Scan:
+    """Return a scan of these entries with those gains."""
+    probes = tuple(Probe(name, {}, (), False) for name in names)
+    groups = tuple(Group(k, k + 1, False) for k in range(len(names)))
+    one, square = [np.ones(1) for _ in names], np.eye(len(names))
+    scores = Scores(GAINS, one, np.ones(len(names), dtype=np.bool_), 18.0, square, np.ones(len(names)))
+    return Scan(probes, groups, np.empty((0, len(names)), dtype=np.float32), scores)
+
+
+def test_the_alias_of_the_best_is_refitted_however_little_its_look_gains() -> None:
+    order = [0, 1, 2, 3]
+    lists = shortlists(order, GAINS, np.full(4, 18.0), overlooked=False)
+    assert lists[0] == [0, 1]
+    assert with_aliases(lists, order, scan_of(NAMES))[0] == [0, 1, 2]
+    assert with_aliases(lists, order, scan_of(("cogging", "current_offset", *NAMES[2:])))[0] == [0, 1]
+    assert with_aliases((), order, scan_of(NAMES)) == ()
+
+
+def test_aliases_differ_by_nothing_else() -> None:
+    assert aliases(("cogging", "electrical_lag"), ("actuation_delay", "cogging"))
+    assert not aliases(("electrical_lag",), ("actuation_delay", "cogging"))
+    assert not aliases(("cogging",), ("cogging",))
