@@ -123,9 +123,11 @@ def figures(records: Sequence[Record]) -> list[tuple[str, str, str]]:
         mean = f"{sum(sizes) / len(sizes):.2f} of {len(sizes)}" if sizes else "none named"
         rows.append((f"mean size of the set, d = {size:g}", "≤ 1.5", mean))
     for kind, words in (("none", "no effect"), ("shift", "parameter shift only")):
+        here = ran(records, kind)
+        rows.append((f"false alarms, {words}", "≤ 2 %", share(map(false_alarm, here))))
         for noise in ("white", "coloured"):
-            here = [r for r in ran(records, kind) if r["noise"] == noise]
-            rows.append((f"false alarms, {words}, {noise} noise", "≤ 2 %", share(map(false_alarm, here))))
+            of_noise = [r for r in here if r["noise"] == noise]
+            rows.append((f"of those in {noise} noise", "", share(map(false_alarm, of_noise))))
     none = ran(records, "none")
     rows.append(("a shift told where there is none", "", share(r.get("verdict") == "parameters" for r in none)))
     deleted = ran(records, "deleted")
