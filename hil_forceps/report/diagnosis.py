@@ -15,8 +15,8 @@ Progress = Callable[[int, int, str], None]  # figures done, of how many, which o
 
 
 def draughtsman() -> ProcessPoolExecutor:
-    """Return a process that draws half of the figures; it loads what it draws with at once, while others compute."""
-    helper = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_ready)
+    """Return a process that helps to draw the figures; it loads what it draws with at once, while others compute."""
+    helper = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
     helper.submit(_ready)
     return helper
 
@@ -52,17 +52,16 @@ def _images(diagnosis: Diagnosis, names: Sequence[str], progress: Progress | Non
     """Draw the figures of these names, ready for the page."""
     from hil_forceps.report import diagnosis_figures  # noqa: PLC0415 - as above
 
+    panels = [panel for panel in diagnosis_figures.panels(diagnosis) if panel.name in names]
     images: dict[str, str] = {}
-    for panel in diagnosis_figures.panels(diagnosis):
-        if panel.name not in names:
-            continue
-        _tell(progress, len(images), len(names), panel.name)
+    for done, panel in enumerate(panels):
+        _tell(progress, done, len(panels), panel.name)
         figure = panel.draw()
         if figure is not None:
             caption = escaped(panel.caption)
             image = diagnosis_figures.svg_image(figure, caption)
             images[panel.name] = f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
-    _tell(progress, len(names), len(names), "page")
+    _tell(progress, len(panels), len(panels), "page")
     return images
 
 
