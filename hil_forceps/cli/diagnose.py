@@ -4,7 +4,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
@@ -21,7 +21,7 @@ from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs
 from hil_forceps.diagnosis.diagnose import Options
 from hil_forceps.diagnosis.result import Diagnosis, Rung, to_json
-from hil_forceps.report.diagnosis import draughtsman, write_figures, write_report
+from hil_forceps.report.diagnosis import begun, draughtsman, write_figures, write_report
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from hil_forceps.rig.errors import UserError
@@ -85,6 +85,11 @@ def diagnose(
         Progress(*columns, console=console, disable=not console.is_terminal) as bar,
     ):
         task = bar.add_task("reading", total=None)
+        drawing: list[Future[dict[str, str]]] = []
+
+        def to_draw(known: Diagnosis) -> None:
+            if helper:
+                drawing.append(begun(known, helper))
 
         options = Options(
             frozenset(without),
@@ -92,10 +97,11 @@ def diagnose(
             seed,
             over_threads(pool),
             lambda text: bar.update(task, description=text),
+            to_draw,
         )
         diagnosis, extended, trajectory = diagnose_runs(read, known, options)
         bar.update(task, description="drawing")
-        write_report(diagnosis, out / "report.html", helper=helper)
+        write_report(diagnosis, out / "report.html", drawing=drawing[0] if drawing else None)
         if figures:
             write_figures(diagnosis, out / "figures")
     (out / "diagnosis.json").write_text(json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n")

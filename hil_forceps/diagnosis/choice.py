@@ -35,6 +35,7 @@ SET_DROP = 4.0
 MOST_REFRESHES = 8
 BEYOND = 4.0  # steps of a fit with its rounding taken anew, tried where one such step still helps
 WAYS, WAYS_EFFECTS = 3, 3  # how many ways up are tried, and how far
+CLEARLY = 4.0  # times what an effect must gain: no better fit without it takes that away
 SETTLED = 10.0  # of χ²: where friction holds, the rounding as it was for one speed of its film keeps that speed
 ACCURACY = 0.004  # of the misfit already explained: a further effect must gain more than numerics and smoothing leave
 # The same where the motion drives: what is left of other causes is no noise, and some entry follows a little of it
@@ -327,8 +328,11 @@ class Chooser:
     def _thinned(self, model: Model, rivals: list[Rival], scan: Scan, whitener: Whitener) -> tuple[Model, list[Rival]]:
         """Drop effects that no longer gain enough with the noise as it is known in the end."""
         for place in reversed(range(len(model.effects))):
-            less = without_effect(model, place, whitener)
-            if less.fit.chi2 - model.fit.chi2 < scan.scores.threshold * self._inflation(model.effects[place]):
+            needed = scan.scores.threshold * self._inflation(model.effects[place])
+            less = without_effect(model, place, whitener, roughly=True)
+            if less.fit.chi2 - model.fit.chi2 < CLEARLY * needed:
+                less = without_effect(model, place, whitener)
+            if less.fit.chi2 - model.fit.chi2 < needed:
                 self._candidates = no_longer_named(self._candidates, {model.effects[place]}, "below threshold")
                 model, rivals = less, [Rival(less, 0.0)]
         return model, rivals

@@ -1,6 +1,7 @@
 """The one call: runs and a rig in, a whole diagnosis out, and the rig with what was found in it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, no
 from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, parameter_shifts, trends
 from hil_forceps.diagnosis.ladder import ladder
 from hil_forceps.diagnosis.next_experiment import propose
-from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Gain, Rung
+from hil_forceps.diagnosis.result import AuditFinding, Detectable, Diagnosis, Gain, Rung
 from hil_forceps.diagnosis.strokes import Strokes, floors_with_strokes
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
@@ -71,6 +72,20 @@ def silent(runs: Sequence[Run], rig: Rig) -> tuple[str, ...]:
 
 
 def _conclude(found: Findings, options: Options) -> Conclusion:
+    least = detectable(found)
+    options.progress("playing the models beside the runs")
+    # One core plays while the others look for the next experiment; a ladder shares out its own runs.
+    mapper = map if found.records[0].mode == "driven" else options.mapper
+    told = mapper(lambda _: _told(found, least, options), (None,))
+    proposal = propose(found, least)
+    diagnosis, extended = next(iter(told))
+    if proposal is None:
+        return Conclusion(diagnosis, extended)
+    return Conclusion(replace(diagnosis, next_experiment=proposal.result), extended, proposal.trajectory)
+
+
+def _told(found: Findings, least: dict[str, Detectable], options: Options) -> tuple[Diagnosis, Rig]:
+    """Return the diagnosis but for the next experiment, and the rig as extended by it."""
     verdict, rig = judge(found), found.rig
     model, baseline = found.choice.model, found.baseline
     theta_before = baseline.problem.theta(baseline.fit.u)
@@ -85,7 +100,6 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
     named = [effect.id for effect in verdict.effects]
     extended = parameters.rig_with(rig, theta_after if verdict.verdict != "consistent" else theta_nominal, named)
     refitted = parameters.rig_with(rig, theta_before, ())
-    options.progress("playing the models beside the runs")
     gain = {}
     runs = []
     models = (found.nominal, baseline, model if verdict.verdict == "effects" else baseline)
@@ -103,9 +117,6 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         runs += evidence(records, held, played[0], played[1], played[2], estimated)
         if held:
             gain = gains(records, played[1], played[2], held_floors, options.seed) | estimate_gain
-    options.progress("looking for the next experiment")
-    least = detectable(found)
-    proposal = propose(found, least)
     shifts = verdict.shifts
     rungs: tuple[Rung, ...] = ()
     scale: tuple[str, ...] = ()
@@ -126,7 +137,7 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         tuple(record.name for record in found.held_out),
         (*audit_findings(found), *map(_said, repeated)),
         least,
-        proposal.result if proposal else None,
+        None,
         verdict.varies_over,
         (*verdict.reasons, *scale),
         found.choice.candidates,
@@ -136,7 +147,8 @@ def _conclude(found: Findings, options: Options) -> Conclusion:
         tuple(runs),
         rungs,
     )
-    return Conclusion(diagnosis, extended, proposal.trajectory if proposal else None)
+    options.to_draw(diagnosis)
+    return diagnosis, extended
 
 
 def _play_unseen(found: Findings, thetas: tuple[Vector, Vector, Vector], options: Options) -> list[Played]:

@@ -24,6 +24,7 @@ from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Problem
+from hil_forceps.diagnosis.result import Diagnosis
 from hil_forceps.diagnosis.ringing import in_deepest_valley
 from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.smoothing import LoadNoise
@@ -50,6 +51,10 @@ def no_progress(_: str) -> None:
     """Say nothing."""
 
 
+def not_drawn(_: Diagnosis) -> None:
+    """Draw nothing."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Options:
     """How to diagnose; the defaults are what the published figures were made with."""
@@ -59,6 +64,8 @@ class Options:
     seed: int = 0
     mapper: Mapper = map
     progress: Progress = no_progress
+    # Told all that figures show, while the next experiment is still looked for; may come from a thread of its own.
+    to_draw: Callable[[Diagnosis], None] = not_drawn
 
 
 class Findings(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.entries import Probe, free_names
-from hil_forceps.diagnosis.fit import Fit, Held, fit, follow
+from hil_forceps.diagnosis.fit import Fit, Held, fit, follow, hold
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
 from hil_forceps.diagnosis.spectrum import Whitener
@@ -67,8 +67,8 @@ def _with_effect(model: Model, probe: Probe, start: dict[str, float]) -> tuple[P
     return problem, np.concatenate((model.fit.u[:count], np.zeros(len(shared.items) - count), model.fit.u[count:]))
 
 
-def without_effect(model: Model, place: int, whitener: Whitener) -> Model:
-    """Return the model refitted without one of its effects."""
+def without_effect(model: Model, place: int, whitener: Whitener, *, roughly: bool = False) -> Model:
+    """Return the model refitted without one of its effects; `roughly`: with the sensitivities that it had beside it."""
     gone = model.effects[place]
     items = model.problem.shared.items
     keep = [i for i, item in enumerate(items) if not item.name.startswith(f"effects.{gone}.")]
@@ -79,8 +79,10 @@ def without_effect(model: Model, place: int, whitener: Whitener) -> Model:
         base[parameters.index(name)] = parameters.off_value(name)
     problem = replace(model.problem.with_shared(shared), base=base)
     count = len(items)
-    u = np.concatenate((model.fit.u[keep], model.fit.u[count:]))
-    return Model(tuple(e for e in model.effects if e != gone), problem, fit(problem, u, whitener, steps=4))
+    at = [*keep, *range(count, model.fit.u.size)]
+    held = hold(model.fit.jacobian[:, at], len(keep), whitener) if roughly else None
+    refit = fit(problem, model.fit.u[at], whitener, held=held, steps=4)
+    return Model(tuple(e for e in model.effects if e != gone), problem, refit)
 
 
 def at_bound(problem: Problem, result: Fit, first: int) -> bool:

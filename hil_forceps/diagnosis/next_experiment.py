@@ -13,6 +13,7 @@ as far as the runs tell: d is what is reached or exceeded for `SURE` of the valu
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -85,8 +86,12 @@ def _offered(found: Findings) -> list[Experiment]:
 
 def _to_separate(found: Findings, offered: Sequence[Experiment]) -> Proposal | None:
     """Choose what separates the best of the tied models from that which it separates worst."""
-    truth, *others = [rival.model for rival in found.choice.rivals[:MOST_RIVALS]]
-    reached = [min(separation(found, e, truth, other) for other in others) for e in offered]
+    truth, *others = [_alone(rival.model) for rival in found.choice.rivals[:MOST_RIVALS]]
+
+    def separated(experiment: Experiment) -> float:
+        return min(separation(found, experiment, truth, other) for other in others)
+
+    reached = list(found.choice.model.problem.mapper(separated, offered))
     best = _most_telling(offered, reached)
     if reached[best] <= 0.0:
         return None
@@ -105,12 +110,12 @@ def _most_telling(offered: Sequence[Experiment], reached: Sequence[float]) -> in
 def _to_see(found: Findings, offered: Sequence[Experiment], least: dict[str, Detectable]) -> Proposal | None:
     """Choose what shows best the effect that the runs show least, of those that any experiment would show."""
     model = found.choice.model
-    alone = replace(model, problem=replace(model.problem, mapper=map))  # the experiments share the cores, not its parts
-    stages = list(model.problem.mapper(lambda e: stage_of(found, e, alone), offered))
+    alone, mapper = _alone(model), model.problem.mapper
+    stages = list(mapper(lambda e: stage_of(found, e, alone), offered))
     best: tuple[float, Experiment, str] | None = None
     for effect_id in _least_visible(least, model.effects)[:MOST_TARGETS]:
         other = _theta_with(model, effect_id)
-        reached = [_difference(stage, other) for stage in stages]
+        reached = list(mapper(partial(_difference, other), stages))
         k = _most_telling(offered, reached)
         if best is None or reached[k] > best[0]:
             best = (reached[k], offered[k], effect_id)
@@ -124,6 +129,11 @@ def _to_see(found: Findings, offered: Sequence[Experiment], least: dict[str, Det
         f"{effect_id} of the usual size would show there."
     )
     return Proposal(NextExperiment(experiment.name, (), d, said), trajectory_of(experiment, found.rig))
+
+
+def _alone(model: Model) -> Model:
+    """Return a model that maps nothing: the experiments share the cores, not its parts."""
+    return replace(model, problem=replace(model.problem, mapper=map))
 
 
 def _least_visible(least: dict[str, Detectable], named: Sequence[str]) -> list[str]:
@@ -186,7 +196,7 @@ def stage_of(found: Findings, experiment: Experiment, model: Model) -> Stage:
     return Stage(problem, whitener, transform(problem.layout, outputs), white, known)
 
 
-def _difference(stage: Stage, theta: Vector) -> float:
+def _difference(theta: Vector, stage: Stage) -> float:
     problem = stage.problem
     nuisances = problem.nuisances(np.zeros(problem.size))
     said = transform(problem.layout, problem.simulate_runs(theta, nuisances))

@@ -10,7 +10,7 @@ from hil_forceps.diagnosis.current_limit import deepest_limits
 from hil_forceps.diagnosis.entries import Scene, quantiles_of_speed
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.linear import Response, columns
-from hil_forceps.diagnosis.score import Group, score
+from hil_forceps.diagnosis.score import Group, gains_alone
 from hil_forceps.diagnosis.spectrum import Whitener
 
 Vector = NDArray[np.float64]
@@ -84,15 +84,13 @@ def _harmonics(
     white = whitener.apply(columns(layout, responses, "motor", waves))
     norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30))
     white /= norms.astype(np.float32)
-    found = score(
+    gains = gains_alone(
         whitener.apply(model.fit.jacobian),
         model.problem.prior_weights(),
         model.fit.u,
         white,
         groups,
         whitener.apply(model.fit.residual),
-        0.5,
-        0,
     )
-    best = np.argsort(-found.gains)[:KEPT_HARMONICS]
+    best = np.argsort(-gains)[:KEPT_HARMONICS]
     return tuple(sorted(looked_at[i] for i in best))

@@ -55,6 +55,24 @@ def project(fitted: Matrix, weights: Vector, u: Vector, columns: Matrix, residua
     return 0.5 * (s + s.T), b
 
 
+def gains_alone(
+    fitted: Matrix, weights: Vector, u: Vector, columns: Matrix, groups: Sequence[Group], residual: Flat
+) -> Vector:
+    """Return what each place gains by itself, as `score` has it; without chance, which asks for all columns at once."""
+    jc = gram(fitted, columns)
+    solved = inverse(gram(fitted, fitted) + np.diag(weights)) @ jc
+    jr = gram(fitted, residual[:, None])[:, 0] - weights * u
+    b = gram(columns, residual[:, None])[:, 0] - solved.T @ jr
+    gains = []
+    for group in groups:
+        these = slice(group.first, group.stop)
+        own = gram(columns[:, these], columns[:, these])
+        s = own - jc[:, these].T @ solved[:, these]
+        good = np.diag(s) > np.maximum(LEAST_SHARE * np.diag(own), 1e-8)
+        gains.append(_gain(s, b[these], Group(0, group.stop - group.first, group.one_sided), good)[0])
+    return np.array(gains)
+
+
 def score(
     fitted: Matrix,
     weights: Vector,

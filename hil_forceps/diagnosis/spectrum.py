@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from hil_forceps.diagnosis.low_rank import LoadErrors, LowRank, decompose
+from hil_forceps.diagnosis.low_rank import LoadErrors, LowRank, decompose, scale
 from hil_forceps.diagnosis.mapper import Mapper
 
 Vector = NDArray[np.float64]
@@ -188,8 +188,7 @@ class Whitener(NamedTuple):
     def undo(self, white: Flat) -> Flat:
         """Return the flat vector that `apply` made white."""
         entries = white.copy()
-        for errors in self.load:
-            errors.scale(entries, np.sqrt(1.0 + errors.power))
+        scale(entries, self.load, [np.sqrt(1.0 + errors.power) for errors in self.load], self.mapper)
         return self._unmixed(entries)
 
     def sensors(self, white: Flat) -> Flat:
@@ -205,8 +204,7 @@ class Whitener(NamedTuple):
         return np.asarray(np.maximum(1.0 - used, 0.0))
 
     def _without_load(self, entries: Flat) -> Flat:
-        # Each run has entries of its own.
-        list(self.mapper(lambda errors: errors.scale(entries, 1.0 / np.sqrt(1.0 + errors.power)), self.load))
+        scale(entries, self.load, [1.0 / np.sqrt(1.0 + errors.power) for errors in self.load], self.mapper)
         return entries
 
     def _unmixed(self, white: Flat) -> Flat:
@@ -278,7 +276,7 @@ def whitening(layout: Layout, noise: Noise, mapper: Mapper = map) -> Whitener:
     mixes = [noise.mix[layout.band_of[jaw.start : jaw.stop : 2]] for _, jaw in both]
     mix = np.concatenate(mixes) if mixes else np.empty(0)
     factor = np.asarray((1.0 / np.sqrt(noise.power))[layout.band_of], dtype=np.float32)
-    load = tuple(mapper(lambda errors: decompose(errors, factor), layout.load))
+    load = tuple(decompose(layout.load, factor, mapper))
     places = tuple((jaw.start, jaw.stop, motor.start) for motor, jaw in both)
     return Whitener(factor, places, mix.astype(np.complex64), load, mapper)
 

@@ -30,7 +30,7 @@ from hil_forceps.model.physics import (
     wound_m,
 )
 from hil_forceps.model.sensors import late, late_load
-from hil_forceps.model.step import Drive, plain_step, refined_step
+from hil_forceps.model.step import Drive, kind_of, plain_step, refined_step
 
 __all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", "law_vector", "rest", "simulate"]
 
@@ -146,6 +146,7 @@ def _rollout(
     out = np.empty((_CHANNELS, rows))
     edges = _edges(rows, inputs.edge_rows, inputs.edge_fractions)
     full = state_dependent(p)
+    kind = kind_of(p)
     gains = np.empty((SHORT + 2, SIZE))
     fill_all(gains, p, viscosity(p, 0.0), step_s)
     inertia = (p.I_m / step_s, p.I_j / step_s)
@@ -178,7 +179,7 @@ def _rollout(
             if full:
                 if abs(d.viscosity - gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
                     fill_all(gains, p, d.viscosity, step_s)
-                x = refined_step(p, gains, inertia, kept, x, d)
+                x = refined_step(p, kind, gains, inertia, kept, x, d)
             else:
                 x = plain_step(p, gains, inertia, x, d)
     return out

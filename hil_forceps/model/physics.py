@@ -247,6 +247,12 @@ def motor_level_N_m(p: Physics, omega_m: float, tension_N: float) -> float:
 
 
 @inlined
+def motor_rest_N_m(p: Physics, tension_N: float) -> float:
+    """Return the level of the motor's friction at standstill: `motor_level_N_m` at no speed, without an exponential."""
+    return p.motor_coulomb + p.load_mu * p.r_m * abs(tension_N) + p.stribeck_rise
+
+
+@inlined
 def rub_N_m(p: Physics, presliding: float, loaded: float, tension_N: float) -> float:
     """Return the motor's friction that builds up over a way; `presliding` and `loaded` from −1 to 1."""
     rub = p.presliding_level * presliding

@@ -3,7 +3,7 @@
 import gc
 import signal
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -12,6 +12,8 @@ from hil_forceps.report.diagnosis_page import page
 from hil_forceps.report.diagnosis_words import escaped
 
 Progress = Callable[[int, int, str], None]  # figures done, of how many, which one comes now
+
+SHARE = 4  # one figure in so many is drawn where the page is put together, the others by a helper
 
 
 def draughtsman() -> ProcessPoolExecutor:
@@ -28,24 +30,37 @@ def _ready() -> None:
     gc.freeze()
 
 
+def begun(diagnosis: Diagnosis, helper: Executor) -> Future[dict[str, str]]:
+    """Have a helper draw three of four figures of the page, while what else the page tells is still looked for."""
+    return helper.submit(_some_images, diagnosis)
+
+
+def _some_images(diagnosis: Diagnosis) -> dict[str, str]:
+    names = _names(diagnosis)
+    return _images(diagnosis, [name for name in names if name not in names[::SHARE]])
+
+
 def write_report(
-    diagnosis: Diagnosis, path: Path, *, helper: Executor | None = None, progress: Progress | None = None
+    diagnosis: Diagnosis, path: Path, *, drawing: Future[dict[str, str]] | None = None, progress: Progress | None = None
 ) -> None:
     """Write the page with its figures inside, folders made where missing; raises OSError.
 
-    `helper` draws two of three, for it has loaded what it draws with. The same diagnosis gives the same bytes.
+    `drawing`: of the same diagnosis, as it was `begun`. The same diagnosis gives the same bytes.
     """
-    from hil_forceps.report import diagnosis_figures  # noqa: PLC0415 - matplotlib takes a while to load
-
-    names = [panel.name for panel in diagnosis_figures.panels(diagnosis)]
-    own = names[::3] if helper else names
-    theirs = helper.submit(_images, diagnosis, [name for name in names if name not in own]) if helper else None
-    drawn = _images(diagnosis, own, progress)
-    if theirs:
-        drawn |= theirs.result()
+    names = _names(diagnosis)
+    drawn = _images(diagnosis, names[::SHARE] if drawing else names, progress)
+    if drawing:
+        drawn |= drawing.result()
     images = {name: drawn[name] for name in names if name in drawn}  # the page has them in this order
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page(diagnosis, images), encoding="utf-8")
+
+
+def _names(diagnosis: Diagnosis) -> list[str]:
+    """Return the names of its figures, in the order of the page."""
+    from hil_forceps.report import diagnosis_figures  # noqa: PLC0415 - matplotlib takes a while to load
+
+    return [panel.name for panel in diagnosis_figures.panels(diagnosis)]
 
 
 def _images(diagnosis: Diagnosis, names: Sequence[str], progress: Progress | None = None) -> dict[str, str]:

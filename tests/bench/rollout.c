@@ -189,7 +189,34 @@ static void push_of(const physics *p, const double *g, const state *x, torques u
     push[1] = u.jaw - 0.5 * u.jaw_slope + p->r_j * pull;
 }
 
-static excess excess_of(const physics *p, const double *g, motion m, wire_t w, const drive *d, double current) {
+/* What a step can leave out: 2 where nothing but friction's level hangs on the state, 1 where the wire is the linear one. */
+static int kind_of(const physics *p) {
+    double bent = fabs(p->slack) + fabs(p->hardening) + fabs(p->loop_force) + fabs(p->creep_share) + fabs(p->zero_stretch);
+    bent += fabs(p->pulley_sine) + fabs(p->pulley_cosine) + fabs(p->pitch) + fabs(p->play);
+    bent += fabs(p->lever_sine) + fabs(p->lever_cosine);
+    double pushed = fabs(p->presliding_level) + fabs(p->viscous_change) + fabs(p->loaded_mu) + fabs(p->viscous_asymmetry);
+    pushed += fabs(p->cogging_sine) + fabs(p->cogging_cosine) + fabs(p->ripple_sine) + fabs(p->ripple_cosine);
+    pushed += fabs(p->gravity_sine) + fabs(p->gravity_cosine) + fabs(p->coupling_stiffness) + fabs(p->coupling_torque);
+    pushed += fabs(p->grip_level) + fabs(p->grip_mu);
+    return bent != 0.0 ? 0 : pushed != 0.0 ? 1 : 2;
+}
+
+static wire_t wire_of(const physics *p, int kind, motion m, double lost, double creep, double loop) {
+    if (!kind) return wire(p, m, lost, creep, loop);
+    double elongation = p->r_m * m.theta_m - p->r_j * m.theta_j;
+    double tension = p->k * elongation + p->damping * (p->r_m * m.omega_m - p->r_j * m.omega_j);
+    return (wire_t){ elongation, tension, p->r_m, p->r_j, 0 };
+}
+
+static excess excess_of(const physics *p, int kind, const double *g, motion m, wire_t w, const drive *d, double current) {
+    if (kind == 2) return (excess){ 0.0, 0.0, 0.0 };
+    if (kind) {
+        double turn = d->constant * current * wave(p->ripple_sine, p->ripple_cosine, p->ripple_harmonic, m.theta_m);
+        turn += wave(p->cogging_sine, p->cogging_cosine, p->cogging_harmonic, m.theta_m);
+        turn -= 0.5 * p->viscous_asymmetry * fabs(m.omega_m);
+        double hold = wave(p->gravity_sine, p->gravity_cosine, 1.0, m.theta_j);
+        return (excess){ 0.0, turn, -hold - (p->coupling_stiffness * m.theta_j + p->coupling_torque) };
+    }
     double linear = g[STIFFNESS] * (p->r_m * m.theta_m - p->r_j * m.theta_j);
     linear += g[DAMPING] * (p->r_m * m.omega_m - p->r_j * m.omega_j);
     double motor = d->constant * current * wave(p->ripple_sine, p->ripple_cosine, p->ripple_harmonic, m.theta_m);
@@ -212,13 +239,15 @@ static void held_back(double change, double way, double by_mean, double by_slope
 }
 
 /* ways: of motor and jaw, of the wire; then how much the friction of motor and jaw that builds up over a way changed. */
-static torques corrections(const physics *p, const double *g, const double *ways, excess a, excess b) {
+static torques corrections(const physics *p, int kind, const double *g, const double *ways, excess a, excess b) {
     const double *m = g + MOTOR_WAY, *j = g + JAW_WAY;
-    double mm = p->r_m * p->r_m, jj = p->r_j * p->r_j, mj = p->r_m * p->r_j, pull, pull_slope;
+    double mm = p->r_m * p->r_m, jj = p->r_j * p->r_j, mj = p->r_m * p->r_j, pull = 0.0, pull_slope = 0.0;
     double rub_ = 0.0, rub_slope = 0.0, grip = 0.0, grip_slope = 0.0;
-    double by_mean = mm * m[MOTOR_MEAN] + jj * j[JAW_MEAN] - mj * (m[JAW_MEAN] + j[MOTOR_MEAN]);
-    double by_slope = mm * m[MOTOR_SLOPE] + jj * j[JAW_SLOPE] - mj * (m[JAW_SLOPE] + j[MOTOR_SLOPE]);
-    held_back(b.wire - a.wire, ways[2], by_mean, by_slope, &pull, &pull_slope);
+    if (!kind) {
+        double by_mean = mm * m[MOTOR_MEAN] + jj * j[JAW_MEAN] - mj * (m[JAW_MEAN] + j[MOTOR_MEAN]);
+        double by_slope = mm * m[MOTOR_SLOPE] + jj * j[JAW_SLOPE] - mj * (m[JAW_SLOPE] + j[MOTOR_SLOPE]);
+        held_back(b.wire - a.wire, ways[2], by_mean, by_slope, &pull, &pull_slope);
+    }
     if (ways[3] != 0.0) held_back(ways[3], ways[0], m[MOTOR_MEAN], m[MOTOR_SLOPE], &rub_, &rub_slope);
     if (ways[4] != 0.0) held_back(ways[4], ways[1], j[JAW_MEAN], j[JAW_SLOPE], &grip, &grip_slope);
     double motor = b.motor - a.motor, jaw = b.jaw - a.jaw;
@@ -226,35 +255,35 @@ static torques corrections(const physics *p, const double *g, const double *ways
                       0.5 * jaw + p->r_j * pull - grip, jaw + p->r_j * pull_slope - grip_slope };
 }
 
-static state full_step(const physics *p, const double *gains, int base, double inertia_m, double inertia_j, double kept,
+static state full_step(const physics *p, int kind, const double *gains, int base, double inertia_m, double inertia_j, double kept,
                        state x, const drive *d) {
     motion now = { x.theta_m, x.omega_m, x.theta_j, x.omega_j };
     double inertia[2] = { inertia_m, inertia_j }, push[2];
-    wire_t w0 = wire(p, now, x.lost, x.creep, x.loop);
+    wire_t w0 = wire_of(p, kind, now, x.lost, x.creep, x.loop);
     double rubbed = rub_of(p, x.presliding, x.loaded, w0.tension), holding = grip_of(p, x.gripped, w0.tension);
     const double *g = gains + (base + (w0.slack ? SLACK : TAUT)) * SIZE;
-    excess first = excess_of(p, g, now, w0, d, d->current - 0.5 * d->current_slope);
+    excess first = excess_of(p, kind, g, now, w0, d, d->current - 0.5 * d->current_slope);
     torques u = { d->constant * d->current + first.motor - rubbed - p->r_m * first.wire,
                   d->constant * d->current_slope, first.jaw + p->r_j * first.wire - d->load - holding, -d->load_slope };
     motion free = free_motion(p, g, &x, u);
     push_of(p, g, &x, u, push);
-    double level = motor_level(p, now.omega_m, w0.tension), rest = motor_level(p, 0.0, w0.tension);
+    double level = motor_level(p, now.omega_m, w0.tension), rest = p->motor_coulomb + p->load_mu * p->r_m * fabs(w0.tension) + p->stribeck_rise;
     double forward = high(0.0, p->asymmetry), backward = high(0.0, -p->asymmetry), level_j = jaw_level(p, now.theta_j);
     motion end = settled(g, &x, free, push, inertia, (levels){ level, level, rest, forward, backward },
                          (levels){ level_j, level_j, level_j, 0.0, 0.0 });
     double creep = kept * x.creep + (1.0 - kept) * p->creep_share * w0.tension / p->k;
     double lost = lost_after(p, x.lost, end.theta_m - now.theta_m);
-    wire_t w1 = wire(p, end, lost, creep, x.loop);
+    wire_t w1 = wire_of(p, kind, end, lost, creep, x.loop);
     if (p->loop_force != 0.0)
-        w1 = wire(p, end, lost, creep, slide(x.loop, w1.elongation - w0.elongation, p->loop_stretch));
-    excess last = excess_of(p, g, end, w1, d, d->current + 0.5 * d->current_slope);
+        w1 = wire_of(p, kind, end, lost, creep, slide(x.loop, w1.elongation - w0.elongation, p->loop_stretch));
+    excess last = excess_of(p, kind, g, end, w1, d, d->current + 0.5 * d->current_slope);
     double way_m = end.theta_m - now.theta_m, way_j = end.theta_j - now.theta_j;
     double slipped = p->presliding_level != 0.0 ? slide(x.presliding, way_m, p->presliding_angle) : 0.0;
     double loaded = p->loaded_mu != 0.0 ? slide(x.loaded, way_m, p->loaded_angle) : 0.0;
     double gripped = grips(p) ? slide(x.gripped, way_j, p->grip_angle) : 0.0;
     double ways[5] = { way_m, way_j, w1.elongation - w0.elongation,
                        rub_of(p, slipped, loaded, w1.tension) - rubbed, grip_of(p, gripped, w1.tension) - holding };
-    free = added(g, free, corrections(p, g, ways, first, last));
+    if (kind != 2) free = added(g, free, corrections(p, kind, g, ways, first, last));
     end = settled(g, &x, free, push, inertia,
                   (levels){ level, motor_level(p, end.omega_m, w1.tension), rest, forward, backward },
                   (levels){ level_j, jaw_level(p, end.theta_j), level_j, 0.0, 0.0 });
@@ -267,7 +296,7 @@ static state full_step(const physics *p, const double *gains, int base, double i
     if (p->loaded_mu != 0.0) after.loaded = slide(x.loaded, way_m, p->loaded_angle);
     if (grips(p)) after.gripped = slide(x.gripped, end.theta_j - x.theta_j, p->grip_angle);
     if (p->loop_force != 0.0)
-        after.loop = slide(x.loop, wire(p, end, after.lost, after.creep, x.loop).elongation - w0.elongation, p->loop_stretch);
+        after.loop = slide(x.loop, wire_of(p, kind, end, after.lost, after.creep, x.loop).elongation - w0.elongation, p->loop_stretch);
     return after;
 }
 
@@ -283,27 +312,34 @@ static state plain_step(const physics *p, const double *g, const double *inertia
                     x.lost, d->current_end };
 }
 
-static int sudden(const physics *p, double inertia, const state *x, const state *end) {
-    if (p->play > 0.0 && (fabs(x->lost) < p->play || fabs(end->lost) < p->play)) return 1;
-    if (p->slack > 0.0) {
-        wire_t a = wire(p, (motion){ x->theta_m, 0.0, x->theta_j, 0.0 }, x->lost, x->creep, x->loop);
-        wire_t b = wire(p, (motion){ end->theta_m, 0.0, end->theta_j, 0.0 }, end->lost, end->creep, end->loop);
-        if (a.slack != b.slack || a.tension * b.tension < 0.0) return 1;
-    }
-    double slow = p->stribeck_rise != 0.0 ? 3.0 * p->stribeck_speed : 0.0, first = fabs(x->omega_m), last = fabs(end->omega_m);
-    if (p->film_level != 0.0)
-        slow = high(slow, p->film_speed * high(0.3, log(high(1.0, 2.0 * p->film_level / p->film_speed / inertia))));
-    return low(first, last) < slow && high(first, last) > 0.0;
+static int uneven(double change, double over, double reach, double inertia, double first, double last) {
+    if (low(fabs(first), fabs(last)) >= reach * over || (first == 0.0 && last == 0.0)) return 0;
+    return first * last <= 0.0 || fabs(last - first) > 0.2 * over || fabs(change) > 0.1 * inertia * over;
 }
 
-static state refined_step(const physics *p, const double *g, const double *inertia, const double *kept, state x, const drive *d) {
-    state end = full_step(p, g, TAUT, inertia[0], inertia[1], kept[0], x, d);
-    if (!sudden(p, inertia[0], &x, &end)) return end;
+static int sudden(const physics *p, int kind, double inertia, const state *x, const state *end) {
+    if (p->play > 0.0 && (fabs(x->lost) < p->play || fabs(end->lost) < p->play)) return 1;
+    if (p->slack > 0.0) {
+        wire_t a = wire_of(p, kind, (motion){ x->theta_m, 0.0, x->theta_j, 0.0 }, x->lost, x->creep, x->loop);
+        wire_t b = wire_of(p, kind, (motion){ end->theta_m, 0.0, end->theta_j, 0.0 }, end->lost, end->creep, end->loop);
+        if (a.slack != b.slack || a.tension * b.tension < 0.0) return 1;
+    }
+    double first = x->omega_m, last = end->omega_m;
+    if (p->stribeck_rise != 0.0 && uneven(p->stribeck_rise, p->stribeck_speed, 3.0, inertia, first, last)) return 1;
+    if (p->film_level == 0.0) return 0;
+    double stiff = log(high(1.0, 2.0 * p->film_level / p->film_speed / inertia));
+    return uneven(p->film_level, p->film_speed, high(0.3, stiff), inertia, first, last);
+}
+
+static state refined_step(const physics *p, int kind, const double *g, const double *inertia, const double *kept, state x,
+                          const drive *d) {
+    state end = full_step(p, kind, g, TAUT, inertia[0], inertia[1], kept[0], x, d);
+    if (!sudden(p, kind, inertia[0], &x, &end)) return end;
     for (int piece = 0; piece < PIECES; piece++) {
         double at = (piece + 0.5) / PIECES - 0.5;
         drive part = { d->current + at * d->current_slope, d->current_slope / PIECES, d->current_end, d->constant,
                        d->load + at * d->load_slope, d->load_slope / PIECES };
-        x = full_step(p, g, SHORT, inertia[0] * PIECES, inertia[1] * PIECES, kept[1], x, &part);
+        x = full_step(p, kind, g, SHORT, inertia[0] * PIECES, inertia[1] * PIECES, kept[1], x, &part);
     }
     return x;
 }
@@ -315,7 +351,7 @@ void rollout(const double *physics_, const double *law, double quantum, double r
     physics p = *(const physics *)physics_;
     state x = *(const state *)start;
     double integral = start[11], angle_before = start[12], velocity = start[13], ring[MAX_RING];
-    int steps = substeps / samples, place = 0, places = c->whole + 2;
+    int kind = kind_of(&p), steps = substeps / samples, place = 0, places = c->whole + 2;
     double step_s = row_s / substeps, inertia[2] = { p.I_m / step_s, p.I_j / step_s };
     double kept[2] = { exp(-step_s / p.creep_time), exp(-step_s / PIECES / p.creep_time) };
     for (int i = 0; i < places; i++) ring[i] = x.current;
@@ -346,7 +382,7 @@ void rollout(const double *physics_, const double *law, double quantum, double r
                 constant *= 1.0 + p.constant_change * (1.0 - exp(-(n * substeps + step + 0.5) * step_s / p.constant_time));
             drive d = { u + away * c->mean + arriving * c->arrival_mean, away * c->slope + arriving * c->arrival_slope,
                         u + away * c->end + arriving * c->arrival_end, constant, load[n] + rise * (step + 0.5), rise };
-            x = full ? refined_step(&p, gains, inertia, kept, x, &d) : plain_step(&p, gains, inertia, x, &d);
+            x = full ? refined_step(&p, kind, gains, inertia, kept, x, &d) : plain_step(&p, gains, inertia, x, &d);
         }
     }
 }

@@ -8,7 +8,7 @@ from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.linear import Response, columns
 from hil_forceps.diagnosis.load_course import ERROR_KNOTS, load_course
 from hil_forceps.diagnosis.load_errors import with_load_errors
-from hil_forceps.diagnosis.low_rank import LoadErrors, decompose
+from hil_forceps.diagnosis.low_rank import LoadErrors, decompose, scale
 from hil_forceps.diagnosis.smoothing import LoadNoise, drawn_noise, smooth_load
 from hil_forceps.diagnosis.spectrum import (
     Layout,
@@ -212,13 +212,13 @@ def test_a_low_rank_covariance_is_made_white() -> None:
     columns = rng.standard_normal((50, 4)).astype(np.float32) * np.array([100.0, 10.0, 1.0, 0.1], dtype=np.float32)
     factor = rng.uniform(0.5, 2.0, 80).astype(np.float32)
     entries = np.sort(rng.choice(80, 50, replace=False))
-    low = decompose(LoadErrors(entries, columns), factor)
+    (low,) = decompose([LoadErrors(entries, columns)], factor)
     whole = np.zeros((80, 4))
     whole[entries] = factor[entries, None] * columns
     covariance = (np.eye(80) + whole @ whole.T).astype(np.float32)
     for _ in range(2):  # from both sides
         covariance = np.ascontiguousarray(covariance.T)
-        low.scale(covariance, 1.0 / np.sqrt(1.0 + low.power))
+        scale(covariance, [low], [1.0 / np.sqrt(1.0 + low.power)])
     assert covariance == pytest.approx(np.eye(80), abs=0.02)
 
 

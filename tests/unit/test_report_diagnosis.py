@@ -29,7 +29,7 @@ from hil_forceps.diagnosis.result import (
     Trend,
     Verdict,
 )
-from hil_forceps.report.diagnosis import draughtsman, write_figures, write_report
+from hil_forceps.report.diagnosis import begun, draughtsman, write_figures, write_report
 from hil_forceps.report.diagnosis_evidence import ladder_figure
 from hil_forceps.report.diagnosis_figures import panels
 from hil_forceps.report.diagnosis_ladder import ladder_section
@@ -381,7 +381,7 @@ def test_the_same_diagnosis_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in "ab":
         write_report(wire_slack(runs=1), tmp_path / name)
     with draughtsman() as helper:
-        write_report(wire_slack(runs=1), tmp_path / "c", helper=helper)
+        write_report(wire_slack(runs=1), tmp_path / "c", drawing=begun(wire_slack(runs=1), helper))
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes() == (tmp_path / "c").read_bytes()
 
 
