@@ -16,7 +16,7 @@ from hil_forceps.diagnosis.experiment_driven import prepare_driven, row_noise
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import fit, fit_again, hold_nuisances
 from hil_forceps.diagnosis.jaw_zero import without_jaw_zero
-from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover, curves_along, leftover
+from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover, curves_along, leftover, whitened
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.load_noise import beside_straight, load_noise, load_noise_driven
 from hil_forceps.diagnosis.look import Looker, no_columns, noise_of
@@ -174,7 +174,10 @@ def _left(
     unseen_beside: Callable[[Model], Leftover | None],
 ) -> tuple[Model, Leftover, Leftover, Leftover | None]:
     """Return the baseline with the noise as known in the end, and what is left beside it, the choice, and unseen."""
-    curves = curves_along(courses_of(setting, choice.model), choice.model.problem.layout, responses, options.mapper)
+    curves = whitened(
+        curves_along(courses_of(setting, choice.model), choice.model.problem.layout, responses, options.mapper),
+        choice.whitener,
+    )
     baseline = replace(baseline, fit=fit_again(baseline.problem, baseline.fit, choice.whitener))
 
     def beside(model: Model) -> Leftover:

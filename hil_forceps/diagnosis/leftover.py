@@ -253,10 +253,10 @@ def whitened(curves: Curves, whitener: Whitener) -> Curves:
 
 
 def leftover(model: Model, whitener: Whitener, curves: Curves, seed: int) -> Leftover:
-    """Look for curves in what the model leaves."""
+    """Look for curves, whitened ones, in what the model leaves."""
     problem, found = model.problem, model.fit
     beside = Beside(whitener.apply(found.jacobian), problem.prior_weights(), found.u)
-    return left_by_columns(problem.layout, beside, whitener.apply(found.residual), whitened(curves, whitener), seed)
+    return left_by_columns(problem.layout, beside, whitener.apply(found.residual), curves, seed)
 
 
 class Beside(NamedTuple):

@@ -244,7 +244,7 @@ def _problem(found: Findings, experiment: Experiment, model: Model) -> Problem:
     start = closed_loop.rest(theta, float(record.reference_rad[0]))
     if not isinstance(simulator, ClosedLoop):
         raise TypeError("an experiment is foretold in closed loop only")
-    staged = ClosedLoop((record,), simulator.law, (start,), (np.empty(0),), reference=simulator.reference)
+    staged = ClosedLoop((record,), simulator.law, (start,), (np.empty(0),), reference=simulator.reference).coarse()
     layout = make_layout([list(record.channels)], [record.weights], [record.period_s])
     sensors = dict(zip(found.setting.problem.layout.band_channel, found.setting.first_power, strict=True))
     power = np.array([sensors[name] for name in layout.band_channel])

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.predict import ClosedLoop, Offset, Slow, between_rows, low_pass, samples_per_row
 from hil_forceps.diagnosis.problem import Nuisance
 from hil_forceps.diagnosis.smoothing import smoothed
+from hil_forceps.model.closed_loop import Channels
 
 Vector = NDArray[np.float64]
 
@@ -24,6 +25,14 @@ REPLICAS = 6
 REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually ends
 
 
+class _Rounding(NamedTuple):
+    """The rounding of a run as it happened, and the run that it shakes."""
+
+    error_rad: Vector  # one for each sample of the drive
+    slow: Slow
+    shaken: Channels
+
+
 def with_encoder_errors(
     loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float, mapper: Mapper = map
 ) -> ClosedLoop:
@@ -32,22 +41,31 @@ def with_encoder_errors(
     Its offset is what this does more than the roundings that stand in for it, at `theta` and `nuisances`.
     """
     runs = range(len(loop.records))
-    found = loop.unshaken()
-    for _ in range(SHAKE_PASSES):
-        # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
-        errors = mapper(partial(_fast_left, found, theta, nuisances, quantum_rad), runs)
-        found = replace(found, encoder_error_rad=tuple(errors))
-    slow = mapper(lambda k: slow_share(found, k, theta, nuisances[k], quantum_rad), runs)
-    found = replace(found, slow=tuple(slow))
+    still = loop.unshaken()
+    each = list(mapper(lambda k: _rounding(still, k, theta, nuisances[k], quantum_rad), runs))
+    errors, slow = (tuple(getattr(one, name) for one in each) for name in ("error_rad", "slow"))
+    found = replace(still, encoder_error_rad=errors, slow=slow)
     found = replace(found, stand_ins=_stand_ins(found))
-    offsets = mapper(partial(_offset, found, theta, nuisances), runs)
+    offsets = mapper(lambda k: _offset(found, k, theta, nuisances[k], each[k].shaken), runs)
     return replace(found, offset=tuple(offsets))
 
 
-def _fast_left(loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], quantum_rad: float, run: int) -> Vector:
+def _rounding(still: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> _Rounding:
+    """Return a run's rounding, fast and slow, with the plant at `theta`."""
+    plain = shaken = still.raw(run, theta, nuisance)
+    error: Vector = np.empty(0)
+    for _ in range(SHAKE_PASSES):
+        # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
+        error = _fast_left(still, run, shaken.theta_m_rad, quantum_rad)
+        alone = (*still.encoder_error_rad[:run], error, *still.encoder_error_rad[run + 1 :])
+        shaken = replace(still, encoder_error_rad=alone).raw(run, theta, nuisance)
+    return _Rounding(error, slow_share(still, run, theta, nuisance, quantum_rad, (plain, shaken)), shaken)
+
+
+def _fast_left(loop: ClosedLoop, run: int, theta_m_rad: Vector, quantum_rad: float) -> Vector:
     """Return the fast part of what a simulation leaves in θ_m, no more than rounding can be."""
     record = loop.records[run]
-    left = record.channels["theta_m_rad"] - loop.raw(run, theta, nuisances[run]).theta_m_rad
+    left = record.channels["theta_m_rad"] - theta_m_rad
     fast = left - low_pass(left, shake_width(record.period_s))
     error = np.asarray(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
     return counted_between(
@@ -65,16 +83,18 @@ def counted_between(angle: Vector, error: Vector, samples: int, quantum_rad: flo
     return np.asarray(found)
 
 
-def _offset(loop: ClosedLoop, theta: Vector, nuisances: Sequence[Nuisance], run: int) -> Offset:
-    """Return what the rounding of a run does more than those that stand in for it."""
-    own, first, second = (s.raw(run, theta, nuisances[run]) for s in (loop, *loop.stand_ins))
-    motor, jaw, current = (
-        getattr(own, name) - 0.5 * (getattr(first, name) + getattr(second, name))
-        for name in ("theta_m_rad", "theta_j_rad", "current_A")
+def _offset(loop: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, shaken: Channels) -> Offset:
+    """Return what the rounding of a run does more than those that stand in for it; `shaken`: without its slow part."""
+    first, second = (stand_in.raw(run, theta, nuisance) for stand_in in loop.stand_ins)
+    mean_m, mean_j, mean_A = (
+        0.5 * (getattr(first, name) + getattr(second, name)) for name in ("theta_m_rad", "theta_j_rad", "current_A")
     )
+    slow = loop.slow[run]
+    motor = shaken.theta_m_rad + slow.theta_m_rad - mean_m
+    jaw = shaken.theta_j_rad + slow.theta_j_rad - mean_j
     # Others' roundings cancel, and the slow part isn't what the drive has read on the average.
-    read = motor - loop.slow[run].theta_m_rad + loop.error_at_rows(run)
-    return Offset(motor, jaw, current, np.cumsum(read) * loop.records[run].period_s)
+    read = motor - slow.theta_m_rad + loop.error_at_rows(run)
+    return Offset(motor, jaw, shaken.current_A - mean_A, np.cumsum(read) * loop.records[run].period_s)
 
 
 def _stand_ins(loop: ClosedLoop) -> tuple[ClosedLoop, ...]:
@@ -114,24 +134,29 @@ def _slow_noise(record: Record, rng: np.random.Generator) -> Vector:
     return smoothed(deviation * rng.standard_normal(record.time_s.size), REPLICA_CUTOFF)
 
 
-def slow_share(loop: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> Slow:
+def slow_share(
+    still: ClosedLoop,
+    run: int,
+    theta: Vector,
+    nuisance: Nuisance,
+    quantum_rad: float,
+    with_it: tuple[Channels, Channels],
+) -> Slow:
     """Return what rounding does slowly: a motor that creeps or dwells lingers where the count changes.
 
     Its angle is then off the counts' mean by up to half a count, for as long as it dwells. Simulated with the counting,
     for loads that differ by as much noise again as smoothing leaves, in pairs of opposite noise; what all have in
-    common is it.
+    common is it. `with_it`: the run without and with the fast part.
     """
-    record = loop.records[run]
+    record = still.records[run]
     nothing = np.zeros(record.time_s.size)
     if not on_grid(record.channels["theta_m_rad"], quantum_rad):
         return Slow(nothing, nothing)
-    still = loop.unshaken()
-    shaken = loop.raw(run, theta, nuisance)
-    plain = still.raw(run, theta, nuisance)
+    plain, shaken = with_it
     total_m, total_j = nothing.copy(), nothing.copy()
     loads = loads_like(record)
     for load in loads:
-        records = tuple(record._replace(tau_w_N_m=load) if k == run else r for k, r in enumerate(loop.records))
+        records = tuple(record._replace(tau_w_N_m=load) if k == run else r for k, r in enumerate(still.records))
         other = replace(still, records=records)
         counted, smooth = other.raw(run, theta, nuisance, quantum_rad), other.raw(run, theta, nuisance)
         total_m += (counted.theta_m_rad - smooth.theta_m_rad) / len(loads)
