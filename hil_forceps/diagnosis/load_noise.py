@@ -16,7 +16,7 @@ from scipy import fft
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.smoothing import LoadNoise
-from hil_forceps.diagnosis.spectrum import JAW, Flat, Layout, Part, pairs
+from hil_forceps.diagnosis.spectrum import JAW, MOTOR, Flat, Layout, Part, pairs
 
 Vector = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -65,15 +65,17 @@ def load_noise_driven(
 def load_noise(layout: Layout, left: Flat, responses: Sequence[Response], records: Sequence[Record]) -> LoadNoise:
     """Return the noise of the load cell; `left`: residual of a simulation driven by the load as measured (`records`).
 
-    Only its colour where the jaw's angle is measured; else white.
+    Its colour below `ALONE_HZ` only where the jaw's angle is measured; else white, at frequencies where straight
+    courses may show one.
     """
-    edges = np.unique(layout.band_Hz[[name == JAW for name in layout.band_channel]])
+    both = pairs(layout)
+    edges = np.unique(layout.band_Hz[[name == (JAW if both else MOTOR) for name in layout.band_channel]])
+    low = edges[edges < ALONE_HZ]
     top = 0.5 / min(record.period_s for record in records)
     high = _high(records, np.geomspace(ALONE_HZ, top, 6))
-    both = pairs(layout)
     if not both:
-        return LoadNoise(np.array([0.0, top]), np.full(2, float(np.median(high[1]))))
-    low = edges[edges < ALONE_HZ]
+        # Of 0 Hz alone a straight course leaves nothing, and noise of no power there had it follow every bend.
+        return LoadNoise(np.concatenate((low, high[0])), np.full(low.size + high[0].size, float(np.median(high[1]))))
     cuts = np.concatenate(([0.0], np.sqrt(low[1:] * low[:-1]), [ALONE_HZ]))
     found = np.array([_low(pair, left, responses[pair[0].run], records, cuts) for pair in both])
     least = float(high[1].min())  # no sensor is quieter at low frequency

@@ -20,6 +20,18 @@ from tests.hidden_effects.generator_scenarios import SCENARIOS
 KINDS = ("multisine", "slow")
 
 
+def assert_known_as_well_as_is_said(known: Sequence[Record], most_N_m: float) -> None:
+    """Compare the loads of records with the true ones."""
+    for place, (name, record) in enumerate(zip(KINDS, known, strict=True)):
+        _, true = simulate(RIG, SCENARIOS[name], run_seed(31, place))
+        assert record.tau_w_N_m is not None
+        assert record.load_error is not None
+        rms = np.sqrt(np.mean((record.tau_w_N_m - true.tau_w_N_m) ** 2))
+        told = np.sqrt(np.mean(np.sum(record.load_error.astype(float) ** 2, axis=1)))
+        assert rms < most_N_m
+        assert 0.75 < rms / told < 1.25
+
+
 @pytest.mark.parametrize(("kind", "plateau", "most"), [(WHITE, 1.0e-5, 3.0e-6), (COLOURED, 4.36e-5, 9.0e-6)])
 def test_the_colour_is_found_and_the_load_known_as_well_as_is_said(
     kind: NoiseKind, plateau: float, most: float, monkeypatch: pytest.MonkeyPatch
@@ -37,14 +49,18 @@ def test_the_colour_is_found_and_the_load_known_as_well_as_is_said(
     known, _ = without_load_noise(records, [], case.assumed, Options())
     slow = seen[0].frequency_Hz < 12.0
     assert np.median(np.sqrt(seen[0].power[slow])) == pytest.approx(plateau, rel=0.25)
-    for place, (name, record) in enumerate(zip(KINDS, known, strict=True)):
-        _, true = simulate(RIG, SCENARIOS[name], run_seed(31, place))
-        assert record.tau_w_N_m is not None
-        assert record.load_error is not None
-        rms = np.sqrt(np.mean((record.tau_w_N_m - true.tau_w_N_m) ** 2))
-        told = np.sqrt(np.mean(np.sum(record.load_error.astype(float) ** 2, axis=1)))
-        assert rms < most
-        assert 0.75 < rms / told < 1.25
+    assert_known_as_well_as_is_said(known, most)
+
+
+def test_straight_loads_show_the_noise_where_the_jaw_is_not_measured() -> None:
+    case = make_case({}, 31, scenarios=(KINDS, ()), drop=("theta_j_rad",))
+    records, _ = prepare(case.fit, case.assumed)
+    known, _ = without_load_noise(records, [], case.assumed, Options())
+    assert all(record.straight for record in known)
+    noise = known[0].load_noise
+    assert noise is not None
+    assert np.sqrt(noise.power) == pytest.approx(np.full(noise.power.size, 1.0e-5), rel=0.25)
+    assert_known_as_well_as_is_said(known, 3.0e-6)
 
 
 def test_straight_loads_put_right_a_noise_that_an_effect_has_spoilt() -> None:
