@@ -57,7 +57,8 @@ def assemble(records: Sequence[Record], rig: Rig, mapper: Mapper, shared: Unknow
     current = max(float(np.sqrt(np.mean(record.channels["current_A"] ** 2))) for record in records)
     torque = current * float(theta[parameters.index("motor.torque_constant_N_m_per_A")])
     if shared is None:
-        shared = known_parameters(rig, torque)
+        measured = any("theta_j_rad" in record.channels for record in records)
+        shared = known_parameters(rig, torque, jaw_measured=measured)
     ki = float(law[drive_law.KI])
     problem = Problem(
         tuple(records),

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.assemble import assemble
 from hil_forceps.diagnosis.experiment import AFTER_GAP_S, BURN_IN_S, MAX_ROWS, jumps, mode_of, prepare
 from hil_forceps.diagnosis.unknowns import Unknown, Unknowns, join, known_parameters, run_nuisances
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
-from tests.hidden_effects.generator import RIG
+from tests.hidden_effects.generator import RIG, make_case
 
 COUNT = 1000
 BURNT = round(BURN_IN_S / 1e-3)
@@ -114,6 +115,17 @@ def test_known_parameters_carry_what_is_known_of_them() -> None:
     friction = items["forceps.motor_coulomb_N_m"]
     assert friction.scale == pytest.approx(0.3 * 0.01)  # a friction's prior is as wide as the torques seen
     assert friction.low == 0.0
+
+
+def test_without_the_jaw_s_angle_its_radius_is_held_too_where_the_rig_says_it() -> None:
+    radius = "forceps.jaw_pulley_radius_m"
+    assert radius in known_parameters(RIG, 0.01).names
+    assert radius not in known_parameters(RIG, 0.01, jaw_measured=False).names
+    bounded = RIG.with_changes({radius: {"min": 1e-3, "max": 8e-3}})
+    assert radius in known_parameters(bounded, 0.01, jaw_measured=False).names
+    case = make_case({}, 3, scenarios=(("multisine",), ()), drop=("theta_j_rad",))
+    records, _ = prepare(case.fit, case.assumed)
+    assert radius not in assemble(records, case.assumed, map).problem.shared.names
 
 
 def test_bounds_and_unknown_values_have_no_prior() -> None:

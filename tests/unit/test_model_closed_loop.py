@@ -280,3 +280,18 @@ def test_what_does_not_fit_is_a_wrong_call(inputs: Inputs) -> None:
         run(theta_of(), inputs)
     with pytest.raises(ValueError, match="multiple"):
         closed_loop.simulate(theta_of(), LAW, 0.0, inputs_of(), closed_loop.rest(theta_of(), 0.6), 4, 3)
+
+
+def test_without_the_jaw_s_angle_no_channel_holds_the_jaw_s_radius() -> None:
+    """What is fitted without it holds that radius, since these two plants are one to every other sensor."""
+    scale, theta = 1.1, parameters.vector(RIG)
+    other = theta.copy()
+    for name in ("forceps.jaw_pulley_radius_m", "forceps.jaw_inertia_kg_m2"):
+        other[parameters.index(name)] *= scale
+    over = ("wire_stiffness_N_per_m", "motor_inertia_kg_m2", "motor_viscous_N_m_s_per_rad", "motor_coulomb_N_m")
+    for name in (*(f"forceps.{key}" for key in over), "motor.torque_constant_N_m_per_A"):
+        other[parameters.index(name)] /= scale
+    one, two = run(theta), run(other)
+    assert worst(one.theta_m_rad, two.theta_m_rad) < 1e-12
+    assert worst(one.current_A, two.current_A) < 1e-12
+    assert worst(one.theta_j_rad, scale * two.theta_j_rad) < 1e-12
