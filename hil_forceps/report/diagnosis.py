@@ -2,7 +2,7 @@
 
 import gc
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -13,31 +13,24 @@ from hil_forceps.report.diagnosis_words import escaped
 
 Progress = Callable[[int, int, str], None]  # figures done, of how many, which one comes now
 
-SHARE = 4  # one figure in so many is drawn where the page is put together, the others by a helper
-
 
 def draughtsman() -> ProcessPoolExecutor:
-    """Return a process that helps to draw the figures; it loads what it draws with at once, while others compute."""
+    """Return a process that draws figures; it loads what it draws with at once, while others compute."""
     helper = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
     helper.submit(_ready)
     return helper
 
 
 def _ready() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one who draws beside ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who waits for it ends it
     from hil_forceps.report import diagnosis_figures  # noqa: F401, PLC0415
 
     gc.freeze()
 
 
 def begun(diagnosis: Diagnosis, helper: Executor) -> Future[dict[str, str]]:
-    """Have a helper draw three of four figures of the page, while what else the page tells is still looked for."""
-    return helper.submit(_some_images, diagnosis)
-
-
-def _some_images(diagnosis: Diagnosis) -> dict[str, str]:
-    names = _names(diagnosis)
-    return _images(diagnosis, [name for name in names if name not in names[::SHARE]])
+    """Have a helper draw the figures of the page, while what else the page tells is still looked for."""
+    return helper.submit(_images, diagnosis)
 
 
 def write_report(
@@ -47,27 +40,16 @@ def write_report(
 
     `drawing`: of the same diagnosis, as it was `begun`. The same diagnosis gives the same bytes.
     """
-    names = _names(diagnosis)
-    drawn = _images(diagnosis, names[::SHARE] if drawing else names, progress)
-    if drawing:
-        drawn |= drawing.result()
-    images = {name: drawn[name] for name in names if name in drawn}  # the page has them in this order
+    images = drawing.result() if drawing else _images(diagnosis, progress)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page(diagnosis, images), encoding="utf-8")
 
 
-def _names(diagnosis: Diagnosis) -> list[str]:
-    """Return the names of its figures, in the order of the page."""
+def _images(diagnosis: Diagnosis, progress: Progress | None = None) -> dict[str, str]:
+    """Draw all figures, in the order of the page and ready for it."""
     from hil_forceps.report import diagnosis_figures  # noqa: PLC0415 - matplotlib takes a while to load
 
-    return [panel.name for panel in diagnosis_figures.panels(diagnosis)]
-
-
-def _images(diagnosis: Diagnosis, names: Sequence[str], progress: Progress | None = None) -> dict[str, str]:
-    """Draw the figures of these names, ready for the page."""
-    from hil_forceps.report import diagnosis_figures  # noqa: PLC0415 - as above
-
-    panels = [panel for panel in diagnosis_figures.panels(diagnosis) if panel.name in names]
+    panels = diagnosis_figures.panels(diagnosis)
     images: dict[str, str] = {}
     for done, panel in enumerate(panels):
         _tell(progress, done, len(panels), panel.name)
