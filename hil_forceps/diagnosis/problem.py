@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.mapper import Mapper
-from hil_forceps.diagnosis.spectrum import JAW, Flat, Layout, Noise, Whitener, fill_run, transform, whitening
-from hil_forceps.diagnosis.unknowns import STEP, STEP_WITHOUT_JAW, Unknowns
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, fill_run, transform, whitening
+from hil_forceps.diagnosis.unknowns import STEP, Unknowns
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float32]
@@ -138,9 +138,7 @@ class Problem:
     def shared_columns(self, u: Vector, outputs: Outputs, which: Sequence[int]) -> Matrix:
         """Return the sensitivities to some of the shared unknowns, one column each; one-sided differences."""
         _, high = self.bounds()
-        jaw = any(JAW in record.channels or record.mode == "driven" for record in self.records)
-        length = STEP if jaw else STEP_WITHOUT_JAW
-        steps = [length if u[i] + length <= high[i] else -length for i in which]
+        steps = [STEP if u[i] + STEP <= high[i] else -STEP for i in which]
 
         def column(task: tuple[int, float]) -> Flat:
             i, step = task

@@ -26,9 +26,6 @@ GAUGE = "forceps.motor_pulley_radius_m"
 # passed for evidence of s: it ended 11 % off, where 0.4 % were said and 4 % had been known.
 GAUGE_WITHOUT_JAW = "forceps.jaw_pulley_radius_m"
 STEP = 1e-3  # of the scale: finite differences
-# The same without the jaw's angle, where little tells the stiffness: shorter steps hold dry friction that sticks
-# elsewhere (cos² of two of the stiffness's columns 0.0 to 0.2), whose scatter passes for evidence.
-STEP_WITHOUT_JAW = 1e-2
 
 
 class Unknown(NamedTuple):

@@ -1,9 +1,6 @@
 """Runs made ready: even grids over gaps, jitter and printed stamps; jumps of the load; what is fitted."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -11,18 +8,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.assemble import assemble
 from hil_forceps.diagnosis.experiment import AFTER_GAP_S, BURN_IN_S, MAX_ROWS, jumps, mode_of, prepare
-from hil_forceps.diagnosis.mapper import Mapper
-from hil_forceps.diagnosis.predict import ClosedLoop
-from hil_forceps.diagnosis.problem import Nuisance, Outputs
-from hil_forceps.diagnosis.unknowns import (
-    STEP,
-    STEP_WITHOUT_JAW,
-    Unknown,
-    Unknowns,
-    join,
-    known_parameters,
-    run_nuisances,
-)
+from hil_forceps.diagnosis.unknowns import Unknown, Unknowns, join, known_parameters, run_nuisances
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator import RIG, make_case
@@ -140,26 +126,6 @@ def test_without_the_jaw_s_angle_its_radius_is_held_too_where_the_rig_says_it() 
     case = make_case({}, 3, scenarios=(("multisine",), ()), drop=("theta_j_rad",))
     records, _ = prepare(case.fit, case.assumed)
     assert radius not in assemble(records, case.assumed, map).problem.shared.names
-
-
-@pytest.mark.parametrize(("drop", "step"), [((), STEP), (("theta_j_rad",), STEP_WITHOUT_JAW)])
-def test_differences_are_longer_without_the_jaw_s_angle(drop: tuple[str, ...], step: float) -> None:
-    case = make_case({}, 3, scenarios=(("multisine",), ()), drop=drop)
-    records, _ = prepare(case.fit, case.assumed)
-    problem = assemble(records, case.assumed, map).problem
-    place = problem.shared.names.index("forceps.wire_stiffness_N_per_m")
-    stiffness, seen = problem.index_of("forceps.wire_stiffness_N_per_m"), []
-
-    class Watched:
-        def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:
-            seen.append(float(theta[stiffness]))
-            return problem.simulate_runs(theta, nuisances, mapper)
-
-    watched = replace(problem, simulate_runs=cast("ClosedLoop", Watched()))
-    u = np.zeros(problem.size)
-    watched.shared_columns(u, problem.simulate(u), [place])
-    item = problem.shared.items[place]
-    assert abs(seen[0] - item.centre) == pytest.approx(step * item.scale)
 
 
 def test_bounds_and_unknown_values_have_no_prior() -> None:
