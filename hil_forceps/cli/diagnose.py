@@ -87,9 +87,9 @@ def diagnose(
         task = bar.add_task("reading", total=None)
         drawing: list[Future[dict[str, str]]] = []
 
-        def to_draw(known: Diagnosis) -> None:
+        def to_draw(told: Diagnosis) -> None:
             if helper:
-                drawing.append(begun(known, helper))
+                drawing.append(begun(told, helper))
 
         options = Options(
             frozenset(without),

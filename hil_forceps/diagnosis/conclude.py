@@ -73,7 +73,7 @@ def silent(runs: Sequence[Run], rig: Rig) -> tuple[str, ...]:
 
 def _conclude(found: Findings, options: Options) -> Conclusion:
     least = detectable(found)
-    options.progress("playing the models beside the runs")
+    options.progress("playing the models beside the runs, looking for the next experiment")
     # One core plays while the others look for the next experiment; a ladder shares out its own runs.
     mapper = map if found.records[0].mode == "driven" else options.mapper
     told = mapper(lambda _: _told(found, least, options), (None,))

@@ -46,30 +46,39 @@ class Scores(NamedTuple):
 
 def project(fitted: Matrix, weights: Vector, u: Vector, columns: Matrix, residual: Flat) -> tuple[Square, Vector]:
     """Return S and b for whitened columns and residual."""
+    jc, solved, b = _taken_out(fitted, weights, u, columns, residual)
+    s = gram(columns, columns) - jc.T @ solved
+    return 0.5 * (s + s.T), b
+
+
+def _taken_out(
+    fitted: Matrix, weights: Vector, u: Vector, columns: Matrix, residual: Flat
+) -> tuple[Square, Square, Vector]:
+    """Return JᵀC, (JᵀJ + Λ)⁻¹ JᵀC and b."""
     jj = gram(fitted, fitted) + np.diag(weights)
     jc = gram(fitted, columns)
     jr = gram(fitted, residual[:, None])[:, 0] - weights * u
     solved = inverse(jj) @ np.column_stack((jc, jr))
-    s = gram(columns, columns) - jc.T @ solved[:, :-1]
-    b = gram(columns, residual[:, None])[:, 0] - jc.T @ solved[:, -1]
-    return 0.5 * (s + s.T), b
+    return jc, solved[:, :-1], gram(columns, residual[:, None])[:, 0] - jc.T @ solved[:, -1]
+
+
+def _telling(left: Vector, own: Vector) -> NDArray[np.bool_]:
+    """Tell which columns the data hold something of, by their power after and before projection."""
+    return (left > LEAST_SHARE * np.maximum(own, 1e-30)) & (left > 1e-8)
 
 
 def gains_alone(
     fitted: Matrix, weights: Vector, u: Vector, columns: Matrix, groups: Sequence[Group], residual: Flat
 ) -> Vector:
-    """Return what each place gains by itself, as `score` has it; without chance, which asks for all columns at once."""
-    jc = gram(fitted, columns)
-    solved = inverse(gram(fitted, fitted) + np.diag(weights)) @ jc
-    jr = gram(fitted, residual[:, None])[:, 0] - weights * u
-    b = gram(columns, residual[:, None])[:, 0] - solved.T @ jr
+    """Return what each place gains, as `score` has it; without chance, which asks for the products of all columns."""
+    jc, solved, b = _taken_out(fitted, weights, u, columns, residual)
     gains = []
     for group in groups:
         these = slice(group.first, group.stop)
         own = gram(columns[:, these], columns[:, these])
         s = own - jc[:, these].T @ solved[:, these]
-        good = np.diag(s) > np.maximum(LEAST_SHARE * np.diag(own), 1e-8)
-        gains.append(_gain(s, b[these], Group(0, group.stop - group.first, group.one_sided), good)[0])
+        here = Group(0, group.stop - group.first, group.one_sided)
+        gains.append(_gain(s, b[these], here, _telling(np.diag(s), np.diag(own)))[0])
     return np.array(gains)
 
 
@@ -86,8 +95,7 @@ def score(
     """Score all places; `chance` is the family-wise share of data sets without effect that may exceed the threshold."""
     own = np.array([float(c) for c in np.einsum("ij,ij->j", columns, columns, dtype=np.float64)])
     s, b = project(fitted, weights, u, columns, residual)
-    left = np.diag(s)
-    good = (left > LEAST_SHARE * np.maximum(own, 1e-30)) & (left > 1e-8)
+    good = _telling(np.diag(s), own)
     gains, amplitudes, informative = [], [], []
     for group in groups:
         gain, amplitude = _gain(s, b, group, good)

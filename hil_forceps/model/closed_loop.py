@@ -22,15 +22,15 @@ from hil_forceps.model.physics import (
     dead_zone,
     encoder_rad,
     followed,
+    kind_of,
     paid_angle,
-    state_dependent,
     torque_constant,
     viscosity,
     wire,
     wound_m,
 )
 from hil_forceps.model.sensors import late, late_load
-from hil_forceps.model.step import Drive, kind_of, plain_step, refined_step
+from hil_forceps.model.step import Drive, plain_step, refined_step
 
 __all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", "law_vector", "rest", "simulate"]
 
@@ -145,7 +145,6 @@ def _rollout(
     x, drive = start
     out = np.empty((_CHANNELS, rows))
     edges = _edges(rows, inputs.edge_rows, inputs.edge_fractions)
-    full = state_dependent(p)
     kind = kind_of(p)
     gains = np.empty((SHORT + 2, SIZE))
     fill_all(gains, p, viscosity(p, 0.0), step_s)
@@ -176,7 +175,7 @@ def _rollout(
             load, load_slope = _load(first, last, step, substeps, edges[row])
             time_s = (row * substeps + step + 0.5) * step_s
             d = Drive(mean, slope, end, torque_constant(p, time_s), viscosity(p, time_s), load, load_slope)
-            if full:
+            if not kind.plain:
                 if abs(d.viscosity - gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
                     fill_all(gains, p, d.viscosity, step_s)
                 x = refined_step(p, kind, gains, inertia, kept, x, d)

@@ -99,6 +99,14 @@ class State(NamedTuple):
     current_A: float  # true current
 
 
+class Kind(NamedTuple):
+    """What a step can leave out, told once for all of them."""
+
+    plain: bool  # nothing beyond the linear plant with constant friction is on
+    straight: bool  # the wire is the linear plant's
+    steady: bool  # nothing but friction's level hangs on the state
+
+
 class Wire(NamedTuple):
     """The wire at an instant."""
 
@@ -322,14 +330,15 @@ def unlike_N_m(p: Physics, omega_m: float) -> float:
 
 
 @inlined
-def state_dependent(p: Physics) -> bool:
-    """Whether anything beyond the linear plant with constant friction is on."""
-    motor = abs(p.stribeck_rise) + abs(p.presliding_level) + abs(p.load_mu) + abs(p.viscous_change)
-    motor += abs(p.cogging_sine) + abs(p.cogging_cosine) + abs(p.ripple_sine) + abs(p.ripple_cosine)
-    motor += abs(p.play) + abs(p.loaded_mu) + abs(p.viscous_asymmetry) + abs(p.film_level)
-    jaw = abs(p.jaw_slope) + abs(p.jaw_curvature) + abs(p.gravity_sine) + abs(p.gravity_cosine)
-    jaw += abs(p.lever_sine) + abs(p.lever_cosine) + abs(p.coupling_stiffness) + abs(p.coupling_torque)
-    jaw += abs(p.grip_level) + abs(p.grip_mu)
+def kind_of(p: Physics) -> Kind:
+    """Return what the steps of a plant can leave out."""
     of_wire = abs(p.slack) + abs(p.hardening) + abs(p.loop_force) + abs(p.creep_share) + abs(p.zero_stretch)
-    of_wire += abs(p.pulley_sine) + abs(p.pulley_cosine) + abs(p.pitch)
-    return motor + jaw + of_wire != 0.0
+    of_wire += abs(p.pulley_sine) + abs(p.pulley_cosine) + abs(p.pitch) + abs(p.play)
+    of_wire += abs(p.lever_sine) + abs(p.lever_cosine)
+    motor = abs(p.presliding_level) + abs(p.viscous_change) + abs(p.loaded_mu) + abs(p.viscous_asymmetry)
+    motor += abs(p.cogging_sine) + abs(p.cogging_cosine) + abs(p.ripple_sine) + abs(p.ripple_cosine)
+    jaw = abs(p.gravity_sine) + abs(p.gravity_cosine) + abs(p.coupling_stiffness) + abs(p.coupling_torque)
+    jaw += abs(p.grip_level) + abs(p.grip_mu)
+    level = abs(p.stribeck_rise) + abs(p.load_mu) + abs(p.film_level) + abs(p.jaw_slope) + abs(p.jaw_curvature)
+    steady = of_wire + motor + jaw == 0.0
+    return Kind(steady and level == 0.0, of_wire == 0.0, steady)

@@ -34,6 +34,7 @@ from hil_forceps.model.gains import (
 )
 from hil_forceps.model.kernel import inlined, kernel
 from hil_forceps.model.physics import (
+    Kind,
     Physics,
     State,
     Wire,
@@ -59,13 +60,6 @@ _FALLEN = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
 _FILM = 0.3  # of the film's speed: below it a step may want pieces, and up to where the film is stiff
 _EVEN = 0.2  # of the speed over which friction changes: a change of speed over which it is as good as a line
 _SOFT = 0.1  # of I/h: what friction's slope may be for a step to take it as it comes
-
-
-class Kind(NamedTuple):
-    """What a step can leave out, told once for all of them."""
-
-    straight: bool  # the wire is the linear plant's
-    steady: bool  # nothing but friction's level hangs on the state
 
 
 class Torques(NamedTuple):
@@ -104,19 +98,6 @@ class Excess(NamedTuple):
     wire: float  # tension above the linear
     motor: float  # torque on the motor pulley, without the wire's and presliding
     jaw: float  # torque on the jaw, without the wire's
-
-
-@inlined
-def kind_of(p: Physics) -> Kind:
-    """Return what the steps of a plant can leave out."""
-    wire = abs(p.slack) + abs(p.hardening) + abs(p.loop_force) + abs(p.creep_share) + abs(p.zero_stretch)
-    wire += abs(p.pulley_sine) + abs(p.pulley_cosine) + abs(p.pitch) + abs(p.play)
-    wire += abs(p.lever_sine) + abs(p.lever_cosine)
-    motor = abs(p.presliding_level) + abs(p.viscous_change) + abs(p.loaded_mu) + abs(p.viscous_asymmetry)
-    motor += abs(p.cogging_sine) + abs(p.cogging_cosine) + abs(p.ripple_sine) + abs(p.ripple_cosine)
-    jaw = abs(p.gravity_sine) + abs(p.gravity_cosine) + abs(p.coupling_stiffness) + abs(p.coupling_torque)
-    jaw += abs(p.grip_level) + abs(p.grip_mu)
-    return Kind(wire == 0.0, wire + motor + jaw == 0.0)
 
 
 @inlined
@@ -213,17 +194,13 @@ def _excess(p: Physics, kind: Kind, g: Gains, s: int, m: Motion, w: Wire, d: Dri
     """Return what the effects add at an instant."""
     if kind.steady:
         return Excess(0.0, 0.0, 0.0)
-    if kind.straight:
-        motor = d.torque_constant * current_A * ripple(p, m.theta_m) + cogging_N_m(p, m.theta_m)
-        motor -= (d.viscosity - g[s, VISCOSITY]) * m.omega_m + unlike_N_m(p, m.omega_m)
-        return Excess(0.0, motor, -gravity_N_m(p, m.theta_j) - coupling_N_m(p, m.theta_j))
     linear = g[s, STIFFNESS] * (p.r_m * m.theta_m - p.r_j * m.theta_j)
     linear += g[s, DAMPING] * (p.r_m * m.omega_m - p.r_j * m.omega_j)
     motor = d.torque_constant * current_A * ripple(p, m.theta_m) + cogging_N_m(p, m.theta_m)
     motor -= (d.viscosity - g[s, VISCOSITY]) * m.omega_m + unlike_N_m(p, m.omega_m)
     motor -= (w.radius_m - p.r_m) * w.tension_N
     jaw = (w.lever_m - p.r_j) * w.tension_N - gravity_N_m(p, m.theta_j) - coupling_N_m(p, m.theta_j)
-    return Excess(w.tension_N - linear, motor, jaw)
+    return Excess(0.0 if kind.straight else w.tension_N - linear, motor, jaw)
 
 
 @inlined
@@ -244,13 +221,19 @@ def held_back(change: float, way: float, way_of_mean: float, way_of_slope: float
 
 
 @inlined
-def _wire_of(p: Physics, kind: Kind, m: Motion, lost_rad: float, creep_m: float, loop: float) -> Wire:
-    if kind.straight:
-        elongation = p.r_m * m.theta_m - p.r_j * m.theta_j
-        tension = p.k * elongation + p.damping * (p.r_m * m.omega_m - p.r_j * m.omega_j)
-        return Wire(elongation, tension, p.r_m, p.r_j, False)
+def _wire_of(p: Physics, m: Motion, lost_rad: float, creep_m: float, loop: float) -> Wire:
     speed = followed(p, lost_rad, m.omega_m)
     return wire(p, m.theta_m - lost_rad, speed, m.theta_j, m.omega_j, creep_m, loop)
+
+
+@inlined
+def _wire_at_ends(p: Physics, kind: Kind, m: Motion, lost_rad: float, creep_m: float, loop: float) -> Wire:
+    """Return the wire at an end of a step: `_wire_of`, or the linear plant's where it is that."""
+    if not kind.straight:
+        return _wire_of(p, m, lost_rad, creep_m, loop)
+    elongation = p.r_m * m.theta_m - p.r_j * m.theta_j
+    tension = p.k * elongation + p.damping * (p.r_m * m.omega_m - p.r_j * m.omega_j)
+    return Wire(elongation, tension, p.r_m, p.r_j, False)
 
 
 @inlined
@@ -308,7 +291,7 @@ def full_step(
     `base`: where the gains for a step of this length begin; `inertia`: I/h of motor and jaw; `kept`: what creep keeps.
     """
     now = Motion(x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s)
-    w0 = _wire_of(p, kind, now, x.lost_rad, x.creep_m, x.loop)
+    w0 = _wire_at_ends(p, kind, now, x.lost_rad, x.creep_m, x.loop)
     s = base + (SLACK if w0.slack else TAUT)
     first = _excess(p, kind, g, s, now, w0, d, d.current - 0.5 * d.current_slope)
     rubbed, held = rub_N_m(p, x.presliding, x.loaded, w0.tension_N), grip_N_m(p, x.gripped, w0.tension_N)
@@ -328,9 +311,9 @@ def full_step(
     creep = kept * x.creep_m + (1.0 - kept) * p.creep_share * w0.tension_N / p.k
     way = end.theta_m - now.theta_m
     lost = lost_after(p, x.lost_rad, way)
-    w1 = _wire_of(p, kind, end, lost, creep, x.loop)
+    w1 = _wire_at_ends(p, kind, end, lost, creep, x.loop)
     if p.loop_force != 0.0:
-        w1 = _wire_of(p, kind, end, lost, creep, slide(x.loop, w1.elongation_m - w0.elongation_m, p.loop_stretch))
+        w1 = _wire_of(p, end, lost, creep, slide(x.loop, w1.elongation_m - w0.elongation_m, p.loop_stretch))
     last = _excess(p, kind, g, s, end, w1, d, d.current + 0.5 * d.current_slope)
     slipped, loaded = slid(p, x.presliding, x.loaded, way)
     gripped = slide(x.gripped, end.theta_j - now.theta_j, p.grip_angle) if grips(p) else 0.0
@@ -341,13 +324,11 @@ def full_step(
     motor = Levels(level, motor_level_N_m(p, end.omega_m, w1.tension_N), rest, forward, backward)
     jaw = Levels(level_j, jaw_level_N_m(p, end.theta_j), level_j, 0.0, 0.0)
     end = settled(g, s, x, free, push, inertia, motor, jaw)
-    return _remembered(p, kind, x, end, w0, w1, kept, d.current_end)
+    return _remembered(p, x, end, w0, w1, kept, d.current_end)
 
 
 @inlined
-def _remembered(
-    p: Physics, kind: Kind, x: State, end: Motion, w0: Wire, w1: Wire, kept: float, current_A: float
-) -> State:
+def _remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: float, current_A: float) -> State:
     """Return the state at the end of a step, with what wire and friction remember of it."""
     creep, loop, gripped = x.creep_m, x.loop, x.gripped
     way = end.theta_m - x.theta_m_rad
@@ -358,7 +339,7 @@ def _remembered(
     if grips(p):
         gripped = slide(gripped, end.theta_j - x.theta_j_rad, p.grip_angle)
     if p.loop_force != 0.0:
-        loop = slide(loop, _wire_of(p, kind, end, lost, creep, loop).elongation_m - w0.elongation_m, p.loop_stretch)
+        loop = slide(loop, _wire_of(p, end, lost, creep, loop).elongation_m - w0.elongation_m, p.loop_stretch)
     kept_z = (creep, loop, presliding, loaded, gripped, lost)
     return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, *kept_z, current_A)
 
@@ -393,15 +374,13 @@ def _uneven(
 
 
 @inlined
-def _sudden(p: Physics, kind: Kind, inertia_per_step: float, x: State, end: State) -> bool:
+def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
     """Whether something happened in a step that wants shorter ones."""
     if p.play > 0.0 and (abs(x.lost_rad) < p.play or abs(end.lost_rad) < p.play):
         return True
     if p.slack > 0.0:
-        before = _wire_of(p, kind, Motion(x.theta_m_rad, 0.0, x.theta_j_rad, 0.0), x.lost_rad, x.creep_m, x.loop)
-        after = _wire_of(
-            p, kind, Motion(end.theta_m_rad, 0.0, end.theta_j_rad, 0.0), end.lost_rad, end.creep_m, end.loop
-        )
+        before = _wire_of(p, Motion(x.theta_m_rad, 0.0, x.theta_j_rad, 0.0), x.lost_rad, x.creep_m, x.loop)
+        after = _wire_of(p, Motion(end.theta_m_rad, 0.0, end.theta_j_rad, 0.0), end.lost_rad, end.creep_m, end.loop)
         if before.slack != after.slack or before.tension_N * after.tension_N < 0.0:
             return True
     speeds = (x.omega_m_rad_per_s, end.omega_m_rad_per_s)
@@ -435,6 +414,6 @@ def refined_step(
 ) -> State:
     """Return `full_step`, in pieces where it has to be; `kept`: what creep keeps over a step and over a piece."""
     end = full_step(p, kind, g, TAUT, inertia, kept[0], x, d)
-    if _sudden(p, kind, inertia[0], x, end):
+    if _sudden(p, inertia[0], x, end):
         return _in_pieces(p, kind, g, inertia, kept[1], x, d)
     return end

@@ -210,20 +210,13 @@ static wire_t wire_of(const physics *p, int kind, motion m, double lost, double 
 
 static excess excess_of(const physics *p, int kind, const double *g, motion m, wire_t w, const drive *d, double current) {
     if (kind == 2) return (excess){ 0.0, 0.0, 0.0 };
-    if (kind) {
-        double turn = d->constant * current * wave(p->ripple_sine, p->ripple_cosine, p->ripple_harmonic, m.theta_m);
-        turn += wave(p->cogging_sine, p->cogging_cosine, p->cogging_harmonic, m.theta_m);
-        turn -= 0.5 * p->viscous_asymmetry * fabs(m.omega_m);
-        double hold = wave(p->gravity_sine, p->gravity_cosine, 1.0, m.theta_j);
-        return (excess){ 0.0, turn, -hold - (p->coupling_stiffness * m.theta_j + p->coupling_torque) };
-    }
     double linear = g[STIFFNESS] * (p->r_m * m.theta_m - p->r_j * m.theta_j);
     linear += g[DAMPING] * (p->r_m * m.omega_m - p->r_j * m.omega_j);
     double motor = d->constant * current * wave(p->ripple_sine, p->ripple_cosine, p->ripple_harmonic, m.theta_m);
     motor += wave(p->cogging_sine, p->cogging_cosine, p->cogging_harmonic, m.theta_m);
     motor -= 0.5 * p->viscous_asymmetry * fabs(m.omega_m) + (w.radius - p->r_m) * w.tension;
     double jaw = (w.lever - p->r_j) * w.tension - wave(p->gravity_sine, p->gravity_cosine, 1.0, m.theta_j);
-    return (excess){ w.tension - linear, motor, jaw - (p->coupling_stiffness * m.theta_j + p->coupling_torque) };
+    return (excess){ kind ? 0.0 : w.tension - linear, motor, jaw - (p->coupling_stiffness * m.theta_j + p->coupling_torque) };
 }
 
 static void held_back(double change, double way, double by_mean, double by_slope, double *mean, double *slope) {

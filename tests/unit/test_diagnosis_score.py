@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.score import COST_PER_COLUMN, Group, Scores, project, score
+from hil_forceps.diagnosis.score import COST_PER_COLUMN, Group, Scores, gains_alone, project, score
 
 ROWS, FITTED, CANDIDATES = 600, 3, 12
 Matrix = NDArray[np.float32]
@@ -39,6 +39,16 @@ def test_a_hidden_column_gains_what_it_put_in_and_gets_its_amplitude() -> None:
     assert int(np.argmax(found.gains)) == 4
     assert found.gains[4] == pytest.approx(0.49 * float(alone @ alone), rel=1e-3)
     assert found.amplitudes[4][0] == pytest.approx(0.7, rel=1e-3)
+
+
+def test_gains_alone_are_those_of_a_score() -> None:
+    groups = [Group(2 * k, 2 * k + 2, k % 2 == 1) for k in range(CANDIDATES // 2)]
+    weights, u = np.array([0.0, 5.0, 500.0]), np.array([0.1, -0.2, 0.3])
+    residual = columns(4, 1)[:, 0] + 0.2 * columns(2, CANDIDATES)[:, 5]
+    told = score(columns(1, FITTED), weights, u, columns(2, CANDIDATES), groups, residual, 0.05, 0)
+    alone = gains_alone(columns(1, FITTED), weights, u, columns(2, CANDIDATES), groups, residual)
+    assert np.ptp(alone) > 10.0
+    assert alone == pytest.approx(told.gains, rel=1e-9, abs=1e-9)
 
 
 def test_what_the_known_parameters_explain_gains_nothing() -> None:
