@@ -13,12 +13,14 @@ from scipy.signal import lfilter
 
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.extension import Model
+from hil_forceps.diagnosis.fit import gram
 from hil_forceps.diagnosis.linear import Place, Response, columns, direct_column
-from hil_forceps.diagnosis.look import CHANCE
+from hil_forceps.diagnosis.look import CHANCE, STANDS_OUT
 from hil_forceps.diagnosis.mapper import Mapper
+from hil_forceps.diagnosis.probing import columns_of
 from hil_forceps.diagnosis.problem import Matrix
 from hil_forceps.diagnosis.robust import inflations, left_by
-from hil_forceps.diagnosis.score import Group, score
+from hil_forceps.diagnosis.score import Group, Square, score
 from hil_forceps.diagnosis.spectrum import Flat, Layout, Whitener
 
 Vector = NDArray[np.float64]
@@ -28,6 +30,7 @@ WAVES = 5
 TURNS = 3  # harmonics of a turn
 MEMORIES_S = (0.02, 0.1, 0.5, 2.0)
 MEMORY_SHARES = (0.01, 0.05, 0.2)  # of the range: memories over a way
+SHORT_SHARES = (0.0003, 0.003)  # the direction itself, at rest that of the last motion
 SHARP = 0.003  # of top speed: slow motion beside fast turns has a direction, too
 HIGH = (0.8, 0.9, 0.95, 0.98)  # of the largest current: what lies beyond shows by itself
 OVER_CHANCE = 1.5  # what is more is left over; friction shaken loose by noise is followed in part only
@@ -105,15 +108,26 @@ def _sign(omega: Vector, top: float) -> Vector:
 
 
 def _memory_over_way(x: Vector, length: float) -> Vector:
+    """Return the direction of motion, which after each reversal takes a way of `length` to be forgotten."""
     way = np.diff(x, prepend=x[0])
-    keep = np.exp(-np.abs(way) / length)
+    moving = np.flatnonzero(way)
+    if not moving.size:
+        return np.zeros(x.size)
+    signs = np.sign(way[moving])
+    reversals = np.flatnonzero(np.diff(signs)) + 1
+    gone = np.cumsum(np.abs(way)) / length
     z = np.zeros(x.size)
     state = 0.0
-    signs = np.sign(way)
-    for k in range(x.size):
-        state = signs[k] + (state - signs[k]) * keep[k] if signs[k] != 0.0 else state
-        z[k] = state
+    for first, last in zip([0, *reversals], [*reversals, moving.size], strict=True):
+        sign, start = signs[first], int(moving[first])
+        stop = int(moving[last]) if last < moving.size else x.size
+        z[start:stop] = sign + (state - sign) * np.exp(gone[start - 1] - gone[start:stop])
+        state = z[stop - 1]
     return z
+
+
+def _memories(x: Vector, span: tuple[float, float], shares: Sequence[float]) -> list[Vector]:
+    return [_memory_over_way(x, share * (span[1] - span[0])) for share in shares]
 
 
 def _slow(x: Vector, period_s: float, time_s: float) -> Vector:
@@ -141,10 +155,14 @@ def _curves() -> tuple[Curve, ...]:
         Curve(
             "motor",
             "memory of motion",
-            lambda c, s: [
-                _memory_over_way(c.theta_m, share * (s.theta_m[1] - s.theta_m[0])) for share in MEMORY_SHARES
-            ],
+            lambda c, s: _memories(c.theta_m, s.theta_m, MEMORY_SHARES),
         ),
+        Curve(
+            "motor",
+            "tension and memory of motion",
+            lambda c, s: [np.abs(c.tension_N) * z for z in _memories(c.theta_m, s.theta_m, MEMORY_SHARES)],
+        ),
+        Curve("motor", "rate of current", lambda c, _: _rates(c.current_A)),
         Curve(
             "wire", "tension", lambda c, s: [c.tension_N * np.abs(c.tension_N) ** n / s.tension_N**n for n in (1, 2, 3)]
         ),
@@ -160,6 +178,7 @@ def _curves() -> tuple[Curve, ...]:
             "memory of stretch",
             lambda c, s: [_memory_over_way(c.stretch_m, share * s.stretch_m) for share in MEMORY_SHARES],
         ),
+        Curve("wire", "direction", lambda c, s: _memories(c.theta_m, s.theta_m, SHORT_SHARES)),
         Curve("wire", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),
         Curve("wire", "turn", lambda c, _: _round(c.theta_m)),
         Curve("wire", "jaw's turn", lambda c, _: _round(c.theta_j)),
@@ -170,6 +189,14 @@ def _curves() -> tuple[Curve, ...]:
             lambda c, s: [w * _sign(c.omega_j, s.omega_j) for w in _waves(c.theta_j, s.theta_j)],
         ),
         Curve("jaw", "omega", lambda c, s: _over_speed(c.omega_j, s.omega_j)),
+        Curve("jaw", "memory of motion", lambda c, s: _memories(c.theta_j, s.theta_j, MEMORY_SHARES)),
+        Curve(
+            "jaw",
+            "tension and direction",
+            lambda c, s: [
+                np.abs(c.tension_N) * z for z in _memories(c.theta_j, s.theta_j, (*SHORT_SHARES, *MEMORY_SHARES))
+            ],
+        ),
         Curve("jaw", "load", lambda c, _: [c.load_N_m, _slow(c.load_N_m, c.period_s, 0.1)]),
         Curve("theta_m_rad", "turn", lambda c, _: _round(c.theta_m)),
         Curve("theta_m_rad", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),
@@ -212,6 +239,7 @@ class Curves(NamedTuple):
     columns: Matrix
     groups: tuple[Group, ...]
     names: tuple[tuple[str, str], ...]  # place and variable of each group
+    products: Square | None = None  # CᵀC of whitened columns
 
 
 def curves_along(
@@ -245,11 +273,11 @@ def curves_along(
 
 
 def whitened(curves: Curves, whitener: Whitener) -> Curves:
-    """Return curves made white and of norm 1."""
+    """Return curves made white and of norm 1, with their products."""
     white: Matrix = whitener.apply(curves.columns)
     norms = np.sqrt(np.maximum(np.einsum("ij,ij->j", white, white, dtype=np.float64), 1e-30))
     white /= norms.astype(np.float32)
-    return curves._replace(columns=white)
+    return curves._replace(columns=white, products=gram(white, white, whitener.mapper))
 
 
 def leftover(model: Model, whitener: Whitener, curves: Curves, seed: int) -> Leftover:
@@ -270,10 +298,13 @@ class Beside(NamedTuple):
 def left_by_columns(layout: Layout, beside: Beside, residual: Flat, curves: Curves, seed: int) -> Leftover:
     """Look for curves in a residual; all whitened."""
     fitted, weights, u = beside
-    white, groups, names = curves
-    found = score(fitted, weights, u, white, groups, residual, CHANCE, seed)
-    noise = left_by(np.concatenate((fitted, white), axis=1), residual[:, None])[:, 0]
-    found = found._replace(gains=found.gains / inflations(layout, fitted, white, groups, noise))
+    white, groups, names = curves.columns, curves.groups, curves.names
+    found = score(fitted, weights, u, white, groups, residual, CHANCE, seed, curves.products)
+    high = [int(i) for i in np.flatnonzero(found.gains > STANDS_OUT * found.threshold)]
+    if high:
+        noise = left_by(np.concatenate((fitted, white), axis=1), residual[:, None])[:, 0]
+        some, own = columns_of(white, groups, high)
+        found.gains[high] /= inflations(layout, fitted, some, own, noise)
     order = np.argsort(-found.gains)
     families = tuple((*names[i], float(found.gains[i])) for i in order)
     values, vectors = np.linalg.eigh(found.projected)

@@ -44,10 +44,12 @@ class Scores(NamedTuple):
     slope: Vector
 
 
-def project(fitted: Matrix, weights: Vector, u: Vector, columns: Matrix, residual: Flat) -> tuple[Square, Vector]:
-    """Return S and b for whitened columns and residual."""
+def project(
+    fitted: Matrix, weights: Vector, u: Vector, columns: Matrix, residual: Flat, products: Square | None = None
+) -> tuple[Square, Vector]:
+    """Return S and b for whitened columns and residual; `products`: CᵀC, where it is known."""
     jc, solved, b = _taken_out(fitted, weights, u, columns, residual)
-    s = gram(columns, columns) - jc.T @ solved
+    s = (gram(columns, columns) if products is None else products) - jc.T @ solved
     return 0.5 * (s + s.T), b
 
 
@@ -91,10 +93,14 @@ def score(
     residual: Flat,
     chance: float,
     seed: int,
+    products: Square | None = None,
 ) -> Scores:
-    """Score all places; `chance` is the family-wise share of data sets without effect that may exceed the threshold."""
+    """Score all places; `chance` is the family-wise share of data sets without effect that may exceed the threshold.
+
+    `products`: CᵀC, where it is known.
+    """
     own = np.array([float(c) for c in np.einsum("ij,ij->j", columns, columns, dtype=np.float64)])
-    s, b = project(fitted, weights, u, columns, residual)
+    s, b = project(fitted, weights, u, columns, residual, products)
     good = _telling(np.diag(s), own)
     gains, amplitudes, informative = [], [], []
     for group in groups:
