@@ -107,7 +107,7 @@ def _sign(omega: Vector, top: float) -> Vector:
     return np.asarray(np.tanh(omega / (SHARP * top)))
 
 
-def _memory_over_way(x: Vector, length: float) -> Vector:
+def memory_over_way(x: Vector, length: float) -> Vector:
     """Return the direction of motion, which after each reversal takes a way of `length` to be forgotten."""
     way = np.diff(x, prepend=x[0])
     moving = np.flatnonzero(way)
@@ -127,7 +127,7 @@ def _memory_over_way(x: Vector, length: float) -> Vector:
 
 
 def _memories(x: Vector, span: tuple[float, float], shares: Sequence[float]) -> list[Vector]:
-    return [_memory_over_way(x, share * (span[1] - span[0])) for share in shares]
+    return [memory_over_way(x, share * (span[1] - span[0])) for share in shares]
 
 
 def _slow(x: Vector, period_s: float, time_s: float) -> Vector:
@@ -176,7 +176,7 @@ def _curves() -> tuple[Curve, ...]:
         Curve(
             "wire",
             "memory of stretch",
-            lambda c, s: [_memory_over_way(c.stretch_m, share * s.stretch_m) for share in MEMORY_SHARES],
+            lambda c, s: [memory_over_way(c.stretch_m, share * s.stretch_m) for share in MEMORY_SHARES],
         ),
         Curve("wire", "direction", lambda c, s: _memories(c.theta_m, s.theta_m, SHORT_SHARES)),
         Curve("wire", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),

@@ -1,23 +1,27 @@
 """What is left beside a model, and when that makes it doubtful."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.judge import BOTH_OVER_CHANCE, judge
-from hil_forceps.diagnosis.leftover import Leftover
+from hil_forceps.diagnosis.leftover import Leftover, memory_over_way
 from tests.hidden_effects.generator import RIG, generate, true_rig
 from tests.hidden_effects.generator_scenarios import SCENARIOS
 
 HIDDEN = "wire_permanent_stretch"
-TRUE = true_rig(RIG, {HIDDEN: {"stretch_m": 6.0e-5}}, {})
+STRETCHED = {HIDDEN: {"stretch_m": 6.0e-5}}
+PLAY = "transmission_play"
 KINDS = ("multisine", "chirp", "trapezoid")
 
 
-def found_without(*ids: str) -> Findings:
-    """Return what is found in runs of a stretched wire when entries are missing from the catalogue."""
-    runs = [generate(TRUE, replace(SCENARIOS[kind], duration_s=4.0), 40 + k, name=kind) for k, kind in enumerate(KINDS)]
+def found_without(*ids: str, hidden: Mapping[str, Mapping[str, float]] = STRETCHED) -> Findings:
+    """Return what is found in runs with something hidden when entries are missing from the catalogue."""
+    true = true_rig(RIG, hidden, {})
+    runs = [generate(true, replace(SCENARIOS[kind], duration_s=4.0), 40 + k, name=kind) for k, kind in enumerate(KINDS)]
     return investigate(runs, RIG, Options(without=frozenset(ids), hold_out=KINDS[-1:]))
 
 
@@ -58,3 +62,28 @@ def test_what_no_zero_of_the_jaw_s_sensor_can_be_is_left(right: Findings) -> Non
     verdict = judge(lacking)
     assert verdict.verdict == "unnamed"
     assert verdict.varies_over[0] == "theta_j_rad: constant"
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("left")
+def test_a_play_that_no_entry_is_shows_over_the_direction_and_is_no_skew() -> None:
+    found = found_without(PLAY, hidden={PLAY: {"half_width_rad": 8.0e-5}})
+    assert "channel_skew" in found.choice.model.effects
+    verdict = judge(found)
+    assert verdict.verdict == "unnamed"
+    assert verdict.varies_over[0] == "wire: direction"
+
+
+def test_a_direction_is_forgotten_over_the_way_after_each_reversal() -> None:
+    rng = np.random.default_rng(5)
+    way = np.convolve(rng.standard_normal(3000), np.ones(30) / 30.0)[:3000]
+    way[:20] = way[500:620] = 0.0  # at rest, also at first
+    angle = np.cumsum(way)
+    expected, state = np.zeros(angle.size), 0.0
+    for k, step in enumerate(np.diff(angle, prepend=angle[0])):
+        if step != 0.0:
+            state = np.sign(step) + (state - np.sign(step)) * np.exp(-abs(step) / 2.0)
+        expected[k] = state
+    np.testing.assert_allclose(memory_over_way(angle, 2.0), expected, atol=1e-9)
+    assert np.ptp(expected) > 1.5
+    assert not memory_over_way(np.full(9, 0.3), 1.0).any()
