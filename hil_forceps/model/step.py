@@ -319,11 +319,13 @@ def full_step(
     gripped = slide(x.gripped, end.theta_j - now.theta_j, p.grip_angle) if grips(p) else 0.0
     rub, grip = rub_N_m(p, slipped, loaded, w1.tension_N), grip_N_m(p, gripped, w1.tension_N)
     ways = (w1.elongation_m - w0.elongation_m, rub - rubbed, grip - held)
-    if not kind.steady:
-        free = added(g, s, free, _corrections(p, kind, g, s, x, end, ways, first, last))
-    motor = Levels(level, motor_level_N_m(p, end.omega_m, w1.tension_N), rest, forward, backward)
-    jaw = Levels(level_j, jaw_level_N_m(p, end.theta_j), level_j, 0.0, 0.0)
-    end = settled(g, s, x, free, push, inertia, motor, jaw)
+    last_level, last_level_j = motor_level_N_m(p, end.omega_m, w1.tension_N), jaw_level_N_m(p, end.theta_j)
+    # Far from standstill, friction that hangs on speed no longer changes: then the end is found already.
+    if not kind.steady or last_level != level or last_level_j != level_j:
+        if not kind.steady:
+            free = added(g, s, free, _corrections(p, kind, g, s, x, end, ways, first, last))
+        motor = Levels(level, last_level, rest, forward, backward)
+        end = settled(g, s, x, free, push, inertia, motor, Levels(level_j, last_level_j, level_j, 0.0, 0.0))
     return _remembered(p, x, end, w0, w1, kept, d.current_end)
 
 
@@ -388,7 +390,10 @@ def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
         return True
     if p.film_level != 0.0:
         # Beyond, its slope is at most half of what a step can take: L/ω_f exp(−|ω|/ω_f) < I/2h.
-        stiff = math.log(max(1.0, 2.0 * p.film_level / p.film_speed / inertia_per_step))
+        over = 2.0 * p.film_level / p.film_speed / inertia_per_step
+        if min(abs(speeds[0]), abs(speeds[1])) >= max(_FILM, over - 1.0) * p.film_speed:
+            return False  # ln x ≤ x − 1, and far quicker
+        stiff = math.log(max(1.0, over))
         return _uneven(p.film_level, p.film_speed, max(_FILM, stiff), inertia_per_step, speeds)
     return False
 

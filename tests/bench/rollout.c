@@ -276,10 +276,12 @@ static state full_step(const physics *p, int kind, const double *gains, int base
     double gripped = grips(p) ? slide(x.gripped, way_j, p->grip_angle) : 0.0;
     double ways[5] = { way_m, way_j, w1.elongation - w0.elongation,
                        rub_of(p, slipped, loaded, w1.tension) - rubbed, grip_of(p, gripped, w1.tension) - holding };
-    if (kind != 2) free = added(g, free, corrections(p, kind, g, ways, first, last));
-    end = settled(g, &x, free, push, inertia,
-                  (levels){ level, motor_level(p, end.omega_m, w1.tension), rest, forward, backward },
-                  (levels){ level_j, jaw_level(p, end.theta_j), level_j, 0.0, 0.0 });
+    double last_level = motor_level(p, end.omega_m, w1.tension), last_level_j = jaw_level(p, end.theta_j);
+    if (kind != 2 || last_level != level || last_level_j != level_j) {
+        if (kind != 2) free = added(g, free, corrections(p, kind, g, ways, first, last));
+        end = settled(g, &x, free, push, inertia, (levels){ level, last_level, rest, forward, backward },
+                      (levels){ level_j, last_level_j, level_j, 0.0, 0.0 });
+    }
     way_m = end.theta_m - x.theta_m;
     state after = { end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, x.loaded, x.gripped,
                     lost_after(p, x.lost, way_m), d->current_end };
@@ -320,7 +322,9 @@ static int sudden(const physics *p, int kind, double inertia, const state *x, co
     double first = x->omega_m, last = end->omega_m;
     if (p->stribeck_rise != 0.0 && uneven(p->stribeck_rise, p->stribeck_speed, 3.0, inertia, first, last)) return 1;
     if (p->film_level == 0.0) return 0;
-    double stiff = log(high(1.0, 2.0 * p->film_level / p->film_speed / inertia));
+    double over = 2.0 * p->film_level / p->film_speed / inertia;
+    if (low(fabs(first), fabs(last)) >= high(0.3, over - 1.0) * p->film_speed) return 0;
+    double stiff = log(high(1.0, over));
     return uneven(p->film_level, p->film_speed, high(0.3, stiff), inertia, first, last);
 }
 
