@@ -19,6 +19,8 @@ PRESLIDING_ANGLES = (0.003, 0.02, 0.1)  # of the angle's range
 PLAY_SHARE = 0.01  # of the angle's range
 STRIBECK_QUANTILES = (0.03, 0.1, 0.3, 0.7)  # of the speed while moving
 HUMPS = (0.05, 0.15, 0.45)  # of how far the jaw goes to either side
+HARMONIC = "harmonic"
+WHOLE_HARMONICS = (1.0, 2.0)
 LIMIT_SHARES = (0.9985, 0.995, 0.98, 0.85, 0.6)  # of the largest current
 
 
@@ -113,8 +115,8 @@ def _shapes(entry: Effect, scene: Scene) -> list[dict[str, float]]:
         "torque_constant_drift": ("time_constant_s", [share * scene.duration_s for share in DRIFT_TIMES]),
         "wire_hysteresis": ("stretch_m", [share * scene.stretch_range_m for share in HYSTERESIS_STRETCHES]),
         "wire_creep": ("time_constant_s", CREEP_TIMES_S),
-        "cogging": ("harmonic", scene.harmonics_cogging),
-        "torque_ripple": ("harmonic", scene.harmonics_ripple),
+        "cogging": (HARMONIC, scene.harmonics_cogging),
+        "torque_ripple": (HARMONIC, scene.harmonics_ripple),
     }
     if entry.id not in looked_at:
         return [{}]
@@ -123,10 +125,15 @@ def _shapes(entry: Effect, scene: Scene) -> list[dict[str, float]]:
 
 
 def free_names(entry: Effect, probe: Probe) -> tuple[str, ...]:
-    """Return the parameters to fit when this place is refined: all, but for channels without skew."""
+    """Return the parameters to fit when this place is refined: all, but for channels without skew and whole harmonics.
+
+    Once or twice in a turn repeats what goes round with the motor itself, and then it is once or twice to the last
+    digit; a harmonic of r_m/r_j, free to be found, is a weight at the jaw. Of more, a gear can make any number.
+    """
     if entry.id == "channel_skew":
         return probe.amplitudes
-    return tuple(p.name for p in entry.parameters)
+    whole = probe.start.get(HARMONIC) in WHOLE_HARMONICS
+    return tuple(p.name for p in entry.parameters if not (whole and p.name == HARMONIC))
 
 
 def quantiles_of_speed(omega: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, ...]:

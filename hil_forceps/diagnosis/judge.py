@@ -9,6 +9,7 @@ from scipy import stats
 
 from hil_forceps.diagnosis.choice import SET_DROP
 from hil_forceps.diagnosis.diagnose import Findings
+from hil_forceps.diagnosis.entries import HARMONIC
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover
 from hil_forceps.diagnosis.look import CHANCE
@@ -23,6 +24,7 @@ from hil_forceps.diagnosis.result import (
     Trend,
     Verdict,
 )
+from hil_forceps.model.parameters import index
 from hil_forceps.rig.catalogue import EFFECTS, Location, effect
 
 Vector = NDArray[np.float64]
@@ -155,6 +157,7 @@ def named_effects(found: Findings) -> tuple[NamedEffect, ...]:
     items = model.problem.shared.items
     values = model.problem.shared.values(model.fit.u[: len(items)])
     sd = np.sqrt(np.maximum(np.diag(model.fit.covariance)[: len(items)], 0.0))
+    theta = model.problem.theta(model.fit.u)
     named = []
     for effect_id in model.effects:
         parameters = {}
@@ -166,6 +169,10 @@ def named_effects(found: Findings) -> tuple[NamedEffect, ...]:
                 parameters[item.name.rsplit(".", 1)[1]] = Estimate(
                     float(value), float(value) - half, float(value) + half, item.unit
                 )
+        for p in effect(effect_id).parameters:
+            if p.name == HARMONIC and p.name not in parameters:  # not fitted: a whole number
+                whole = float(theta[index(f"effects.{effect_id}.{p.name}")])
+                parameters[p.name] = Estimate(whole, whole, whole, p.unit)
         named.append(NamedEffect(effect_id, effect(effect_id).location, _confidence(found, effect_id), parameters))
     return tuple(named)
 

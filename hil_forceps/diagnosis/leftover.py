@@ -188,6 +188,7 @@ def _curves() -> tuple[Curve, ...]:
             "theta and direction",
             lambda c, s: [w * _sign(c.omega_j, s.omega_j) for w in _waves(c.theta_j, s.theta_j)],
         ),
+        Curve("jaw", "turn", lambda c, _: _round(c.theta_j)),
         Curve("jaw", "omega", lambda c, s: _over_speed(c.omega_j, s.omega_j)),
         Curve("jaw", "memory of motion", lambda c, s: _memories(c.theta_j, s.theta_j, MEMORY_SHARES)),
         Curve(

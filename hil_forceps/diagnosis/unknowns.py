@@ -25,6 +25,7 @@ GAUGE = "forceps.motor_pulley_radius_m"
 # K_t and all of the motor's over s, give the same data. Left open, differences over which friction sticks elsewhere
 # passed for evidence of s: it ended 11 % off, where 0.4 % were said and 4 % had been known.
 GAUGE_WITHOUT_JAW = "forceps.jaw_pulley_radius_m"
+LEAST_OF_MANY = 2.5  # harmonics
 STEP = 1e-3  # of the scale: finite differences
 
 
@@ -81,7 +82,9 @@ class Unknowns(NamedTuple):
 
 def _effect_unknown(effect_id: str, p: EffectParameter, start: float) -> Unknown:
     scale = abs(p.typical) if p.neutral is not None else 0.3 * max(abs(start), abs(p.minimum))
-    return Unknown(f"effects.{effect_id}.{p.name}", p.unit, start, scale, p.minimum, p.maximum, False, p.neutral)
+    # One of three and more does not turn into one of those that are whole (`entries.free_names`).
+    low = LEAST_OF_MANY if p.name == "harmonic" and start > LEAST_OF_MANY else p.minimum
+    return Unknown(f"effects.{effect_id}.{p.name}", p.unit, start, scale, low, p.maximum, False, p.neutral)
 
 
 def known_parameters(rig: Rig, torque_scale_N_m: float, *, jaw_measured: bool = True) -> Unknowns:
