@@ -121,7 +121,7 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
     done = 0
     while done < steps:
         done += 1
-        slope = gram(at.white, white[:, None])[:, 0] - weights * u
+        slope = gram(at.white, white[:, None], problem.mapper)[:, 0] - weights * u
         whole = _step(at.gram, slope, weights, 0.0, u, low, high) - u
         if _expected(at.gram, slope, weights, whole) < SMALL_FALL:
             break
@@ -157,7 +157,7 @@ def follow(problem: Problem, u: Vector, whitener: Whitener, held: Held) -> tuple
     weights = problem.prior_weights()[rest]
     low, high = (bound[rest] for bound in problem.bounds())
     residual = problem.measured - problem.predicted(u)
-    slope = gram(held.white, whitener.apply(residual)[:, None])[:, 0] - weights * u[rest]
+    slope = gram(held.white, whitener.apply(residual)[:, None], problem.mapper)[:, 0] - weights * u[rest]
     moved = u.copy()
     moved[rest] = _step(held.gram, slope, weights, 0.0, u[rest], low, high)
     before = chi2_of(problem, residual, whitener, u)

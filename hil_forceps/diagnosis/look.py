@@ -133,6 +133,7 @@ class Looker:
             whitener.apply(model.fit.residual),
             CHANCE,
             self._seed,
+            gram(white, white, model.problem.mapper),
         )
         threshold, gains = max(found.threshold, LEAST_GAIN), found.gains.copy()
         high = [int(i) for i in np.flatnonzero(gains > STANDS_OUT * threshold)]
