@@ -103,8 +103,6 @@ class Sensitivity(NamedTuple):
 def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = None, steps: int = MAX_STEPS) -> Fit:
     """Minimise the objective from u.
 
-    No steps: where it is, with sensitivities as exact as the simulation.
-
     `held`: sensitivities taken as constant, so that only those of the other shared unknowns are computed anew each
     step. Good near a fit, and many times cheaper.
     """
@@ -116,8 +114,7 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
     white = whitener.apply(residual)
     chi2 = _objective(white, weights, u)
     damping = FIRST_DAMPING
-    coarsely = steps > 0
-    at, fresh = _sensitivity(problem, u, outputs, whitener, held, coarsely=coarsely), True
+    at, fresh = _sensitivity(problem, u, outputs, whitener, held), True
     done = 0
     while done < steps:
         done += 1
@@ -146,7 +143,7 @@ def fit(problem: Problem, u: Vector, whitener: Whitener, *, held: Held | None = 
                 break
         fresh = not improved or abs(fall - expected) > TRUSTED * expected
         if fresh:
-            at = _sensitivity(problem, u, outputs, whitener, held, coarsely=coarsely)
+            at = _sensitivity(problem, u, outputs, whitener, held)
     covariance = inverse(at.gram + np.diag(weights))
     return Fit(u, chi2, residual, outputs, at.columns, covariance, done)
 
@@ -177,17 +174,15 @@ def fit_again(problem: Problem, found: Fit, whitener: Whitener) -> Fit:
     return fit(problem, found.u, whitener, held=held, steps=AGAIN_STEPS)
 
 
-def _sensitivity(
-    problem: Problem, u: Vector, outputs: Outputs, whitener: Whitener, held: Held | None, *, coarsely: bool
-) -> Sensitivity:
+def _sensitivity(problem: Problem, u: Vector, outputs: Outputs, whitener: Whitener, held: Held | None) -> Sensitivity:
     if held is None:
-        columns = problem.jacobian(u, outputs, coarsely=coarsely)
+        columns = problem.jacobian(u, outputs)
         white = whitener.apply(columns)
         return Sensitivity(columns, white, gram(white, white, problem.mapper))
     first, count = held.shared, len(problem.shared.items)
     if first == count:
         return Sensitivity(held.columns, held.white, held.gram)
-    fresh = problem.shared_columns(u, outputs, range(first, count), coarsely=coarsely)
+    fresh = problem.shared_columns(u, outputs, range(first, count))
     white = whitener.apply(fresh)
     cross, own = gram(held.white, white, problem.mapper), gram(white, white, problem.mapper)
     old = held.gram

@@ -211,9 +211,7 @@ class ClosedLoop:
         )
 
     def coarse(self) -> "ClosedLoop":
-        """Return the same in longer steps: good for a look and for sensitivities, not for what is fitted."""
-        if self.longest_substep_s >= LONGEST_COARSE_SUBSTEP_S:
-            return self
+        """Return the same in longer steps: good for a look, not for a fit."""
         stand_ins = tuple(replace(loop, longest_substep_s=LONGEST_COARSE_SUBSTEP_S) for loop in self.stand_ins)
         return replace(self, stand_ins=stand_ins, longest_substep_s=LONGEST_COARSE_SUBSTEP_S)
 

@@ -127,29 +127,16 @@ class Problem:
         """Return the transformed channels of each run at u."""
         return self.simulate_runs(self.theta(u), self.nuisances(u), self.mapper)
 
-    def _look(self, u: Vector, outputs: Outputs, coarsely: bool) -> "_Look":
-        """Return what sensitivities are told by, at u, where `outputs` are the model's."""
-        simulate = self.simulate_runs.coarse() if coarsely else self.simulate_runs
-        same = simulate is self.simulate_runs
-        return _Look(simulate, outputs if same else simulate(self.theta(u), self.nuisances(u), self.mapper))
-
-    def _moved(self, look: "_Look", u: Vector, step: float) -> Outputs:
-        """Return what a step to u does, over the step; in a task of the mapper, which must not wait for its own."""
-        return difference(look.simulate(self.theta(u), self.nuisances(u)), look.outputs, step)
+    def _simulate_in_task(self, u: Vector) -> Outputs:
+        """Return the same from within a task of the mapper, which must not wait for tasks of its own."""
+        return self.simulate_runs(self.theta(u), self.nuisances(u))
 
     def predicted(self, u: Vector) -> Flat:
         """Return the flat vector of what the model says at u."""
         return transform(self.layout, self.simulate(u))
 
-    def shared_columns(self, u: Vector, outputs: Outputs, which: Sequence[int], *, coarsely: bool = False) -> Matrix:
-        """Return the sensitivities to some of the shared unknowns, one column each; one-sided differences.
-
-        `outputs`: of the model at u. `coarsely`: in longer steps, which do to say the way that a fit is to go, but not
-        what a parameter explains of a large misfit: a ring that is a little off leaves some of it.
-        """
-        return self._shared_columns(self._look(u, outputs, coarsely), u, which)
-
-    def _shared_columns(self, look: "_Look", u: Vector, which: Sequence[int]) -> Matrix:
+    def shared_columns(self, u: Vector, outputs: Outputs, which: Sequence[int]) -> Matrix:
+        """Return the sensitivities to some of the shared unknowns, one column each; one-sided differences."""
         _, high = self.bounds()
         steps = [STEP if u[i] + STEP <= high[i] else -STEP for i in which]
 
@@ -157,12 +144,12 @@ class Problem:
             i, step = task
             moved = u.copy()
             moved[i] += step
-            return transform(self.layout, self._moved(look, moved, step))
+            return transform(self.layout, difference(self._simulate_in_task(moved), outputs, step))
 
         columns = list(self.mapper(column, zip(which, steps, strict=True)))
         return np.stack(columns, axis=1) if columns else np.empty((self.layout.size, 0), dtype=np.float32)
 
-    def _nuisance_columns(self, look: "_Look", u: Vector) -> Matrix:
+    def nuisance_columns(self, u: Vector, outputs: Outputs) -> Matrix:
         """Return the sensitivities to all nuisances. A nuisance acts on its run alone, so runs are moved together."""
         first = len(self.shared.items)
         columns = np.zeros((self.layout.size, self.nuisance_count), dtype=np.float32)
@@ -177,7 +164,7 @@ class Problem:
                     v[first + start + 2 : first + start + 2 + record.edge_rows.size] += step
                 else:
                     v[first + start + offset] += step
-            return self._moved(look, v, step)
+            return difference(self._simulate_in_task(v), outputs, step)
 
         # Away from the nearer end: fractions are clipped to 0..1.
         tasks = [("zero", 0.1), ("integral", 0.1)]
@@ -192,18 +179,10 @@ class Problem:
                 fill_run(columns[:, start + 2 + j], self.layout, k, part)
         return columns
 
-    def jacobian(self, u: Vector, outputs: Outputs, *, coarsely: bool = False) -> Matrix:
-        """Return the sensitivities to every entry of u; `outputs`, `coarsely`: as in `shared_columns`."""
-        look = self._look(u, outputs, coarsely)
-        shared = self._shared_columns(look, u, range(len(self.shared.items)))
-        return np.concatenate((shared, self._nuisance_columns(look, u)), axis=1)
-
-
-class _Look(NamedTuple):
-    """A simulator whose differences tell sensitivities, and what it says where they are told."""
-
-    simulate: Simulator
-    outputs: Outputs
+    def jacobian(self, u: Vector, outputs: Outputs) -> Matrix:
+        """Return the sensitivities to every entry of u."""
+        shared = self.shared_columns(u, outputs, range(len(self.shared.items)))
+        return np.concatenate((shared, self.nuisance_columns(u, outputs)), axis=1)
 
 
 def difference(after: Outputs, before: Outputs, step: float) -> Outputs:

@@ -17,8 +17,7 @@ from hil_forceps.model.closed_loop import Channels
 Vector = NDArray[np.float64]
 
 SLOWEST_SHAKE_HZ = 120.0  # below, what is left is misfit rather than rounding
-SHAKE_PASSES = 5  # each leaves 0.4 of what was wrong
-SHAKE_PASSES_AGAIN = 3  # where it was taken before, beside a model that differs little
+SHAKE_PASSES = 5
 STAND_IN_SHARE = 0.37  # of a run: how far the rounding is moved that stands in for the one that happened
 SWING = 100.0  # of the noise that smoothing leaves in the load: how far the load of stand-ins is swung
 MOST_SWING = 0.15  # of the load's own standard deviation
@@ -39,13 +38,11 @@ def with_encoder_errors(
 ) -> ClosedLoop:
     """Return the same with the encoder's rounding as it happened: the fast part of what a fit leaves in θ_m.
 
-    Its offset is what this does more than the roundings that stand in for it, at `theta` and `nuisances`. Where `loop`
-    has taken it before, from there on.
+    Its offset is what this does more than the roundings that stand in for it, at `theta` and `nuisances`.
     """
     runs = range(len(loop.records))
     still = loop.unshaken()
-    before = loop.encoder_error_rad
-    each = list(mapper(lambda k: _rounding(still, k, theta, nuisances[k], quantum_rad, before[k]), runs))
+    each = list(mapper(lambda k: _rounding(still, k, theta, nuisances[k], quantum_rad), runs))
     errors, slow = (tuple(getattr(one, name) for one in each) for name in ("error_rad", "slow"))
     found = replace(still, encoder_error_rad=errors, slow=slow)
     found = replace(found, stand_ins=_stand_ins(found))
@@ -53,21 +50,15 @@ def with_encoder_errors(
     return replace(found, offset=tuple(offsets))
 
 
-def _rounding(
-    still: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float, error: Vector
-) -> _Rounding:
-    """Return a run's rounding, fast and slow, with the plant at `theta`; `error`: as it was taken before, or empty."""
-
-    def shaken_by(error: Vector) -> Channels:
-        alone = (*still.encoder_error_rad[:run], error, *still.encoder_error_rad[run + 1 :])
-        return replace(still, encoder_error_rad=alone).raw(run, theta, nuisance)
-
-    plain = still.raw(run, theta, nuisance)
-    passes, shaken = (SHAKE_PASSES_AGAIN - 1, shaken_by(error)) if error.size else (SHAKE_PASSES, plain)
-    for _ in range(passes):
+def _rounding(still: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> _Rounding:
+    """Return a run's rounding, fast and slow, with the plant at `theta`."""
+    plain = shaken = still.raw(run, theta, nuisance)
+    error: Vector = np.empty(0)
+    for _ in range(SHAKE_PASSES):
         # What is left holds the motor's answer to the rounding too, as long as the simulation doesn't answer to it.
         error = _fast_left(still, run, shaken.theta_m_rad, quantum_rad)
-        shaken = shaken_by(error)
+        alone = (*still.encoder_error_rad[:run], error, *still.encoder_error_rad[run + 1 :])
+        shaken = replace(still, encoder_error_rad=alone).raw(run, theta, nuisance)
     return _Rounding(error, slow_share(still, run, theta, nuisance, quantum_rad, (plain, shaken)), shaken)
 
 
@@ -163,11 +154,10 @@ def slow_share(
         return Slow(nothing, nothing)
     plain, shaken = with_it
     total_m, total_j = nothing.copy(), nothing.copy()
-    coarse = still.coarse()  # only differences count
     loads = loads_like(record)
     for load in loads:
         records = tuple(record._replace(tau_w_N_m=load) if k == run else r for k, r in enumerate(still.records))
-        other = replace(coarse, records=records)
+        other = replace(still, records=records)
         counted, smooth = other.raw(run, theta, nuisance, quantum_rad), other.raw(run, theta, nuisance)
         total_m += (counted.theta_m_rad - smooth.theta_m_rad) / len(loads)
         total_j += (counted.theta_j_rad - smooth.theta_j_rad) / len(loads)
