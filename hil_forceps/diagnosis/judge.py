@@ -9,7 +9,6 @@ from scipy import stats
 
 from hil_forceps.diagnosis.choice import SET_DROP
 from hil_forceps.diagnosis.diagnose import Findings
-from hil_forceps.diagnosis.entries import HARMONIC
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover
 from hil_forceps.diagnosis.look import CHANCE
@@ -157,7 +156,6 @@ def named_effects(found: Findings) -> tuple[NamedEffect, ...]:
     items = model.problem.shared.items
     values = model.problem.shared.values(model.fit.u[: len(items)])
     sd = np.sqrt(np.maximum(np.diag(model.fit.covariance)[: len(items)], 0.0))
-    theta = model.problem.theta(model.fit.u)
     named = []
     for effect_id in model.effects:
         parameters = {}
@@ -170,9 +168,9 @@ def named_effects(found: Findings) -> tuple[NamedEffect, ...]:
                     float(value), float(value) - half, float(value) + half, item.unit
                 )
         for p in effect(effect_id).parameters:
-            if p.name == HARMONIC and p.name not in parameters:  # not fitted: a whole number
-                whole = float(theta[index(f"effects.{effect_id}.{p.name}")])
-                parameters[p.name] = Estimate(whole, whole, whole, p.unit)
+            if p.neutral is None and p.name not in parameters:  # a shape that is not fitted: a whole harmonic
+                held = float(model.problem.base[index(f"effects.{effect_id}.{p.name}")])
+                parameters[p.name] = Estimate(held, held, held, p.unit)
         named.append(NamedEffect(effect_id, effect(effect_id).location, _confidence(found, effect_id), parameters))
     return tuple(named)
 

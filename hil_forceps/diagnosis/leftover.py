@@ -176,7 +176,7 @@ def _curves() -> tuple[Curve, ...]:
         Curve(
             "wire",
             "memory of stretch",
-            lambda c, s: [memory_over_way(c.stretch_m, share * s.stretch_m) for share in MEMORY_SHARES],
+            lambda c, s: _memories(c.stretch_m, (0.0, s.stretch_m), MEMORY_SHARES),
         ),
         Curve("wire", "direction", lambda c, s: _memories(c.theta_m, s.theta_m, SHORT_SHARES)),
         Curve("wire", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),

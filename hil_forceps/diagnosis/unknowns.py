@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.entries import HARMONIC
 from hil_forceps.model import parameters
 from hil_forceps.rig import Parameter, Rig
 from hil_forceps.rig.catalogue import EffectParameter, effect
@@ -83,7 +84,7 @@ class Unknowns(NamedTuple):
 def _effect_unknown(effect_id: str, p: EffectParameter, start: float) -> Unknown:
     scale = abs(p.typical) if p.neutral is not None else 0.3 * max(abs(start), abs(p.minimum))
     # One of three and more does not turn into one of those that are whole (`entries.free_names`).
-    low = LEAST_OF_MANY if p.name == "harmonic" and start > LEAST_OF_MANY else p.minimum
+    low = LEAST_OF_MANY if p.name == HARMONIC and start > LEAST_OF_MANY else p.minimum
     return Unknown(f"effects.{effect_id}.{p.name}", p.unit, start, scale, low, p.maximum, False, p.neutral)
 
 
