@@ -149,7 +149,7 @@ class Problem:
         columns = list(self.mapper(column, zip(which, steps, strict=True)))
         return np.stack(columns, axis=1) if columns else np.empty((self.layout.size, 0), dtype=np.float32)
 
-    def nuisance_columns(self, u: Vector, outputs: Outputs) -> Matrix:
+    def _nuisance_columns(self, u: Vector, outputs: Outputs) -> Matrix:
         """Return the sensitivities to all nuisances. A nuisance acts on its run alone, so runs are moved together."""
         first = len(self.shared.items)
         columns = np.zeros((self.layout.size, self.nuisance_count), dtype=np.float32)
@@ -182,7 +182,7 @@ class Problem:
     def jacobian(self, u: Vector, outputs: Outputs) -> Matrix:
         """Return the sensitivities to every entry of u."""
         shared = self.shared_columns(u, outputs, range(len(self.shared.items)))
-        return np.concatenate((shared, self.nuisance_columns(u, outputs)), axis=1)
+        return np.concatenate((shared, self._nuisance_columns(u, outputs)), axis=1)
 
 
 def difference(after: Outputs, before: Outputs, step: float) -> Outputs:
