@@ -59,7 +59,10 @@ from hil_forceps.model.physics import (
 _FALLEN = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
 _FILM = 0.3  # of the film's speed: below it a step may want pieces, and up to where the film is stiff
 _EVEN = 0.2  # of the speed over which friction changes: a change of speed over which it is as good as a line
-_SOFT = 0.1  # of I/h: what friction's slope may be for a step to take it as it comes
+# Of I/h: what friction's slope may be for a step to take it as it comes. Where friction falls with speed an error grows;
+# where it rises (a film) it dies away, and up to half of I/h pieces make no difference beside what reversals leave.
+_SOFT_FALLING = 0.1
+_SOFT_RISING = 0.5
 
 
 class Torques(NamedTuple):
@@ -181,6 +184,24 @@ def settled(
 
 
 @inlined
+def _moved_on(g: Gains, s: int, x: State, end: Motion, more: Torques, motor: float, jaw: float) -> Motion:
+    """Return what `settled` makes of more torques, and of friction changed by `motor` and `jaw` at the end.
+
+    Where both go on as they went, it is linear in them: no need to settle again.
+    """
+    motor = motor if x.omega_m_rad_per_s > 0.0 else -motor
+    jaw = jaw if x.omega_j_rad_per_s > 0.0 else -jaw
+    u = Torques(more.motor - 0.5 * motor, more.motor_slope - motor, more.jaw - 0.5 * jaw, more.jaw_slope - jaw)
+    return added(g, s, end, u)
+
+
+@inlined
+def _go_on(x: State, end: Motion) -> bool:
+    """Tell whether motor and jaw go the way they went."""
+    return x.omega_m_rad_per_s * end.omega_m > 0.0 and x.omega_j_rad_per_s * end.omega_j > 0.0
+
+
+@inlined
 def _push(p: Physics, g: Gains, s: int, x: State, u: Torques) -> tuple[float, float]:
     """Return the torques at the start of the step, motor and jaw, without dry friction."""
     pull = g[s, STIFFNESS] * (p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad)
@@ -192,8 +213,6 @@ def _push(p: Physics, g: Gains, s: int, x: State, u: Torques) -> tuple[float, fl
 @inlined
 def _excess(p: Physics, kind: Kind, g: Gains, s: int, m: Motion, w: Wire, d: Drive, current_A: float) -> Excess:
     """Return what the effects add at an instant."""
-    if kind.steady:
-        return Excess(0.0, 0.0, 0.0)
     linear = g[s, STIFFNESS] * (p.r_m * m.theta_m - p.r_j * m.theta_j)
     linear += g[s, DAMPING] * (p.r_m * m.omega_m - p.r_j * m.omega_j)
     motor = d.torque_constant * current_A * ripple(p, m.theta_m) + cogging_N_m(p, m.theta_m)
@@ -231,9 +250,13 @@ def _wire_at_ends(p: Physics, kind: Kind, m: Motion, lost_rad: float, creep_m: f
     """Return the wire at an end of a step: `_wire_of`, or the linear plant's where it is that."""
     if not kind.straight:
         return _wire_of(p, m, lost_rad, creep_m, loop)
-    elongation = p.r_m * m.theta_m - p.r_j * m.theta_j
-    tension = p.k * elongation + p.damping * (p.r_m * m.omega_m - p.r_j * m.omega_j)
-    return Wire(elongation, tension, p.r_m, p.r_j, False)
+    return Wire(p.r_m * m.theta_m - p.r_j * m.theta_j, _linear_tension_N(p, m), p.r_m, p.r_j, False)
+
+
+@inlined
+def _linear_tension_N(p: Physics, m: Motion) -> float:
+    """Return the tension of the linear plant's wire."""
+    return p.k * (p.r_m * m.theta_m - p.r_j * m.theta_j) + p.damping * (p.r_m * m.omega_m - p.r_j * m.omega_j)
 
 
 @inlined
@@ -320,13 +343,38 @@ def full_step(
     rub, grip = rub_N_m(p, slipped, loaded, w1.tension_N), grip_N_m(p, gripped, w1.tension_N)
     ways = (w1.elongation_m - w0.elongation_m, rub - rubbed, grip - held)
     last_level, last_level_j = motor_level_N_m(p, end.omega_m, w1.tension_N), jaw_level_N_m(p, end.theta_j)
-    # Far from standstill, friction that hangs on speed no longer changes: then the end is found already.
-    if not kind.steady or last_level != level or last_level_j != level_j:
-        if not kind.steady:
-            free = added(g, s, free, _corrections(p, kind, g, s, x, end, ways, first, last))
+    more = _corrections(p, kind, g, s, x, end, ways, first, last)
+    again = _moved_on(g, s, x, end, more, last_level - level, last_level_j - level_j)
+    if not (_go_on(x, end) and _go_on(x, again)):
         motor = Levels(level, last_level, rest, forward, backward)
-        end = settled(g, s, x, free, push, inertia, motor, Levels(level_j, last_level_j, level_j, 0.0, 0.0))
-    return _remembered(p, x, end, w0, w1, kept, d.current_end)
+        jaw = Levels(level_j, last_level_j, level_j, 0.0, 0.0)
+        again = settled(g, s, x, added(g, s, free, more), push, inertia, motor, jaw)
+    return _remembered(p, x, again, w0, w1, kept, d.current_end)
+
+
+@inlined
+def level_step(p: Physics, g: Gains, s: int, inertia: tuple[float, float], x: State, d: Drive) -> State:
+    """Return what `full_step` does where nothing but friction's level hangs on the state."""
+    now = Motion(x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s)
+    tension = _linear_tension_N(p, now)
+    u = Torques(d.torque_constant * d.current, d.torque_constant * d.current_slope, -d.load, -d.load_slope)
+    free, push = free_motion(p, g, s, x, u), _push(p, g, s, x, u)
+    level, rest = motor_level_N_m(p, now.omega_m, tension), motor_rest_N_m(p, tension)
+    forward, backward = max(0.0, p.asymmetry), max(0.0, -p.asymmetry)
+    level_j = jaw_level_N_m(p, now.theta_j)
+    jaw = Levels(level_j, level_j, level_j, 0.0, 0.0)
+    end = settled(g, s, x, free, push, inertia, Levels(level, level, rest, forward, backward), jaw)
+    last_level, last_level_j = motor_level_N_m(p, end.omega_m, _linear_tension_N(p, end)), jaw_level_N_m(p, end.theta_j)
+    # Far from standstill, friction that hangs on speed no longer changes: then the end is found already.
+    if last_level != level or last_level_j != level_j:
+        again = _moved_on(g, s, x, end, Torques(0.0, 0.0, 0.0, 0.0), last_level - level, last_level_j - level_j)
+        if not (_go_on(x, end) and _go_on(x, again)):
+            motor = Levels(level, last_level, rest, forward, backward)
+            jaw = Levels(level_j, last_level_j, level_j, 0.0, 0.0)
+            again = settled(g, s, x, free, push, inertia, motor, jaw)
+        end = again
+    kept = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
+    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, *kept, d.current_end)
 
 
 @inlined
@@ -361,9 +409,12 @@ def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: 
 
 @inlined
 def _uneven(
-    change_N_m: float, over_rad_per_s: float, reach: float, inertia_per_step: float, speeds: tuple[float, float]
+    change_N_m: float, over_rad_per_s: float, reach: float, softest: float, speeds: tuple[float, float]
 ) -> bool:
-    """Whether friction that changes over some speed, and up to `reach` times that, does so too fast for a step."""
+    """Whether friction that changes over some speed, and up to `reach` times that, does so too fast for a step.
+
+    `softest`: the slope that a step can take.
+    """
     first, last = speeds
     if min(abs(first), abs(last)) >= reach * over_rad_per_s or (first == 0.0 and last == 0.0):
         return False
@@ -371,7 +422,7 @@ def _uneven(
     return (
         turns
         or abs(last - first) > _EVEN * over_rad_per_s
-        or abs(change_N_m) > _SOFT * inertia_per_step * over_rad_per_s
+        or abs(change_N_m) > softest * over_rad_per_s
     )
 
 
@@ -386,15 +437,17 @@ def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
         if before.slack != after.slack or before.tension_N * after.tension_N < 0.0:
             return True
     speeds = (x.omega_m_rad_per_s, end.omega_m_rad_per_s)
-    if p.stribeck_rise != 0.0 and _uneven(p.stribeck_rise, p.stribeck_speed, _FALLEN, inertia_per_step, speeds):
+    softest = _SOFT_FALLING * inertia_per_step
+    if p.stribeck_rise != 0.0 and _uneven(p.stribeck_rise, p.stribeck_speed, _FALLEN, softest, speeds):
         return True
     if p.film_level != 0.0:
-        # Beyond, its slope is at most half of what a step can take: L/ω_f exp(−|ω|/ω_f) < I/2h.
-        over = 2.0 * p.film_level / p.film_speed / inertia_per_step
+        # Beyond, its slope is at most what a step can take: L/ω_f exp(−|ω|/ω_f) < I/2h.
+        softest = _SOFT_RISING * inertia_per_step
+        over = p.film_level / p.film_speed / softest
         if min(abs(speeds[0]), abs(speeds[1])) >= max(_FILM, over - 1.0) * p.film_speed:
             return False  # ln x ≤ x − 1, and far quicker
         stiff = math.log(max(1.0, over))
-        return _uneven(p.film_level, p.film_speed, max(_FILM, stiff), inertia_per_step, speeds)
+        return _uneven(p.film_level, p.film_speed, max(_FILM, stiff), softest, speeds)
     return False
 
 
@@ -409,7 +462,11 @@ def _in_pieces(
         current, load = d.current + at * d.current_slope, d.load + at * d.load_slope
         slopes = (d.current_slope * scale, d.load_slope * scale)
         part = Drive(current, slopes[0], d.current_end, d.torque_constant, d.viscosity, load, slopes[1])
-        x = full_step(p, kind, g, SHORT, (inertia[0] * PIECES, inertia[1] * PIECES), kept, x, part)
+        shorter = (inertia[0] * PIECES, inertia[1] * PIECES)
+        if kind.steady:
+            x = level_step(p, g, SHORT, shorter, x, part)
+        else:
+            x = full_step(p, kind, g, SHORT, shorter, kept, x, part)
     return x
 
 
@@ -417,8 +474,14 @@ def _in_pieces(
 def refined_step(
     p: Physics, kind: Kind, g: Gains, inertia: tuple[float, float], kept: tuple[float, float], x: State, d: Drive
 ) -> State:
-    """Return `full_step`, in pieces where it has to be; `kept`: what creep keeps over a step and over a piece."""
-    end = full_step(p, kind, g, TAUT, inertia, kept[0], x, d)
+    """Return `full_step` or `level_step`, in pieces where it has to be.
+
+    `kept`: what creep keeps over a step and over a piece.
+    """
+    if kind.steady:
+        end = level_step(p, g, TAUT, inertia, x, d)
+    else:
+        end = full_step(p, kind, g, TAUT, inertia, kept[0], x, d)
     if _sudden(p, inertia[0], x, end):
         return _in_pieces(p, kind, g, inertia, kept[1], x, d)
     return end

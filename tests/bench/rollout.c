@@ -182,6 +182,18 @@ static motion settled(const double *g, const state *x, motion free, const double
                      x->theta_j + (j.fate == STUCK ? 0.0 : end.theta_j), j.fate >= STOPPED ? 0.0 : end.omega_j };
 }
 
+/* What `settled` makes of more torques and of friction changed at the end, where both go on as they went. */
+static motion moved_on(const double *g, const state *x, motion end, torques more, double motor, double jaw) {
+    if (!(x->omega_m > 0.0)) motor = -motor;
+    if (!(x->omega_j > 0.0)) jaw = -jaw;
+    return added(g, end, (torques){ more.motor - 0.5 * motor, more.motor_slope - motor, more.jaw - 0.5 * jaw,
+                                    more.jaw_slope - jaw });
+}
+
+static int go_on(const state *x, motion end) {
+    return x->omega_m * end.omega_m > 0.0 && x->omega_j * end.omega_j > 0.0;
+}
+
 static void push_of(const physics *p, const double *g, const state *x, torques u, double *push) {
     double pull = g[STIFFNESS] * (p->r_m * x->theta_m - p->r_j * x->theta_j);
     pull += g[DAMPING] * (p->r_m * x->omega_m - p->r_j * x->omega_j);
@@ -201,15 +213,16 @@ static int kind_of(const physics *p) {
     return bent != 0.0 ? 0 : pushed != 0.0 ? 1 : 2;
 }
 
+static double linear_tension(const physics *p, motion m) {
+    return p->k * (p->r_m * m.theta_m - p->r_j * m.theta_j) + p->damping * (p->r_m * m.omega_m - p->r_j * m.omega_j);
+}
+
 static wire_t wire_of(const physics *p, int kind, motion m, double lost, double creep, double loop) {
     if (!kind) return wire(p, m, lost, creep, loop);
-    double elongation = p->r_m * m.theta_m - p->r_j * m.theta_j;
-    double tension = p->k * elongation + p->damping * (p->r_m * m.omega_m - p->r_j * m.omega_j);
-    return (wire_t){ elongation, tension, p->r_m, p->r_j, 0 };
+    return (wire_t){ p->r_m * m.theta_m - p->r_j * m.theta_j, linear_tension(p, m), p->r_m, p->r_j, 0 };
 }
 
 static excess excess_of(const physics *p, int kind, const double *g, motion m, wire_t w, const drive *d, double current) {
-    if (kind == 2) return (excess){ 0.0, 0.0, 0.0 };
     double linear = g[STIFFNESS] * (p->r_m * m.theta_m - p->r_j * m.theta_j);
     linear += g[DAMPING] * (p->r_m * m.omega_m - p->r_j * m.omega_j);
     double motor = d->constant * current * wave(p->ripple_sine, p->ripple_cosine, p->ripple_harmonic, m.theta_m);
@@ -277,11 +290,12 @@ static state full_step(const physics *p, int kind, const double *gains, int base
     double ways[5] = { way_m, way_j, w1.elongation - w0.elongation,
                        rub_of(p, slipped, loaded, w1.tension) - rubbed, grip_of(p, gripped, w1.tension) - holding };
     double last_level = motor_level(p, end.omega_m, w1.tension), last_level_j = jaw_level(p, end.theta_j);
-    if (kind != 2 || last_level != level || last_level_j != level_j) {
-        if (kind != 2) free = added(g, free, corrections(p, kind, g, ways, first, last));
-        end = settled(g, &x, free, push, inertia, (levels){ level, last_level, rest, forward, backward },
-                      (levels){ level_j, last_level_j, level_j, 0.0, 0.0 });
-    }
+    torques more = corrections(p, kind, g, ways, first, last);
+    motion again = moved_on(g, &x, end, more, last_level - level, last_level_j - level_j);
+    if (!(go_on(&x, end) && go_on(&x, again)))
+        again = settled(g, &x, added(g, free, more), push, inertia, (levels){ level, last_level, rest, forward, backward },
+                        (levels){ level_j, last_level_j, level_j, 0.0, 0.0 });
+    end = again;
     way_m = end.theta_m - x.theta_m;
     state after = { end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, x.loaded, x.gripped,
                     lost_after(p, x.lost, way_m), d->current_end };
@@ -293,6 +307,29 @@ static state full_step(const physics *p, int kind, const double *gains, int base
     if (p->loop_force != 0.0)
         after.loop = slide(x.loop, wire_of(p, kind, end, after.lost, after.creep, x.loop).elongation - w0.elongation, p->loop_stretch);
     return after;
+}
+
+/* Where nothing but friction's level hangs on the state. */
+static state level_step(const physics *p, const double *g, double inertia_m, double inertia_j, state x, const drive *d) {
+    motion now = { x.theta_m, x.omega_m, x.theta_j, x.omega_j };
+    double inertia[2] = { inertia_m, inertia_j }, push[2], tension = linear_tension(p, now);
+    torques u = { d->constant * d->current, d->constant * d->current_slope, -d->load, -d->load_slope };
+    motion free = free_motion(p, g, &x, u);
+    push_of(p, g, &x, u, push);
+    double level = motor_level(p, now.omega_m, tension), rest = p->motor_coulomb + p->load_mu * p->r_m * fabs(tension) + p->stribeck_rise;
+    double forward = high(0.0, p->asymmetry), backward = high(0.0, -p->asymmetry), level_j = jaw_level(p, now.theta_j);
+    motion end = settled(g, &x, free, push, inertia, (levels){ level, level, rest, forward, backward },
+                         (levels){ level_j, level_j, level_j, 0.0, 0.0 });
+    double last_level = motor_level(p, end.omega_m, linear_tension(p, end)), last_level_j = jaw_level(p, end.theta_j);
+    if (last_level != level || last_level_j != level_j) {
+        motion again = moved_on(g, &x, end, (torques){ 0.0, 0.0, 0.0, 0.0 }, last_level - level, last_level_j - level_j);
+        if (!(go_on(&x, end) && go_on(&x, again)))
+            again = settled(g, &x, free, push, inertia, (levels){ level, last_level, rest, forward, backward },
+                            (levels){ level_j, last_level_j, level_j, 0.0, 0.0 });
+        end = again;
+    }
+    return (state){ end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, x.loaded, x.gripped,
+                    x.lost, d->current_end };
 }
 
 static state plain_step(const physics *p, const double *g, const double *inertia, state x, const drive *d) {
@@ -307,9 +344,9 @@ static state plain_step(const physics *p, const double *g, const double *inertia
                     x.lost, d->current_end };
 }
 
-static int uneven(double change, double over, double reach, double inertia, double first, double last) {
+static int uneven(double change, double over, double reach, double softest, double first, double last) {
     if (low(fabs(first), fabs(last)) >= reach * over || (first == 0.0 && last == 0.0)) return 0;
-    return first * last <= 0.0 || fabs(last - first) > 0.2 * over || fabs(change) > 0.1 * inertia * over;
+    return first * last <= 0.0 || fabs(last - first) > 0.2 * over || fabs(change) > softest * over;
 }
 
 static int sudden(const physics *p, int kind, double inertia, const state *x, const state *end) {
@@ -320,23 +357,25 @@ static int sudden(const physics *p, int kind, double inertia, const state *x, co
         if (a.slack != b.slack || a.tension * b.tension < 0.0) return 1;
     }
     double first = x->omega_m, last = end->omega_m;
-    if (p->stribeck_rise != 0.0 && uneven(p->stribeck_rise, p->stribeck_speed, 3.0, inertia, first, last)) return 1;
+    if (p->stribeck_rise != 0.0 && uneven(p->stribeck_rise, p->stribeck_speed, 3.0, 0.1 * inertia, first, last)) return 1;
     if (p->film_level == 0.0) return 0;
-    double over = 2.0 * p->film_level / p->film_speed / inertia;
+    double softest = 0.5 * inertia, over = p->film_level / p->film_speed / softest;
     if (low(fabs(first), fabs(last)) >= high(0.3, over - 1.0) * p->film_speed) return 0;
     double stiff = log(high(1.0, over));
-    return uneven(p->film_level, p->film_speed, high(0.3, stiff), inertia, first, last);
+    return uneven(p->film_level, p->film_speed, high(0.3, stiff), softest, first, last);
 }
 
 static state refined_step(const physics *p, int kind, const double *g, const double *inertia, const double *kept, state x,
                           const drive *d) {
-    state end = full_step(p, kind, g, TAUT, inertia[0], inertia[1], kept[0], x, d);
+    state end = kind == 2 ? level_step(p, g + TAUT * SIZE, inertia[0], inertia[1], x, d)
+                          : full_step(p, kind, g, TAUT, inertia[0], inertia[1], kept[0], x, d);
     if (!sudden(p, kind, inertia[0], &x, &end)) return end;
     for (int piece = 0; piece < PIECES; piece++) {
         double at = (piece + 0.5) / PIECES - 0.5;
         drive part = { d->current + at * d->current_slope, d->current_slope / PIECES, d->current_end, d->constant,
                        d->load + at * d->load_slope, d->load_slope / PIECES };
-        x = full_step(p, kind, g, SHORT, inertia[0] * PIECES, inertia[1] * PIECES, kept[1], x, &part);
+        x = kind == 2 ? level_step(p, g + (SHORT + TAUT) * SIZE, inertia[0] * PIECES, inertia[1] * PIECES, x, &part)
+                      : full_step(p, kind, g, SHORT, inertia[0] * PIECES, inertia[1] * PIECES, kept[1], x, &part);
     }
     return x;
 }
