@@ -59,8 +59,8 @@ from hil_forceps.model.physics import (
 _FALLEN = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
 _FILM = 0.3  # of the film's speed: below it a step may want pieces, and up to where the film is stiff
 _EVEN = 0.2  # of the speed over which friction changes: a change of speed over which it is as good as a line
-# Of I/h: what friction's slope may be for a step to take it as it comes. Where friction falls with speed an error grows;
-# where it rises (a film) it dies away, and up to half of I/h pieces make no difference beside what reversals leave.
+# Of I/h: what friction's slope may be for a step to take it as it comes. Where friction falls with speed errors grow;
+# where it rises (a film) they die away, and up to half of I/h pieces make no difference beside what reversals leave.
 _SOFT_FALLING = 0.1
 _SOFT_RISING = 0.5
 
@@ -419,11 +419,7 @@ def _uneven(
     if min(abs(first), abs(last)) >= reach * over_rad_per_s or (first == 0.0 and last == 0.0):
         return False
     turns = first * last <= 0.0
-    return (
-        turns
-        or abs(last - first) > _EVEN * over_rad_per_s
-        or abs(change_N_m) > softest * over_rad_per_s
-    )
+    return turns or abs(last - first) > _EVEN * over_rad_per_s or abs(change_N_m) > softest * over_rad_per_s
 
 
 @inlined
@@ -478,10 +474,7 @@ def refined_step(
 
     `kept`: what creep keeps over a step and over a piece.
     """
-    if kind.steady:
-        end = level_step(p, g, TAUT, inertia, x, d)
-    else:
-        end = full_step(p, kind, g, TAUT, inertia, kept[0], x, d)
+    end = level_step(p, g, TAUT, inertia, x, d) if kind.steady else full_step(p, kind, g, TAUT, inertia, kept[0], x, d)
     if _sudden(p, inertia[0], x, end):
         return _in_pieces(p, kind, g, inertia, kept[1], x, d)
     return end
