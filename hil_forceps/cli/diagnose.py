@@ -18,8 +18,6 @@ from hil_forceps.cli.memory import keep_pages
 from hil_forceps.cli.threads import over_threads
 from hil_forceps.cli.trajectory_file import write_trajectory
 from hil_forceps.control.trajectories import Trajectory
-from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs
-from hil_forceps.diagnosis.diagnose import Options
 from hil_forceps.diagnosis.result import Diagnosis, Rung, to_json
 from hil_forceps.report.diagnosis import begun, draughtsman, write_figures, write_report
 from hil_forceps.rig import load_rig
@@ -72,7 +70,6 @@ def diagnose(
         raise UserError(f"--without {unknown[0]}: is no effect of the catalogue; see docs/diagnosis.md")
     if jobs is not None and jobs < 1:
         raise UserError(f"--jobs {jobs}: must be 1 or more")
-    keep_pages()
     known = load_rig(rig)
     read = _read(runs)
     make_folder(out)
@@ -84,7 +81,12 @@ def diagnose(
         draughtsman() if threads > 1 else nullcontext() as helper,
         Progress(*columns, console=console, disable=not console.is_terminal) as bar,
     ):
-        task = bar.add_task("reading", total=None)
+        task = bar.add_task("loading", total=None)
+        # What computes and what draws take a second each to load: here, beside each other.
+        from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs  # noqa: PLC0415
+        from hil_forceps.diagnosis.diagnose import Options  # noqa: PLC0415
+
+        keep_pages()
         drawing: list[Future[dict[str, str]]] = []
 
         def to_draw(told: Diagnosis) -> None:

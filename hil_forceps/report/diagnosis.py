@@ -2,6 +2,7 @@
 
 import gc
 import signal
+import sys
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from multiprocessing import get_context
@@ -30,7 +31,17 @@ def _ready() -> None:
 
 def begun(diagnosis: Diagnosis, helper: Executor) -> Future[dict[str, str]]:
     """Have a helper draw the figures of the page, while what else the page tells is still looked for."""
-    return helper.submit(_images, diagnosis)
+    return helper.submit(_by_two if sys.platform == "linux" else _images, diagnosis)
+
+
+def _by_two(diagnosis: Diagnosis) -> dict[str, str]:
+    """Draw all figures, every second one in a copy of this process, which has no threads and all loaded."""
+    from hil_forceps.report import diagnosis_figures  # noqa: PLC0415 - as below
+
+    with ProcessPoolExecutor(1, mp_context=get_context("fork")) as copy:
+        others = copy.submit(_images, diagnosis, share=slice(1, None, 2))
+        drawn = _images(diagnosis, share=slice(0, None, 2)) | others.result()
+    return {panel.name: drawn[panel.name] for panel in diagnosis_figures.panels(diagnosis) if panel.name in drawn}
 
 
 def write_report(
@@ -45,11 +56,11 @@ def write_report(
     path.write_text(page(diagnosis, images), encoding="utf-8")
 
 
-def _images(diagnosis: Diagnosis, progress: Progress | None = None) -> dict[str, str]:
-    """Draw all figures, in the order of the page and ready for it."""
+def _images(diagnosis: Diagnosis, progress: Progress | None = None, *, share: slice = slice(None)) -> dict[str, str]:
+    """Draw all figures, or a share of them, in the order of the page and ready for it."""
     from hil_forceps.report import diagnosis_figures  # noqa: PLC0415 - matplotlib takes a while to load
 
-    panels = diagnosis_figures.panels(diagnosis)
+    panels = diagnosis_figures.panels(diagnosis)[share]
     images: dict[str, str] = {}
     for done, panel in enumerate(panels):
         _tell(progress, done, len(panels), panel.name)
