@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from hil_forceps.diagnosis.bursts import ROWS, Burst
 from hil_forceps.diagnosis.choice import SET_DROP
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.extension import Model
@@ -79,6 +80,10 @@ def judge(found: Findings) -> Judgement:
             reasons += (f"beside the named entries something is left: {share:.1g} of the misfit that they explain",)
             over = _varies_over(found.after)
         return Judgement("effects", _effects_sentence(named, sets), named, sets, shifts, over, reasons)
+    if found.after.burst is not None and found.after.burst.stands_out:
+        return Judgement(
+            "unnamed", _burst_sentence(found, found.after.burst), (), sets, shifts, ("theta_j_rad: time",), ()
+        )
     moved = found.nominal.fit.chi2 - found.baseline.fit.chi2
     limit = float(stats.chi2.isf(CHANCE, len(found.baseline.problem.shared.items)))
     if moved > limit and shifts:
@@ -131,6 +136,14 @@ def _by_no_numerics(found: Findings, left: Leftover) -> bool:
 def _explained(found: Findings) -> float:
     """Return the fall of χ² by the named entries."""
     return found.baseline.fit.chi2 - found.choice.model.fit.chi2
+
+
+def _burst_sentence(found: Findings, burst: Burst) -> str:
+    record = found.records[burst.run]
+    first, last = record.time_s[burst.first], record.time_s[burst.first + ROWS - 1]
+    where = f"{record.name}, {first:.2f} to {last:.2f} s"
+    said = f"the jaw's residual has {burst.times:.0f} times the power of its noise"
+    return f"Something is there that no entry of the catalogue explains: {said} ({where})."
 
 
 def _varies_over(left: Leftover) -> tuple[str, ...]:

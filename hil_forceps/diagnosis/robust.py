@@ -71,15 +71,15 @@ def _block_sums(layout: Layout, columns: Matrix, noise: Flat) -> Vector:
     runs = max(part.run for part in layout.parts) + 1
     sums = np.zeros((runs, BLOCKS, columns.shape[1]))
     for part in layout.parts:
-        course = _over_time(noise[part.start : part.stop, None], part.rows)
+        course = over_time(noise[part.start : part.stop, None], part.rows)
         cuts = np.linspace(0, part.rows, BLOCKS + 1).astype(np.intp)[:-1]
         for first in range(0, columns.shape[1], 32):
-            some = _over_time(columns[part.start : part.stop, first : first + 32], part.rows)
+            some = over_time(columns[part.start : part.stop, first : first + 32], part.rows)
             sums[part.run, :, first : first + 32] += np.add.reduceat(some * course, cuts, axis=0)
     return sums.reshape(-1, columns.shape[1])
 
 
-def _over_time(entries: Matrix, rows: int) -> Matrix:
+def over_time(entries: Matrix, rows: int) -> Matrix:
     """Return whitened entries of a part (2 bins, columns) as courses over time (rows, columns), products kept."""
     bins = np.ascontiguousarray(entries.T).view(np.complex64).T * np.float32(np.sqrt(rows / 2.0))
     bins[0] *= np.float32(np.sqrt(2.0))
