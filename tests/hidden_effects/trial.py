@@ -105,6 +105,7 @@ def _diagnosed(spec: Spec, case: Case, *, gain: bool, whole: bool) -> Outcome:
         "varies_over": list(verdict.varies_over),
         "rivals": [[list(rival.model.effects), round(rival.behind, 2)] for rival in found.choice.rivals],
         "left": _left(found.after),
+        "burst": None if found.after.burst is None else round(found.after.burst.gain, 1),
         "left_unseen": None if found.unseen is None else _left(found.unseen),
         "scores": _scores(found, spec.effects),
         "baseline": _baseline(found.choice.model, case.true),

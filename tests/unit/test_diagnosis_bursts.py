@@ -80,7 +80,7 @@ def test_a_jaw_that_is_struck_once_is_no_noise() -> None:
     assert judge(investigate(runs, RIG, Options())).verdict == "consistent"
     struck = runs[0].columns["theta_j_rad"].copy()
     there = slice(2000, 2040)
-    struck[there] += 1.2e-3 * np.sin(0.9 * np.arange(40)) * np.exp(-np.arange(40) / 15.0)
+    struck[there] += 2.4e-3 * np.sin(0.9 * np.arange(40)) * np.exp(-np.arange(40) / 15.0)
     runs[0] = replace(runs[0], columns={**runs[0].columns, "theta_j_rad": struck})
     found = judge(investigate(runs, RIG, Options()))
     assert found.verdict == "unnamed"
