@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hil_forceps.model import drive_law
 from hil_forceps.model.current import current_over, current_step
 from hil_forceps.model.drive_law import DriveState, drive_sample, law_current, law_vector, quantise
-from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all
+from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all, fill_multiples
 from hil_forceps.model.kernel import inlined, kernel
 from hil_forceps.model.parameters import Vector
 from hil_forceps.model.physics import (
@@ -30,7 +30,7 @@ from hil_forceps.model.physics import (
     wound_m,
 )
 from hil_forceps.model.sensors import late, late_load
-from hil_forceps.model.step import Drive, plain_step, refined_step
+from hil_forceps.model.step import Drive, plain_step, refined_step, whole_step
 
 __all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", "law_vector", "rest", "simulate"]
 
@@ -136,6 +136,21 @@ def _behind(commands: Vector, place: int, samples: int) -> float:
     return value
 
 
+@inlined
+def _commanded(
+    p: Physics, law: Vector, quantum_rad: float, inputs: Inputs, at: int, theta_m_rad: float, drive: DriveState
+) -> tuple[DriveState, float]:
+    """Return the drive after its sample, and the current that its amplifier is to give."""
+    angle = quantise(encoder_rad(p, theta_m_rad), quantum_rad)
+    if at < inputs.encoder_error_rad.shape[0]:
+        angle += inputs.encoder_error_rad[at]
+    drive = drive_sample(law, drive, inputs.reference_rad[at], angle)
+    current = max(-p.limit, min(p.limit, dead_zone(drive.current_A, p.deadband)))
+    if at < inputs.added_A.shape[0]:
+        current += inputs.added_A[at]
+    return drive, current
+
+
 @kernel
 def _rollout(
     p: Physics, law: Vector, quantum_rad: float, row_s: float, inputs: Inputs, start: Start, substeps: int, samples: int
@@ -148,6 +163,10 @@ def _rollout(
     kind = kind_of(p)
     gains = np.empty((SHORT + 2, SIZE))
     fill_all(gains, p, viscosity(p, 0.0), step_s)
+    # Of a sample of the drive: what a plant without effects does while it moves needs no steps.
+    wholly = kind.plain and p.lag == 0.0 and p.delay == 0.0 and p.constant_change == 0.0
+    whole = np.empty((steps if wholly else 0, SIZE))
+    fill_multiples(whole, p, viscosity(p, 0.0), step_s)
     inertia = (p.I_m / step_s, p.I_j / step_s)
     kept = (math.exp(-step_s / p.creep_time), math.exp(-step_s / PIECES / p.creep_time))
     c = current_step(step_s, steps, p.delay, p.lag)
@@ -158,29 +177,30 @@ def _rollout(
         if row == rows - 1:
             break
         first, last = inputs.tau_w_N_m[row], inputs.tau_w_N_m[row + 1]
-        for step in range(substeps):
-            into = step % steps
-            if into == 0:
-                angle = quantise(encoder_rad(p, x.theta_m_rad), quantum_rad)
-                at = row if told == 1 else row * samples + step // steps
-                if at < inputs.encoder_error_rad.shape[0]:
-                    angle += inputs.encoder_error_rad[at]
-                drive = drive_sample(law, drive, inputs.reference_rad[at], angle)
-                place = place + 1 if place + 1 < commands.shape[0] else 0
-                commands[place] = max(-p.limit, min(p.limit, dead_zone(drive.current_A, p.deadband)))
-                if at < inputs.added_A.shape[0]:
-                    commands[place] += inputs.added_A[at]
+        for sample in range(samples):
+            at = row if told == 1 else row * samples + sample
+            drive, current = _commanded(p, law, quantum_rad, inputs, at, x.theta_m_rad, drive)
+            place = place + 1 if place + 1 < commands.shape[0] else 0
+            commands[place] = current
+            if wholly and edges[row] < 0.0:
+                load, load_slope = _load(first, last, sample, samples, edges[row])
+                moves, end = whole_step(p, whole, x, Drive(current, 0.0, current, p.K_t, p.D_m, load, load_slope))
+                if moves:
+                    x = end
+                    continue
             old, new = _behind(commands, place, c.whole_samples + 1), _behind(commands, place, c.whole_samples)
-            mean, slope, end = current_over(c, into, x.current_A, old, new)
-            load, load_slope = _load(first, last, step, substeps, edges[row])
-            time_s = (row * substeps + step + 0.5) * step_s
-            d = Drive(mean, slope, end, torque_constant(p, time_s), viscosity(p, time_s), load, load_slope)
-            if not kind.plain:
-                if abs(d.viscosity - gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
-                    fill_all(gains, p, d.viscosity, step_s)
-                x = refined_step(p, kind, gains, inertia, kept, x, d)
-            else:
-                x = plain_step(p, gains, inertia, x, d)
+            for into in range(steps):
+                step = sample * steps + into
+                mean, slope, ends = current_over(c, into, x.current_A, old, new)
+                load, load_slope = _load(first, last, step, substeps, edges[row])
+                time_s = (row * substeps + step + 0.5) * step_s
+                d = Drive(mean, slope, ends, torque_constant(p, time_s), viscosity(p, time_s), load, load_slope)
+                if not kind.plain:
+                    if abs(d.viscosity - gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
+                        fill_all(gains, p, d.viscosity, step_s)
+                    x = refined_step(p, kind, gains, inertia, kept, x, d)
+                else:
+                    x = plain_step(p, gains, inertia, x, d)
     return out
 
 

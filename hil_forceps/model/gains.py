@@ -61,3 +61,10 @@ def fill_all(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
     for base, length in ((0, step_s), (SHORT, step_s / PIECES)):
         fill_gains(gains[base + TAUT], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.k, p.damping, length)
         fill_gains(gains[base + SLACK], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, 0.0, 0.0, length)
+
+
+@kernel
+def fill_multiples(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
+    """Fill a table (n×`SIZE`) with the responses over one step, two, and so on, the wire taut."""
+    for k in range(gains.shape[0]):
+        fill_gains(gains[k], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.k, p.damping, (k + 1) * step_s)

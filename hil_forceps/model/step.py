@@ -408,6 +408,37 @@ def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: 
 
 
 @inlined
+def whole_step(p: Physics, g: Gains, x: State, d: Drive) -> tuple[bool, State]:
+    """Return the same after as many steps as `g` has rows, and whether it is that: motor and jaw must move on.
+
+    `g`: gains of one step, of two, and so on. While both move, friction is as constant as the current, and the plant is
+    linear: one step for all, whose speeds are looked at where each of them would have ended.
+    """
+    speed_m, speed_j = x.omega_m_rad_per_s, x.omega_j_rad_per_s
+    if speed_m == 0.0 or speed_j == 0.0:
+        return False, x
+    sign_m, sign_j = math.copysign(1.0, speed_m), math.copysign(1.0, speed_j)
+    level = p.motor_coulomb + max(0.0, sign_m * p.asymmetry)
+    motor, friction_j = d.torque_constant * d.current - sign_m * level, sign_j * p.jaw_coulomb
+    steps = g.shape[0]
+    stretch = p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad
+    u = Torques(motor, 0.0, 0.0, 0.0)
+    end_m, end_j = speed_m, speed_j
+    for k in range(steps):
+        share = (k + 1.0) / steps
+        load, rise = d.load + 0.5 * (share - 1.0) * d.load_slope, share * d.load_slope
+        u = Torques(motor, 0.0, -load - friction_j, -rise)
+        end_m = _row(g, k, MOTOR_SPEED, stretch, speed_m, speed_j, u)
+        end_j = _row(g, k, JAW_SPEED, stretch, speed_m, speed_j, u)
+        if not (sign_m * end_m > 0.0 and sign_j * end_j > 0.0):
+            return False, x
+    theta_m = x.theta_m_rad + _row(g, steps - 1, MOTOR_WAY, stretch, speed_m, speed_j, u)
+    theta_j = x.theta_j_rad + _row(g, steps - 1, JAW_WAY, stretch, speed_m, speed_j, u)
+    kept = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
+    return True, State(theta_m, end_m, theta_j, end_j, *kept, d.current_end)
+
+
+@inlined
 def _uneven(
     change_N_m: float, over_rad_per_s: float, reach: float, softest: float, speeds: tuple[float, float]
 ) -> bool:

@@ -248,6 +248,23 @@ def test_sensitivities_by_one_sided_and_central_differences_agree(entry: Effect)
             assert np.sqrt(np.mean((forward - central) ** 2)) <= 0.05 * size + 2e-9, (name, channel)
 
 
+@pytest.mark.parametrize("samples", [1, 2])
+@pytest.mark.parametrize("friction", [0.0, 3e-5], ids=["as it is", "that stops it"])
+def test_one_step_for_a_sample_is_all_of_its_steps(friction: float, samples: int) -> None:
+    law = closed_loop.law_vector(DRIVE.model_copy(update={"sample_time_s": 1e-3 / samples}))
+    inputs = inputs_of(edges=[(400, 0.3), (900, 0.8)])
+    theta = theta_of(coulomb_asymmetry__difference_N_m=4e-6, jaw_gravity__sine_N_m=0.0)
+    theta[parameters.index("forceps.motor_coulomb_N_m")] += friction
+    stepped = theta.copy()
+    stepped[parameters.index("effects.cogging.sine_N_m")] = 1e-30  # does nothing, and is a plant with an effect
+    start = closed_loop.rest(theta, 0.6)
+    once, often = (closed_loop.simulate(each, law, 1e-4, inputs, start, 8, samples) for each in (theta, stepped))
+    for a, b in zip(once, often, strict=True):
+        assert worst(a, b) <= 1e-10 * np.abs(b).max()
+    stands = np.count_nonzero(once.omega_m_rad_per_s == 0.0)
+    assert stands > 20 if friction else stands < 20
+
+
 def test_same_call_same_bits_and_two_samples_a_row() -> None:
     theta = theta_of(wire_slack__half_width_m=1e-6)
     assert all(np.array_equal(a, b) for a, b in zip(run(theta), run(theta), strict=True))
