@@ -147,8 +147,12 @@ class Looker:
                 whitener.apply(self._course),
             )
             gains[high] /= inflation
-            for probe, much in zip(some.places, inflation, strict=True):
-                self.inflation[probe.effect_id] = max(self.inflation.get(probe.effect_id, 1.0), float(much))
+            # Of each entry at the place that it is refitted from: a limit half a percent off may hang on one instant.
+            of_best = {}
+            for i, much in sorted(zip(high, inflation, strict=True), key=lambda pair: float(gains[pair[0]])):
+                of_best[seen.places[i].effect_id] = float(much)
+            for name, much in of_best.items():
+                self.inflation[name] = max(self.inflation.get(name, 1.0), much)
         return Scan(seen.places, seen.groups, seen.columns, found._replace(gains=gains, threshold=threshold))
 
 
