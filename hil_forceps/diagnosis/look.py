@@ -147,13 +147,18 @@ class Looker:
                 whitener.apply(self._course),
             )
             gains[high] /= inflation
-            # Of each entry at the place that it is refitted from: a limit half a percent off may hang on one instant.
-            of_best = {}
-            for i, much in sorted(zip(high, inflation, strict=True), key=lambda pair: float(gains[pair[0]])):
-                of_best[seen.places[i].effect_id] = float(much)
-            for name, much in of_best.items():
+            for name, much in of_best_places([seen.places[i].effect_id for i in high], gains[high], inflation).items():
                 self.inflation[name] = max(self.inflation.get(name, 1.0), much)
         return Scan(seen.places, seen.groups, seen.columns, found._replace(gains=gains, threshold=threshold))
+
+
+def of_best_places(names: Sequence[str], gains: Vector, inflation: Vector) -> dict[str, float]:
+    """Return the inflation of each entry at the one of its places that gains most: from there it is refitted.
+
+    Another place may hang on one instant, as a limit half a percent off does, and the scatter of one block is anything.
+    """
+    order = np.argsort(gains, kind="stable")
+    return {names[i]: float(inflation[i]) for i in order}
 
 
 def _some(seen: Seen, which: Sequence[int]) -> Seen:
