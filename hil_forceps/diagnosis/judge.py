@@ -10,6 +10,7 @@ from scipy import stats
 from hil_forceps.diagnosis.bursts import ROWS, Burst
 from hil_forceps.diagnosis.choice import SET_DROP
 from hil_forceps.diagnosis.diagnose import Findings
+from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover
 from hil_forceps.diagnosis.look import CHANCE
@@ -80,10 +81,6 @@ def judge(found: Findings) -> Judgement:
             reasons += (f"beside the named entries something is left: {share:.1g} of the misfit that they explain",)
             over = _varies_over(found.after)
         return Judgement("effects", _effects_sentence(named, sets), named, sets, shifts, over, reasons)
-    if found.after.burst is not None and found.after.burst.stands_out:
-        return Judgement(
-            "unnamed", _burst_sentence(found, found.after.burst), (), sets, shifts, ("theta_j_rad: time",), ()
-        )
     moved = found.nominal.fit.chi2 - found.baseline.fit.chi2
     limit = float(stats.chi2.isf(CHANCE, len(found.baseline.problem.shared.items)))
     if moved > limit and shifts:
@@ -136,14 +133,6 @@ def _by_no_numerics(found: Findings, left: Leftover) -> bool:
 def _explained(found: Findings) -> float:
     """Return the fall of χ² by the named entries."""
     return found.baseline.fit.chi2 - found.choice.model.fit.chi2
-
-
-def _burst_sentence(found: Findings, burst: Burst) -> str:
-    record = found.records[burst.run]
-    first, last = record.time_s[burst.first], record.time_s[burst.first + ROWS - 1]
-    where = f"{record.name}, {first:.2f} to {last:.2f} s"
-    said = f"the jaw's residual has {burst.times:.0f} times the power of its noise"
-    return f"Something is there that no entry of the catalogue explains: {said} ({where})."
 
 
 def _varies_over(left: Leftover) -> tuple[str, ...]:
@@ -275,9 +264,21 @@ def trends(channels: Sequence[str], before: Leftover, after: Leftover) -> tuple[
 
 
 def audit_findings(found: Findings) -> tuple[AuditFinding, ...]:
-    """Return the audit as the result has it, notes of the preparation behind it."""
+    """Return the audit as the result has it, notes of the preparation behind it, and a burst that no noise makes."""
     findings = [AuditFinding(f.kind, f.severity, f.run, f.channel, f.text) for f in found.findings]
-    return (*findings, *(AuditFinding("preparation", "note", "", "", note) for note in found.notes))
+    notes = [AuditFinding("preparation", "note", "", "", note) for note in found.notes]
+    burst = found.after.burst
+    bursts = [_burst_finding(found.records[burst.run], burst)] if burst is not None and burst.stands_out else []
+    return (*findings, *notes, *bursts)
+
+
+def _burst_finding(record: Record, burst: Burst) -> AuditFinding:
+    first, last = record.time_s[burst.first], record.time_s[burst.first + ROWS - 1]
+    text = (
+        f"from {first:.2f} to {last:.2f} s what the model leaves of the jaw's angle has {burst.times:.0f} times "
+        "the power of the run's noise: a blow, friction that broke loose, or what no entry explains"
+    )
+    return AuditFinding("burst", "warning", record.name, "theta_j_rad", text)
 
 
 __all__ = ["SET_DROP", "Judgement", "audit_findings", "balances", "detectable", "judge", "named_effects", "trends"]

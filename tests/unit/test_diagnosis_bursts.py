@@ -7,7 +7,7 @@ import pytest
 
 from hil_forceps.diagnosis.bursts import COUNTS, EVERY, ROWS, STANDS_OUT, burst_of
 from hil_forceps.diagnosis.diagnose import Options, investigate
-from hil_forceps.diagnosis.judge import judge
+from hil_forceps.diagnosis.judge import audit_findings, judge
 from hil_forceps.diagnosis.spectrum import Flat, Layout, fill, make_layout
 from tests.hidden_effects.generator import RIG, generate, true_rig
 from tests.hidden_effects.generator_scenarios import SCENARIOS
@@ -73,16 +73,19 @@ def test_nothing_is_said_without_a_jaw_s_sensor_or_of_a_moment(where: Layout) ->
 
 
 @pytest.mark.slow
-def test_a_jaw_that_is_struck_once_is_no_noise() -> None:
+def test_a_jaw_that_is_struck_once_is_told_and_is_no_verdict() -> None:
     true = true_rig(RIG, {}, {})
     kinds = ("multisine", "trapezoid", "chirp")
     runs = [generate(true, replace(SCENARIOS[kind], duration_s=6.0), 60 + k, name=kind) for k, kind in enumerate(kinds)]
-    assert judge(investigate(runs, RIG, Options())).verdict == "consistent"
+    quiet = investigate(runs, RIG, Options())
+    assert judge(quiet).verdict == "consistent"
+    assert not [said for said in audit_findings(quiet) if said.kind == "burst"]
     struck = runs[0].columns["theta_j_rad"].copy()
     there = slice(2000, 2040)
     struck[there] += 2.4e-3 * np.sin(0.9 * np.arange(40)) * np.exp(-np.arange(40) / 15.0)
     runs[0] = replace(runs[0], columns={**runs[0].columns, "theta_j_rad": struck})
-    found = judge(investigate(runs, RIG, Options()))
-    assert found.verdict == "unnamed"
-    assert found.varies_over == ("theta_j_rad: time",)
-    assert "multisine" in found.sentence
+    loud = investigate(runs, RIG, Options())
+    assert judge(loud).verdict == "consistent"
+    (said,) = [said for said in audit_findings(loud) if said.kind == "burst"]
+    assert (said.run, said.channel, said.severity) == ("multisine", "theta_j_rad", "warning")
+    assert "from 1.9" in said.text or "from 2.0" in said.text
