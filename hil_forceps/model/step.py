@@ -59,10 +59,9 @@ from hil_forceps.model.physics import (
 _FALLEN = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
 _FILM = 0.3  # of the film's speed: below it a step may want pieces, and up to where the film is stiff
 _EVEN = 0.2  # of the speed over which friction changes: a change of speed over which it is as good as a line
-# Of I/h: what friction's slope may be for a step to take it as it comes. Where friction falls with speed errors grow;
-# where it rises (a film) they die away, and up to half of I/h pieces make no difference beside what reversals leave.
-_SOFT_FALLING = 0.1
-_SOFT_RISING = 0.5
+# Of I/h: what friction's slope may be for a step to take it as it comes. Half of it would do for a film, by what it
+# moves; but where a fit comes by that slope χ² has a step, and one film's fit stopped there.
+_SOFT = 0.1
 
 
 class Torques(NamedTuple):
@@ -464,13 +463,12 @@ def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
         if before.slack != after.slack or before.tension_N * after.tension_N < 0.0:
             return True
     speeds = (x.omega_m_rad_per_s, end.omega_m_rad_per_s)
-    softest = _SOFT_FALLING * inertia_per_step
+    softest = _SOFT * inertia_per_step
     if p.stribeck_rise != 0.0 and _uneven(p.stribeck_rise, p.stribeck_speed, _FALLEN, softest, speeds):
         return True
     if p.film_level != 0.0:
-        # Beyond, its slope is at most what a step can take: L/ω_f exp(−|ω|/ω_f) < I/2h.
-        softest = _SOFT_RISING * inertia_per_step
-        over = p.film_level / p.film_speed / softest
+        # Beyond, its slope is at most half of what a step can take: L/ω_f exp(−|ω|/ω_f) < I/2h.
+        over = 2.0 * p.film_level / p.film_speed / inertia_per_step
         if min(abs(speeds[0]), abs(speeds[1])) >= max(_FILM, over - 1.0) * p.film_speed:
             return False  # ln x ≤ x − 1, and far quicker
         stiff = math.log(max(1.0, over))

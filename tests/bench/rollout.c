@@ -359,10 +359,10 @@ static int sudden(const physics *p, int kind, double inertia, const state *x, co
     double first = x->omega_m, last = end->omega_m;
     if (p->stribeck_rise != 0.0 && uneven(p->stribeck_rise, p->stribeck_speed, 3.0, 0.1 * inertia, first, last)) return 1;
     if (p->film_level == 0.0) return 0;
-    double softest = 0.5 * inertia, over = p->film_level / p->film_speed / softest;
+    double over = 2.0 * p->film_level / p->film_speed / inertia;
     if (low(fabs(first), fabs(last)) >= high(0.3, over - 1.0) * p->film_speed) return 0;
     double stiff = log(high(1.0, over));
-    return uneven(p->film_level, p->film_speed, high(0.3, stiff), softest, first, last);
+    return uneven(p->film_level, p->film_speed, high(0.3, stiff), 0.1 * inertia, first, last);
 }
 
 static state refined_step(const physics *p, int kind, const double *g, const double *inertia, const double *kept, state x,
