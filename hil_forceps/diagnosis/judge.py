@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from hil_forceps.diagnosis.bursts import ROWS, Burst
-from hil_forceps.diagnosis.choice import SET_DROP
+from hil_forceps.diagnosis.bursts import ROWS, Burst, burst_of
+from hil_forceps.diagnosis.choice import SET_DROP, Choice
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model
@@ -25,6 +25,7 @@ from hil_forceps.diagnosis.result import (
     Trend,
     Verdict,
 )
+from hil_forceps.diagnosis.spectrum import JAW
 from hil_forceps.model.parameters import index
 from hil_forceps.rig.catalogue import EFFECTS, Location, effect
 
@@ -267,9 +268,15 @@ def audit_findings(found: Findings) -> tuple[AuditFinding, ...]:
     """Return the audit as the result has it, notes of the preparation behind it, and a burst that no noise makes."""
     findings = [AuditFinding(f.kind, f.severity, f.run, f.channel, f.text) for f in found.findings]
     notes = [AuditFinding("preparation", "note", "", "", note) for note in found.notes]
-    burst = found.after.burst
+    burst = burst_beside(found.choice)
     bursts = [_burst_finding(found.records[burst.run], burst)] if burst is not None and burst.stands_out else []
     return (*findings, *notes, *bursts)
+
+
+def burst_beside(choice: Choice) -> Burst | None:
+    """Return the strongest burst of what a chosen model leaves in the fitted runs."""
+    model = choice.model
+    return burst_of(model.problem.layout, choice.whitener.apply(model.fit.residual))
 
 
 def _burst_finding(record: Record, burst: Burst) -> AuditFinding:
@@ -278,7 +285,17 @@ def _burst_finding(record: Record, burst: Burst) -> AuditFinding:
         f"from {first:.2f} to {last:.2f} s what the model leaves of the jaw's angle has {burst.times:.0f} times "
         "the power of the run's noise: a blow, friction that broke loose, or what no entry explains"
     )
-    return AuditFinding("burst", "warning", record.name, "theta_j_rad", text)
+    return AuditFinding("burst", "warning", record.name, JAW, text)
 
 
-__all__ = ["SET_DROP", "Judgement", "audit_findings", "balances", "detectable", "judge", "named_effects", "trends"]
+__all__ = [
+    "SET_DROP",
+    "Judgement",
+    "audit_findings",
+    "balances",
+    "burst_beside",
+    "detectable",
+    "judge",
+    "named_effects",
+    "trends",
+]

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from hil_forceps.diagnosis.bursts import Burst, burst_of
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import gram
@@ -66,7 +65,6 @@ class Leftover(NamedTuple):
     total_gain: float  # of all families together, less what chance gives
     families: tuple[tuple[str, str, float], ...]  # place, variable, gain; the best first
     explained: float = 0.0  # of χ², by what the model has named; told of runs held out
-    burst: Burst | None = None  # the strongest over time; told of fitted runs
 
     @property
     def stands_out(self) -> bool:
@@ -287,9 +285,7 @@ def leftover(model: Model, whitener: Whitener, curves: Curves, seed: int) -> Lef
     """Look for curves, whitened ones, in what the model leaves."""
     problem, found = model.problem, model.fit
     beside = Beside(whitener.apply(found.jacobian), problem.prior_weights(), found.u)
-    residual = whitener.apply(found.residual)
-    left = left_by_columns(problem.layout, beside, residual, curves, seed)
-    return left._replace(burst=burst_of(problem.layout, residual))
+    return left_by_columns(problem.layout, beside, whitener.apply(found.residual), curves, seed)
 
 
 class Beside(NamedTuple):

@@ -157,8 +157,16 @@ def of_best_places(names: Sequence[str], gains: Vector, inflation: Vector) -> di
 
     Another place may hang on one instant, as a limit half a percent off does, and the scatter of one block is anything.
     """
-    order = np.argsort(gains, kind="stable")
-    return {names[i]: float(inflation[i]) for i in order}
+    return {name: float(inflation[i]) for name, i in best_places(names, gains).items()}
+
+
+def best_places(names: Sequence[str], gains: Vector) -> dict[str, int]:
+    """Return the place of each entry that gains most; `names`: of the entry of each place."""
+    best: dict[str, int] = {}
+    for i, name in enumerate(names):
+        if name not in best or gains[i] > gains[best[name]]:
+            best[name] = i
+    return best
 
 
 def _some(seen: Seen, which: Sequence[int]) -> Seen:

@@ -5,7 +5,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.look import Scan
+from hil_forceps.diagnosis.look import Scan, best_places
 
 Vector = NDArray[np.float64]
 
@@ -32,12 +32,7 @@ def aliases(one: Collection[str], other: Collection[str]) -> bool:
 
 def best_of_each(scan: Scan) -> dict[str, int]:
     """Return the place of each entry that gains most."""
-    best: dict[str, int] = {}
-    for i, probe in enumerate(scan.probes):
-        so_far = best.get(probe.effect_id)
-        if so_far is None or scan.scores.gains[i] > scan.scores.gains[so_far]:
-            best[probe.effect_id] = i
-    return best
+    return best_places([probe.effect_id for probe in scan.probes], scan.scores.gains)
 
 
 def promising(scan: Scan, effects: Collection[str]) -> list[int]:

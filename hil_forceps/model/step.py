@@ -183,15 +183,29 @@ def settled(
 
 
 @inlined
-def _moved_on(g: Gains, s: int, x: State, end: Motion, more: Torques, motor: float, jaw: float) -> Motion:
-    """Return what `settled` makes of more torques, and of friction changed by `motor` and `jaw` at the end.
+def _settled_again(
+    g: Gains,
+    s: int,
+    x: State,
+    free: Motion,
+    end: Motion,
+    more: Torques,
+    push: tuple[float, float],
+    inertia: tuple[float, float],
+    motor: Levels,
+    jaw: Levels,
+) -> Motion:
+    """Return the motion at the end with more torques, and friction that ends at other levels than it begins with.
 
-    Where both go on as they went, it is linear in them: no need to settle again.
+    `end`: the motion as `settled` without both. Where motor and jaw go on as they went, it is linear in them.
     """
-    motor = motor if x.omega_m_rad_per_s > 0.0 else -motor
-    jaw = jaw if x.omega_j_rad_per_s > 0.0 else -jaw
-    u = Torques(more.motor - 0.5 * motor, more.motor_slope - motor, more.jaw - 0.5 * jaw, more.jaw_slope - jaw)
-    return added(g, s, end, u)
+    rise = motor.end - motor.start if x.omega_m_rad_per_s > 0.0 else motor.start - motor.end
+    rise_j = jaw.end - jaw.start if x.omega_j_rad_per_s > 0.0 else jaw.start - jaw.end
+    u = Torques(more.motor - 0.5 * rise, more.motor_slope - rise, more.jaw - 0.5 * rise_j, more.jaw_slope - rise_j)
+    again = added(g, s, end, u)
+    if _go_on(x, end) and _go_on(x, again):
+        return again
+    return settled(g, s, x, added(g, s, free, more), push, inertia, motor, jaw)
 
 
 @inlined
@@ -343,12 +357,9 @@ def full_step(
     ways = (w1.elongation_m - w0.elongation_m, rub - rubbed, grip - held)
     last_level, last_level_j = motor_level_N_m(p, end.omega_m, w1.tension_N), jaw_level_N_m(p, end.theta_j)
     more = _corrections(p, kind, g, s, x, end, ways, first, last)
-    again = _moved_on(g, s, x, end, more, last_level - level, last_level_j - level_j)
-    if not (_go_on(x, end) and _go_on(x, again)):
-        motor = Levels(level, last_level, rest, forward, backward)
-        jaw = Levels(level_j, last_level_j, level_j, 0.0, 0.0)
-        again = settled(g, s, x, added(g, s, free, more), push, inertia, motor, jaw)
-    return _remembered(p, x, again, w0, w1, kept, d.current_end)
+    motor, jaw = Levels(level, last_level, rest, forward, backward), Levels(level_j, last_level_j, level_j, 0.0, 0.0)
+    end = _settled_again(g, s, x, free, end, more, push, inertia, motor, jaw)
+    return _remembered(p, x, end, w0, w1, kept, d.current_end)
 
 
 @inlined
@@ -366,14 +377,10 @@ def level_step(p: Physics, g: Gains, s: int, inertia: tuple[float, float], x: St
     last_level, last_level_j = motor_level_N_m(p, end.omega_m, _linear_tension_N(p, end)), jaw_level_N_m(p, end.theta_j)
     # Far from standstill, friction that hangs on speed no longer changes: then the end is found already.
     if last_level != level or last_level_j != level_j:
-        again = _moved_on(g, s, x, end, Torques(0.0, 0.0, 0.0, 0.0), last_level - level, last_level_j - level_j)
-        if not (_go_on(x, end) and _go_on(x, again)):
-            motor = Levels(level, last_level, rest, forward, backward)
-            jaw = Levels(level_j, last_level_j, level_j, 0.0, 0.0)
-            again = settled(g, s, x, free, push, inertia, motor, jaw)
-        end = again
-    kept = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
-    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, *kept, d.current_end)
+        motor = Levels(level, last_level, rest, forward, backward)
+        jaw = Levels(level_j, last_level_j, level_j, 0.0, 0.0)
+        end = _settled_again(g, s, x, free, end, Torques(0.0, 0.0, 0.0, 0.0), push, inertia, motor, jaw)
+    return _nothing_else(x, end, d.current_end)
 
 
 @inlined
@@ -394,6 +401,13 @@ def _remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: flo
 
 
 @inlined
+def _nothing_else(x: State, end: Motion, current_A: float) -> State:
+    """Return the state at the end of a step that leaves nothing in wire or friction."""
+    kept = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
+    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, *kept, current_A)
+
+
+@inlined
 def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: Drive) -> State:
     """Return the plant's state a step on, without an effect that hangs on the state."""
     forward, backward = max(0.0, p.asymmetry), max(0.0, -p.asymmetry)
@@ -402,8 +416,7 @@ def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: 
     u = Torques(d.torque_constant * d.current, d.torque_constant * d.current_slope, -d.load, -d.load_slope)
     free, push = free_motion(p, g, TAUT, x, u), _push(p, g, TAUT, x, u)
     end = settled(g, TAUT, x, free, push, inertia, motor, jaw)
-    kept = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
-    return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, *kept, d.current_end)
+    return _nothing_else(x, end, d.current_end)
 
 
 @inlined
@@ -433,23 +446,23 @@ def whole_step(p: Physics, g: Gains, x: State, d: Drive) -> tuple[bool, State]:
             return False, x
     theta_m = x.theta_m_rad + _row(g, steps - 1, MOTOR_WAY, stretch, speed_m, speed_j, u)
     theta_j = x.theta_j_rad + _row(g, steps - 1, JAW_WAY, stretch, speed_m, speed_j, u)
-    kept = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
-    return True, State(theta_m, end_m, theta_j, end_j, *kept, d.current_end)
+    return True, _nothing_else(x, Motion(theta_m, end_m, theta_j, end_j), d.current_end)
 
 
 @inlined
 def _uneven(
-    change_N_m: float, over_rad_per_s: float, reach: float, softest: float, speeds: tuple[float, float]
+    change_N_m: float, over_rad_per_s: float, reach: float, inertia_per_step: float, speeds: tuple[float, float]
 ) -> bool:
-    """Whether friction that changes over some speed, and up to `reach` times that, does so too fast for a step.
-
-    `softest`: the slope that a step can take.
-    """
+    """Whether friction that changes over some speed, and up to `reach` times that, does so too fast for a step."""
     first, last = speeds
     if min(abs(first), abs(last)) >= reach * over_rad_per_s or (first == 0.0 and last == 0.0):
         return False
     turns = first * last <= 0.0
-    return turns or abs(last - first) > _EVEN * over_rad_per_s or abs(change_N_m) > softest * over_rad_per_s
+    return (
+        turns
+        or abs(last - first) > _EVEN * over_rad_per_s
+        or abs(change_N_m) > _SOFT * inertia_per_step * over_rad_per_s
+    )
 
 
 @inlined
@@ -463,8 +476,7 @@ def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
         if before.slack != after.slack or before.tension_N * after.tension_N < 0.0:
             return True
     speeds = (x.omega_m_rad_per_s, end.omega_m_rad_per_s)
-    softest = _SOFT * inertia_per_step
-    if p.stribeck_rise != 0.0 and _uneven(p.stribeck_rise, p.stribeck_speed, _FALLEN, softest, speeds):
+    if p.stribeck_rise != 0.0 and _uneven(p.stribeck_rise, p.stribeck_speed, _FALLEN, inertia_per_step, speeds):
         return True
     if p.film_level != 0.0:
         # Beyond, its slope is at most half of what a step can take: L/ω_f exp(−|ω|/ω_f) < I/2h.
@@ -472,8 +484,18 @@ def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
         if min(abs(speeds[0]), abs(speeds[1])) >= max(_FILM, over - 1.0) * p.film_speed:
             return False  # ln x ≤ x − 1, and far quicker
         stiff = math.log(max(1.0, over))
-        return _uneven(p.film_level, p.film_speed, max(_FILM, stiff), softest, speeds)
+        return _uneven(p.film_level, p.film_speed, max(_FILM, stiff), inertia_per_step, speeds)
     return False
+
+
+@inlined
+def _one_step(
+    p: Physics, kind: Kind, g: Gains, base: int, inertia: tuple[float, float], kept: float, x: State, d: Drive
+) -> State:
+    """Return `full_step`, by the shorter way where the plant allows it."""
+    if kind.steady:
+        return level_step(p, g, base, inertia, x, d)
+    return full_step(p, kind, g, base, inertia, kept, x, d)
 
 
 @kernel
@@ -487,11 +509,7 @@ def _in_pieces(
         current, load = d.current + at * d.current_slope, d.load + at * d.load_slope
         slopes = (d.current_slope * scale, d.load_slope * scale)
         part = Drive(current, slopes[0], d.current_end, d.torque_constant, d.viscosity, load, slopes[1])
-        shorter = (inertia[0] * PIECES, inertia[1] * PIECES)
-        if kind.steady:
-            x = level_step(p, g, SHORT, shorter, x, part)
-        else:
-            x = full_step(p, kind, g, SHORT, shorter, kept, x, part)
+        x = _one_step(p, kind, g, SHORT, (inertia[0] * PIECES, inertia[1] * PIECES), kept, x, part)
     return x
 
 
@@ -499,11 +517,8 @@ def _in_pieces(
 def refined_step(
     p: Physics, kind: Kind, g: Gains, inertia: tuple[float, float], kept: tuple[float, float], x: State, d: Drive
 ) -> State:
-    """Return `full_step` or `level_step`, in pieces where it has to be.
-
-    `kept`: what creep keeps over a step and over a piece.
-    """
-    end = level_step(p, g, TAUT, inertia, x, d) if kind.steady else full_step(p, kind, g, TAUT, inertia, kept[0], x, d)
+    """Return `full_step`, in pieces where it has to be; `kept`: what creep keeps over a step and over a piece."""
+    end = _one_step(p, kind, g, TAUT, inertia, kept[0], x, d)
     if _sudden(p, inertia[0], x, end):
         return _in_pieces(p, kind, g, inertia, kept[1], x, d)
     return end

@@ -182,16 +182,18 @@ static motion settled(const double *g, const state *x, motion free, const double
                      x->theta_j + (j.fate == STUCK ? 0.0 : end.theta_j), j.fate >= STOPPED ? 0.0 : end.omega_j };
 }
 
-/* What `settled` makes of more torques and of friction changed at the end, where both go on as they went. */
-static motion moved_on(const double *g, const state *x, motion end, torques more, double motor, double jaw) {
-    if (!(x->omega_m > 0.0)) motor = -motor;
-    if (!(x->omega_j > 0.0)) jaw = -jaw;
-    return added(g, end, (torques){ more.motor - 0.5 * motor, more.motor_slope - motor, more.jaw - 0.5 * jaw,
-                                    more.jaw_slope - jaw });
-}
-
 static int go_on(const state *x, motion end) {
     return x->omega_m * end.omega_m > 0.0 && x->omega_j * end.omega_j > 0.0;
+}
+
+/* With more torques, and friction that ends at other levels: linear in both where motor and jaw go on as they went. */
+static motion settled_again(const double *g, const state *x, motion free, motion end, torques more, const double *push,
+                            const double *inertia, levels motor, levels jaw) {
+    double rise = x->omega_m > 0.0 ? motor.end - motor.start : motor.start - motor.end;
+    double rise_j = x->omega_j > 0.0 ? jaw.end - jaw.start : jaw.start - jaw.end;
+    motion again = added(g, end, (torques){ more.motor - 0.5 * rise, more.motor_slope - rise, more.jaw - 0.5 * rise_j,
+                                            more.jaw_slope - rise_j });
+    return go_on(x, end) && go_on(x, again) ? again : settled(g, x, added(g, free, more), push, inertia, motor, jaw);
 }
 
 static void push_of(const physics *p, const double *g, const state *x, torques u, double *push) {
@@ -290,12 +292,9 @@ static state full_step(const physics *p, int kind, const double *gains, int base
     double ways[5] = { way_m, way_j, w1.elongation - w0.elongation,
                        rub_of(p, slipped, loaded, w1.tension) - rubbed, grip_of(p, gripped, w1.tension) - holding };
     double last_level = motor_level(p, end.omega_m, w1.tension), last_level_j = jaw_level(p, end.theta_j);
-    torques more = corrections(p, kind, g, ways, first, last);
-    motion again = moved_on(g, &x, end, more, last_level - level, last_level_j - level_j);
-    if (!(go_on(&x, end) && go_on(&x, again)))
-        again = settled(g, &x, added(g, free, more), push, inertia, (levels){ level, last_level, rest, forward, backward },
+    end = settled_again(g, &x, free, end, corrections(p, kind, g, ways, first, last), push, inertia,
+                        (levels){ level, last_level, rest, forward, backward },
                         (levels){ level_j, last_level_j, level_j, 0.0, 0.0 });
-    end = again;
     way_m = end.theta_m - x.theta_m;
     state after = { end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, x.loaded, x.gripped,
                     lost_after(p, x.lost, way_m), d->current_end };
@@ -307,6 +306,12 @@ static state full_step(const physics *p, int kind, const double *gains, int base
     if (p->loop_force != 0.0)
         after.loop = slide(x.loop, wire_of(p, kind, end, after.lost, after.creep, x.loop).elongation - w0.elongation, p->loop_stretch);
     return after;
+}
+
+/* The state at the end of a step that leaves nothing in wire or friction. */
+static state nothing_else(state x, motion end, double current) {
+    return (state){ end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, x.loaded, x.gripped,
+                    x.lost, current };
 }
 
 /* Where nothing but friction's level hangs on the state. */
@@ -321,15 +326,11 @@ static state level_step(const physics *p, const double *g, double inertia_m, dou
     motion end = settled(g, &x, free, push, inertia, (levels){ level, level, rest, forward, backward },
                          (levels){ level_j, level_j, level_j, 0.0, 0.0 });
     double last_level = motor_level(p, end.omega_m, linear_tension(p, end)), last_level_j = jaw_level(p, end.theta_j);
-    if (last_level != level || last_level_j != level_j) {
-        motion again = moved_on(g, &x, end, (torques){ 0.0, 0.0, 0.0, 0.0 }, last_level - level, last_level_j - level_j);
-        if (!(go_on(&x, end) && go_on(&x, again)))
-            again = settled(g, &x, free, push, inertia, (levels){ level, last_level, rest, forward, backward },
+    if (last_level != level || last_level_j != level_j)
+        end = settled_again(g, &x, free, end, (torques){ 0.0, 0.0, 0.0, 0.0 }, push, inertia,
+                            (levels){ level, last_level, rest, forward, backward },
                             (levels){ level_j, last_level_j, level_j, 0.0, 0.0 });
-        end = again;
-    }
-    return (state){ end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, x.loaded, x.gripped,
-                    x.lost, d->current_end };
+    return nothing_else(x, end, d->current_end);
 }
 
 static state plain_step(const physics *p, const double *g, const double *inertia, state x, const drive *d) {
@@ -339,14 +340,12 @@ static state plain_step(const physics *p, const double *g, const double *inertia
     double push[2];
     motion free = free_motion(p, g, &x, u);
     push_of(p, g, &x, u, push);
-    motion end = settled(g, &x, free, push, inertia, motor, jaw);
-    return (state){ end.theta_m, end.omega_m, end.theta_j, end.omega_j, x.creep, x.loop, x.presliding, x.loaded, x.gripped,
-                    x.lost, d->current_end };
+    return nothing_else(x, settled(g, &x, free, push, inertia, motor, jaw), d->current_end);
 }
 
-static int uneven(double change, double over, double reach, double softest, double first, double last) {
+static int uneven(double change, double over, double reach, double inertia, double first, double last) {
     if (low(fabs(first), fabs(last)) >= reach * over || (first == 0.0 && last == 0.0)) return 0;
-    return first * last <= 0.0 || fabs(last - first) > 0.2 * over || fabs(change) > softest * over;
+    return first * last <= 0.0 || fabs(last - first) > 0.2 * over || fabs(change) > 0.1 * inertia * over;
 }
 
 static int sudden(const physics *p, int kind, double inertia, const state *x, const state *end) {
@@ -357,25 +356,29 @@ static int sudden(const physics *p, int kind, double inertia, const state *x, co
         if (a.slack != b.slack || a.tension * b.tension < 0.0) return 1;
     }
     double first = x->omega_m, last = end->omega_m;
-    if (p->stribeck_rise != 0.0 && uneven(p->stribeck_rise, p->stribeck_speed, 3.0, 0.1 * inertia, first, last)) return 1;
+    if (p->stribeck_rise != 0.0 && uneven(p->stribeck_rise, p->stribeck_speed, 3.0, inertia, first, last)) return 1;
     if (p->film_level == 0.0) return 0;
     double over = 2.0 * p->film_level / p->film_speed / inertia;
     if (low(fabs(first), fabs(last)) >= high(0.3, over - 1.0) * p->film_speed) return 0;
     double stiff = log(high(1.0, over));
-    return uneven(p->film_level, p->film_speed, high(0.3, stiff), 0.1 * inertia, first, last);
+    return uneven(p->film_level, p->film_speed, high(0.3, stiff), inertia, first, last);
+}
+
+static state one_step(const physics *p, int kind, const double *g, int base, double inertia_m, double inertia_j, double kept,
+                      state x, const drive *d) {
+    return kind == 2 ? level_step(p, g + (base + TAUT) * SIZE, inertia_m, inertia_j, x, d)
+                     : full_step(p, kind, g, base, inertia_m, inertia_j, kept, x, d);
 }
 
 static state refined_step(const physics *p, int kind, const double *g, const double *inertia, const double *kept, state x,
                           const drive *d) {
-    state end = kind == 2 ? level_step(p, g + TAUT * SIZE, inertia[0], inertia[1], x, d)
-                          : full_step(p, kind, g, TAUT, inertia[0], inertia[1], kept[0], x, d);
+    state end = one_step(p, kind, g, TAUT, inertia[0], inertia[1], kept[0], x, d);
     if (!sudden(p, kind, inertia[0], &x, &end)) return end;
     for (int piece = 0; piece < PIECES; piece++) {
         double at = (piece + 0.5) / PIECES - 0.5;
         drive part = { d->current + at * d->current_slope, d->current_slope / PIECES, d->current_end, d->constant,
                        d->load + at * d->load_slope, d->load_slope / PIECES };
-        x = kind == 2 ? level_step(p, g + (SHORT + TAUT) * SIZE, inertia[0] * PIECES, inertia[1] * PIECES, x, &part)
-                      : full_step(p, kind, g, SHORT, inertia[0] * PIECES, inertia[1] * PIECES, kept[1], x, &part);
+        x = one_step(p, kind, g, SHORT, inertia[0] * PIECES, inertia[1] * PIECES, kept[1], x, &part);
     }
     return x;
 }

@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import sum_of_squares
 from hil_forceps.diagnosis.heldout import floors_of, gains, play
-from hil_forceps.diagnosis.judge import TWO_SIDED_95, judge
+from hil_forceps.diagnosis.judge import TWO_SIDED_95, burst_beside, judge
 from hil_forceps.diagnosis.leftover import Leftover
 from hil_forceps.rig import Rig
 from tests.hidden_effects.cases import NOISES, REST, RIGS, SCENARIO_SETS, Spec, drawn_effect, drawn_shifts
@@ -105,7 +105,7 @@ def _diagnosed(spec: Spec, case: Case, *, gain: bool, whole: bool) -> Outcome:
         "varies_over": list(verdict.varies_over),
         "rivals": [[list(rival.model.effects), round(rival.behind, 2)] for rival in found.choice.rivals],
         "left": _left(found.after),
-        "burst": None if found.after.burst is None else round(found.after.burst.gain, 1),
+        "burst": None if (burst := burst_beside(found.choice)) is None else round(burst.gain, 1),
         "left_unseen": None if found.unseen is None else _left(found.unseen),
         "scores": _scores(found, spec.effects),
         "baseline": _baseline(found.choice.model, case.true),

@@ -253,7 +253,7 @@ def test_sensitivities_by_one_sided_and_central_differences_agree(entry: Effect)
 def test_one_step_for_a_sample_is_all_of_its_steps(friction: float, samples: int) -> None:
     law = closed_loop.law_vector(DRIVE.model_copy(update={"sample_time_s": 1e-3 / samples}))
     inputs = inputs_of(edges=[(400, 0.3), (900, 0.8)])
-    theta = theta_of(coulomb_asymmetry__difference_N_m=4e-6, jaw_gravity__sine_N_m=0.0)
+    theta = theta_of(coulomb_asymmetry__difference_N_m=4e-6)
     theta[parameters.index("forceps.motor_coulomb_N_m")] += friction
     stepped = theta.copy()
     stepped[parameters.index("effects.cogging.sine_N_m")] = 1e-30  # does nothing, and is a plant with an effect
