@@ -229,15 +229,17 @@ class Chooser:
         model = _from(*out_of_a_wrong_valley(model.problem, model.fit.u, whitener), model, whitener)
         model = _from(*at_better_widths(model.problem, model.fit, whitener, self._refresh), model, whitener)
         found = self._anew(model, whitener, hold_nuisances(model.fit, model.problem, whitener))
-        before = model.worth
+        before, goes_on = model.worth, not self._driven
         for _ in range(MOST_REFRESHES):
             if before - found.worth < SETTLED:
                 break
             before = found.worth
             held = hold(found.fit.jacobian, len(found.problem.shared.items), whitener)
             again = self._anew(found, whitener, held)
-            if not self._driven and found.worth - again.worth > SETTLED:
-                again = min(again, self._anew(_beyond(found, again), whitener, held), key=lambda m: m.worth)
+            if goes_on and found.worth - again.worth > SETTLED:
+                beyond = self._anew(_beyond(found, again), whitener, held)
+                goes_on = beyond.worth < again.worth
+                again = min(again, beyond, key=lambda m: m.worth)
             found = min(found, again, key=lambda m: m.worth)
         return found
 

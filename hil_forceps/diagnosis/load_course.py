@@ -10,6 +10,7 @@ noise, but not in an encoder's: taken for an effect, a thousandth of the load's 
 there costs less. It would also ring the simulated wire, and bend what is fitted to it; so the course has fewer.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import linalg, sparse
 from scipy.interpolate import BSpline
 
+from hil_forceps.diagnosis.small_jumps import SmallJump, small_jumps
 from hil_forceps.diagnosis.smoothing import (
     FEWEST_ROWS,
     LoadNoise,
@@ -57,6 +59,8 @@ def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
     if float(noise.power.max()) <= 0.0:
         return LoadCourse(tau_w, np.empty((tau_w.size, 0), dtype=np.float32))
     white = noise_filter(noise, period_s)
+    small = _small_jumps(tau_w, edge_rows, white, period_s)
+    edge_rows = np.sort(np.concatenate((edge_rows, [jump.row for jump in small]))).astype(np.intp)
     pieces = np.split(tau_w, edge_rows + 1)
     block = max(1, tau_w.size // BLOCKS)
     courses = [straight_course(piece, block, period_s, noise) for piece in pieces]
@@ -70,8 +74,30 @@ def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
         straight if straight is not None else _splined(piece, cutoff, white)
         for piece, straight, cutoff in zip(pieces, courses, cutoffs, strict=True)
     ]
-    error = linalg.block_diag(*(course.error for course in found)).astype(np.float32)
-    return LoadCourse(np.concatenate([course.load for course in found]), error, None not in courses)
+    load = np.concatenate([course.load for course in found])
+    error = np.concatenate((linalg.block_diag(*(course.error for course in found)), _instants(small, load)), axis=1)
+    return LoadCourse(load, error.astype(np.float32), None not in courses)
+
+
+def _small_jumps(tau_w: Vector, edge_rows: NDArray[np.intp], white: NoiseFilter, period_s: float) -> list[SmallJump]:
+    """Return the small jumps of a load that has large ones."""
+    if not edge_rows.size:
+        return []
+    starts = (0, *(edge_rows + 1))
+    return [
+        jump._replace(row=start + jump.row)
+        for start, piece in zip(starts, np.split(tau_w, edge_rows + 1), strict=True)
+        for jump in small_jumps(piece, white, period_s)
+    ]
+
+
+def _instants(small: Sequence[SmallJump], load: Vector) -> Vector:
+    """Return what small jumps that come a deviation late do to a load, one a column."""
+    late = np.zeros((load.size, len(small)))
+    for column, jump in enumerate(small):
+        rows = slice(jump.row, jump.row + 2)
+        late[rows, column] = 0.5 * jump.deviation_rows * np.diff(load[rows])
+    return late
 
 
 def _cutoff(piece: Vector, white: NoiseFilter) -> Vector:

@@ -261,7 +261,7 @@ def _problem(found: Findings, experiment: Experiment, model: Model) -> Problem:
 def record_of(experiment: Experiment, like: Record) -> Record:
     """Return the rows that an experiment would give, with the channels and the period of a run that was made."""
     period = like.period_s
-    rows = int(experiment.time_s[-1] / period) + 1
+    rows = round(float(experiment.time_s[-1]) / period)  # without the last instant: 12 000 are far sooner transformed
     time: Vector = period * np.arange(rows, dtype=np.float64)
     load = np.interp(time, experiment.time_s, experiment.load_N_m)
     weights = np.ones(rows)

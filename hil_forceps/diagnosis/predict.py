@@ -94,17 +94,24 @@ class ClosedLoop:
         is a fixed offset, taken anew with each better model. Only the current's own path answers to it, where it is a
         signal.
         """
-        return list(mapper(lambda k: self._answer(k, theta, nuisances[k]), range(len(nuisances))))
+        loops = self.stand_ins or (self,)
+        runs = range(len(nuisances))
 
-    def _answer(self, run: int, theta: Vector, nuisance: Nuisance) -> dict[str, Vector]:
-        """Return the mean of what a run answers to the roundings that stand in for its own."""
-        offset = self.offset[run] if self.offset else None
-        each = [loop.outputs(run, loop.raw(run, theta, nuisance), offset) for loop in self.stand_ins or (self,)]
-        outputs = {name: np.mean([o[name] for o in each], axis=0) for name in each[0]}
-        if self.stand_ins and path_differs(theta) and follows_law(self.records[run], self.law):
+        def answer(task: tuple[int, ClosedLoop]) -> dict[str, Vector]:
+            run, loop = task
+            offset = self.offset[run] if self.offset else None
+            return loop.outputs(run, loop.raw(run, theta, nuisances[run]), offset)
+
+        each = list(mapper(answer, [(run, loop) for run in runs for loop in loops]))
+        together = [each[run * len(loops) : (run + 1) * len(loops)] for run in runs]
+        found = [{name: np.mean([one[name] for one in ones], axis=0) for name in ones[0]} for ones in together]
+        if self.stand_ins and path_differs(theta):
             own = replace(self, slow=(), offset=(), stand_ins=())
-            outputs["current_A"] = own.outputs(run, own.raw(run, theta, nuisance))["current_A"]
-        return outputs
+            followed = [run for run in runs if follows_law(self.records[run], self.law)]
+            shown = mapper(lambda run: own.outputs(run, own.raw(run, theta, nuisances[run])), followed)
+            for run, outputs in zip(followed, shown, strict=True):
+                found[run]["current_A"] = outputs["current_A"]
+        return found
 
     def raw(self, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float = 0.0) -> Channels:
         """Simulate a run: recorded channels and what is inside."""

@@ -107,12 +107,12 @@ def local_cutoff(piece: Vector, white: NoiseFilter) -> Vector:
     Fast ones as readily as slow ones: for a course whose error is told.
     """
     logarithm = np.full(piece.size, np.log(2.0 * CUTOFFS[-1]))
-    for cutoff, _, weight in _levels_of(_whitened(piece, white), white, MOST_BENT, MOST_BENT):
+    for cutoff, _, weight in _levels_of(whitened(piece, white), white, MOST_BENT, MOST_BENT):
         logarithm += weight * (np.log(cutoff) - logarithm)
     return np.asarray(np.exp(logarithm))
 
 
-def _whitened(piece: Vector, white: NoiseFilter) -> Vector:
+def whitened(piece: Vector, white: NoiseFilter) -> Vector:
     """Return a piece whose noise is white; before it, its start went on for ever."""
     one = np.ones(1)
     before = lfiltic(white.taps, one, np.empty(0), np.full(ORDER, piece[0]))
@@ -122,7 +122,7 @@ def _whitened(piece: Vector, white: NoiseFilter) -> Vector:
 def _through(values: Vector, white: NoiseFilter, most_bent: float) -> Vector:
     """Filter a piece, smooth it, filter it back."""
     one = np.ones(1)
-    first = result = _whitened(values, white)
+    first = result = whitened(values, white)
     for _, smooth, weight in _levels_of(first, white, most_bent, MOST_BENT_FAST):
         result = result + weight * (smooth - result)
     back, _ = lfilter(one, white.taps, result, zi=lfiltic(one, white.taps, np.full(ORDER, values[0])))

@@ -163,8 +163,8 @@ def _rollout(
     kind = kind_of(p)
     gains = np.empty((SHORT + 2, SIZE))
     fill_all(gains, p, viscosity(p, 0.0), step_s)
-    # Of a sample of the drive: what a plant without effects does while it moves needs no steps.
-    wholly = kind.plain and p.lag == 0.0 and p.delay == 0.0 and p.constant_change == 0.0
+    # Of a sample of the drive: what a plant does while it moves against steady friction needs no steps.
+    wholly = kind.steady and p.stribeck_rise == 0.0 and p.lag == 0.0 and p.delay == 0.0 and p.constant_change == 0.0
     whole = np.empty((steps if wholly else 0, SIZE))
     fill_multiples(whole, p, viscosity(p, 0.0), step_s)
     inertia = (p.I_m / step_s, p.I_j / step_s)
@@ -184,7 +184,7 @@ def _rollout(
             commands[place] = current
             if wholly and edges[row] < 0.0:
                 load, load_slope = _load(first, last, sample, samples, edges[row])
-                moves, end = whole_step(p, whole, x, Drive(current, 0.0, current, p.K_t, p.D_m, load, load_slope))
+                moves, end = whole_step(p, kind, whole, x, Drive(current, 0.0, current, p.K_t, p.D_m, load, load_slope))
                 if moves:
                     x = end
                     continue

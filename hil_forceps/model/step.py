@@ -62,6 +62,7 @@ _EVEN = 0.2  # of the speed over which friction changes: a change of speed over 
 # Of I/h: what friction's slope may be for a step to take it as it comes. Half of it would do for a film, by what it
 # moves; but where a fit comes by that slope χ² has a step, and one film's fit stopped there.
 _SOFT = 0.1
+_STEADY = 0.008  # of friction, over their number: what it may change by over several steps for one to do for all
 
 
 class Torques(NamedTuple):
@@ -420,33 +421,48 @@ def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: 
 
 
 @inlined
-def whole_step(p: Physics, g: Gains, x: State, d: Drive) -> tuple[bool, State]:
+def whole_step(p: Physics, kind: Kind, g: Gains, x: State, d: Drive) -> tuple[bool, State]:
     """Return the same after as many steps as `g` has rows, and whether it is that: motor and jaw must move on.
 
-    `g`: gains of one step, of two, and so on. While both move, friction is as constant as the current, and the plant is
-    linear: one step for all, whose speeds are looked at where each of them would have ended.
+    `g`: gains of one step, of two, and so on. While both move and friction hardly changes, the plant is linear: one
+    step for all, whose speeds are looked at where each of them would have ended.
     """
     speed_m, speed_j = x.omega_m_rad_per_s, x.omega_j_rad_per_s
     if speed_m == 0.0 or speed_j == 0.0:
         return False, x
+    now = Motion(x.theta_m_rad, speed_m, x.theta_j_rad, speed_j)
     sign_m, sign_j = math.copysign(1.0, speed_m), math.copysign(1.0, speed_j)
-    level = p.motor_coulomb + max(0.0, sign_m * p.asymmetry)
-    motor, friction_j = d.torque_constant * d.current - sign_m * level, sign_j * p.jaw_coulomb
-    steps = g.shape[0]
-    stretch = p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad
-    u = Torques(motor, 0.0, 0.0, 0.0)
-    end_m, end_j = speed_m, speed_j
-    for k in range(steps):
-        share = (k + 1.0) / steps
-        load, rise = d.load + 0.5 * (share - 1.0) * d.load_slope, share * d.load_slope
-        u = Torques(motor, 0.0, -load - friction_j, -rise)
-        end_m = _row(g, k, MOTOR_SPEED, stretch, speed_m, speed_j, u)
-        end_j = _row(g, k, JAW_SPEED, stretch, speed_m, speed_j, u)
-        if not (sign_m * end_m > 0.0 and sign_j * end_j > 0.0):
+    level = motor_level_N_m(p, speed_m, 0.0 if kind.plain else _linear_tension_N(p, now))
+    level_j = jaw_level_N_m(p, x.theta_j_rad)
+    motor = d.torque_constant * d.current - sign_m * (level + max(0.0, sign_m * p.asymmetry))
+    u = Torques(motor, 0.0, -d.load - sign_j * level_j, -d.load_slope)
+    last, steady = g.shape[0] - 1, _STEADY / g.shape[0]
+    end = free_motion(p, g, last, x, u)
+    if not kind.plain:
+        at = Motion(x.theta_m_rad + end.theta_m, end.omega_m, x.theta_j_rad + end.theta_j, end.omega_j)
+        rise = motor_level_N_m(p, at.omega_m, _linear_tension_N(p, at)) - level
+        rise_j = jaw_level_N_m(p, at.theta_j) - level_j
+        if abs(rise) > steady * level or abs(rise_j) > steady * level_j:
             return False, x
-    theta_m = x.theta_m_rad + _row(g, steps - 1, MOTOR_WAY, stretch, speed_m, speed_j, u)
-    theta_j = x.theta_j_rad + _row(g, steps - 1, JAW_WAY, stretch, speed_m, speed_j, u)
-    return True, _nothing_else(x, Motion(theta_m, end_m, theta_j, end_j), d.current_end)
+        rise, rise_j = -sign_m * rise, -sign_j * rise_j
+        more = Torques(0.5 * rise, rise, 0.5 * rise_j, rise_j)
+        u = Torques(u.motor + more.motor, rise, u.jaw + more.jaw, u.jaw_slope + rise_j)
+        end = added(g, last, end, more)
+    stretch = p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad
+    for k in range(last):
+        share = (k + 1.0) / (last + 1.0)
+        until = 0.5 * (share - 1.0)  # from the middle of all steps to that of those up to here
+        part = Torques(
+            u.motor + until * u.motor_slope, share * u.motor_slope, u.jaw + until * u.jaw_slope, share * u.jaw_slope
+        )
+        if not sign_m * _row(g, k, MOTOR_SPEED, stretch, speed_m, speed_j, part) > 0.0:
+            return False, x
+        if not sign_j * _row(g, k, JAW_SPEED, stretch, speed_m, speed_j, part) > 0.0:
+            return False, x
+    if not (sign_m * end.omega_m > 0.0 and sign_j * end.omega_j > 0.0):
+        return False, x
+    theta_m, theta_j = x.theta_m_rad + end.theta_m, x.theta_j_rad + end.theta_j
+    return True, _nothing_else(x, Motion(theta_m, end.omega_m, theta_j, end.omega_j), d.current_end)
 
 
 @inlined
