@@ -15,7 +15,7 @@ from hil_forceps.diagnosis.spectrum import JAW, Flat, Layout, Part
 ROWS, EVERY = 64, 16  # of a window, and from one to the next
 COUNTS = 0.5  # of a row's weight: less is the fading at a run's ends
 # Of χ². In the jaw's angle: the motor's holds the encoder's rounding, which comes in bursts. A limit that went for
-# noise had 326, and 7 of 200 sets without effect in coloured noise up to 292: worth a word, and no verdict.
+# noise had 326; a jump of the load that is too small to be found has up to 155: worth a word, and no verdict.
 STANDS_OUT = 120.0
 
 
