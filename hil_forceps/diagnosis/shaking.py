@@ -26,10 +26,10 @@ REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually end
 
 
 class _Rounding(NamedTuple):
-    """The rounding of a run as it happened, and the run that it shakes."""
+    """The fast part of a run's rounding as it happened, and the run without and with it."""
 
     error_rad: Vector  # one for each sample of the drive
-    slow: Slow
+    plain: Channels
     shaken: Channels
 
 
@@ -43,15 +43,15 @@ def with_encoder_errors(
     runs = range(len(loop.records))
     still = loop.unshaken()
     each = list(mapper(lambda k: _rounding(still, k, theta, nuisances[k], quantum_rad), runs))
-    errors, slow = (tuple(getattr(one, name) for one in each) for name in ("error_rad", "slow"))
-    found = replace(still, encoder_error_rad=errors, slow=slow)
+    slow = _slow_shares(still, theta, nuisances, quantum_rad, each, mapper)
+    found = replace(still, encoder_error_rad=tuple(one.error_rad for one in each), slow=slow)
     found = replace(found, stand_ins=_stand_ins(found))
     offsets = mapper(lambda k: _offset(found, k, theta, nuisances[k], each[k].shaken), runs)
     return replace(found, offset=tuple(offsets))
 
 
 def _rounding(still: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, quantum_rad: float) -> _Rounding:
-    """Return a run's rounding, fast and slow, with the plant at `theta`."""
+    """Return the fast part of a run's rounding, with the plant at `theta`."""
     plain = shaken = still.raw(run, theta, nuisance)
     error: Vector = np.empty(0)
     for _ in range(SHAKE_PASSES):
@@ -59,7 +59,7 @@ def _rounding(still: ClosedLoop, run: int, theta: Vector, nuisance: Nuisance, qu
         error = _fast_left(still, run, shaken.theta_m_rad, quantum_rad)
         alone = (*still.encoder_error_rad[:run], error, *still.encoder_error_rad[run + 1 :])
         shaken = replace(still, encoder_error_rad=alone).raw(run, theta, nuisance)
-    return _Rounding(error, slow_share(still, run, theta, nuisance, quantum_rad, (plain, shaken)), shaken)
+    return _Rounding(error, plain, shaken)
 
 
 def _fast_left(loop: ClosedLoop, run: int, theta_m_rad: Vector, quantum_rad: float) -> Vector:
@@ -134,37 +134,42 @@ def _slow_noise(record: Record, rng: np.random.Generator) -> Vector:
     return smoothed(deviation * rng.standard_normal(record.time_s.size), REPLICA_CUTOFF)
 
 
-def slow_share(
+def _slow_shares(
     still: ClosedLoop,
-    run: int,
     theta: Vector,
-    nuisance: Nuisance,
+    nuisances: Sequence[Nuisance],
     quantum_rad: float,
-    with_it: tuple[Channels, Channels],
-) -> Slow:
-    """Return what rounding does slowly: a motor that creeps or dwells lingers where the count changes.
+    fast: Sequence[_Rounding],
+    mapper: Mapper,
+) -> tuple[Slow, ...]:
+    """Return what rounding does slowly in each run: a motor that creeps or dwells lingers where the count changes.
 
     Its angle is then off the counts' mean by up to half a count, for as long as it dwells. Simulated with the counting,
     for loads that differ by as much noise again as smoothing leaves, in pairs of opposite noise; what all have in
-    common is it. `with_it`: the run without and with the fast part.
+    common is it.
     """
-    record = still.records[run]
-    nothing = np.zeros(record.time_s.size)
-    if not on_grid(record.channels["theta_m_rad"], quantum_rad):
-        return Slow(nothing, nothing)
-    plain, shaken = with_it
-    total_m, total_j = nothing.copy(), nothing.copy()
-    loads = loads_like(record)
-    for load in loads:
-        records = tuple(record._replace(tau_w_N_m=load) if k == run else r for k, r in enumerate(still.records))
-        other = replace(still, records=records)
-        counted, smooth = other.raw(run, theta, nuisance, quantum_rad), other.raw(run, theta, nuisance)
-        total_m += (counted.theta_m_rad - smooth.theta_m_rad) / len(loads)
-        total_j += (counted.theta_j_rad - smooth.theta_j_rad) / len(loads)
-    width = shake_width(record.period_s)
-    total_m -= shaken.theta_m_rad - plain.theta_m_rad
-    total_j -= shaken.theta_j_rad - plain.theta_j_rad
-    return Slow(low_pass(total_m, width), low_pass(total_j, width))
+    counted = [k for k, r in enumerate(still.records) if on_grid(r.channels["theta_m_rad"], quantum_rad)]
+    tasks = [(run, load) for run in counted for load in loads_like(still.records[run])]
+
+    def by_counting(task: tuple[int, Vector | None]) -> Vector:
+        run, load = task
+        alone = still.only(run)
+        alone = replace(alone, records=(alone.records[0]._replace(tau_w_N_m=load),))
+        with_it, without = (alone.raw(0, theta, nuisances[run], quantum) for quantum in (quantum_rad, 0.0))
+        return np.stack((with_it.theta_m_rad - without.theta_m_rad, with_it.theta_j_rad - without.theta_j_rad))
+
+    done = list(zip(tasks, mapper(by_counting, tasks), strict=True))
+    found = []
+    for run, (record, one) in enumerate(zip(still.records, fast, strict=True)):
+        of_run = [each for (which, _), each in done if which == run]
+        width = shake_width(record.period_s)
+        total = np.zeros((2, record.time_s.size))
+        if of_run:
+            total = np.mean(of_run, axis=0)
+            total[0] -= one.shaken.theta_m_rad - one.plain.theta_m_rad
+            total[1] -= one.shaken.theta_j_rad - one.plain.theta_j_rad
+        found.append(Slow(low_pass(total[0], width), low_pass(total[1], width)))
+    return tuple(found)
 
 
 def shake_width(period_s: float) -> int:
