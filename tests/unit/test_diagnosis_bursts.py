@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hil_forceps.diagnosis import load_course
 from hil_forceps.diagnosis.bursts import COUNTS, EVERY, ROWS, STANDS_OUT, burst_of
 from hil_forceps.diagnosis.diagnose import Options, investigate
-from hil_forceps.diagnosis.judge import audit_findings, judge
+from hil_forceps.diagnosis.judge import audit_findings, burst_beside, judge
 from hil_forceps.diagnosis.spectrum import Flat, Layout, fill, make_layout
-from tests.hidden_effects.generator import RIG, generate, true_rig
+from tests.hidden_effects.generator import COLOURED, RIG, generate, true_rig
 from tests.hidden_effects.generator_scenarios import SCENARIOS
 
 LONG, RUNS = 8000, 3
@@ -76,7 +77,7 @@ def test_nothing_is_said_without_a_jaw_s_sensor_or_of_a_moment(where: Layout) ->
 def test_a_jaw_that_is_struck_once_is_told_and_is_no_verdict() -> None:
     true = true_rig(RIG, {}, {})
     kinds = ("multisine", "trapezoid", "chirp")
-    runs = [generate(true, replace(SCENARIOS[kind], duration_s=6.0), 60 + k, name=kind) for k, kind in enumerate(kinds)]
+    runs = [generate(true, replace(SCENARIOS[kind], duration_s=6.0), 61 + k, name=kind) for k, kind in enumerate(kinds)]
     quiet = investigate(runs, RIG, Options())
     assert judge(quiet).verdict == "consistent"
     assert not [said for said in audit_findings(quiet) if said.kind == "burst"]
@@ -89,3 +90,19 @@ def test_a_jaw_that_is_struck_once_is_told_and_is_no_verdict() -> None:
     (said,) = [said for said in audit_findings(loud) if said.kind == "burst"]
     assert (said.run, said.channel, said.severity) == ("multisine", "theta_j_rad", "warning")
     assert "from 1.9" in said.text or "from 2.0" in said.text
+
+
+@pytest.mark.slow
+def test_a_small_jump_of_the_load_makes_no_burst_once_it_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    # At 4.371 s by 0.026 mN m, less than shows in an increment.
+    kinds = ("multisine", "trapezoid", "chirp")
+    runs = [generate(RIG, SCENARIOS[kind], 17305000 + k, COLOURED, name=kind) for k, kind in enumerate(kinds)]
+    options = Options(hold_out=("chirp",))
+    found = burst_beside(investigate(runs, RIG, options).choice)
+    monkeypatch.setattr(load_course, "small_jumps", lambda *_: [])
+    missed = burst_beside(investigate(runs, RIG, options).choice)
+    assert found is not None
+    assert missed is not None
+    assert missed.stands_out
+    assert abs(missed.first - 4371) < 2 * ROWS
+    assert found.gain < 0.4 * STANDS_OUT
