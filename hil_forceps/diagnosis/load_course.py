@@ -59,7 +59,7 @@ def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
     if float(noise.power.max()) <= 0.0:
         return LoadCourse(tau_w, np.empty((tau_w.size, 0), dtype=np.float32))
     white = noise_filter(noise, period_s)
-    small = _small_jumps(tau_w, edge_rows, white, period_s)
+    small = small_jumps(np.split(tau_w, edge_rows + 1), white, period_s) if edge_rows.size else []
     edge_rows = np.sort(np.concatenate((edge_rows, [jump.row for jump in small]))).astype(np.intp)
     pieces = np.split(tau_w, edge_rows + 1)
     block = max(1, tau_w.size // BLOCKS)
@@ -77,18 +77,6 @@ def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
     load = np.concatenate([course.load for course in found])
     error = np.concatenate((linalg.block_diag(*(course.error for course in found)), _instants(small, load)), axis=1)
     return LoadCourse(load, error.astype(np.float32), None not in courses)
-
-
-def _small_jumps(tau_w: Vector, edge_rows: NDArray[np.intp], white: NoiseFilter, period_s: float) -> list[SmallJump]:
-    """Return the small jumps of a load that has large ones."""
-    if not edge_rows.size:
-        return []
-    starts = (0, *(edge_rows + 1))
-    return [
-        jump._replace(row=start + jump.row)
-        for start, piece in zip(starts, np.split(tau_w, edge_rows + 1), strict=True)
-        for jump in small_jumps(piece, white, period_s)
-    ]
 
 
 def _instants(small: Sequence[SmallJump], load: Vector) -> Vector:

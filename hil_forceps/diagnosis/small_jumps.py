@@ -1,8 +1,8 @@
 """Jumps of a load too small to stand out from row to row.
 
 One of 1.4 standard deviations of the load cell's noise shows in no increment. As two bends of a ramp it was put in
-140 ms instead of one: the simulated jaw then misses the blow, its residual has five times its power for 60 ms, and an
-eccentric encoder explained some of that. Means before and after tell it, and where about it was.
+140 ms instead of one: the simulated jaw then misses the blow, and its residual has five times its power for 60 ms.
+Means before and after tell it, and where about it was.
 
 A ramp or a smooth course look like a jump from afar, so each is tried in its place. Only loads that jump by
 much are taken to jump by little.
@@ -46,15 +46,27 @@ class _Sight(NamedTuple):
     smooth: Vector  # orthonormal
 
 
-def small_jumps(piece: Vector, white: NoiseFilter, period_s: float) -> list[SmallJump]:
-    """Return the jumps of a load (rows) between two large ones; `white` makes its noise white."""
+def small_jumps(pieces: Sequence[Vector], white: NoiseFilter, period_s: float) -> list[SmallJump]:
+    """Return the jumps of a load, which large ones cut to pieces, in order; `white` makes its noise white."""
+    halves = [half for half in (round(reach_s / period_s) for reach_s in REACHES_S) if half >= FEWEST]
+    longest = max(piece.size for piece in pieces)
+    sights = [_sight(half, white, period_s) for half in halves if longest >= 2 * half]
+    found: list[SmallJump] = []
+    start = 0
+    for piece in pieces:
+        found += [jump._replace(row=start + jump.row) for jump in _of_piece(piece, white, sights)]
+        start += piece.size
+    return found
+
+
+def _of_piece(piece: Vector, white: NoiseFilter, sights: Sequence[_Sight]) -> list[SmallJump]:
     values = whitened(piece, white) / white.deviation_N_m
     found: list[SmallJump] = []
-    for reach_s in REACHES_S:
-        half = round(reach_s / period_s)
-        if half >= FEWEST and piece.size >= 2 * half:
+    for sight in sights:
+        half = sight.jump.size // 2
+        if piece.size >= 2 * half:
             others = [jump.row for jump in found]
-            found += [jump for jump in _seen(values, half, white, period_s) if not _near(jump.row, others, half)]
+            found += [jump for jump in _seen(values, sight) if not _near(jump.row, others, half)]
     return sorted(found)
 
 
@@ -62,9 +74,9 @@ def _near(row: int, others: Sequence[int], apart: int) -> bool:
     return any(abs(row - other) < apart for other in others)
 
 
-def _seen(values: Vector, half: int, white: NoiseFilter, period_s: float) -> list[SmallJump]:
-    """Return the jumps that whitened values show over `half` rows to both sides."""
-    sight = _sight(half, white, period_s)
+def _seen(values: Vector, sight: _Sight) -> list[SmallJump]:
+    """Return the jumps that whitened values show."""
+    half = sight.jump.size // 2
     gains = np.correlate(values, sight.jump, "valid") ** 2 / float(sight.jump @ sight.jump)
     found = []
     for first in _peaks(gains, half):

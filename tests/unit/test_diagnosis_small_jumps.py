@@ -26,7 +26,7 @@ def jump(size: float) -> Vector:
 
 def found(load: Vector, noise: LoadNoise, seed: int) -> list[SmallJump]:
     noisy = load + drawn_noise(np.random.default_rng(seed), load.size, PERIOD_S, noise)
-    return small_jumps(noisy, noise_filter(noise, PERIOD_S), PERIOD_S)
+    return small_jumps([noisy], noise_filter(noise, PERIOD_S), PERIOD_S)
 
 
 @pytest.mark.parametrize(("noise", "size"), [(WHITE, 1.4), (WHITE, 4.0), (COLOURED, 3.0)])
@@ -65,7 +65,7 @@ def test_a_weak_wave_has_none() -> None:
 
 def test_a_short_or_coarse_piece_has_none() -> None:
     assert found(jump(5.0)[: AT + 100], WHITE, 0) == []
-    coarse = small_jumps(jump(5.0), noise_filter(WHITE, 0.05), 0.05)
+    coarse = small_jumps([jump(5.0)], noise_filter(WHITE, 0.05), 0.05)
     assert coarse == []
 
 
