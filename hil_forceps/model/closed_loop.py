@@ -194,9 +194,9 @@ def _rollout(
             span, done = wholly if edges[row] < 0.0 else 0, 0  # how many steps are tried as one, and how many are done
             while done < steps:
                 if span > 0 and done % span == 0:
-                    load = _load(first, last, (sample * steps + done) // span, substeps // span, -1.0)
+                    even = _load(first, last, (sample * steps + done) // span, substeps // span, -1.0)
                     time_s = (row * substeps + sample * steps + done + 0.5 * span) * step_s
-                    moves, x = whole_step(p, kind, whole, keeps, span, x, _steady(p, current, load, time_s))
+                    moves, x = whole_step(p, kind, whole, keeps, span, x, _steady(p, current, even, time_s))
                     if moves:
                         done += span
                         continue

@@ -1,6 +1,8 @@
 """One step for several: as exact as very fine ones, and only where nothing turns, comes taut or hangs in its play."""
 
 import math
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
 import pytest
@@ -19,6 +21,14 @@ TIME_S = 0.7  # of drifts
 STRETCH_M = 2e-6
 NEVER = {"stribeck_friction", "wire_hysteresis", "electrical_lag", "actuation_delay"}
 USUAL, WORST = 1e-3, {"viscous_asymmetry": 3e-3}  # of what the effect does in the step
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def in_python(kernel: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Return the function that a kernel is compiled from; those that it calls stay compiled."""
+    return cast("Callable[_P, _R]", cast("Any", kernel).py_func)
 
 
 def plant(entry_id: str, size: float = 0.1, **changed: float) -> tuple[Physics, Kind]:
@@ -57,7 +67,7 @@ def tables(p: Physics, step_s: float, steps: int) -> tuple[NDArray[np.float64], 
 def at_once(
     p: Physics, kind: Kind, x: State, d: Drive, span_s: float = STEP_S * STEPS, steps: int = STEPS
 ) -> tuple[bool, State]:
-    moves, end = whole_step.py_func(p, kind, *tables(p, span_s / steps, steps), steps, x, d)
+    moves, end = in_python(whole_step)(p, kind, *tables(p, span_s / steps, steps), steps, x, d)
     return bool(moves), State(*end)
 
 
@@ -71,14 +81,14 @@ def in_many(p: Physics, kind: Kind, x: State, d: Drive) -> State:
     for k in range(many):
         load = d.load + d.load_slope * ((k + 0.5) / many - 0.5)
         part = d._replace(load=load, load_slope=d.load_slope / many)
-        x = State(*refined_step.py_func(p, kind, gains, inertia, kept, x, part))
+        x = State(*in_python(refined_step)(p, kind, gains, inertia, kept, x, part))
     return x
 
 
 @pytest.mark.parametrize("entry_id", [e.id for e in EFFECTS if e.id not in NEVER])
 def test_a_sample_at_once_is_what_fine_steps_make_of_it(entry_id: str) -> None:
     p, kind = plant(entry_id)
-    assert suits.py_func(p, kind, STEPS)
+    assert in_python(suits)(p, kind, STEPS)
     x, d = going(p), drive(p)
     assert at_once(p, kind, x, d)[0]
     moves, end = at_once(p, kind, x, d, steps=EXACT)
@@ -147,9 +157,9 @@ def test_where_something_happens_it_is_left_to_steps(speed: float) -> None:
 @pytest.mark.parametrize("entry_id", sorted(NEVER))
 def test_falling_friction_turning_wires_and_unsteady_currents_are_left_to_steps(entry_id: str) -> None:
     p, kind = plant(entry_id)
-    assert not suits.py_func(p, kind, STEPS)
+    assert not in_python(suits)(p, kind, STEPS)
 
 
 def test_an_odd_number_of_steps_has_no_middle() -> None:
-    assert not suits.py_func(*plant("cogging"), 5)
-    assert suits.py_func(*plant(""), 5)
+    assert not in_python(suits)(*plant("cogging"), 5)
+    assert in_python(suits)(*plant(""), 5)
