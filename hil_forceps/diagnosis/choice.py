@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.extension import Model, Refresh, extend, without_effect
-from hil_forceps.diagnosis.fit import AGAIN_STEPS, Held, fit, fit_again, hold, hold_beside, hold_nuisances
+from hil_forceps.diagnosis.fit import AGAIN_STEPS, Held, fit, fit_again, hold, hold_nuisances
 from hil_forceps.diagnosis.look import Looker, Scan
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.result import Candidate
@@ -228,7 +228,7 @@ class Chooser:
         """Fit a model, what hangs on it taken anew as long as that helps."""
         model = _from(*out_of_a_wrong_valley(model.problem, model.fit.u, whitener), model, whitener)
         model = _from(*at_better_widths(model.problem, model.fit, whitener, self._refresh), model, whitener)
-        found = self._anew(model, whitener)
+        found = self._anew(model, whitener, hold_nuisances(model.fit, model.problem, whitener))
         before, goes_on = model.worth, not self._driven
         for _ in range(MOST_REFRESHES):
             if before - found.worth < SETTLED:
@@ -243,15 +243,8 @@ class Chooser:
             found = min(found, again, key=lambda m: m.worth)
         return found
 
-    def _anew(self, model: Model, whitener: Whitener, held: Held | None = None) -> Model:
-        """Refit with what hangs on the model taken anew; without `held` sensitivities with those found there, too.
-
-        What is new in the model is found in each step again: known parameters hang on themselves less.
-        """
+    def _anew(self, model: Model, whitener: Whitener, held: Held) -> Model:
         problem = self._refresh(model.problem, model.fit.u)
-        if held is None:
-            new = sum(item.name.startswith("effects.") for item in problem.shared.items)
-            held = hold_beside(model.fit, problem, whitener, new)
         return replace(model, problem=problem, fit=fit(problem, model.fit.u, whitener, held=held, steps=5))
 
     def _refined(
