@@ -140,8 +140,9 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
         return left_unseen(model, held_records, rig, refresh, options.seed)
 
     baseline, before, after, unseen = _left(setting, baseline, choice, responses, options, unseen_beside)
-    for enough, again in ((after.threshold, chooser.further), (OVER_CHANCE * after.threshold, chooser.instead)):
-        if after.gain <= enough or records[0].mode == "driven":
+    over = OVER_CHANCE
+    for times, again in ((1.0, chooser.onward), (1.0, chooser.further), (over, chooser.instead)):
+        if after.gain <= times * after.threshold or records[0].mode == "driven":
             break
         found = again(choice)
         if found is not choice:

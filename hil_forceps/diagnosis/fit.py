@@ -92,6 +92,16 @@ def hold_nuisances(found: Fit, problem: Problem, whitener: Whitener) -> Held:
     return hold(found.jacobian[:, len(problem.shared.items) :], 0, whitener)
 
 
+def hold_beside(found: Fit, problem: Problem, whitener: Whitener, new: int) -> Held:
+    """Prepare all sensitivities but those of the last `new` shared unknowns: to the nuisances as the fit had them.
+
+    Those to the other shared unknowns are taken where the fit is, with the problem as it is now.
+    """
+    count = len(problem.shared.items)
+    columns = problem.shared_columns(found.u, problem.simulate(found.u), range(count - new))
+    return hold(np.concatenate((columns, found.jacobian[:, count:]), axis=1), count - new, whitener)
+
+
 class Sensitivity(NamedTuple):
     """Sensitivities at a point, whitened products ready."""
 

@@ -30,7 +30,8 @@ from hil_forceps.model.physics import (
     wound_m,
 )
 from hil_forceps.model.sensors import late, late_load
-from hil_forceps.model.step import Drive, plain_step, refined_step, whole_step
+from hil_forceps.model.step import Drive, plain_step, refined_step
+from hil_forceps.model.whole_step import decays, suits, whole_step
 
 __all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", "law_vector", "rest", "simulate"]
 
@@ -151,6 +152,12 @@ def _commanded(
     return drive, current
 
 
+@inlined
+def _steady(p: Physics, current: float, load: tuple[float, float], time_s: float) -> Drive:
+    """Return what drives with a steady current and no jump of the load."""
+    return Drive(current, 0.0, current, torque_constant(p, time_s), viscosity(p, time_s), *load)
+
+
 @kernel
 def _rollout(
     p: Physics, law: Vector, quantum_rad: float, row_s: float, inputs: Inputs, start: Start, substeps: int, samples: int
@@ -163,10 +170,11 @@ def _rollout(
     kind = kind_of(p)
     gains = np.empty((SHORT + 2, SIZE))
     fill_all(gains, p, viscosity(p, 0.0), step_s)
-    # Of a sample of the drive: what a plant does while it moves against steady friction needs no steps.
-    wholly = kind.steady and p.stribeck_rise == 0.0 and p.lag == 0.0 and p.delay == 0.0 and p.constant_change == 0.0
-    whole = np.empty((steps if wholly else 0, SIZE))
+    # Of a sample of the drive: what a plant does while it moves on needs no steps.
+    wholly = steps if suits(p, kind, steps) else 0
+    whole = np.empty((wholly, SIZE))
     fill_multiples(whole, p, viscosity(p, 0.0), step_s)
+    keeps = decays(p, wholly, step_s)
     inertia = (p.I_m / step_s, p.I_j / step_s)
     kept = (math.exp(-step_s / p.creep_time), math.exp(-step_s / PIECES / p.creep_time))
     c = current_step(step_s, steps, p.delay, p.lag)
@@ -182,14 +190,20 @@ def _rollout(
             drive, current = _commanded(p, law, quantum_rad, inputs, at, x.theta_m_rad, drive)
             place = place + 1 if place + 1 < commands.shape[0] else 0
             commands[place] = current
-            if wholly and edges[row] < 0.0:
-                load, load_slope = _load(first, last, sample, samples, edges[row])
-                moves, end = whole_step(p, kind, whole, x, Drive(current, 0.0, current, p.K_t, p.D_m, load, load_slope))
-                if moves:
-                    x = end
-                    continue
             old, new = _behind(commands, place, c.whole_samples + 1), _behind(commands, place, c.whole_samples)
-            for into in range(steps):
+            span, done = wholly if edges[row] < 0.0 else 0, 0  # how many steps are tried as one, and how many are done
+            while done < steps:
+                if span > 0 and done % span == 0:
+                    even = _load(first, last, (sample * steps + done) // span, substeps // span, -1.0)
+                    time_s = (row * substeps + sample * steps + done + 0.5 * span) * step_s
+                    moves, x = whole_step(p, kind, whole, keeps, span, x, _steady(p, current, even, time_s))
+                    if moves:
+                        done += span
+                        continue
+                    if done == 0 and span == steps:  # halves, then
+                        span = span // 2 if not kind.plain and steps % 4 == 0 else 0
+                        continue
+                into, done = done, done + 1
                 step = sample * steps + into
                 mean, slope, ends = current_over(c, into, x.current_A, old, new)
                 load, load_slope = _load(first, last, step, substeps, edges[row])

@@ -62,7 +62,6 @@ _EVEN = 0.2  # of the speed over which friction changes: a change of speed over 
 # Of I/h: what friction's slope may be for a step to take it as it comes. Half of it would do for a film, by what it
 # moves; but where a fit comes by that slope χ² has a step, and one film's fit stopped there.
 _SOFT = 0.1
-_STEADY = 0.008  # of friction, over their number: what it may change by over several steps for one to do for all
 
 
 class Torques(NamedTuple):
@@ -104,7 +103,7 @@ class Excess(NamedTuple):
 
 
 @inlined
-def _row(g: Gains, s: int, row: int, stretch: float, omega_m: float, omega_j: float, u: Torques) -> float:
+def row_of(g: Gains, s: int, row: int, stretch: float, omega_m: float, omega_j: float, u: Torques) -> float:
     """Return what a row of the gains makes of a state and of torques."""
     total: float = g[s, row + FROM_STRETCH] * stretch
     total += g[s, row + FROM_MOTOR] * omega_m + g[s, row + FROM_JAW] * omega_j
@@ -124,10 +123,10 @@ def free_motion(p: Physics, g: Gains, s: int, x: State, u: Torques) -> Motion:
     omega_m, omega_j = x.omega_m_rad_per_s, x.omega_j_rad_per_s
     stretch = p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad
     return Motion(
-        _row(g, s, MOTOR_WAY, stretch, omega_m, omega_j, u),
-        _row(g, s, MOTOR_SPEED, stretch, omega_m, omega_j, u),
-        _row(g, s, JAW_WAY, stretch, omega_m, omega_j, u),
-        _row(g, s, JAW_SPEED, stretch, omega_m, omega_j, u),
+        row_of(g, s, MOTOR_WAY, stretch, omega_m, omega_j, u),
+        row_of(g, s, MOTOR_SPEED, stretch, omega_m, omega_j, u),
+        row_of(g, s, JAW_WAY, stretch, omega_m, omega_j, u),
+        row_of(g, s, JAW_SPEED, stretch, omega_m, omega_j, u),
     )
 
 
@@ -225,7 +224,7 @@ def _push(p: Physics, g: Gains, s: int, x: State, u: Torques) -> tuple[float, fl
 
 
 @inlined
-def _excess(p: Physics, kind: Kind, g: Gains, s: int, m: Motion, w: Wire, d: Drive, current_A: float) -> Excess:
+def excess_of(p: Physics, kind: Kind, g: Gains, s: int, m: Motion, w: Wire, d: Drive, current_A: float) -> Excess:
     """Return what the effects add at an instant."""
     linear = g[s, STIFFNESS] * (p.r_m * m.theta_m - p.r_j * m.theta_j)
     linear += g[s, DAMPING] * (p.r_m * m.omega_m - p.r_j * m.omega_j)
@@ -260,15 +259,15 @@ def _wire_of(p: Physics, m: Motion, lost_rad: float, creep_m: float, loop: float
 
 
 @inlined
-def _wire_at_ends(p: Physics, kind: Kind, m: Motion, lost_rad: float, creep_m: float, loop: float) -> Wire:
+def wire_at_ends(p: Physics, kind: Kind, m: Motion, lost_rad: float, creep_m: float, loop: float) -> Wire:
     """Return the wire at an end of a step: `_wire_of`, or the linear plant's where it is that."""
     if not kind.straight:
         return _wire_of(p, m, lost_rad, creep_m, loop)
-    return Wire(p.r_m * m.theta_m - p.r_j * m.theta_j, _linear_tension_N(p, m), p.r_m, p.r_j, False)
+    return Wire(p.r_m * m.theta_m - p.r_j * m.theta_j, linear_tension_N(p, m), p.r_m, p.r_j, False)
 
 
 @inlined
-def _linear_tension_N(p: Physics, m: Motion) -> float:
+def linear_tension_N(p: Physics, m: Motion) -> float:
     """Return the tension of the linear plant's wire."""
     return p.k * (p.r_m * m.theta_m - p.r_j * m.theta_j) + p.damping * (p.r_m * m.omega_m - p.r_j * m.omega_j)
 
@@ -328,9 +327,9 @@ def full_step(
     `base`: where the gains for a step of this length begin; `inertia`: I/h of motor and jaw; `kept`: what creep keeps.
     """
     now = Motion(x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s)
-    w0 = _wire_at_ends(p, kind, now, x.lost_rad, x.creep_m, x.loop)
+    w0 = wire_at_ends(p, kind, now, x.lost_rad, x.creep_m, x.loop)
     s = base + (SLACK if w0.slack else TAUT)
-    first = _excess(p, kind, g, s, now, w0, d, d.current - 0.5 * d.current_slope)
+    first = excess_of(p, kind, g, s, now, w0, d, d.current - 0.5 * d.current_slope)
     rubbed, held = rub_N_m(p, x.presliding, x.loaded, w0.tension_N), grip_N_m(p, x.gripped, w0.tension_N)
     u = Torques(
         d.torque_constant * d.current + first.motor - rubbed - p.r_m * first.wire,
@@ -348,10 +347,10 @@ def full_step(
     creep = kept * x.creep_m + (1.0 - kept) * p.creep_share * w0.tension_N / p.k
     way = end.theta_m - now.theta_m
     lost = lost_after(p, x.lost_rad, way)
-    w1 = _wire_at_ends(p, kind, end, lost, creep, x.loop)
+    w1 = wire_at_ends(p, kind, end, lost, creep, x.loop)
     if p.loop_force != 0.0:
         w1 = _wire_of(p, end, lost, creep, slide(x.loop, w1.elongation_m - w0.elongation_m, p.loop_stretch))
-    last = _excess(p, kind, g, s, end, w1, d, d.current + 0.5 * d.current_slope)
+    last = excess_of(p, kind, g, s, end, w1, d, d.current + 0.5 * d.current_slope)
     slipped, loaded = slid(p, x.presliding, x.loaded, way)
     gripped = slide(x.gripped, end.theta_j - now.theta_j, p.grip_angle) if grips(p) else 0.0
     rub, grip = rub_N_m(p, slipped, loaded, w1.tension_N), grip_N_m(p, gripped, w1.tension_N)
@@ -360,14 +359,14 @@ def full_step(
     more = _corrections(p, kind, g, s, x, end, ways, first, last)
     motor, jaw = Levels(level, last_level, rest, forward, backward), Levels(level_j, last_level_j, level_j, 0.0, 0.0)
     end = _settled_again(g, s, x, free, end, more, push, inertia, motor, jaw)
-    return _remembered(p, x, end, w0, w1, kept, d.current_end)
+    return remembered(p, x, end, w0, w1, kept, d.current_end)
 
 
 @inlined
 def level_step(p: Physics, g: Gains, s: int, inertia: tuple[float, float], x: State, d: Drive) -> State:
     """Return what `full_step` does where nothing but friction's level hangs on the state."""
     now = Motion(x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s)
-    tension = _linear_tension_N(p, now)
+    tension = linear_tension_N(p, now)
     u = Torques(d.torque_constant * d.current, d.torque_constant * d.current_slope, -d.load, -d.load_slope)
     free, push = free_motion(p, g, s, x, u), _push(p, g, s, x, u)
     level, rest = motor_level_N_m(p, now.omega_m, tension), motor_rest_N_m(p, tension)
@@ -375,17 +374,17 @@ def level_step(p: Physics, g: Gains, s: int, inertia: tuple[float, float], x: St
     level_j = jaw_level_N_m(p, now.theta_j)
     jaw = Levels(level_j, level_j, level_j, 0.0, 0.0)
     end = settled(g, s, x, free, push, inertia, Levels(level, level, rest, forward, backward), jaw)
-    last_level, last_level_j = motor_level_N_m(p, end.omega_m, _linear_tension_N(p, end)), jaw_level_N_m(p, end.theta_j)
+    last_level, last_level_j = motor_level_N_m(p, end.omega_m, linear_tension_N(p, end)), jaw_level_N_m(p, end.theta_j)
     # Far from standstill, friction that hangs on speed no longer changes: then the end is found already.
     if last_level != level or last_level_j != level_j:
         motor = Levels(level, last_level, rest, forward, backward)
         jaw = Levels(level_j, last_level_j, level_j, 0.0, 0.0)
         end = _settled_again(g, s, x, free, end, Torques(0.0, 0.0, 0.0, 0.0), push, inertia, motor, jaw)
-    return _nothing_else(x, end, d.current_end)
+    return nothing_else(x, end, d.current_end)
 
 
 @inlined
-def _remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: float, current_A: float) -> State:
+def remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: float, current_A: float) -> State:
     """Return the state at the end of a step, with what wire and friction remember of it."""
     creep, loop, gripped = x.creep_m, x.loop, x.gripped
     way = end.theta_m - x.theta_m_rad
@@ -402,7 +401,7 @@ def _remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: flo
 
 
 @inlined
-def _nothing_else(x: State, end: Motion, current_A: float) -> State:
+def nothing_else(x: State, end: Motion, current_A: float) -> State:
     """Return the state at the end of a step that leaves nothing in wire or friction."""
     kept = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
     return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, *kept, current_A)
@@ -417,52 +416,7 @@ def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: 
     u = Torques(d.torque_constant * d.current, d.torque_constant * d.current_slope, -d.load, -d.load_slope)
     free, push = free_motion(p, g, TAUT, x, u), _push(p, g, TAUT, x, u)
     end = settled(g, TAUT, x, free, push, inertia, motor, jaw)
-    return _nothing_else(x, end, d.current_end)
-
-
-@inlined
-def whole_step(p: Physics, kind: Kind, g: Gains, x: State, d: Drive) -> tuple[bool, State]:
-    """Return the same after as many steps as `g` has rows, and whether it is that: motor and jaw must move on.
-
-    `g`: gains of one step, of two, and so on. While both move and friction hardly changes, the plant is linear: one
-    step for all, whose speeds are looked at where each of them would have ended.
-    """
-    speed_m, speed_j = x.omega_m_rad_per_s, x.omega_j_rad_per_s
-    if speed_m == 0.0 or speed_j == 0.0:
-        return False, x
-    now = Motion(x.theta_m_rad, speed_m, x.theta_j_rad, speed_j)
-    sign_m, sign_j = math.copysign(1.0, speed_m), math.copysign(1.0, speed_j)
-    level = motor_level_N_m(p, speed_m, 0.0 if kind.plain else _linear_tension_N(p, now))
-    level_j = jaw_level_N_m(p, x.theta_j_rad)
-    motor = d.torque_constant * d.current - sign_m * (level + max(0.0, sign_m * p.asymmetry))
-    u = Torques(motor, 0.0, -d.load - sign_j * level_j, -d.load_slope)
-    last, steady = g.shape[0] - 1, _STEADY / g.shape[0]
-    end = free_motion(p, g, last, x, u)
-    if not kind.plain:
-        at = Motion(x.theta_m_rad + end.theta_m, end.omega_m, x.theta_j_rad + end.theta_j, end.omega_j)
-        rise = motor_level_N_m(p, at.omega_m, _linear_tension_N(p, at)) - level
-        rise_j = jaw_level_N_m(p, at.theta_j) - level_j
-        if abs(rise) > steady * level or abs(rise_j) > steady * level_j:
-            return False, x
-        rise, rise_j = -sign_m * rise, -sign_j * rise_j
-        more = Torques(0.5 * rise, rise, 0.5 * rise_j, rise_j)
-        u = Torques(u.motor + more.motor, rise, u.jaw + more.jaw, u.jaw_slope + rise_j)
-        end = added(g, last, end, more)
-    stretch = p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad
-    for k in range(last):
-        share = (k + 1.0) / (last + 1.0)
-        until = 0.5 * (share - 1.0)  # from the middle of all steps to that of those up to here
-        part = Torques(
-            u.motor + until * u.motor_slope, share * u.motor_slope, u.jaw + until * u.jaw_slope, share * u.jaw_slope
-        )
-        if not sign_m * _row(g, k, MOTOR_SPEED, stretch, speed_m, speed_j, part) > 0.0:
-            return False, x
-        if not sign_j * _row(g, k, JAW_SPEED, stretch, speed_m, speed_j, part) > 0.0:
-            return False, x
-    if not (sign_m * end.omega_m > 0.0 and sign_j * end.omega_j > 0.0):
-        return False, x
-    theta_m, theta_j = x.theta_m_rad + end.theta_m, x.theta_j_rad + end.theta_j
-    return True, _nothing_else(x, Motion(theta_m, end.omega_m, theta_j, end.omega_j), d.current_end)
+    return nothing_else(x, end, d.current_end)
 
 
 @inlined

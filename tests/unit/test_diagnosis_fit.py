@@ -12,7 +12,18 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis import fit as fit_module
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import at_bound
-from hil_forceps.diagnosis.fit import MAX_DAMPINGS, Fit, chi2_of, fit, fit_again, follow, gram, hold
+from hil_forceps.diagnosis.fit import (
+    MAX_DAMPINGS,
+    Fit,
+    chi2_of,
+    fit,
+    fit_again,
+    follow,
+    gram,
+    hold,
+    hold_beside,
+    hold_nuisances,
+)
 from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.problem import Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.spectrum import Whitener, make_layout, transform, white_noise, whitening
@@ -116,6 +127,24 @@ def test_held_sensitivities_lead_to_the_same_fit() -> None:
     start = np.concatenate((begun.u[:1], [0.0], begun.u[1:]))
     cheap, full = fit(problem, start, whitener, held=held, steps=12), fit(problem, start, whitener)
     assert cheap.chi2 == pytest.approx(full.chi2, abs=0.5)
+
+
+def test_beside_what_is_new_sensitivities_are_found_once_where_the_fit_is() -> None:
+    problem, whitener = toy(BOTH, 4)
+    begun = fit(problem, np.array([0.3, -0.2, *np.zeros(problem.nuisance_count)]), whitener, steps=1)
+    held = hold_beside(begun, problem, whitener, 1)
+    there = problem.jacobian(begun.u, problem.simulate(begun.u))
+    assert held.shared == 1
+    assert np.array_equal(held.columns[:, :1], there[:, :1])
+    assert np.array_equal(held.columns[:, 1:], begun.jacobian[:, 2:])
+    assert not np.array_equal(held.columns[:, :1], begun.jacobian[:, :1])
+    calls: list[int] = []
+    counted = replace(problem, simulate_runs=counting(calls))
+    once = fit(counted, begun.u, whitener, held=held)
+    spent = len(calls)
+    again = fit(counted, begun.u, whitener, held=hold_nuisances(begun, problem, whitener))
+    assert spent < len(calls) - spent
+    assert once.chi2 == pytest.approx(again.chi2, abs=0.05)
 
 
 def test_what_is_known_follows_an_entry_that_is_put_somewhere() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis import choice
-from hil_forceps.diagnosis.choice import Chooser
+from hil_forceps.diagnosis.choice import Choice, Chooser, Rival
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import Held
 
@@ -45,7 +45,7 @@ def at(place: float) -> Model:
 def _nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choice, "out_of_a_wrong_valley", lambda problem, u, _: (problem, u))
     monkeypatch.setattr(choice, "at_better_widths", lambda problem, fit, *_: (problem, fit.u))
-    for name in ("hold", "hold_nuisances"):
+    for name in ("hold", "hold_beside"):
         monkeypatch.setattr(choice, name, lambda *_: cast("Held", None))
 
 
@@ -73,4 +73,53 @@ def test_what_lies_beyond_counts_only_where_it_is_better(monkeypatch: pytest.Mon
 
 
 def test_a_place_beyond_keeps_to_the_bounds() -> None:
-    assert choice._beyond(at(0.0), replace(at(4.9), effects=())).fit.u[0] == 5.0
+    assert choice._moved(at(4.9), at(0.0).fit.u, 4.0, 0.0).fit.u[0] == 5.0
+
+
+class Trapped(Slow):
+    """A turn doesn't leave a place between the beginning and the end."""
+
+    def __init__(self) -> None:
+        super().__init__(driven=False)
+        self._looker = cast("Any", SimpleNamespace(inflation={}))
+
+    def _anew(self, model: Model, *_: Any) -> Model:
+        place = float(model.fit.u[0])
+        return at(place) if 0.7 < place < 0.8 else super()._anew(model)
+
+    def _seen(self, model: Model, whitener: Any) -> Any:
+        return model, None, whitener, None
+
+    def _refined(self, *_: Any, **__: Any) -> list[Model]:
+        return []
+
+    def _grown(self, choice: Choice, *_: Any) -> Choice:
+        return choice
+
+    def chosen(self, began: float, end: float) -> Choice:
+        self._began[at(end).effects] = np.array([began])
+        others = (Rival(at(end), 0.0), Rival(replace(at(end), effects=("stribeck_friction",)), 1.0))
+        nothing = cast("Any", None)
+        return Choice(others[0].model, others, (), nothing, nothing, nothing, {})
+
+    def _as_far(self, other: Model, *_: Any) -> Model:
+        return other
+
+
+@pytest.mark.usefixtures("_nothing_else")
+def test_a_way_that_ended_early_is_gone_to_its_end_from_further_on() -> None:
+    chooser = Trapped()
+    start = chooser.chosen(0.0, 0.75)
+    assert chooser._settled(start.model, cast("Any", None)).fit.u[0] == 0.75
+    found = chooser.onward(start)
+    assert found.model.fit.u[0] == pytest.approx(END, abs=0.07)
+    assert [rival.model for rival in found.rivals] == [found.model]  # the other is far behind now
+
+
+@pytest.mark.usefixtures("_nothing_else")
+def test_a_choice_stays_where_further_on_is_no_better() -> None:
+    chooser = Trapped()
+    start = chooser.chosen(0.75, 0.75)
+    assert chooser.onward(start) is start
+    chooser._began.clear()
+    assert chooser.onward(start) is start
