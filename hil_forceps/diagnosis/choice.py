@@ -79,15 +79,15 @@ def _from(problem: Problem, u: Vector, model: Model, whitener: Whitener) -> Mode
     return replace(model, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
 
 
-def _moved(model: Model, before: Vector, steps: float, chi2: float) -> Model:
+def _moved(model: Model, before: Vector, steps: float) -> Model:
     """Return a model whose unknowns go on as they went from before, by that many times as far, to be taken anew there.
 
     The rounding is taken from what a model leaves, so it holds some of what the model lacks; fit and rounding in turn
-    go a little of the way each time, always the same way.
+    go a little of the way each time, always the same way. χ² isn't known there: infinite.
     """
     low, high = model.problem.bounds()
     u = np.clip(model.fit.u + steps * (model.fit.u - before), low, high)
-    return replace(model, fit=model.fit._replace(u=u, chi2=chi2))
+    return replace(model, fit=model.fit._replace(u=u, chi2=math.inf))
 
 
 def _named_first(candidates: Iterable[Candidate], name: str) -> list[Candidate]:
@@ -156,7 +156,7 @@ class Chooser:
         began = self._began.get(end.effects)
         if began is None or began.size != end.fit.u.size:
             return choice
-        again = self._settled(_moved(end, began, ONWARD, math.inf), whitener)
+        again = self._settled(_moved(end, began, ONWARD), whitener)
         if again.worth > end.worth - SETTLED:
             return choice
         again, scan, whitener, noise = self._seen(again, whitener)
@@ -265,7 +265,7 @@ class Chooser:
             held = hold(found.fit.jacobian, len(found.problem.shared.items), whitener)
             again = self._anew(found, whitener, held)
             if goes_on and found.worth - again.worth > SETTLED:
-                beyond = self._anew(_moved(again, found.fit.u, BEYOND, again.fit.chi2), whitener, held)
+                beyond = self._anew(_moved(again, found.fit.u, BEYOND), whitener, held)
                 goes_on = beyond.worth < again.worth
                 again = min(again, beyond, key=lambda m: m.worth)
             found = min(found, again, key=lambda m: m.worth)

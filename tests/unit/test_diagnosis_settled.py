@@ -73,7 +73,7 @@ def test_what_lies_beyond_counts_only_where_it_is_better(monkeypatch: pytest.Mon
 
 
 def test_a_place_beyond_keeps_to_the_bounds() -> None:
-    assert choice._moved(at(4.9), at(0.0).fit.u, 4.0, 0.0).fit.u[0] == 5.0
+    assert choice._moved(at(4.9), at(0.0).fit.u, 4.0).fit.u[0] == 5.0
 
 
 class Trapped(Slow):
