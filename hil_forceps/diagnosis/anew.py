@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.assemble import Setting
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.extension import Model, Refresh
+from hil_forceps.diagnosis.load_errors import with_dwells
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Problem
@@ -29,7 +30,8 @@ def refresher(rig: Rig) -> Refresh:
         if quantum <= 0.0 or not isinstance(loop, ClosedLoop):
             return problem
         found = with_encoder_errors(loop, problem.theta(u), problem.nuisances(u), quantum, problem.mapper)
-        return replace(problem, simulate_runs=found)
+        errors = [dict(zip(("theta_m_rad", "theta_j_rad"), slow.errors_rad, strict=True)) for slow in found.slow]
+        return replace(problem, simulate_runs=found, layout=with_dwells(problem.layout, errors))
 
     return refresh
 

@@ -5,9 +5,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from hil_forceps.diagnosis.load_course import load_course
-from hil_forceps.diagnosis.smoothing import LoadNoise, smooth_load
+from hil_forceps.diagnosis.smoothing import LoadNoise, slow_noise, smooth_load
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
@@ -22,6 +23,7 @@ BURN_IN_S = 0.15  # the state before the first row is known roughly: it settles 
 JITTER_FOR_RESAMPLING = 0.02  # of the row period
 JUMP_IN_SD = 8.0  # an increment of τ_w this far above its usual size is a step of the load
 AFTER_GAP_S = 0.05
+DRAWS = 6  # of what a load's course leaves open
 
 
 class Calm(NamedTuple):
@@ -49,6 +51,7 @@ class Record(NamedTuple):
     raw_load_N_m: Vector | None = None  # as measured; only in closed loop
     load_noise: LoadNoise | None = None  # the load cell's
     load_error: NDArray[np.float32] | None = None  # what its course leaves open, as `load_course` has it
+    load_draws: Vector | None = None  # of that (DRAWS, rows)
     straight: bool = False  # whether its load is known to be of straight pieces
     calm: Calm | None = None  # in mode "driven"
 
@@ -120,7 +123,24 @@ def with_load_course(record: Record, noise: LoadNoise) -> Record:
     if record.raw_load_N_m is None:
         return record
     load, error, straight = load_course(record.raw_load_N_m, record.edge_rows, record.period_s, noise)
-    return record._replace(tau_w_N_m=load, load_noise=noise, load_error=error, straight=straight)
+    draws = _draws(load.size, error, noise)
+    return record._replace(tau_w_N_m=load, load_noise=noise, load_error=error, load_draws=draws, straight=straight)
+
+
+def _draws(rows: int, error: NDArray[np.float32] | None, noise: LoadNoise) -> Vector:
+    """Return draws of what a load's course leaves open (DRAWS, rows), which together are 0.
+
+    A Latin hypercube: over the draws each error is as large as it is told to be, however few they are (McKay, Beckman
+    and Conover, Technometrics 21, 1979).
+    """
+    rng = np.random.default_rng(rows)
+    if error is None:
+        half = [slow_noise(rng, rows, noise) for _ in range(DRAWS // 2)]
+        return np.stack([*half, *(-draw for draw in half)])
+    scores = stats.norm.ppf((np.arange(DRAWS) + 0.5) / DRAWS)
+    scores /= np.sqrt(np.mean(scores**2))
+    numbers = rng.permuted(np.tile(scores, (error.shape[1], 1)), axis=1)
+    return np.ascontiguousarray((error @ numbers).T)
 
 
 def grid_of(time: Vector, period: float) -> tuple[Rows, Vector, Mask]:

@@ -63,12 +63,13 @@ def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
     edge_rows = np.sort(np.concatenate((edge_rows, [jump.row for jump in small]))).astype(np.intp)
     pieces = np.split(tau_w, edge_rows + 1)
     block = max(1, tau_w.size // BLOCKS)
-    courses = [straight_course(piece, block, period_s, noise) for piece in pieces]
-    none = np.empty(0)
-    cutoffs = [
-        none if course is not None else _cutoff(piece, white) for piece, course in zip(pieces, courses, strict=True)
+    cutoffs = [_cutoff(piece, white) for piece in pieces]
+    courses = [
+        _likelier(straight_course(piece, block, period_s, noise), piece, cutoff, white)
+        for piece, cutoff in zip(pieces, cutoffs, strict=True)
     ]
-    if ERROR_KNOTS * sum(float(cutoff.sum()) for cutoff in cutoffs) > MOST_KNOTS:
+    bent = [float(cutoff.sum()) for course, cutoff in zip(courses, cutoffs, strict=True) if course is None]
+    if ERROR_KNOTS * sum(bent) > MOST_KNOTS:
         return LoadCourse(smooth_load(tau_w, edge_rows, period_s, noise), None)
     found = [
         straight if straight is not None else _splined(piece, cutoff, white)
@@ -88,6 +89,20 @@ def _instants(small: Sequence[SmallJump], load: Vector) -> Vector:
     return late
 
 
+def _likelier(course: PieceCourse | None, piece: Vector, cutoff: Vector, white: NoiseFilter) -> PieceCourse | None:
+    """Return a course of straight pieces, if it is likelier than a spline by what both leave and how free they are.
+
+    Any load can be cut into pieces so short that its noise hides how they bend (a smooth one's had 170 unknowns where a
+    spline has 105, and was off by 487 of χ² where the spline is by 137). Akaike, IEEE Trans. Autom. Control 19, 1974.
+    """
+    if course is None or piece.size <= DEGREE:
+        return course
+    whitened = whitening_matrix(white, piece.size)
+    spline, knots = _through(piece, cutoff, whitened)
+    straight, smooth = (float(np.sum((whitened @ (piece - load)) ** 2)) for load in (course.load, spline))
+    return course if straight + 2.0 * course.error.shape[1] < smooth + 2.0 * knots else None
+
+
 def _cutoff(piece: Vector, white: NoiseFilter) -> Vector:
     """Return the fastest that the load may hold at each row, of the sampling frequency."""
     return local_cutoff(piece, white) if piece.size >= FEWEST_ROWS else np.full(piece.size, 1.0 / piece.size)
@@ -98,11 +113,16 @@ def _splined(piece: Vector, cutoff: Vector, white: NoiseFilter) -> PieceCourse:
     if piece.size <= DEGREE:
         return PieceCourse(piece, white.deviation_N_m * np.eye(piece.size))
     whitened = whitening_matrix(white, piece.size)
-    basis, seen, root = _spline(cutoff, KNOTS, whitened)
-    load = basis @ linalg.cho_solve((root, True), seen.T @ (whitened @ piece))
+    load, _ = _through(piece, cutoff, whitened)
     basis, _, root = _spline(cutoff, ERROR_KNOTS, whitened)
     error = basis @ linalg.solve_triangular(root, np.eye(root.shape[0]), lower=True, trans="T")
-    return PieceCourse(np.asarray(load), np.asarray(error))
+    return PieceCourse(load, np.asarray(error))
+
+
+def _through(piece: Vector, cutoff: Vector, whitened: sparse.csr_matrix) -> tuple[Vector, int]:
+    """Return the spline that fits a piece best, and its number of unknowns."""
+    basis, seen, root = _spline(cutoff, KNOTS, whitened)
+    return np.asarray(basis @ linalg.cho_solve((root, True), seen.T @ (whitened @ piece))), root.shape[0]
 
 
 def _spline(

@@ -6,7 +6,7 @@ where the load bends. In the Fourier domain it is correlated over frequencies an
 G of a run and all other noise white, the covariance is I + G Gᵀ (`low_rank.py`), as in generalised least squares.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,24 @@ def with_load_errors(
     def of_run(run: int) -> LoadErrors:
         return _of_run(parts[run], records[run], responses[run], power)
 
-    return layout._replace(load=tuple(mapper(of_run, range(len(records)))))
+    return layout._replace(load=tuple(mapper(of_run, range(len(records)))), dwells=())
+
+
+def with_dwells(layout: Layout, errors: Sequence[Mapping[str, Vector]]) -> Layout:
+    """Return the layout with other errors of each run's channels (k, rows), in the entries that the load's reach."""
+    if not layout.load:
+        return layout
+
+    def of_run(run: int) -> Matrix:
+        count = max(rows.shape[0] for rows in errors[run].values())
+        seen = np.zeros((count, layout.size), dtype=np.float32)
+        for part in layout.parts:
+            if part.run == run and part.channel in errors[run]:
+                spectra = spectrum_of(part, errors[run][part.channel])
+                seen[:, part.start : part.stop] = spectra.astype(np.complex64).view(np.float32)
+        return np.ascontiguousarray(seen[:, layout.load[run].entries].T)
+
+    return layout._replace(dwells=tuple(of_run(run) for run in range(len(layout.load))))
 
 
 def _of_run(parts: Sequence[Part], record: Record, response: Response, sensors: Vector) -> LoadErrors:

@@ -58,6 +58,7 @@ class Slow(NamedTuple):
 
     theta_m_rad: Vector
     theta_j_rad: Vector
+    errors_rad: Vector  # what dwells leave open of both channels: (2, k, rows)
 
 
 class Offset(NamedTuple):

@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.dwells import FASTEST_HZ, dwell_errors
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.predict import ClosedLoop, Offset, Slow, between_rows, low_pass, samples_per_row
 from hil_forceps.diagnosis.problem import Nuisance
-from hil_forceps.diagnosis.smoothing import smoothed
+from hil_forceps.diagnosis.smoothing import slow_noise, white_deviation
 from hil_forceps.model.closed_loop import Channels
 
 Vector = NDArray[np.float64]
@@ -21,8 +22,6 @@ SHAKE_PASSES = 5
 STAND_IN_SHARE = 0.37  # of a run: how far the rounding is moved that stands in for the one that happened
 SWING = 100.0  # of the noise that smoothing leaves in the load: how far the load of stand-ins is swung
 MOST_SWING = 0.15  # of the load's own standard deviation
-REPLICAS = 6
-REPLICA_CUTOFF = 0.004  # of the sampling frequency: where smoothing usually ends
 
 
 class _Rounding(NamedTuple):
@@ -121,17 +120,10 @@ def _swung(record: Record, sign: float) -> Record:
     load, noise = record.tau_w_N_m, record.load_noise
     if load is None or noise is None:
         return record
-    swing = SWING * _slow_noise(record, np.random.default_rng(load.size + 1))
+    swing = SWING * slow_noise(np.random.default_rng(load.size + 1), load.size, noise)
     most = MOST_SWING * float(np.std(load))
     swing *= min(1.0, most / max(float(np.std(swing)), 1e-30))
     return record._replace(tau_w_N_m=load + sign * swing)
-
-
-def _slow_noise(record: Record, rng: np.random.Generator) -> Vector:
-    """Return as much noise as smoothing leaves in a load."""
-    assert record.load_noise is not None
-    deviation = float(np.sqrt(record.load_noise.power[0]))
-    return smoothed(deviation * rng.standard_normal(record.time_s.size), REPLICA_CUTOFF)
 
 
 def _slow_shares(
@@ -145,8 +137,8 @@ def _slow_shares(
     """Return what rounding does slowly in each run: a motor that creeps or dwells lingers where the count changes.
 
     Its angle is then off the counts' mean by up to half a count, for as long as it dwells. Simulated with the counting,
-    for loads that differ by as much noise again as smoothing leaves, in pairs of opposite noise; what all have in
-    common is it.
+    for loads that differ by what their courses leave open; what all have in common is it, and how they differ where
+    the motor dwells is an error.
     """
     counted = [k for k, r in enumerate(still.records) if on_grid(r.channels["theta_m_rad"], quantum_rad)]
     tasks = [(run, load) for run in counted for load in loads_like(still.records[run])]
@@ -161,15 +153,28 @@ def _slow_shares(
     done = list(zip(tasks, mapper(by_counting, tasks), strict=True))
     found = []
     for run, (record, one) in enumerate(zip(still.records, fast, strict=True)):
-        of_run = [each for (which, _), each in done if which == run]
+        of_run = np.array([each for (which, _), each in done if which == run])
+        if not of_run.size:
+            none = np.zeros(record.time_s.size)
+            found.append(Slow(none, none, np.empty((2, 0, none.size))))
+            continue
+        mean = np.mean(of_run, axis=0)
+        mean[0] -= one.shaken.theta_m_rad - one.plain.theta_m_rad
+        mean[1] -= one.shaken.theta_j_rad - one.plain.theta_j_rad
         width = shake_width(record.period_s)
-        total = np.zeros((2, record.time_s.size))
-        if of_run:
-            total = np.mean(of_run, axis=0)
-            total[0] -= one.shaken.theta_m_rad - one.plain.theta_m_rad
-            total[1] -= one.shaken.theta_j_rad - one.plain.theta_j_rad
-        found.append(Slow(low_pass(total[0], width), low_pass(total[1], width)))
+        errors = _left_open(record, of_run, quantum_rad, still.integral_per_s)
+        found.append(Slow(low_pass(mean[0], width), low_pass(mean[1], width), errors))
     return tuple(found)
+
+
+def _left_open(record: Record, of_run: Vector, quantum_rad: float, integral_per_s: float) -> Vector:
+    """Return what dwells leave open of a run; `of_run` (n, 2, rows): what counting does in each simulation."""
+    spread = of_run - np.mean(of_run, axis=0)
+    slowly = max(3, round(1.0 / (FASTEST_HZ * record.period_s)) | 1)
+    spread = low_pass(spread, slowly) / np.sqrt(max(spread.shape[0] - 1, 1))
+    jaw = white_deviation([record.channels["theta_j_rad"]]) if "theta_j_rad" in record.channels else 0.0
+    deviations = (quantum_rad / np.sqrt(12.0), jaw or np.inf)
+    return dwell_errors(spread, deviations, record.period_s, integral_per_s)
 
 
 def shake_width(period_s: float) -> int:
@@ -184,10 +189,6 @@ def on_grid(angle: Vector, quantum_rad: float) -> bool:
 
 
 def loads_like(record: Record) -> list[Vector | None]:
-    """Return the load with as much noise again as smoothing leaves in it, in pairs of opposite noise."""
-    load = record.tau_w_N_m
-    if load is None or record.load_noise is None:
-        return [load]
-    rng = np.random.default_rng(load.size)
-    noises = [_slow_noise(record, rng) for _ in range(REPLICAS // 2)]
-    return [load + sign * noise for noise in noises for sign in (1.0, -1.0)]
+    """Return the load with as much error again as its course leaves open."""
+    load, draws = record.tau_w_N_m, record.load_draws
+    return [load] if load is None or draws is None else [load + draw for draw in draws]

@@ -26,6 +26,7 @@ from scipy.signal import lfilter, lfiltic
 Vector = NDArray[np.float64]
 
 CUTOFFS = (0.002, 0.004, 0.008, 0.016, 0.032, 0.064, 0.125, 0.25)  # of the sampling frequency
+USUAL_CUTOFF = 0.004  # where smoothing usually ends
 MOST_BENT = 3.0  # standard deviations of a local mean
 ORDER = 8  # of the filter that makes noise white
 FEWEST_ROWS = 8  # of a stretch between jumps that is smoothed at all
@@ -68,6 +69,11 @@ def drawn_noise(rng: np.random.Generator, rows: int, period_s: float, noise: Loa
     """Return a draw of a load cell's noise."""
     colour = np.sqrt(np.interp(fft.rfftfreq(rows, period_s), noise.frequency_Hz, noise.power))
     return np.asarray(fft.irfft(fft.rfft(rng.standard_normal(rows)) * colour, rows))
+
+
+def slow_noise(rng: np.random.Generator, rows: int, noise: LoadNoise) -> Vector:
+    """Return a draw of as much of a load cell's noise as smoothing leaves."""
+    return smoothed(float(np.sqrt(noise.power[0])) * rng.standard_normal(rows), USUAL_CUTOFF)
 
 
 class NoiseFilter(NamedTuple):

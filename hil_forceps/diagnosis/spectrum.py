@@ -48,6 +48,7 @@ class Layout(NamedTuple):
     band_channel: tuple[str, ...]  # channel of each band
     band_Hz: Vector  # middle of each band
     load: tuple[LoadErrors, ...] = ()  # of each run; empty: the load has none that are known
+    dwells: tuple[Matrix, ...] = ()  # of each run: other errors in the entries of the load's, one a column
 
 
 def make_layout(
@@ -276,9 +277,17 @@ def whitening(layout: Layout, noise: Noise, mapper: Mapper = map) -> Whitener:
     mixes = [noise.mix[layout.band_of[jaw.start : jaw.stop : 2]] for _, jaw in both]
     mix = np.concatenate(mixes) if mixes else np.empty(0)
     factor = np.asarray((1.0 / np.sqrt(noise.power))[layout.band_of], dtype=np.float32)
-    load = tuple(decompose(layout.load, factor, mapper))
+    load = tuple(decompose(_together(layout.load, layout.dwells), factor, mapper))
     places = tuple((jaw.start, jaw.stop, motor.start) for motor, jaw in both)
     return Whitener(factor, places, mix.astype(np.complex64), load, mapper)
+
+
+def _together(load: Sequence[LoadErrors], dwells: Sequence[Matrix]) -> Sequence[LoadErrors]:
+    """Return errors of the load with those of dwells."""
+    if not any(columns.shape[1] for columns in dwells):
+        return load
+    pairs = zip(load, dwells, strict=True)
+    return [LoadErrors(e.entries, np.concatenate((e.columns, columns), axis=1)) for e, columns in pairs]
 
 
 def power_of_load(layout: Layout) -> Vector:

@@ -7,7 +7,17 @@ import pytest
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.assemble import assemble
-from hil_forceps.diagnosis.experiment import AFTER_GAP_S, BURN_IN_S, MAX_ROWS, jumps, mode_of, prepare
+from hil_forceps.diagnosis.experiment import (
+    AFTER_GAP_S,
+    BURN_IN_S,
+    DRAWS,
+    MAX_ROWS,
+    jumps,
+    mode_of,
+    prepare,
+    with_load_course,
+)
+from hil_forceps.diagnosis.smoothing import LoadNoise
 from hil_forceps.diagnosis.unknowns import Unknown, Unknowns, join, known_parameters, run_nuisances
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
@@ -156,3 +166,21 @@ def test_numbers_of_the_optimiser_become_values_and_bounds() -> None:
     assert low[0] == -3.0
     assert high[0] == math.inf
     assert both.prior_weights().tolist() == [1.0] * 5
+
+
+def test_draws_of_a_load_are_as_far_from_it_as_its_error_says_and_together_nothing() -> None:
+    noise = LoadNoise(np.array([0.0, 500.0]), np.full(2, 1e-10))
+    time = stamps(6000)
+    ramps = np.interp(time, (1.0, 2.0, 3.0, 4.0), (0.0, 2e-3, 2e-3, -1e-3))
+    noisy = ramps + 1e-5 * np.random.default_rng(3).standard_normal(time.size)
+    [record], _ = prepare([a_run(time, tau_w_N_m=noisy)], RIG)
+    record = with_load_course(record, noise)
+    assert record.straight
+    assert record.load_error is not None
+    assert record.load_draws is not None
+    assert record.load_draws.shape == (DRAWS, time.size)
+    deviations = np.sqrt(np.sum(record.load_error.astype(np.float64) ** 2, axis=1))
+    assert np.abs(record.load_draws.sum(axis=0)).max() < 1e-6 * deviations.max()
+    spread = np.sqrt(np.mean(record.load_draws**2, axis=0))
+    assert np.mean(spread / deviations) == pytest.approx(1.0, abs=0.3)
+    assert np.min(spread / deviations) > 0.2

@@ -9,7 +9,7 @@ from hil_forceps.diagnosis.linear import Response, columns
 from hil_forceps.diagnosis.load_course import ERROR_KNOTS, load_course
 from hil_forceps.diagnosis.load_errors import with_load_errors
 from hil_forceps.diagnosis.low_rank import LoadErrors, decompose, scale
-from hil_forceps.diagnosis.smoothing import LoadNoise, drawn_noise, smooth_load
+from hil_forceps.diagnosis.smoothing import LoadNoise, drawn_noise, noise_filter, smooth_load, whitening_matrix
 from hil_forceps.diagnosis.spectrum import (
     Layout,
     make_layout,
@@ -19,6 +19,7 @@ from hil_forceps.diagnosis.spectrum import (
     white_noise,
     whitening,
 )
+from hil_forceps.diagnosis.straight import BLOCKS, straight_course
 from tests.hidden_effects.generator import RIG, run_seed, simulate
 from tests.hidden_effects.generator_scenarios import SCENARIOS
 
@@ -70,6 +71,29 @@ def test_errors_are_as_large_as_foretold_where_the_load_bends_and_elsewhere(
     assert np.mean(foretold[BURST]) > 4.0 * np.mean(foretold[CALM])
     # It isn't bent: what all draws have in common is a small part of what one of them does.
     assert np.std(errors.mean(axis=0)[BURST]) < 0.35 * np.std(errors[:, BURST])
+
+
+def slow_noise(sd_N_m: float) -> LoadNoise:
+    """Noise with a correlation of 0.9 from row to row."""
+    frequency = np.geomspace(0.1, 500.0, 60)
+    turn = np.exp(-2j * np.pi * frequency * PERIOD_S)
+    return LoadNoise(frequency, np.asarray(sd_N_m**2 * 0.19 / np.abs(1.0 - 0.9 * turn) ** 2))
+
+
+@pytest.mark.parametrize(("scenario", "straight"), [("spin", False), ("slow", True)])
+def test_pieces_so_short_that_noise_hides_how_a_load_bends_are_not_straight(scenario: str, straight: bool) -> None:
+    _, run = simulate(RIG, SCENARIOS[scenario], run_seed(17307, 0))
+    load, noise = np.asarray(run.tau_w_N_m), slow_noise(2.0 * SD_N_M)
+    noisy = load + drawn_noise(np.random.default_rng(0), load.size, PERIOD_S, noise)
+    pieces = straight_course(noisy, load.size // BLOCKS, PERIOD_S, noise)
+    assert pieces is not None  # within the noise both are
+    found = load_course(noisy, NONE, PERIOD_S, noise)
+    assert found.straight is straight
+    whitened = whitening_matrix(noise_filter(noise, PERIOD_S), load.size)
+    off, of_pieces = (float(np.sum((whitened @ (one - load)) ** 2)) for one in (found.load, pieces.load))
+    assert found.error is not None
+    assert off < 1.5 * found.error.shape[1]
+    assert straight or of_pieces > 2.0 * off
 
 
 def stands_out(scenario: str) -> float:
