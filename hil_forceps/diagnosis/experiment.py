@@ -51,6 +51,7 @@ class Record(NamedTuple):
     raw_load_N_m: Vector | None = None  # as measured; only in closed loop
     load_noise: LoadNoise | None = None  # the load cell's
     load_error: NDArray[np.float32] | None = None  # what its course leaves open, as `load_course` has it
+    load_fitted: int = 0  # how many columns of that, the first, the course was fitted with
     load_draws: Vector | None = None  # of that (DRAWS, rows)
     straight: bool = False  # whether its load is known to be of straight pieces
     calm: Calm | None = None  # in mode "driven"
@@ -122,9 +123,15 @@ def with_load_course(record: Record, noise: LoadNoise) -> Record:
     """Return a record with the course of its load, as far as its noise lets it be known."""
     if record.raw_load_N_m is None:
         return record
-    load, error, straight = load_course(record.raw_load_N_m, record.edge_rows, record.period_s, noise)
-    draws = _draws(load.size, error, noise)
-    return record._replace(tau_w_N_m=load, load_noise=noise, load_error=error, load_draws=draws, straight=straight)
+    course = load_course(record.raw_load_N_m, record.edge_rows, record.period_s, noise)
+    return record._replace(
+        tau_w_N_m=course.load,
+        load_noise=noise,
+        load_error=course.error,
+        load_fitted=course.fitted,
+        load_draws=_draws(course.load.size, course.error, noise),
+        straight=course.straight,
+    )
 
 
 def _draws(rows: int, error: NDArray[np.float32] | None, noise: LoadNoise) -> Vector:

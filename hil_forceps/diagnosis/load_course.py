@@ -52,6 +52,7 @@ class LoadCourse(NamedTuple):
     load: Vector
     error: Matrix | None
     straight: bool = False  # whether straight pieces hold all of it
+    fitted: int = 0  # how many columns of its error, the first, it was fitted with
 
 
 def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noise: LoadNoise) -> LoadCourse:
@@ -76,8 +77,10 @@ def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
         for piece, straight, cutoff in zip(pieces, courses, cutoffs, strict=True)
     ]
     load = np.concatenate([course.load for course in found])
-    error = np.concatenate((linalg.block_diag(*(course.error for course in found)), _instants(small, load)), axis=1)
-    return LoadCourse(load, error.astype(np.float32), None not in courses)
+    fitted = linalg.block_diag(*(course.error[:, : course.fitted] for course in found))
+    unseen = linalg.block_diag(*(course.error[:, course.fitted :] for course in found))
+    error = np.concatenate((fitted, _instants(small, load), unseen), axis=1).astype(np.float32)
+    return LoadCourse(load, error, None not in courses, error.shape[1] - unseen.shape[1])
 
 
 def _instants(small: Sequence[SmallJump], load: Vector) -> Vector:
@@ -100,7 +103,7 @@ def _likelier(course: PieceCourse | None, piece: Vector, cutoff: Vector, white: 
     whitened = whitening_matrix(white, piece.size)
     spline, knots = _through(piece, cutoff, whitened)
     straight, smooth = (float(np.sum((whitened @ (piece - load)) ** 2)) for load in (course.load, spline))
-    return course if straight + 2.0 * course.error.shape[1] < smooth + 2.0 * knots else None
+    return course if straight + 2.0 * course.fitted < smooth + 2.0 * knots else None
 
 
 def _cutoff(piece: Vector, white: NoiseFilter) -> Vector:
@@ -111,12 +114,12 @@ def _cutoff(piece: Vector, white: NoiseFilter) -> Vector:
 def _splined(piece: Vector, cutoff: Vector, white: NoiseFilter) -> PieceCourse:
     """Return a spline of a piece, and its error."""
     if piece.size <= DEGREE:
-        return PieceCourse(piece, white.deviation_N_m * np.eye(piece.size))
+        return PieceCourse(piece, white.deviation_N_m * np.eye(piece.size), piece.size)
     whitened = whitening_matrix(white, piece.size)
     load, _ = _through(piece, cutoff, whitened)
     basis, _, root = _spline(cutoff, ERROR_KNOTS, whitened)
     error = basis @ linalg.solve_triangular(root, np.eye(root.shape[0]), lower=True, trans="T")
-    return PieceCourse(load, np.asarray(error))
+    return PieceCourse(load, np.asarray(error), error.shape[1])
 
 
 def _through(piece: Vector, cutoff: Vector, whitened: sparse.csr_matrix) -> tuple[Vector, int]:

@@ -123,7 +123,7 @@ def _left_of(record: Record, noise: LoadNoise) -> Vector:
         found[:slow] = found[last_slow]
         return found
 
-    taken = np.minimum(power(record.load_error) / noise.power, MOST_TAKEN)
+    taken = np.minimum(power(record.load_error[:, : record.load_fitted]) / noise.power, MOST_TAKEN)
     left = power((record.raw_load_N_m - record.tau_w_N_m)[:, None]) / (1.0 - taken)
     return np.where((count >= FEWEST_BINS) | (np.arange(centres.size) < slow), left, np.nan)
 

@@ -4,8 +4,12 @@ Such a load is known much better than a spline of it: some twenty levels and ins
 a corner rings the wire as a rounded one doesn't. Bends are sought in means of blocks of rows, isolated ones first, then
 whatever stands out of what is left; their instants are then fitted with all rows (Gauss-Newton). A load that bends
 otherwise needs them close to each other: then it has no such course.
+
+Slow noise hides a ramp as high as its own deviation, which the motor shows all the same. So what the course leaves open
+holds bends everywhere that are too weak to be seen.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +40,9 @@ STEPS, PRUNING_STEPS = 8, 3
 SLOWEST = 2.0  # times the slowest cutoff: with more in what is left, it isn't straight
 # A corner rounded over this rings the wire half as much as a sharp one, and no load cell shows it.
 ROUNDED_S = 6.0e-3
+# Bends that the noise hides, one every `UNSEEN_S`, each this share of what would show between two pieces of `OVER_S`.
+UNSEEN_S, UNSEEN_SHARE, OVER_S = 0.1, 0.06, 0.3
+HIDES = 4.0  # of its variance (white noise: 1): the power of slow noise that hides more than shows at the motor
 SMALL = 1e-9
 
 
@@ -44,6 +51,7 @@ class PieceCourse(NamedTuple):
 
     load: Vector
     error: Vector
+    fitted: int  # how many of them, the first, the load was fitted with
 
 
 class _Fit(NamedTuple):
@@ -81,7 +89,7 @@ def straight_course(piece: Vector, block: int, period_s: float, noise: LoadNoise
         return None
     if local_cutoff(piece - fit.load, every.white).mean() > SLOWEST * CUTOFFS[0]:
         return None
-    return PieceCourse(fit.load, _error(every, fit, period_s))
+    return PieceCourse(fit.load, _error(every, fit, period_s), 2 + 3 * fit.at.size)
 
 
 def _sight(piece: Vector, block: int, period_s: float, noise: LoadNoise) -> _Sight:
@@ -217,15 +225,30 @@ def _ramps(sight: _Sight, at: Vector) -> Vector:
 
 
 def _error(sight: _Sight, fit: _Fit, period_s: float) -> Vector:
-    """Return the course's error: what its unknowns leave open, and how round each corner is."""
+    """Return the course's error: what its unknowns leave open, how round each corner is, and bends that aren't seen.
+
+    In this order: by Cholesky's root the first are what they would be without those behind.
+    """
     near = np.maximum(0.0, 1.0 - np.abs(sight.rows[:, None] - fit.at))
     rounding = near * fit.bends * (ROUNDED_S / period_s) ** 2 / 24.0
-    columns = np.concatenate((_columns(sight, fit), rounding), axis=1)
+    unseen = _unseen(sight, period_s)
+    columns = np.concatenate((_columns(sight, fit), rounding, unseen), axis=1)
     seen = sight.whitening @ columns
     normal = seen.T @ seen
     size = np.sqrt(np.diag(normal))
-    normal[np.diag_indices_from(normal)] += np.r_[np.full(2 + 2 * fit.at.size, 0.0), np.ones(fit.at.size)]
+    normal[np.diag_indices_from(normal)] += np.r_[np.zeros(2 + 2 * fit.at.size), np.ones(fit.at.size + unseen.shape[1])]
     scaled = normal / np.outer(size, size)
     scaled[np.diag_indices_from(scaled)] += SMALL
     root = linalg.cholesky(scaled, lower=True)
     return np.asarray((columns / size) @ linalg.solve_triangular(root, np.eye(size.size), lower=True, trans="T"))
+
+
+def _unseen(sight: _Sight, period_s: float) -> Vector:
+    """Return bends too weak to show, one a column; none where the noise is white."""
+    slow = sight.white.deviation_N_m**2 / float(np.sum(sight.white.taps)) ** 2
+    if slow < HIDES * sight.white.covariance[0]:
+        return np.empty((sight.rows.size, 0))
+    # Between two straight pieces of one length a bend's χ² is its square by that length cubed, over 24 of the power.
+    shows = math.sqrt(STANDS_OUT * 24.0 * slow / (OVER_S / period_s) ** 3)
+    every = UNSEEN_S / period_s
+    return UNSEEN_SHARE * shows * _ramps(sight, np.arange(every, sight.rows[-1], every))

@@ -45,9 +45,31 @@ def test_ramps_and_holds_are_known_as_well_as_foretold(noise: LoadNoise) -> None
     # At a corner its instant and its rounding are open as well.
     assert np.mean(foretold[near]) > 1.5 * np.mean(foretold[away])
     assert np.std(errors.mean(axis=0)) < 0.4 * np.std(errors)
-    assert max(one.error.shape[1] for one in straight) <= 2 + 3 * (len(CORNERS_S) + 1)
+    assert max(one.fitted for one in straight) <= 2 + 3 * (len(CORNERS_S) + 1)
     if noise is WHITE:
         assert np.std(errors) < 0.1 * SD_N_M
+
+
+def distance(off: Vector, error: Vector) -> float:
+    """χ² of a load that is off, by what its course leaves open and what a motor shows of it beside that."""
+    seen_N_m = 2e-6
+    size = np.concatenate((error / seen_N_m, np.eye(error.shape[1])))
+    wanted = np.concatenate((off / seen_N_m, np.zeros(error.shape[1])))
+    return float(np.sum((wanted - size @ np.linalg.lstsq(size, wanted, rcond=None)[0]) ** 2))
+
+
+def test_a_ramp_that_slow_noise_hides_is_within_what_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    weak = LOAD_N_M + np.interp(TIME_S, (2.6, 2.8), (0.0, 1.2e-5))
+    found = course(weak, COLOURED, 5)
+    monkeypatch.setattr("hil_forceps.diagnosis.straight.HIDES", np.inf)
+    bare = course(weak, COLOURED, 5)
+    assert found is not None
+    assert bare is not None
+    assert found.fitted == bare.fitted == 2 + 3 * len(CORNERS_S)  # it isn't seen
+    assert np.array_equal(found.load, bare.load)
+    told, missed = distance(found.load - weak, found.error), distance(bare.load - weak, bare.error)
+    assert missed > 2.0 * bare.error.shape[1]
+    assert told < 0.6 * missed
 
 
 def test_a_hold_has_level_and_slope() -> None:
