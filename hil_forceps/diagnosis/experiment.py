@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hil_forceps.diagnosis.load_course import load_course
-from hil_forceps.diagnosis.smoothing import LoadNoise, slow_noise, smooth_load
+from hil_forceps.diagnosis.smoothing import USUAL_CUTOFF, LoadNoise, slow_noise, smooth_load, smoothed
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
@@ -138,7 +138,7 @@ def _draws(rows: int, error: NDArray[np.float32] | None, noise: LoadNoise) -> Ve
     """Return draws of what a load's course leaves open (DRAWS, rows), which together are 0.
 
     A Latin hypercube: over the draws each error is as large as it is told to be, however few they are (McKay, Beckman
-    and Conover, Technometrics 21, 1979).
+    and Conover, Technometrics 21, 1979). Slow: what is quick in them would ring the simulated wire.
     """
     rng = np.random.default_rng(rows)
     if error is None:
@@ -147,7 +147,7 @@ def _draws(rows: int, error: NDArray[np.float32] | None, noise: LoadNoise) -> Ve
     scores = stats.norm.ppf((np.arange(DRAWS) + 0.5) / DRAWS)
     scores /= np.sqrt(np.mean(scores**2))
     numbers = rng.permuted(np.tile(scores, (error.shape[1], 1)), axis=1)
-    return np.ascontiguousarray((error @ numbers).T)
+    return np.stack([smoothed(draw, USUAL_CUTOFF) for draw in (error @ numbers).T])
 
 
 def grid_of(time: Vector, period: float) -> tuple[Rows, Vector, Mask]:

@@ -183,4 +183,4 @@ def test_draws_of_a_load_are_as_far_from_it_as_its_error_says_and_together_nothi
     assert np.abs(record.load_draws.sum(axis=0)).max() < 1e-6 * deviations.max()
     spread = np.sqrt(np.mean(record.load_draws**2, axis=0))
     assert np.mean(spread / deviations) == pytest.approx(1.0, abs=0.3)
-    assert np.min(spread / deviations) > 0.2
+    assert np.quantile(spread / deviations, 0.1) > 0.3  # but where it is quick, at corners
