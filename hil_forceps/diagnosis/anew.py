@@ -13,6 +13,7 @@ from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.predict_driven import Driven
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.shaking import with_encoder_errors
+from hil_forceps.diagnosis.spectrum import JAW, MOTOR
 from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
@@ -30,7 +31,7 @@ def refresher(rig: Rig) -> Refresh:
         if quantum <= 0.0 or not isinstance(loop, ClosedLoop):
             return problem
         found = with_encoder_errors(loop, problem.theta(u), problem.nuisances(u), quantum, problem.mapper)
-        errors = [dict(zip(("theta_m_rad", "theta_j_rad"), slow.errors_rad, strict=True)) for slow in found.slow]
+        errors = [dict(zip((MOTOR, JAW), slow.errors_rad, strict=True)) for slow in found.slow]
         return replace(problem, simulate_runs=found, layout=with_dwells(problem.layout, errors))
 
     return refresh

@@ -98,8 +98,8 @@ def _likelier(course: PieceCourse | None, piece: Vector, cutoff: Vector, white: 
     Any load can be cut into pieces so short that its noise hides how they bend (a smooth one's had 170 unknowns where a
     spline has 105, and was off by 487 of χ² where the spline is by 137). Akaike, IEEE Trans. Autom. Control 19, 1974.
     """
-    if course is None or piece.size <= DEGREE:
-        return course
+    if course is None:
+        return None
     whitened = whitening_matrix(white, piece.size)
     spline, knots = _through(piece, cutoff, whitened)
     straight, smooth = (float(np.sum((whitened @ (piece - load)) ** 2)) for load in (course.load, spline))

@@ -16,7 +16,7 @@ from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.low_rank import LEAST_POWER, LoadErrors
 from hil_forceps.diagnosis.mapper import Mapper
-from hil_forceps.diagnosis.spectrum import Layout, Part, spectrum_of
+from hil_forceps.diagnosis.spectrum import Layout, Part, fill, spectrum_of
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float32]
@@ -53,8 +53,7 @@ def with_dwells(layout: Layout, errors: Sequence[Mapping[str, Vector]]) -> Layou
         seen = np.zeros((count, layout.size), dtype=np.float32)
         for part in layout.parts:
             if part.run == run and part.channel in errors[run]:
-                spectra = spectrum_of(part, errors[run][part.channel])
-                seen[:, part.start : part.stop] = spectra.astype(np.complex64).view(np.float32)
+                fill(seen, part, errors[run][part.channel])
         return np.ascontiguousarray(seen[:, layout.load[run].entries].T)
 
     return layout._replace(dwells=tuple(of_run(run) for run in range(len(layout.load))))

@@ -65,7 +65,7 @@ def _fast_left(loop: ClosedLoop, run: int, theta_m_rad: Vector, quantum_rad: flo
     """Return the fast part of what a simulation leaves in θ_m, no more than rounding can be."""
     record = loop.records[run]
     left = record.channels["theta_m_rad"] - theta_m_rad
-    fast = left - low_pass(left, shake_width(record.period_s))
+    fast = left - low_pass(left, averaged_rows(SLOWEST_SHAKE_HZ, record.period_s))
     error = np.asarray(np.clip(fast, -0.5 * quantum_rad, 0.5 * quantum_rad))
     return counted_between(
         record.channels["theta_m_rad"] - error, error, samples_per_row(record, loop.law), quantum_rad
@@ -161,7 +161,7 @@ def _slow_shares(
         mean = np.mean(of_run, axis=0)
         mean[0] -= one.shaken.theta_m_rad - one.plain.theta_m_rad
         mean[1] -= one.shaken.theta_j_rad - one.plain.theta_j_rad
-        width = shake_width(record.period_s)
+        width = averaged_rows(SLOWEST_SHAKE_HZ, record.period_s)
         errors = _left_open(record, of_run, quantum_rad, still.integral_per_s)
         found.append(Slow(low_pass(mean[0], width), low_pass(mean[1], width), errors))
     return tuple(found)
@@ -170,16 +170,15 @@ def _slow_shares(
 def _left_open(record: Record, of_run: Vector, quantum_rad: float, integral_per_s: float) -> Vector:
     """Return what dwells leave open of a run; `of_run` (n, 2, rows): what counting does in each simulation."""
     spread = of_run - np.mean(of_run, axis=0)
-    slowly = max(3, round(1.0 / (FASTEST_HZ * record.period_s)) | 1)
-    spread = low_pass(spread, slowly) / np.sqrt(max(spread.shape[0] - 1, 1))
+    spread = low_pass(spread, averaged_rows(FASTEST_HZ, record.period_s)) / np.sqrt(max(spread.shape[0] - 1, 1))
     jaw = white_deviation([record.channels["theta_j_rad"]]) if "theta_j_rad" in record.channels else 0.0
     deviations = (quantum_rad / np.sqrt(12.0), jaw or np.inf)
     return dwell_errors(spread, deviations, record.period_s, integral_per_s)
 
 
-def shake_width(period_s: float) -> int:
-    """Return the rows of the moving averages that part slow from fast."""
-    return max(3, round(1.0 / (SLOWEST_SHAKE_HZ * period_s)) | 1)
+def averaged_rows(frequency_Hz: float, period_s: float) -> int:
+    """Return the rows of moving averages that take out what is faster."""
+    return max(3, round(1.0 / (frequency_Hz * period_s)) | 1)
 
 
 def on_grid(angle: Vector, quantum_rad: float) -> bool:

@@ -140,8 +140,8 @@ def fill_run(flat: Flat, layout: Layout, run: int, outputs: Mapping[str, Vector]
 
 
 def fill(flat: Flat, part: Part, values: Vector) -> None:
-    """Put a channel of a run into its place."""
-    flat[part.start : part.stop] = spectrum_of(part, values).astype(np.complex64).view(np.float32)
+    """Put a channel of a run into its place, or each row of a matrix."""
+    flat[..., part.start : part.stop] = spectrum_of(part, values).astype(np.complex64).view(np.float32)
 
 
 def spectrum_of(part: Part, values: NDArray[np.floating]) -> NDArray[np.complexfloating]:
