@@ -157,15 +157,12 @@ def _highest(gains: Vector, least: float, places: Vector, apart: float) -> Vecto
 def _pruned(sight: _Sight, fit: _Fit, apart: float) -> _Fit:
     """Drop bends that tell nothing, one by one, and of those too close the less clear, unless both are clear."""
     while fit.at.size:
-        seen = sight.whitening @ _columns(sight, fit)
-        deviation = np.sqrt(np.diag(linalg.pinvh(seen.T @ seen)))[2 : 2 + fit.at.size]
-        clarity = (fit.bends / deviation) ** 2
+        variance = _variances(sight, _columns(sight, fit))[2 : 2 + fit.at.size]
+        clarity = fit.bends**2 / variance
         close = _close(fit.at, apart)
         least = int(np.argmin(np.where(close, clarity, np.inf) if close.any() else clarity))
-        if not close.any() and clarity[least] > STANDS_OUT:
-            break
         without = _refined(sight, np.delete(fit.at, least), PRUNING_STEPS)
-        if close.any() and without.chi2 > fit.chi2 + CLEAR:
+        if without.chi2 > fit.chi2 + (CLEAR if close.any() else STANDS_OUT):
             break
         fit = without
     return fit
@@ -241,6 +238,13 @@ def _error(sight: _Sight, fit: _Fit, period_s: float) -> Vector:
     scaled[np.diag_indices_from(scaled)] += SMALL
     root = linalg.cholesky(scaled, lower=True)
     return np.asarray((columns / size) @ linalg.solve_triangular(root, np.eye(size.size), lower=True, trans="T"))
+
+
+def _variances(sight: _Sight, columns: Vector) -> Vector:
+    """Return the variance of each unknown, all others unknown, too."""
+    seen = sight.whitening @ columns
+    size = np.linalg.norm(seen, axis=0)
+    return np.asarray(np.diag(linalg.pinvh((seen / size).T @ (seen / size))) / size**2)
 
 
 def _unseen(sight: _Sight, period_s: float) -> Vector:

@@ -16,6 +16,7 @@ TIME_S: Vector = PERIOD_S * np.arange(ROWS, dtype=np.float64)
 SD_N_M = 1e-5
 WHITE = LoadNoise(np.array([0.0, 500.0]), np.full(2, SD_N_M**2))
 COLOURED = LoadNoise(np.array([0.0, 5.0, 50.0, 500.0]), SD_N_M**2 * np.array([9.0, 9.0, 1.0, 0.3]))
+SLOW = LoadNoise(np.geomspace(0.1, 500.0, 60), SD_N_M**2 * 19.0 / (1.0 + (np.geomspace(0.1, 500.0, 60) / 16.8) ** 2))
 CORNERS_S = (0.4003, 1.1007, 1.6502, 2.3009, 3.2001, 3.9004, 4.6666, 5.3331)
 LEVELS_N_M = (0.0, 2e-3, 2e-3, -1e-3, -1e-3, 1.5e-3, 1.5e-3, 0.5e-3)
 LOAD_N_M: Vector = np.interp(TIME_S, CORNERS_S, LEVELS_N_M)
@@ -70,6 +71,11 @@ def test_a_ramp_that_slow_noise_hides_is_within_what_is_told(monkeypatch: pytest
     told, missed = distance(found.load - weak, found.error), distance(bare.load - weak, bare.error)
     assert missed > 2.0 * bare.error.shape[1]
     assert told < 0.6 * missed
+
+
+def test_noise_makes_no_bends() -> None:
+    found = [course(LOAD_N_M, SLOW, seed) for seed in range(40)]
+    assert [one.fitted for one in found if one is not None] == [2 + 3 * len(CORNERS_S)] * 40
 
 
 def test_a_hold_has_level_and_slope() -> None:
