@@ -33,7 +33,7 @@ from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.problem import Matrix, Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
 from hil_forceps.diagnosis.smoothing import drawn_noise
-from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, make_layout, transform, white_noise
+from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, make_layout, transform
 from hil_forceps.model import closed_loop, parameters
 from hil_forceps.rig.catalogue import EFFECTS
 
@@ -294,4 +294,4 @@ def noise_on(layout: Layout, measured_on: Layout, noise: Noise) -> Noise:
         nearest = np.flatnonzero(away <= away.min() + 1e-9)  # one of each run
         power.append(noise.power[nearest].mean())
         mix.append(noise.mix[nearest].mean())
-    return white_noise(layout, np.array(power))._replace(mix=np.array(mix))
+    return Noise(np.array(power), np.array(mix))

@@ -47,7 +47,6 @@ class Layout(NamedTuple):
     band_of: Bands
     band_channel: tuple[str, ...]  # channel of each band
     band_Hz: Vector  # middle of each band
-    sharer_of: Bands  # of each entry: 1 + the number of its part, where its band is shared by several; else 0
     load: tuple[LoadErrors, ...] = ()  # of each run; empty: the load has none that are known
     dwells: tuple[Matrix, ...] = ()  # of each run: other errors in the entries of the load's, one a column
 
@@ -70,28 +69,24 @@ def make_layout(
             parts.append(Part(run, name, rows, start, start + 2 * bins, window, scale))
             frequencies.append(np.repeat(np.arange(bins) / (rows * period_s[run]), 2))
             start += 2 * bins
-    band_of, sharer_of = np.zeros(start, dtype=np.intp), np.zeros(start, dtype=np.intp)
+    band_of = np.zeros(start, dtype=np.intp)
     labels: list[str] = []
     middles: list[float] = []
     for name in dict.fromkeys(part.channel for part in parts):
-        here = [
-            (n, part, f) for n, (part, f) in enumerate(zip(parts, frequencies, strict=True), 1) if part.channel == name
-        ]
-        edges = _edges(np.concatenate([f for _, _, f in here]))
+        here = [(part, f) for part, f in zip(parts, frequencies, strict=True) if part.channel == name]
+        edges = _edges(np.concatenate([f for _, f in here]))
         middle = np.sqrt(np.maximum(edges[:-1], 0.1) * edges[1:])
-        places = [np.searchsorted(edges[1:-1], f, side="right") for _, _, f in here]
+        places = [np.searchsorted(edges[1:-1], f, side="right") for _, f in here]
         counts = np.min([np.bincount(place, minlength=middle.size) for place in places], axis=0)
         own = counts >= OWN_ENTRIES if len(here) > 1 else np.zeros(middle.size, dtype=np.bool_)
-        for number, ((n, part, _), place) in enumerate(zip(here, places, strict=True)):
+        for number, ((part, _), place) in enumerate(zip(here, places, strict=True)):
             # Shared bands first, then those of each run.
             rank = np.where(own, np.count_nonzero(~own) + number * np.count_nonzero(own), 0)
             rank += np.where(own, np.cumsum(own), np.cumsum(~own)) - 1
             band_of[part.start : part.stop] = len(labels) + rank[place]
-            if len(here) > 1:
-                sharer_of[part.start : part.stop] = np.where(own[place], 0, n)
         middles += [*middle[~own], *np.tile(middle[own], len(here))]
         labels += [name] * (len(middles) - len(labels))
-    return Layout(tuple(parts), start, band_of, tuple(labels), np.array(middles), sharer_of)
+    return Layout(tuple(parts), start, band_of, tuple(labels), np.array(middles))
 
 
 def tapered(weights: Vector, period_s: float) -> Vector:
@@ -164,7 +159,6 @@ class Noise(NamedTuple):
 
     power: Vector  # of each band; of theta_j_rad what is left once the motor's share is taken out
     mix: NDArray[np.complex128]  # of each band of theta_j_rad: its part that follows theta_m_rad
-    loudness: Vector  # of each part in the bands that it shares, over that of all; before these 1, of all other entries
 
 
 class Whitener(NamedTuple):
@@ -236,7 +230,7 @@ def pairs(layout: Layout) -> list[tuple[Part, Part]]:
 
 def white_noise(layout: Layout, power: Vector) -> Noise:
     """Return noise of that power whose channels have nothing to do with each other."""
-    return Noise(power, np.zeros(len(layout.band_channel), dtype=np.complex128), np.ones(1 + len(layout.parts)))
+    return Noise(power, np.zeros(len(layout.band_channel), dtype=np.complex128))
 
 
 def measure_noise(layout: Layout, whitener: Whitener, white: Flat, fitted: Matrix) -> Noise:
@@ -246,33 +240,19 @@ def measure_noise(layout: Layout, whitener: Whitener, white: Flat, fitted: Matri
     """
     bands = len(layout.band_channel)
     left = whitener.sensors(white).astype(np.float64)
-    freedom = whitener.freedom(fitted)
-    free = np.bincount(layout.band_of, weights=freedom, minlength=bands)
+    free = np.bincount(layout.band_of, weights=whitener.freedom(fitted), minlength=bands)
     count = np.bincount(layout.band_of, minlength=bands)
     if layout.load:
         total = np.bincount(layout.band_of, weights=left**2, minlength=bands)
         before = np.bincount(layout.band_of, weights=whitener.factor.astype(np.float64) ** -2, minlength=bands)
         power = (total + LEAST_FREEDOM * before / np.maximum(count, 1)) / (free + LEAST_FREEDOM)
-        return white_noise(layout, power)._replace(loudness=_loudness(layout, left**2 / power[layout.band_of], freedom))
+        return white_noise(layout, power)
     mix = _mix(layout, left)
     for motor, jaw in pairs(layout):
         bins = left[motor.start : motor.stop].view(np.complex128)
         left[jaw.start : jaw.stop].view(np.complex128)[:] -= mix[layout.band_of[jaw.start : jaw.stop : 2]] * bins
     total = np.bincount(layout.band_of, weights=left**2, minlength=bands)
-    return white_noise(layout, np.asarray(total / np.maximum(free, 0.25 * count)))._replace(mix=mix)
-
-
-def _loudness(layout: Layout, powers: Vector, freedom: Vector) -> Vector:
-    """Return how loud each part is in the bands that it shares; `powers`: of each entry, over that of its band.
-
-    Runs differ: where a jaw is held to something springy its noise had four times the power of that in other runs.
-    """
-    parts = 1 + len(layout.parts)
-    total = np.bincount(layout.sharer_of, weights=powers, minlength=parts)
-    free = np.bincount(layout.sharer_of, weights=freedom, minlength=parts)
-    loudness = (total + LEAST_FREEDOM) / (free + LEAST_FREEDOM)
-    loudness[0] = 1.0
-    return np.asarray(loudness)
+    return Noise(np.asarray(total / np.maximum(free, 0.25 * count)), mix)
 
 
 def _mix(layout: Layout, left: Vector) -> NDArray[np.complex128]:
@@ -296,8 +276,7 @@ def whitening(layout: Layout, noise: Noise, mapper: Mapper = map) -> Whitener:
     both = pairs(layout) if noise.mix.any() else []
     mixes = [noise.mix[layout.band_of[jaw.start : jaw.stop : 2]] for _, jaw in both]
     mix = np.concatenate(mixes) if mixes else np.empty(0)
-    power = noise.power[layout.band_of] * noise.loudness[layout.sharer_of]
-    factor = np.asarray(1.0 / np.sqrt(power), dtype=np.float32)
+    factor = np.asarray((1.0 / np.sqrt(noise.power))[layout.band_of], dtype=np.float32)
     load = tuple(decompose(_together(layout.load, layout.dwells), factor, mapper))
     places = tuple((jaw.start, jaw.stop, motor.start) for motor, jaw in both)
     return Whitener(factor, places, mix.astype(np.complex64), load, mapper)

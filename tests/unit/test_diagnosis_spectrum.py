@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.low_rank import LoadErrors
 from hil_forceps.diagnosis.smoothing import LoadNoise, smooth_load
 from hil_forceps.diagnosis.spectrum import (
     Flat,
@@ -186,8 +185,7 @@ def test_undo_is_the_inverse_and_columns_are_whitened_alike() -> None:
     rng = np.random.default_rng(6)
     bands = len(layout.band_channel)
     mix = np.where([name == "theta_j_rad" for name in layout.band_channel], 0.7 + 0.2j, 0.0)
-    loudness = rng.uniform(0.5, 2.0, 1 + len(layout.parts))
-    whitener = whitening(layout, Noise(rng.uniform(0.5, 2.0, bands), mix, loudness))
+    whitener = whitening(layout, Noise(rng.uniform(0.5, 2.0, bands), mix))
     flat = rng.standard_normal((layout.size, 2)).astype(np.float32)
     white = whitener.apply(flat)
     assert white[:, 1] == pytest.approx(whitener.apply(flat[:, 1]), abs=1e-5)
@@ -216,25 +214,3 @@ def test_what_a_fit_has_used_up_counts_as_noise() -> None:
     found = measured(layout, flat, used)
     assert found.power[3] == pytest.approx(one.size / (one.size - one.size // 2))
     assert np.delete(found.power, 3) == pytest.approx(np.ones(len(layout.band_channel) - 1))
-
-
-def test_a_run_that_is_louder_where_bands_are_shared_makes_no_other_one_loud() -> None:
-    rng = np.random.default_rng(11)
-    layout = make_layout([("theta_m_rad", "theta_j_rad")] * 3, [np.ones(ROWS)] * 3, [PERIOD_S] * 3)
-    none = LoadErrors(np.empty(0, dtype=np.intp), np.empty((0, 0), dtype=np.float32))
-    layout = layout._replace(load=(none, none, none))  # the load's errors are known, and are none
-    loud = (1.0, 3.0, 0.5)
-    outputs = [{n: much * rng.standard_normal(ROWS) for n in ("theta_m_rad", "theta_j_rad")} for much in loud]
-    flat = transform(layout, outputs)
-    whitener = whitening(layout, white_noise(layout, np.ones(len(layout.band_channel))))
-    for _ in range(3):
-        noise = measure_noise(layout, whitener, whitener.apply(flat), np.empty((layout.size, 0), dtype=np.float32))
-        whitener = whitening(layout, noise)
-    white = whitener.apply(flat)
-    for n, much in enumerate(loud):
-        for number, part in enumerate(layout.parts, 1):
-            if part.run == n:
-                shared = np.flatnonzero(layout.sharer_of == number)
-                assert 100 < shared.size < 0.5 * (part.stop - part.start)
-                assert np.mean(white[shared] ** 2) == pytest.approx(1.0, rel=0.25)
-                assert noise.loudness[number] == pytest.approx(much**2 / np.mean(np.square(loud)), rel=0.4)

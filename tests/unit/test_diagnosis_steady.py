@@ -12,7 +12,7 @@ from hil_forceps.diagnosis.linear import columns, responses
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.probing import probe_columns
 from hil_forceps.diagnosis.score import score
-from hil_forceps.diagnosis.spectrum import make_layout, white_noise
+from hil_forceps.diagnosis.spectrum import Noise, make_layout
 from tests.hidden_effects.generator import RIG, make_case
 
 OFFSET_A = 1.5e-4
@@ -66,6 +66,6 @@ def test_floors_count_the_angle_as_it_was_measured() -> None:
     added = 12.5
     summed = 1.0 + (added / (2.0 * np.pi * layout.band_Hz)) ** 2
     power = np.where(motor, 1e-8 * summed, 4e-8)
-    floors = floors_of(white_noise(layout, power), layout, added)
+    floors = floors_of(Noise(power, np.zeros(power.size, dtype=np.complex128)), layout, added)
     assert floors["theta_m_rad"] == pytest.approx(1e-4, rel=1e-6)
     assert floors["theta_j_rad"] == pytest.approx(2e-4, rel=1e-6)
