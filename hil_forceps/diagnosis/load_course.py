@@ -20,7 +20,6 @@ from hil_forceps.diagnosis.smoothing import (
     local_cutoff,
     noise_filter,
     smooth_load,
-    whitening_matrix,
 )
 from hil_forceps.diagnosis.straight import BLOCKS, PieceCourse, straight_course
 
@@ -62,9 +61,8 @@ def load_course(tau_w: Vector, edge_rows: NDArray[np.intp], period_s: float, noi
     fitted = linalg.block_diag(*(course.error[:, : course.fitted] for course in found))
     unseen = linalg.block_diag(*(course.error[:, course.fitted :] for course in found))
     error = np.concatenate((fitted, _instants(small, load), unseen), axis=1).astype(np.float32)
-    return LoadCourse(
-        load, error, all(a is b for a, b in zip(found, straight, strict=True)), error.shape[1] - unseen.shape[1]
-    )
+    as_straight = all(course is each for course, each in zip(found, straight, strict=True))
+    return LoadCourse(load, error, as_straight, error.shape[1] - unseen.shape[1])
 
 
 def _instants(small: Sequence[SmallJump], load: Vector) -> Vector:
@@ -83,11 +81,9 @@ def _likelier(course: PieceCourse | None, piece: Vector, cutoff: Vector, white: 
     spline has 105, and was off by 487 of χ² where the spline is by 137). Akaike, IEEE Trans. Autom. Control 19, 1974.
     """
     smooth = smooth_course(piece, cutoff, white)
-    if course is not None:
-        left = whitening_matrix(white, piece.size) @ (piece - course.load)
-        if float(left @ left) + 2.0 * course.fitted < smooth.chi2 + 2.0 * smooth.freedom:
-            return course
-    return PieceCourse(smooth.load, smooth.error, smooth.error.shape[1])
+    if course is not None and course.chi2 + 2.0 * course.fitted < smooth.chi2 + 2.0 * smooth.freedom:
+        return course
+    return PieceCourse(smooth.load, smooth.error, smooth.error.shape[1], smooth.chi2)
 
 
 def _cutoff(piece: Vector, white: NoiseFilter) -> Vector:

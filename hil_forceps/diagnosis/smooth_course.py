@@ -22,7 +22,7 @@ Vector = NDArray[np.float64]
 
 DEGREE = 5
 KNOTS = 4.0  # in a period of the fastest that smoothing would let through; two would just hold it
-MOST_PER_ROW = 0.5  # knots
+HIGHEST = 0.125  # cutoff that knots are made for: there is one in two rows then
 ORDERS = (2, 3, 4, 5, 6)  # of the differences
 FOLLOWS = (0.0, 0.5, 1.0)  # how much closer the knots are where the load bends more: the power of its local cutoff
 SLACKEST = 1.5  # of the logarithm to base 2 of a cutoff, over that which the knots are made for
@@ -56,7 +56,7 @@ class _Likeliest(NamedTuple):
 
 def knot_count(cutoff: Vector) -> float:
     """Return about how many knots the course of a load has, at most; `cutoff`: of its smoothing, row by row."""
-    return KNOTS * float(np.minimum(cutoff, MOST_PER_ROW / KNOTS).sum())
+    return KNOTS * float(np.minimum(cutoff, HIGHEST).sum())
 
 
 def smooth_course(piece: Vector, cutoff: Vector, white: NoiseFilter) -> SmoothCourse:
@@ -84,7 +84,7 @@ def smooth_course(piece: Vector, cutoff: Vector, white: NoiseFilter) -> SmoothCo
 def _knots(cutoff: Vector, follows: float) -> Vector:
     """Return a spline's knots, in rows; closer where the load bends more, by that power of its cutoff."""
     rows = cutoff.size
-    cutoff = np.minimum(cutoff, MOST_PER_ROW / KNOTS)
+    cutoff = np.minimum(cutoff, HIGHEST)
     usual = np.exp(np.mean(np.log(cutoff)))
     until = np.concatenate(([0.0], np.cumsum(KNOTS * usual * (cutoff / usual) ** follows)))
     count = max(1, min(math.ceil(until[-1]), rows - DEGREE))
@@ -115,8 +115,8 @@ def _likeliest(seen: _Seen, size: float, order: int) -> _Likeliest:
     count = seen.slope.size
     if count <= order + 1:
         return _Likeliest(math.inf, seen, seen.normal)
-    held = sparse.coo_array(_differences(count, order).T @ _differences(count, order))
-    bands = _bands(held, seen.normal.shape[0] - 1)
+    differences = _differences(count, order)
+    bands = _bands(sparse.coo_array(differences.T @ differences), seen.normal.shape[0] - 1)
     # As strong as the measurement of a coefficient at the frequency that the knots are made for.
     usual = float(np.median(seen.normal[0])) / (2.0 * math.sin(math.pi / KNOTS)) ** (2 * order)
     known = _log_determinant(count, order) - 2.0 * order * math.log(size)

@@ -52,6 +52,7 @@ class PieceCourse(NamedTuple):
     load: Vector
     error: Vector
     fitted: int  # how many of them, the first, the load was fitted with
+    chi2: float  # what it leaves of the load
 
 
 class _Fit(NamedTuple):
@@ -89,7 +90,7 @@ def straight_course(piece: Vector, block: int, period_s: float, noise: LoadNoise
         return None
     if local_cutoff(piece - fit.load, every.white).mean() > SLOWEST * CUTOFFS[0]:
         return None
-    return PieceCourse(fit.load, _error(every, fit, period_s), 2 + 3 * fit.at.size)
+    return PieceCourse(fit.load, _error(every, fit, period_s), 2 + 3 * fit.at.size, fit.chi2)
 
 
 def _sight(piece: Vector, block: int, period_s: float, noise: LoadNoise) -> _Sight:
