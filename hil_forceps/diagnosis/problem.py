@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -18,6 +19,8 @@ Outputs = list[dict[str, Vector]]
 
 EDGE_SD = 0.29  # of a number that is uniform between 0 and 1
 EDGE_STEP = 0.02
+HALF = 0.5 / EDGE_SD  # the ends of a fraction, from the middle
+OWN_STEP = 0.1  # of a run's zero and integral, in standard deviations
 RESPONSE_S = 0.2  # a jump of the load has died away after this
 
 
@@ -119,8 +122,8 @@ class Problem:
         least, greatest = [low], [high]
         for record in self.records:
             edges = record.edge_rows.size
-            least.append(np.concatenate(([-np.inf, -np.inf], np.full(edges, -0.5 / EDGE_SD))))
-            greatest.append(np.concatenate(([np.inf, np.inf], np.full(edges, 0.5 / EDGE_SD))))
+            least.append(np.concatenate(([-np.inf, -np.inf], np.full(edges, -HALF))))
+            greatest.append(np.concatenate(([np.inf, np.inf], np.full(edges, HALF))))
         return np.concatenate(least), np.concatenate(greatest)
 
     def simulate(self, u: Vector) -> Outputs:
@@ -155,27 +158,27 @@ class Problem:
         columns = np.zeros((self.layout.size, self.nuisance_count), dtype=np.float32)
         starts = np.cumsum([0, *(2 + record.edge_rows.size for record in self.records)])
 
-        def moved(task: tuple[str, float]) -> Outputs:
-            kind, step = task
-            v = u.copy()
-            for start, record in zip(starts, self.records, strict=False):
-                offset = {"zero": 0, "integral": 1}.get(kind, 2)
-                if kind == "edges":
-                    v[first + start + 2 : first + start + 2 + record.edge_rows.size] += step
-                else:
-                    v[first + start + offset] += step
-            return difference(self._simulate_in_task(v), outputs, step)
+        # A fraction at its upper end is moved down: beyond it nothing changes, and a column of nothing let its prior
+        # draw it to the middle, at tens of thousands of χ², so that the fit ended there.
+        edge_steps = [_edge_steps(u[first + a + 2 : first + b]) for a, b in pairwise(starts)]
 
-        # Away from the nearer end: fractions are clipped to 0..1.
-        tasks = [("zero", 0.1), ("integral", 0.1)]
-        if any(record.edge_rows.size for record in self.records):
-            tasks.append(("edges", EDGE_STEP / EDGE_SD))
-        results = dict(zip((kind for kind, _ in tasks), self.mapper(moved, tasks), strict=True))
+        def moved(kind: str) -> Outputs:
+            v = u.copy()
+            for start, steps in zip(starts, edge_steps, strict=False):
+                at = first + start
+                if kind == "edges":
+                    v[at + 2 : at + 2 + steps.size] += steps
+                else:
+                    v[at + (0 if kind == "zero" else 1)] += OWN_STEP
+            return difference(self._simulate_in_task(v), outputs, 1.0 if kind == "edges" else OWN_STEP)
+
+        kinds = ["zero", "integral", *(["edges"] if any(steps.size for steps in edge_steps) else [])]
+        results = dict(zip(kinds, self.mapper(moved, kinds), strict=True))
         for k, (start, record) in enumerate(zip(starts, self.records, strict=False)):
             fill_run(columns[:, start], self.layout, k, results["zero"][k])
             fill_run(columns[:, start + 1], self.layout, k, results["integral"][k])
-            for j, window in enumerate(_windows(record)):
-                part = {name: _only(values, window) for name, values in results["edges"][k].items()}
+            for j, (window, step) in enumerate(zip(_windows(record), edge_steps[k], strict=True)):
+                part = {name: _only(values, window) / step for name, values in results["edges"][k].items()}
                 fill_run(columns[:, start + 2 + j], self.layout, k, part)
         return columns
 
@@ -188,6 +191,12 @@ class Problem:
 def difference(after: Outputs, before: Outputs, step: float) -> Outputs:
     """Return (after − before)/step for every channel of every run."""
     return [{name: (a[name] - b[name]) / step for name in a} for a, b in zip(after, before, strict=True)]
+
+
+def _edge_steps(u: Vector) -> Vector:
+    """Return how far the fraction of each jump is moved for its sensitivity."""
+    step = EDGE_STEP / EDGE_SD
+    return np.where(u + step <= HALF, step, -step)
 
 
 def _windows(record: Record) -> list[tuple[int, int]]:

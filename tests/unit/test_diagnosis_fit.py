@@ -25,7 +25,7 @@ from hil_forceps.diagnosis.fit import (
     hold_nuisances,
 )
 from hil_forceps.diagnosis.mapper import Mapper
-from hil_forceps.diagnosis.problem import Nuisance, Outputs, Problem
+from hil_forceps.diagnosis.problem import EDGE_SD, Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.spectrum import Whitener, make_layout, transform, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknown, Unknowns
 
@@ -252,3 +252,35 @@ def test_a_direction_that_only_the_prior_knows_keeps_the_prior_s_deviation() -> 
 def test_gram_keeps_small_entries() -> None:
     left = np.random.default_rng(6).standard_normal((200_000, 2)).astype(np.float32)
     assert gram(left, left) == pytest.approx(left.astype(float).T @ left.astype(float), rel=1e-4, abs=1.0)
+
+
+def jumping(theta: Vector, nuisances: Sequence[Nuisance]) -> Outputs:
+    """Return a sine and two pulses, each the higher the earlier in its row it begins."""
+    late = [np.where((TIME > 1.0) & (TIME < 1.1), 1.0 - n.edge_fractions[0], 0.0) for n in nuisances]
+    later = [np.where((TIME > 5.0) & (TIME < 5.1), 1.0 - n.edge_fractions[1], 0.0) for n in nuisances]
+    sines = response(theta, nuisances)
+    return [{"theta_j_rad": s["theta_j_rad"] + a + b} for s, a, b in zip(sines, late, later, strict=True)]
+
+
+@pytest.mark.parametrize(
+    "fractions", [(1.0, 0.4), (0.0, 0.995)], ids=["at the upper end", "at the lower, near the upper"]
+)
+def test_a_jump_at_an_end_of_its_row_is_felt_and_does_not_end_a_fit(fractions: tuple[float, float]) -> None:
+    items = (unknown("amplitude", 1.9, 1.0, prior=False), unknown("frequency", 1.3, 0.1, prior=False))
+    problem, whitener = toy(items, 3)
+    edges = np.array([100, 500], dtype=np.intp)
+    [clean] = jumping(TRUE, [Nuisance(0.0, 0.0, np.array(fractions))])
+    noise = SD * np.random.default_rng(3).standard_normal(ROWS)
+    measured = transform(problem.layout, [{"theta_j_rad": clean["theta_j_rad"] + noise}])
+    records = (problem.records[0]._replace(edge_rows=edges),)
+    problem = replace(problem, records=records, measured=measured, simulate_runs=Toy(jumping))
+    _, high = problem.bounds()
+    at_end = np.r_[0.0, 0.0, 0.0, 0.0, np.minimum(high[4:], (np.array(fractions) - 0.5) / EDGE_SD)]
+    columns = whitener.apply(problem.jacobian(at_end, problem.simulate(at_end)))[:, 4:]
+    middle = at_end.copy()
+    middle[4:] = 0.0
+    usual = whitener.apply(problem.jacobian(middle, problem.simulate(middle)))[:, 4:]
+    np.testing.assert_allclose(np.linalg.norm(columns, axis=0), np.linalg.norm(usual, axis=0), rtol=0.05)
+    fitted = fit(problem, at_end, whitener)
+    np.testing.assert_allclose(problem.nuisances(fitted.u)[0].edge_fractions, fractions, atol=0.06)
+    assert problem.shared.values(fitted.u[:2])[0] == pytest.approx(TRUE[0], abs=0.01)
