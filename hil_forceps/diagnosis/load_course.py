@@ -26,6 +26,7 @@ from hil_forceps.diagnosis.straight import BLOCKS, PieceCourse, straight_course
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float32]
 
+CLEARLY = 10.0  # of χ²: between jumps most pieces are one line by either course, and differ by less than half of it
 MOST_KNOTS = 2000  # of a run: some 50 s of work; each is a column of its noise
 
 
@@ -75,13 +76,14 @@ def _instants(small: Sequence[SmallJump], load: Vector) -> Vector:
 
 
 def _likelier(course: PieceCourse | None, piece: Vector, cutoff: Vector, white: NoiseFilter) -> PieceCourse:
-    """Return a course of straight pieces, if it is likelier than a smooth one by what both leave and how free they are.
+    """Return a course of straight pieces, unless a smooth one is clearly likelier.
 
-    Any load can be cut into pieces so short that its noise hides how they bend (a smooth one's had 170 unknowns where a
-    spline has 105, and was off by 487 of χ² where the spline is by 137). Akaike, IEEE Trans. Autom. Control 19, 1974.
+    Both by what they leave and how free they are. Any load can be cut into pieces so short that its noise hides how
+    they bend (a smooth one's had 170 unknowns where a spline has 105, and was off by 487 of χ² where the spline is by
+    137). Akaike, IEEE Trans. Autom. Control 19, 1974.
     """
     smooth = smooth_course(piece, cutoff, white)
-    if course is not None and course.chi2 + 2.0 * course.fitted < smooth.chi2 + 2.0 * smooth.freedom:
+    if course is not None and course.chi2 + 2.0 * course.fitted < smooth.chi2 + 2.0 * smooth.freedom + CLEARLY:
         return course
     return PieceCourse(smooth.load, smooth.error, smooth.error.shape[1], smooth.chi2)
 

@@ -18,6 +18,7 @@ from scipy import linalg, sparse
 
 from hil_forceps.diagnosis.smoothing import (
     CUTOFFS,
+    FEWEST_ROWS,
     LoadNoise,
     NoiseFilter,
     local_cutoff,
@@ -79,9 +80,10 @@ def straight_course(piece: Vector, block: int, period_s: float, noise: LoadNoise
 
     `block`: rows of a block in which bends are sought first.
     """
-    if piece.size < FEWEST_BLOCKS * block:
+    if piece.size < FEWEST_ROWS:
         return None
-    at = _bends(_sight(piece, block, period_s, noise), period_s)
+    few = piece.size < FEWEST_BLOCKS * block
+    at = np.empty(0) if few else _bends(_sight(piece, block, period_s, noise), period_s)
     if at is None:
         return None
     every = _sight(piece, 1, period_s, noise)._replace(width=SMALL)

@@ -126,6 +126,19 @@ def test_a_jump_stays_where_it_is_and_rows_too_few_to_fit_stay_as_measured() -> 
     assert np.sum(error_of(noisy, edges, WHITE)[2001] ** 2) == pytest.approx(SD_N_M**2, rel=1e-3)
 
 
+def test_what_is_one_line_between_jumps_is_told_as_one() -> None:
+    edges = np.r_[199:ROWS:600, 269:ROWS:600].astype(np.intp)
+    edges.sort()
+    steps = 1e-3 * np.where(np.arange(edges.size) % 2, -1.0, 1.0)
+    load = (
+        np.concatenate([[0.0], np.cumsum(steps)])[np.searchsorted(edges, np.arange(ROWS))]
+        + 5e-5 * np.arange(ROWS) / ROWS
+    )
+    noises = [drawn_noise(np.random.default_rng(seed), ROWS, PERIOD_S, WHITE) for seed in range(10)]
+    fitted = [load_course(load + noise, edges, PERIOD_S, WHITE).fitted for noise in noises]
+    assert fitted.count(2 * (edges.size + 1)) >= 7  # none by Akaike's criterion alone
+
+
 def test_no_noise_leaves_nothing_open() -> None:
     none = LoadNoise(WHITE.frequency_Hz, np.zeros(2))
     found = load_course(LOAD_N_M, NONE, PERIOD_S, none)

@@ -130,7 +130,13 @@ def test_a_vibration_that_means_of_blocks_hide_is_seen() -> None:
 
 def test_few_rows_have_no_course() -> None:
     assert straight_course(np.zeros(7), 1, PERIOD_S, WHITE) is None
-    assert straight_course(np.zeros(70), 10, PERIOD_S, WHITE) is None
+
+
+def test_too_few_rows_to_seek_bends_in_are_one_line() -> None:
+    short = straight_course(LOAD_N_M[1800:1870], 10, PERIOD_S, WHITE)
+    assert short is not None
+    assert np.abs(short.load - LOAD_N_M[1800:1870]).max() < 1e-3 * SD_N_M
+    assert short.error.shape == (70, 2)
 
 
 def test_corners_close_to_each_other_are_a_bend() -> None:
