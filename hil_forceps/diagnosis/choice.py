@@ -20,7 +20,7 @@ from hil_forceps.diagnosis.fit import AGAIN_STEPS, Held, fit, fit_again, hold, h
 from hil_forceps.diagnosis.look import Looker, Scan
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.result import Candidate
-from hil_forceps.diagnosis.ringing import at_the_rig_s_word, in_valley_of, out_of_a_wrong_valley
+from hil_forceps.diagnosis.ringing import at_the_rig_s_word, in_valley_of, out_of_a_wrong_valley, vertex
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
 from hil_forceps.diagnosis.shortlist import NEAR_DROP, aliases, best_of_each, promising, shortlists, with_aliases
 from hil_forceps.diagnosis.spectrum import Noise, Whitener
@@ -35,7 +35,8 @@ MAX_EXCHANGED = 3  # with more, only forward and backward: each exchange looks a
 SET_DROP = 4.0
 MOST_REFRESHES = 8
 BEYOND = 4.0  # steps of a fit with its rounding taken anew, tried where one such step still helps
-ONWARD = 0.25  # of the whole way of fit and rounding in turn, tried where something is left beside where it ended
+ONWARD = 0.25  # of the whole way of fit and rounding in turn: how far beyond its end is looked at
+MOST_STRIDES = 6  # of that
 WAYS, WAYS_EFFECTS = 3, 3  # how many ways up are tried, and how far
 CLEARLY = 4.0  # times what an effect must gain: no better fit without it takes that away
 SETTLED = 10.0  # of χ²: where friction holds, the rounding as it was for one speed of its film keeps that speed
@@ -79,15 +80,10 @@ def _from(problem: Problem, u: Vector, model: Model, whitener: Whitener) -> Mode
     return replace(model, problem=problem, fit=fit(problem, u, whitener, steps=AGAIN_STEPS))
 
 
-def _moved(model: Model, before: Vector, steps: float) -> Model:
-    """Return a model whose unknowns go on as they went from before, by that many times as far, to be taken anew there.
-
-    The rounding is taken from what a model leaves, so it holds some of what the model lacks; fit and rounding in turn
-    go a little of the way each time, always the same way. χ² isn't known there: infinite.
-    """
+def _moved(model: Model, stride: Vector) -> Model:
+    """Return a model with its unknowns moved, to be taken anew there: χ² isn't known, and infinite."""
     low, high = model.problem.bounds()
-    u = np.clip(model.fit.u + steps * (model.fit.u - before), low, high)
-    return replace(model, fit=model.fit._replace(u=u, chi2=math.inf))
+    return replace(model, fit=model.fit._replace(u=np.clip(model.fit.u + stride, low, high), chi2=math.inf))
 
 
 def _named_first(candidates: Iterable[Candidate], name: str) -> list[Candidate]:
@@ -120,7 +116,6 @@ class Chooser:
         self._driven = driven  # by the measured motion
         self._candidates: list[Candidate] = []
         self._first_chi2 = 0.0
-        self._began: dict[tuple[str, ...], Vector] = {}  # where the last way of fit and rounding in turn set out
 
     def choose(self, baseline: Model, whitener: Whitener) -> Choice:
         """Choose from the refitted baseline on; `whitener` is a first guess of the noise."""
@@ -145,27 +140,6 @@ class Chooser:
         model, scan, whitener, noise = self._look(way.model, way.whitener)
         way = replace(way, model=model, scan=scan, whitener=whitener, noise=noise)
         return self._grown(way, self._refined(model, scan, whitener, len(model.effects)))
-
-    def onward(self, choice: Choice) -> Choice:
-        """Fit the chosen model again from further along the way that it came; the same choice where that is no better.
-
-        A rounding that is taken beside a model suits that model, and fit and rounding in turn end where neither moves
-        the other: at a film's speed a fifth too high, 60 to 250 of χ² above where they end otherwise.
-        """
-        end, whitener = choice.model, choice.whitener
-        began = self._began.get(end.effects)
-        if began is None or began.size != end.fit.u.size:
-            return choice
-        again = self._settled(_moved(end, began, ONWARD), whitener)
-        if again.worth > end.worth - SETTLED:
-            return choice
-        again, scan, whitener, noise = self._seen(again, whitener)
-        others = [rival.model for rival in choice.rivals if rival.model is not end]
-        model, rivals = self._compared([Rival(again, 0.0)], others, end.worth, whitener)
-        if model is not again:
-            model, scan, whitener, noise = self._seen(model, whitener)
-        start = replace(choice, model=model, rivals=tuple(rivals), scan=scan, whitener=whitener, noise=noise)
-        return self._grown(start, self._refined(model, scan, whitener, len(model.effects)))
 
     def further(self, choice: Choice) -> Choice:
         """Go on from a choice beside which something is left; the same choice where that leads nowhere.
@@ -244,13 +218,29 @@ class Chooser:
 
     def _refitted(self, model: Model, whitener: Whitener) -> Model:
         """Fit a model to the end; where that leads far from the rig's inertias, from those, too."""
-        self._began[model.effects] = model.fit.u
         found = self._settled(model, whitener)
+        if model.effects and not self._driven:
+            found = self._onward(found, ONWARD * (found.fit.u - model.fit.u), whitener)
         other = at_the_rig_s_word(found.problem, found.fit.u)
         if other is None:
             return found
         again = self._settled(_from(*other, found, whitener), whitener)
         return min(found, again, key=lambda m: m.worth)
+
+    def _onward(self, model: Model, stride: Vector, whitener: Whitener) -> Model:
+        """Go on the way that fit and rounding in turn have come, to where χ² is least with the rounding of each place.
+
+        A rounding that is taken beside a model suits that model: in turn they move a friction by a hundredth each time,
+        from above and from below to where neither moves the other, which is 60 to 700 of χ² above the least.
+        """
+        held = hold(model.fit.jacobian, len(model.problem.shared.items), whitener)
+        gone = [model]
+        while len(gone) <= MOST_STRIDES and (len(gone) < 2 or gone[-1].worth < gone[-2].worth - SETTLED):
+            gone.append(self._anew(_moved(gone[-1], stride), whitener, held))
+        if len(gone) > 2:
+            aside = vertex([-1.0, 0.0, 1.0], [each.worth for each in gone[-3:]])
+            gone.append(self._anew(_moved(gone[-2], aside * stride), whitener, held))
+        return min(gone, key=lambda m: m.worth)
 
     def _settled(self, model: Model, whitener: Whitener) -> Model:
         """Fit a model, what hangs on it taken anew as long as that helps."""
@@ -265,7 +255,7 @@ class Chooser:
             held = hold(found.fit.jacobian, len(found.problem.shared.items), whitener)
             again = self._anew(found, whitener, held)
             if goes_on and found.worth - again.worth > SETTLED:
-                beyond = self._anew(_moved(again, found.fit.u, BEYOND), whitener, held)
+                beyond = self._anew(_moved(again, BEYOND * (again.fit.u - found.fit.u)), whitener, held)
                 goes_on = beyond.worth < again.worth
                 again = min(again, beyond, key=lambda m: m.worth)
             found = min(found, again, key=lambda m: m.worth)

@@ -140,7 +140,7 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
         return left_unseen(model, held_records, rig, refresh, options.seed)
 
     baseline, before, after, unseen = _left(setting, baseline, choice, responses, options, unseen_beside)
-    for times, again in ((1.0, chooser.onward), (1.0, chooser.further), (OVER_CHANCE, chooser.instead)):
+    for times, again in ((1.0, chooser.further), (OVER_CHANCE, chooser.instead)):
         if after.gain <= times * after.threshold or records[0].mode == "driven":
             break
         found = again(choice)

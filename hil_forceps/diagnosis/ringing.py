@@ -10,6 +10,8 @@ trapezoids held out χ² was least 3 % off with the instants as they were, and 4
 own beside each inertia.
 """
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -197,16 +199,16 @@ def beside_own_unknowns(problem: Problem, u: Vector, place: int, whitener: White
         if three[2].chi2 >= three[1].chi2:
             break
         three = (three[1], three[2], at(three[2].inertia_kg_m2 * factor, three[2].u))
-    return min((*three, at(_vertex(three), three[1].u)), key=lambda point: point.chi2).u
+    middle = three[1].inertia_kg_m2
+    aside = vertex([point.inertia_kg_m2 / middle - 1.0 for point in three], [point.chi2 for point in three])
+    return min((*three, at(middle * (1.0 + aside), three[1].u)), key=lambda point: point.chi2).u
 
 
-def _vertex(points: tuple[_Point, _Point, _Point]) -> float:
-    """Return where the parabola through three points is least, or the middle one where it isn't between them."""
-    middle = points[1].inertia_kg_m2
-    x = np.array([point.inertia_kg_m2 / middle - 1.0 for point in points])
-    square, slope, _ = np.polyfit(x, [point.chi2 for point in points], 2)
-    least = -0.5 * slope / square if square > 0.0 else 0.0
-    return float(middle * (1.0 + least)) if x.min() < least < x.max() else middle
+def vertex(x: Sequence[float], values: Sequence[float]) -> float:
+    """Return where the parabola through three points is least; the middle one where that isn't between them."""
+    square, slope, _ = np.polyfit(x, values, 2)
+    least = -0.5 * slope / square if square > 0.0 else math.inf
+    return float(least) if min(x) < least < max(x) else x[1]
 
 
 def _beside(deep: NDArray[np.bool_]) -> NDArray[np.bool_]:

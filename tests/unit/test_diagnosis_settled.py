@@ -1,6 +1,5 @@
 """A fit and the rounding that is taken anew beside it, in turn: where each turn goes a little of the way."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis import choice
-from hil_forceps.diagnosis.choice import Choice, Chooser, Rival
+from hil_forceps.diagnosis.choice import Chooser
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import Held
 
@@ -73,53 +72,43 @@ def test_what_lies_beyond_counts_only_where_it_is_better(monkeypatch: pytest.Mon
 
 
 def test_a_place_beyond_keeps_to_the_bounds() -> None:
-    assert choice._moved(at(4.9), at(0.0).fit.u, 4.0).fit.u[0] == 5.0
+    assert choice._moved(at(4.9), np.array([4.0])).fit.u[0] == 5.0
 
 
 class Trapped(Slow):
-    """A turn doesn't leave a place between the beginning and the end."""
+    """Fit and rounding in turn come to a place short of the end, from either side of it."""
 
-    def __init__(self) -> None:
-        super().__init__(driven=False)
-        self._looker = cast("Any", SimpleNamespace(inflation={}))
+    def __init__(self, *, driven: bool = False, trap: float = 0.6) -> None:
+        super().__init__(driven=driven)
+        self.trap, self.turns = trap, 0
 
     def _anew(self, model: Model, *_: Any) -> Model:
+        self.turns += 1
         place = float(model.fit.u[0])
-        return at(place) if 0.7 < place < 0.8 else super()._anew(model)
+        return at(place + SHARE * (self.trap - place))
 
-    def _seen(self, model: Model, whitener: Any) -> Any:
-        return model, None, whitener, None
 
-    def _refined(self, *_: Any, **__: Any) -> list[Model]:
-        return []
-
-    def _grown(self, choice: Choice, *_: Any) -> Choice:
-        return choice
-
-    def chosen(self, began: float, end: float) -> Choice:
-        self._began[at(end).effects] = np.array([began])
-        others = (Rival(at(end), 0.0), Rival(replace(at(end), effects=("stribeck_friction",)), 1.0))
-        nothing = cast("Any", None)
-        return Choice(others[0].model, others, (), nothing, nothing, nothing, {})
-
-    def _as_far(self, other: Model, *_: Any) -> Model:
-        return other
+def refitted(monkeypatch: pytest.MonkeyPatch, chooser: Trapped) -> float:
+    monkeypatch.setattr(choice, "at_the_rig_s_word", lambda *_: None)
+    return float(chooser._refitted(at(0.0), cast("Any", None)).fit.u[0])
 
 
 @pytest.mark.usefixtures("_nothing_else")
-def test_a_way_that_ended_early_is_gone_to_its_end_from_further_on() -> None:
-    chooser = Trapped()
-    start = chooser.chosen(0.0, 0.75)
-    assert chooser._settled(start.model, cast("Any", None)).fit.u[0] == 0.75
-    found = chooser.onward(start)
-    assert found.model.fit.u[0] == pytest.approx(END, abs=0.07)
-    assert [rival.model for rival in found.rivals] == [found.model]  # the other is far behind now
+@pytest.mark.parametrize("trap", [0.45, 0.6, 0.8])
+def test_where_turns_end_is_left_for_where_chi2_is_least(trap: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Trapped(trap=trap)._settled(at(0.0), cast("Any", None)).fit.u[0] == pytest.approx(trap, abs=0.1)
+    assert refitted(monkeypatch, Trapped(trap=trap)) == pytest.approx(END, abs=0.15)
 
 
 @pytest.mark.usefixtures("_nothing_else")
-def test_a_choice_stays_where_further_on_is_no_better() -> None:
-    chooser = Trapped()
-    start = chooser.chosen(0.75, 0.75)
-    assert chooser.onward(start) is start
-    chooser._began.clear()
-    assert chooser.onward(start) is start
+def test_where_going_on_is_no_better_one_look_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    stays, goes_on = Trapped(trap=END), Trapped(trap=END)
+    place = float(stays._settled(at(0.0), cast("Any", None)).fit.u[0])
+    assert refitted(monkeypatch, goes_on) == place
+    assert goes_on.turns == stays.turns + 1
+
+
+@pytest.mark.usefixtures("_nothing_else")
+def test_driven_by_motion_nothing_is_gone_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    chooser = Trapped(driven=True)
+    assert refitted(monkeypatch, chooser) < chooser.trap
