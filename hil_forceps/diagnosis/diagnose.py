@@ -18,7 +18,7 @@ from hil_forceps.diagnosis.fit import fit, fit_again, hold_nuisances
 from hil_forceps.diagnosis.jaw_zero import without_jaw_zero
 from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover, curves_along, leftover, whitened
 from hil_forceps.diagnosis.linear import Response
-from hil_forceps.diagnosis.load_noise import beside_straight, load_noise, load_noise_driven
+from hil_forceps.diagnosis.load_noise import beside_straight, load_noise, load_noise_driven, louder
 from hil_forceps.diagnosis.look import Looker, no_columns, noise_of
 from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.predict import ClosedLoop
@@ -204,7 +204,11 @@ def without_load_noise(
     def with_courses(noise: LoadNoise) -> list[Record]:
         return list(options.mapper(lambda record: with_load_course(record, noise), (*records, *held_out)))
 
-    found = with_courses(noise)
+    found = with_courses(louder(noise))
+    if any(record.straight for record in found):
+        noise = louder(noise)
+    else:
+        found = with_courses(noise)
     for _ in range(COURSES):
         better = beside_straight(found, noise)
         if better is noise or np.all(np.abs(np.log(better.power / noise.power)) < ANOTHER_NOISE):

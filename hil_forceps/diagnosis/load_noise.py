@@ -27,6 +27,7 @@ FEWEST_BINS = 12
 ALONE_HZ = 100.0  # from here on the load's own spectrum is that of its noise
 EDGE_ROWS = 4
 QUIETER = 0.35  # quantile over the runs
+LOUDER = 2.0  # times the power
 MOST_TAKEN = 0.8  # of the noise, by a course
 PASSED = 0.14  # of the rate of rows: below it the low pass of runs driven by their motion lets all through
 
@@ -86,6 +87,15 @@ def load_noise(layout: Layout, left: Flat, responses: Sequence[Response], record
     if middle.any():
         power[low < LOWEST_HZ] = np.median(power[middle])
     return LoadNoise(np.concatenate((low, high[0])), np.concatenate((power, high[1])))
+
+
+def louder(noise: LoadNoise) -> LoadNoise:
+    """Return the noise as loud as it may be: that of the quieter runs is too quiet below `ALONE_HZ`, by half or less.
+
+    By noise that is too quiet no load is straight, and then nothing is left beside which to see how loud it is.
+    """
+    low = noise.frequency_Hz < ALONE_HZ
+    return noise._replace(power=np.where(low, LOUDER * noise.power, noise.power))
 
 
 def beside_straight(records: Sequence[Record], noise: LoadNoise) -> LoadNoise:
