@@ -56,6 +56,11 @@ def test_noise_is_no_cause(noise: str, scenarios: str, seed: int) -> None:
     clean(Spec("noise", "none", (), 0.0, seed, scenarios, noise))
 
 
+@pytest.mark.long
+def test_a_straight_load_is_no_cause_where_noise_is_first_taken_for_too_quiet() -> None:
+    clean(Spec("noise", "shift", (), 0.0, 24003, "turns", "coloured", shifted=True))
+
+
 def clean(spec: Spec) -> None:
     record = ran(spec)
     assert record["named"] == []

@@ -76,6 +76,21 @@ def test_straight_loads_put_right_a_noise_that_an_effect_has_spoilt() -> None:
     assert beside_straight([with_load_course(smooth, again)], again) is again
 
 
+def test_straight_loads_put_right_a_noise_that_was_taken_for_half_as_loud(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = make_case({}, 24003, scenarios=(("slow", "chirp"), ()), noise=COLOURED)
+    frequency_Hz = np.geomspace(0.5, 450.0, 30)
+    true = 1.0e-10 * 0.19 / (1.81 - 1.8 * np.cos(2.0 * np.pi * frequency_Hz * 1.0e-3))
+    quiet = LoadNoise(frequency_Hz, np.where(frequency_Hz < 60.0, 0.5 * true, true))
+    monkeypatch.setattr(diagnose, "load_noise", lambda *_: quiet)
+    records, _ = prepare(case.fit, case.assumed)
+    known, _ = without_load_noise(records, [], case.assumed, Options())
+    assert [record.straight for record in known] == [True, False]
+    found = known[0].load_noise
+    assert found is not None
+    slow = frequency_Hz < 20.0
+    assert np.mean(found.power[slow] / true[slow]) == pytest.approx(1.0, abs=0.3)
+
+
 def test_slow_noise_that_a_course_takes_along_is_put_back() -> None:
     case = make_case({}, 31, scenarios=(KINDS, ()), noise=COLOURED)
     frequency_Hz = np.geomspace(0.5, 450.0, 15)
