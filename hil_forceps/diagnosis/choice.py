@@ -34,6 +34,7 @@ MAX_EXCHANGED = 3  # with more, only forward and backward: each exchange looks a
 # its χ² differs from the neighbour's by δ² ± 2δ, and (4 + δ²) / 2δ is no less than 2.
 SET_DROP = 4.0
 MOST_REFRESHES = 8
+MOST_TURNS = 20.0  # of fit and rounding, by what the first gains: what is further from the best isn't followed
 BEYOND = 4.0  # steps of a fit with its rounding taken anew, tried where one such step still helps
 ONWARD = 0.25  # of the whole way of fit and rounding in turn: how far beyond its end is looked at
 MOST_STRIDES = 6  # of that
@@ -154,7 +155,7 @@ class Chooser:
 
         What the drive's rounding does is taken from what a model leaves, and with it some of what it lacks: a slack
         gained 44 beside the rounding that was taken without it, and 600 beside its own. Where there is no effect yet,
-        one joins by what it gains beside its own.
+        one joins by what it gains beside its own. What a first turn brings no nearer isn't followed.
         """
         model, whitener = choice.model, choice.whitener
         if len(model.effects) > MAX_EXCHANGED:
@@ -166,7 +167,10 @@ class Chooser:
             for i in promising(scan, model.effects):
                 name = scan.probes[i].effect_id
                 self._progress(f"refitting with {name} instead")
-                other = extend(reduced, scan.probes[i], scan.scores.amplitudes[i], whitener, held)
+                first = extend(reduced, scan.probes[i], scan.scores.amplitudes[i], whitener, held)
+                other = self._anew(first, whitener)
+                if other.worth - best.worth > MOST_TURNS * max(first.worth - other.worth, SETTLED):
+                    continue
                 other = self._refitted(other, whitener)
                 if not other.at_bound and other.worth < best.worth - least:
                     best, gain, least = other, reduced.fit.chi2 - other.fit.chi2, SETTLED
@@ -205,7 +209,11 @@ class Chooser:
     def _look(self, model: Model, whitener: Whitener) -> tuple[Model, Scan, Whitener, Noise]:
         """Scan the catalogue beside a model; take the noise anew from what neither explains; refit with it."""
         if model.effects:
-            model = self._refitted(model, whitener)
+            found = self._refitted(model, whitener)
+            # In another valley of the inertia unknowns are counted from another place.
+            if found.problem.shared.items == model.problem.shared.items and not self._driven:
+                found = self._onward(found, ONWARD * (found.fit.u - model.fit.u), whitener)
+            model = found
         return self._seen(model, whitener)
 
     def _seen(self, model: Model, whitener: Whitener) -> tuple[Model, Scan, Whitener, Noise]:
@@ -219,8 +227,6 @@ class Chooser:
     def _refitted(self, model: Model, whitener: Whitener) -> Model:
         """Fit a model to the end; where that leads far from the rig's inertias, from those, too."""
         found = self._settled(model, whitener)
-        if model.effects and not self._driven:
-            found = self._onward(found, ONWARD * (found.fit.u - model.fit.u), whitener)
         other = at_the_rig_s_word(found.problem, found.fit.u)
         if other is None:
             return found

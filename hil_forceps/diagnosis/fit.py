@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.problem import Matrix, Outputs, Problem
@@ -66,10 +67,15 @@ def gram(left: Matrix, right: Matrix, mapper: Mapper = map) -> NDArray[np.float6
 
 def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of a positive definite matrix whose rows are of very different size."""
+    size, values, vectors = _scaled(matrix)
+    return np.asarray((vectors / values) @ vectors.T / np.outer(size, size))
+
+
+def _scaled(matrix: NDArray[np.float64]) -> tuple[Vector, Vector, NDArray[np.float64]]:
+    """Return the size of each row, and eigenvalues and eigenvectors of the matrix with all rows of size 1."""
     size = np.sqrt(np.maximum(np.diag(matrix), LEAST_POWER))
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
-    values = np.maximum(values, RIDGE * float(values.max()))
-    return np.asarray((vectors / values) @ vectors.T / np.outer(size, size))
+    return size, np.maximum(values, RIDGE * float(values.max())), vectors
 
 
 class Held(NamedTuple):
@@ -218,17 +224,19 @@ def _expected(normal: NDArray[np.float64], slope: Vector, weights: Vector, step:
 def _step(
     normal: NDArray[np.float64], slope: Vector, weights: Vector, damping: float, u: Vector, low: Vector, high: Vector
 ) -> Vector:
-    """Return the next point; entries that would cross a bound stay on it and the others are solved again."""
+    """Return the next point: where the objective would be least within the bounds if the sensitivities held."""
     system = normal + np.diag(weights)
     system = system + damping * np.diag(np.diag(system) + 1e-12)
-    free = np.ones(u.size, dtype=np.bool_)
-    step = np.zeros(u.size)
-    for _ in range(3):
-        right = slope[free] - system[np.ix_(free, ~free)] @ step[~free]
-        step[free] = inverse(system[np.ix_(free, free)]) @ right
-        crossing = free & ((u + step < low) | (u + step > high))
-        if not crossing.any():
-            break
-        step[crossing] = np.clip(u + step, low, high)[crossing] - u[crossing]
-        free &= ~crossing
-    return np.clip(u + step, low, high)
+    there = u + inverse(system) @ slope
+    if np.all((there >= low) & (there <= high)):
+        return there
+    # Putting all that cross on their bounds at once may lead uphill: beside the first, others may not cross any more.
+    size, values, vectors = _scaled(system)
+    root = np.sqrt(values)
+    found = optimize.lsq_linear(
+        root[:, None] * vectors.T,
+        vectors.T @ (slope / size) / root,
+        ((low - u) * size, (high - u) * size),
+        method="bvls",
+    )
+    return np.asarray(np.clip(u + found.x / size, low, high))

@@ -175,6 +175,17 @@ def test_following_keeps_to_bounds() -> None:
     assert problem.shared.values(moved[:2])[0] == 2.5
 
 
+def test_of_what_would_cross_its_bound_only_that_is_put_there_which_is_best_there() -> None:
+    normal, slope, none = np.array([[1.0, 0.9], [0.9, 1.0]]), np.array([-1.0, 1.0]), np.zeros(2)
+    low, high = np.array([-1.0, -100.0]), np.array([100.0, 6.0])
+    assert np.linalg.solve(normal, slope) == pytest.approx([-10.0, 10.0])  # both would cross
+    step = fit_module._step(normal, slope, none, 0.0, none, low, high)
+    assert step == pytest.approx([-1.0, 1.9])
+    assert fit_module._expected(normal, slope, none, step) > 0.0
+    # Both at their bounds would be uphill, and a fit end there.
+    assert fit_module._expected(normal, slope, none, np.array([-1.0, 6.0])) < 0.0
+
+
 def test_a_value_at_its_bound_is_never_beyond_it() -> None:
     rng = np.random.default_rng(14)
     for centre, scale in rng.uniform(1e-7, 1e-3, (200, 2)):

@@ -87,28 +87,31 @@ class Trapped(Slow):
         place = float(model.fit.u[0])
         return at(place + SHARE * (self.trap - place))
 
+    def _seen(self, model: Model, whitener: Any) -> Any:
+        return model, None, whitener, None
 
-def refitted(monkeypatch: pytest.MonkeyPatch, chooser: Trapped) -> float:
+
+def looked_at(monkeypatch: pytest.MonkeyPatch, chooser: Trapped) -> float:
     monkeypatch.setattr(choice, "at_the_rig_s_word", lambda *_: None)
-    return float(chooser._refitted(at(0.0), cast("Any", None)).fit.u[0])
+    return float(chooser._look(at(0.0), cast("Any", None))[0].fit.u[0])
 
 
 @pytest.mark.usefixtures("_nothing_else")
 @pytest.mark.parametrize("trap", [0.45, 0.6, 0.8])
 def test_where_turns_end_is_left_for_where_chi2_is_least(trap: float, monkeypatch: pytest.MonkeyPatch) -> None:
     assert Trapped(trap=trap)._settled(at(0.0), cast("Any", None)).fit.u[0] == pytest.approx(trap, abs=0.1)
-    assert refitted(monkeypatch, Trapped(trap=trap)) == pytest.approx(END, abs=0.15)
+    assert looked_at(monkeypatch, Trapped(trap=trap)) == pytest.approx(END, abs=0.15)
 
 
 @pytest.mark.usefixtures("_nothing_else")
 def test_where_going_on_is_no_better_one_look_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     stays, goes_on = Trapped(trap=END), Trapped(trap=END)
     place = float(stays._settled(at(0.0), cast("Any", None)).fit.u[0])
-    assert refitted(monkeypatch, goes_on) == place
+    assert looked_at(monkeypatch, goes_on) == place
     assert goes_on.turns == stays.turns + 1
 
 
 @pytest.mark.usefixtures("_nothing_else")
 def test_driven_by_motion_nothing_is_gone_on(monkeypatch: pytest.MonkeyPatch) -> None:
     chooser = Trapped(driven=True)
-    assert refitted(monkeypatch, chooser) < chooser.trap
+    assert looked_at(monkeypatch, chooser) < chooser.trap
