@@ -34,7 +34,7 @@ MAX_EXCHANGED = 3  # with more, only forward and backward: each exchange looks a
 # its χ² differs from the neighbour's by δ² ± 2δ, and (4 + δ²) / 2δ is no less than 2.
 SET_DROP = 4.0
 MOST_REFRESHES = 8
-MOST_TURNS = 20.0  # of fit and rounding, by what the first gains: what is further from the best isn't followed
+TURNS_FOLLOWED = 20.0  # of fit and rounding, by what the first gains: what is further from the best isn't followed
 BEYOND = 4.0  # steps of a fit with its rounding taken anew, tried where one such step still helps
 ONWARD = 0.25  # of the whole way of fit and rounding in turn: how far beyond its end is looked at
 MOST_STRIDES = 6  # of that
@@ -169,7 +169,7 @@ class Chooser:
                 self._progress(f"refitting with {name} instead")
                 first = extend(reduced, scan.probes[i], scan.scores.amplitudes[i], whitener, held)
                 other = self._anew(first, whitener)
-                if other.worth - best.worth > MOST_TURNS * max(first.worth - other.worth, SETTLED):
+                if other.worth - best.worth > TURNS_FOLLOWED * max(first.worth - other.worth, SETTLED):
                     continue
                 other = self._refitted(other, whitener)
                 if not other.at_bound and other.worth < best.worth - least:

@@ -204,9 +204,10 @@ def without_load_noise(
     def with_courses(noise: LoadNoise) -> list[Record]:
         return list(options.mapper(lambda record: with_load_course(record, noise), (*records, *held_out)))
 
-    found = with_courses(louder(noise))
+    loud = louder(noise)
+    found = with_courses(loud)
     if any(record.straight for record in found):
-        noise = louder(noise)
+        noise = loud
     else:
         found = with_courses(noise)
     for _ in range(COURSES):

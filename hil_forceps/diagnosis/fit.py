@@ -67,7 +67,11 @@ def gram(left: Matrix, right: Matrix, mapper: Mapper = map) -> NDArray[np.float6
 
 def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of a positive definite matrix whose rows are of very different size."""
-    size, values, vectors = _scaled(matrix)
+    return _inverted(*_scaled(matrix))
+
+
+def _inverted(size: Vector, values: Vector, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverse of a matrix of which `_scaled` has told these."""
     return np.asarray((vectors / values) @ vectors.T / np.outer(size, size))
 
 
@@ -227,11 +231,11 @@ def _step(
     """Return the next point: where the objective would be least within the bounds if the sensitivities held."""
     system = normal + np.diag(weights)
     system = system + damping * np.diag(np.diag(system) + 1e-12)
-    there = u + inverse(system) @ slope
-    if np.all((there >= low) & (there <= high)):
+    size, values, vectors = _scaled(system)
+    there = u + _inverted(size, values, vectors) @ slope
+    if not np.any((there < low) | (there > high)):
         return there
     # Putting all that cross on their bounds at once may lead uphill: beside the first, others may not cross any more.
-    size, values, vectors = _scaled(system)
     root = np.sqrt(values)
     found = optimize.lsq_linear(
         root[:, None] * vectors.T,
