@@ -24,6 +24,7 @@ from hil_forceps.diagnosis.ringing import at_the_rig_s_word, in_valley_of, out_o
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
 from hil_forceps.diagnosis.shortlist import NEAR_DROP, aliases, best_of_each, promising, shortlists, with_aliases
 from hil_forceps.diagnosis.spectrum import Noise, Whitener
+from hil_forceps.diagnosis.whole import with_whole_harmonics
 from hil_forceps.diagnosis.widths import at_better_widths
 
 Vector = NDArray[np.float64]
@@ -213,7 +214,7 @@ class Chooser:
             # In another valley of the inertia unknowns are counted from another place.
             if found.problem.shared.items == model.problem.shared.items and not self._driven:
                 found = self._onward(found, ONWARD * (found.fit.u - model.fit.u), whitener)
-            model = found
+            model = found if self._driven else with_whole_harmonics(found, whitener)
         return self._seen(model, whitener)
 
     def _seen(self, model: Model, whitener: Whitener) -> tuple[Model, Scan, Whitener, Noise]:
