@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.fit import Fit
-from hil_forceps.diagnosis.trust import at_their_word, trusting
+from hil_forceps.diagnosis.trust import DOUBTED, at_rigs_word, at_their_word, trusting
 from hil_forceps.diagnosis.unknowns import Unknown, Unknowns
 from tests.unit.test_diagnosis_fit import BOTH, toy, unknown
 
@@ -31,6 +31,15 @@ def test_what_the_data_hardly_show_is_taken_at_the_rigs_word() -> None:
 
 def test_what_the_data_contradict_stays_open() -> None:
     assert precisions(trusting(unknowns(WIDE), fit_at([0.5], [[0.02]]))) == [1.0]
+
+
+def test_in_doubt_less_is_taken_at_the_rigs_word() -> None:
+    hardly_seen, seen = [0.5, 0.0], [0.5, 0.3]
+    covariance = [[0.04, 0.0], [0.0, 0.04]]
+    for u, kept in ((hardly_seen, [1.0, WIDE]), (seen, [1.0, 1.0])):
+        found = fit_at(u, covariance)
+        assert at_rigs_word(trusting(unknowns(WIDE, WIDE), found)) == [0, 1]
+        assert precisions(trusting(unknowns(WIDE, WIDE), found, DOUBTED)) == kept
 
 
 def test_what_the_rig_says_nothing_tighter_of_stays_as_it_is() -> None:
