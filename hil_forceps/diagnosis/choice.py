@@ -275,7 +275,7 @@ class Chooser:
         """
         problem = self._refresh(model.problem, model.fit.u)
         if held is None:
-            new = sum(item.name.startswith("effects.") for item in problem.shared.items)
+            new = len(problem.shared.items) - problem.shared.known
             held = hold_beside(model.fit, problem, whitener, new)
         return replace(model, problem=problem, fit=fit(problem, model.fit.u, whitener, held=held, steps=5))
 

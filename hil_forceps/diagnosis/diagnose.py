@@ -30,7 +30,7 @@ from hil_forceps.diagnosis.scene import HARMONICS, fine_harmonics, scene_of
 from hil_forceps.diagnosis.smoothing import LoadNoise
 from hil_forceps.diagnosis.spectrum import Flat, Layout, Noise, Whitener, white_noise
 from hil_forceps.diagnosis.starting import completed, unknown_names
-from hil_forceps.diagnosis.trust import CONTRADICTED, DOUBTED, at_rigs_word, at_their_word, trusting
+from hil_forceps.diagnosis.trust import CONTRADICTED, DOUBTED, at_their_word, trusted, trusting
 from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.diagnosis.unseen import left_unseen
 from hil_forceps.rig import Rig
@@ -126,11 +126,11 @@ def investigate(runs: Sequence[Run], rig: Rig, options: Options) -> Findings:
     options.progress("fitting the known parameters")
     first = fit_baseline(records, rig, options, unknown)
     found = _chosen(told, first, options)
-    doubtful = not found.choice.model.effects and found.after.gain > OVER_CHANCE * found.after.threshold
+    doubtful = not found.choice.model.effects and found.after.stands_out
     if doubtful and records[0].mode == "closed_loop":
         options.progress("doubting the rig's word for friction")
         other = fit_baseline(records, rig, options, unknown, contradicted=DOUBTED)
-        if at_rigs_word(other.baseline.problem.shared) != at_rigs_word(first.baseline.problem.shared):
+        if trusted(other.baseline.problem.shared) != trusted(first.baseline.problem.shared):
             again = _chosen(told, other, options)
             if not again.choice.model.effects and again.after.gain <= again.after.threshold:
                 return again

@@ -16,6 +16,7 @@ from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover
 from hil_forceps.diagnosis.look import CHANCE
 from hil_forceps.diagnosis.predict import CLIPS
 from hil_forceps.diagnosis.result import (
+    TWO_SIDED_95,
     AuditFinding,
     Balance,
     Detectable,
@@ -31,7 +32,6 @@ from hil_forceps.rig.catalogue import EFFECTS, Location, effect
 
 Vector = NDArray[np.float64]
 
-TWO_SIDED_95 = 1.959964
 SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assumed: 1 in 1000 by chance
 LEAST_SHIFT = 0.2  # of what was known: less is no shift, however well it is measured
 POWER_80 = 0.8416

@@ -178,7 +178,7 @@ def _some(seen: Seen, which: Sequence[int]) -> Seen:
 
 def _still_good(seen: Seen, model: Model, whitener: Whitener) -> bool:
     """Tell whether the known parameters' sensitivities are much what they were."""
-    known = sum(not item.name.startswith("effects.") for item in model.problem.shared.items)
+    known = model.problem.shared.known
     then, now = whitener.apply(seen.jacobian[:, :known]), whitener.apply(model.fit.jacobian[:, :known])
     products, old, new = (np.einsum("ij,ij->j", *pair) for pair in ((then, now), (then, then), (now, now)))
     telling = (old > TELLING_NORM**2) & (new > TELLING_NORM**2)

@@ -13,6 +13,7 @@ from hil_forceps.rig.catalogue import Location
 Vector = NDArray[np.float64]
 Verdict = Literal["consistent", "parameters", "effects", "unnamed", "undetermined"]
 SCHEMA = 1
+TWO_SIDED_95 = 1.959964  # deviations, of every `ci95`
 
 
 @dataclass(frozen=True, slots=True)

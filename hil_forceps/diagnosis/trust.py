@@ -38,7 +38,7 @@ def trusting(shared: Unknowns, found: Fit, contradicted: float = CONTRADICTED) -
     return shared
 
 
-def at_rigs_word(shared: Unknowns) -> list[int]:
+def trusted(shared: Unknowns) -> list[int]:
     """Return the places of the unknowns that are taken at the rig's word."""
     return [i for i, item in enumerate(shared.items) if item.told > 1.0 and item.precision == item.told]
 
@@ -58,6 +58,6 @@ def at_their_word(problem: Problem, u: Vector, whitener: Whitener) -> Vector:
     astray.
     """
     moved = u.copy()
-    moved[at_rigs_word(problem.shared)] = 0.0
+    moved[trusted(problem.shared)] = 0.0
     before, after = (chi2_of(problem, problem.measured - problem.predicted(at), whitener, at) for at in (u, moved))
     return moved if after < before else u

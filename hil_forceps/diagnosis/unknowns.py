@@ -55,6 +55,11 @@ class Unknowns(NamedTuple):
         """Dotted names, in order."""
         return tuple(item.name for item in self.items)
 
+    @property
+    def known(self) -> int:
+        """How many are parameters of the rig, which come first, and not of an effect."""
+        return sum(not item.name.startswith("effects.") for item in self.items)
+
     def values(self, u: Vector) -> Vector:
         """Return the physical values of a vector; never beyond a bound, whatever rounding makes of it."""
         return np.array(

@@ -13,8 +13,9 @@ from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import sum_of_squares
 from hil_forceps.diagnosis.heldout import floors_of, gains, play
-from hil_forceps.diagnosis.judge import TWO_SIDED_95, burst_beside, judge
+from hil_forceps.diagnosis.judge import burst_beside, judge
 from hil_forceps.diagnosis.leftover import Leftover
+from hil_forceps.diagnosis.result import TWO_SIDED_95
 from hil_forceps.rig import Rig
 from tests.hidden_effects.cases import NOISES, REST, RIGS, SCENARIO_SETS, Spec, drawn_effect, drawn_shifts
 from tests.hidden_effects.explained import explained

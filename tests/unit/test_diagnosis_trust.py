@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.fit import Fit
-from hil_forceps.diagnosis.trust import DOUBTED, at_rigs_word, at_their_word, trusting
+from hil_forceps.diagnosis.trust import DOUBTED, at_their_word, trusted, trusting
 from hil_forceps.diagnosis.unknowns import Unknown, Unknowns
 from tests.unit.test_diagnosis_fit import BOTH, toy, unknown
 
@@ -38,7 +38,7 @@ def test_in_doubt_less_is_taken_at_the_rigs_word() -> None:
     covariance = [[0.04, 0.0], [0.0, 0.04]]
     for u, kept in ((hardly_seen, [1.0, WIDE]), (seen, [1.0, 1.0])):
         found = fit_at(u, covariance)
-        assert at_rigs_word(trusting(unknowns(WIDE, WIDE), found)) == [0, 1]
+        assert trusted(trusting(unknowns(WIDE, WIDE), found)) == [0, 1]
         assert precisions(trusting(unknowns(WIDE, WIDE), found, DOUBTED)) == kept
 
 
