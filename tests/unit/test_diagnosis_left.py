@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
-from hil_forceps.diagnosis.judge import BOTH_OVER_CHANCE, judge
+from hil_forceps.diagnosis.judge import BOTH_OVER_CHANCE, FITTED_OVER_CHANCE, judge
 from hil_forceps.diagnosis.leftover import Leftover, memory_over_way
 from tests.hidden_effects.generator import RIG, generate, true_rig
 from tests.hidden_effects.generator_scenarios import SCENARIOS
@@ -51,6 +51,23 @@ def test_what_both_leave_is_doubted_though_neither_alone_would_be(right: Finding
     assert judge(with_left(right, more, less)).verdict == "effects"
     assert judge(with_left(right, less, more)).verdict == "effects"
     assert judge(with_left(right, more, more)._replace(unseen=None)).verdict == "effects"
+
+
+def explaining_far_more(found: Findings) -> Findings:
+    """Return the same with names that explain so much that what is left is no share of it."""
+    baseline = replace(found.baseline, fit=found.baseline.fit._replace(chi2=found.baseline.fit.chi2 + 1e6))
+    return found._replace(baseline=baseline)
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("left")
+def test_many_times_chance_is_doubted_of_whatever_share(right: Findings) -> None:
+    found = explaining_far_more(right)
+    assert judge(with_left(found, 0.9 * FITTED_OVER_CHANCE, 0.0)).verdict == "effects"
+    many = with_left(found, 1.1 * FITTED_OVER_CHANCE, 0.0)
+    assert judge(many).verdict == "unnamed"
+    driven = tuple(record._replace(mode="driven") for record in many.records)
+    assert judge(many._replace(records=driven)).verdict == "effects"
 
 
 @pytest.mark.slow
