@@ -42,12 +42,15 @@ UNSEEN_SHARE = 0.1  # the same in runs held out; deleted entries' neighbours lef
 # closed loop. The truth has ten times the χ² of its noise there (limit of d = 50), and the right model left 0.57.
 UNSEEN_SHARE_OPEN = 0.6
 UNSEEN_OVER_CHANCE = 2.5  # right models were seen to leave up to 1.4 times chance in them
-# Both at once, of whatever share: right models leave no more than 0.8 in the lesser of the two, and chance has no part
+# Both at once, of a small share: right models leave no more than 0.8 in the lesser of the two, and chance has no part
 # in both. Neighbours of deleted entries left 1.5 and 1.7, 2.9 and 2.2 (1.2 % of what they explain).
 BOTH_OVER_CHANCE = 1.2
-# In the fitted runs of a closed loop, of whatever share: right models leave no more than 1.2 times chance. Three
+# In the fitted runs of a closed loop, of a small share: right models leave no more than 1.2 times chance. Three
 # neighbours of a deleted cogging (d = 50) left 24 times, 1.2 % of what they explain.
 FITTED_OVER_CHANCE = 5.0
+# In a closed loop both only from this share on, which is chance at d = 57: right models of d = 400 leave up to
+# 40 times chance in the fitted runs and 12 times in those held out, 0.4 % of what they explain.
+LEAST_SHARE = 0.005
 ACCURACY = 1e-3  # of an effect's parameter: what the simulation's steps leave, however well the data show it
 
 
@@ -103,17 +106,19 @@ def _unexplained(found: Findings) -> Leftover | None:
             continue
         if not found.choice.model.effects or left.gain > share * (left.gain + _explained(found)):
             return left
-    return _left_of_any_share(found)
+    return _left_of_small_share(found)
 
 
-def _left_of_any_share(found: Findings) -> Leftover | None:
+def _left_of_small_share(found: Findings) -> Leftover | None:
     """Return what is left in the fitted runs, when it is many times chance, or beyond it in those held out, too."""
+    after, unseen, driven = found.after, found.unseen, _driven(found)
 
     def beyond(left: Leftover, times: float) -> bool:
         return left.gain > times * left.threshold and _by_no_numerics(found, left)
 
-    after, unseen = found.after, found.unseen
-    many = not _driven(found) and beyond(after, FITTED_OVER_CHANCE)
+    if not driven and after.gain < LEAST_SHARE * (after.gain + _explained(found)):
+        return None
+    many = not driven and beyond(after, FITTED_OVER_CHANCE)
     both = unseen is not None and beyond(after, BOTH_OVER_CHANCE) and beyond(unseen, BOTH_OVER_CHANCE)
     return after if many or both else None
 

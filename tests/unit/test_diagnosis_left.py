@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
-from hil_forceps.diagnosis.judge import BOTH_OVER_CHANCE, FITTED_OVER_CHANCE, judge
+from hil_forceps.diagnosis.judge import BOTH_OVER_CHANCE, FITTED_OVER_CHANCE, LEAST_SHARE, UNEXPLAINED_SHARE, judge
 from hil_forceps.diagnosis.leftover import Leftover, memory_over_way
 from tests.hidden_effects.generator import RIG, generate, true_rig
 from tests.hidden_effects.generator_scenarios import SCENARIOS
@@ -53,21 +53,30 @@ def test_what_both_leave_is_doubted_though_neither_alone_would_be(right: Finding
     assert judge(with_left(right, more, more)._replace(unseen=None)).verdict == "effects"
 
 
-def explaining_far_more(found: Findings) -> Findings:
-    """Return the same with names that explain so much that what is left is no share of it."""
-    baseline = replace(found.baseline, fit=found.baseline.fit._replace(chi2=found.baseline.fit.chi2 + 1e6))
-    return found._replace(baseline=baseline)
+def explaining(found: Findings, gain: float) -> Findings:
+    """Return the same with names that lessen χ² by so much."""
+    fit = found.baseline.fit._replace(chi2=found.choice.model.fit.chi2 + gain)
+    return found._replace(baseline=replace(found.baseline, fit=fit))
 
 
 @pytest.mark.slow
 @pytest.mark.xdist_group("left")
-def test_many_times_chance_is_doubted_of_whatever_share(right: Findings) -> None:
-    found = explaining_far_more(right)
+def test_many_times_chance_is_doubted_though_it_is_a_small_share(right: Findings) -> None:
+    left = 1.1 * FITTED_OVER_CHANCE * right.after.threshold
+    found = explaining(right, left / (0.5 * (LEAST_SHARE + UNEXPLAINED_SHARE)))
     assert judge(with_left(found, 0.9 * FITTED_OVER_CHANCE, 0.0)).verdict == "effects"
     many = with_left(found, 1.1 * FITTED_OVER_CHANCE, 0.0)
     assert judge(many).verdict == "unnamed"
     driven = tuple(record._replace(mode="driven") for record in many.records)
     assert judge(many._replace(records=driven)).verdict == "effects"
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("left")
+def test_a_large_effect_may_leave_many_times_chance(right: Findings) -> None:
+    found = explaining(right, 1.1 * FITTED_OVER_CHANCE * right.after.threshold / (0.9 * LEAST_SHARE))
+    assert judge(with_left(found, 1.1 * FITTED_OVER_CHANCE, 0.0)).verdict == "effects"
+    assert judge(with_left(found, 1.1 * FITTED_OVER_CHANCE, 1.1 * BOTH_OVER_CHANCE)).verdict == "effects"
 
 
 @pytest.mark.slow
