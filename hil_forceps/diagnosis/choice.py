@@ -22,7 +22,15 @@ from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.result import Candidate
 from hil_forceps.diagnosis.ringing import at_the_rig_s_word, in_valley_of, out_of_a_wrong_valley, vertex
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
-from hil_forceps.diagnosis.shortlist import NEAR_DROP, aliases, best_of_each, promising, shortlists, with_aliases
+from hil_forceps.diagnosis.shortlist import (
+    NEAR_DROP,
+    aliases,
+    best_of_each,
+    promising,
+    shortlists,
+    to_try,
+    with_aliases,
+)
 from hil_forceps.diagnosis.spectrum import Noise, Whitener
 from hil_forceps.diagnosis.whole import with_whole_harmonics
 from hil_forceps.diagnosis.widths import at_better_widths
@@ -289,7 +297,7 @@ class Chooser:
         """
         best = best_of_each(scan)
         needed = self._needed(scan, model)
-        order = sorted(best.values(), key=lambda i: -scan.scores.gains[i])
+        order = to_try(scan)
         if overlooked:
             order = [i for i in order if scan.probes[i].effect_id not in model.effects]
         lists = with_aliases(shortlists(order, scan.scores.gains, needed, overlooked=overlooked), order, scan)
@@ -307,9 +315,10 @@ class Chooser:
                 refit = extend(model, scan.probes[i], scan.scores.amplitudes[i], whitener, held)
                 extra = len(refit.problem.shared.items) - len(model.problem.shared.items)
                 gain = (model.fit.chi2 - refit.fit.chi2) / self._inflation(name)
-                gains[name] = gain - COST_PER_COLUMN * (extra - 1)
+                gain -= COST_PER_COLUMN * (extra - 1)
+                gains[name] = max(gain, gains.get(name, gain))
                 if not refit.at_bound:
-                    (found if gains[name] > needed[i] else lesser).append(refit)
+                    (found if gain > needed[i] else lesser).append(refit)
         found.sort(key=lambda m: m.worth)
         if found or not overlooked:
             self._note(scan, best, gains, found, step)

@@ -14,6 +14,9 @@ STANDS_OUT = 0.7  # of the threshold, by linear gain
 OVERLOOKED = 3
 MOST_INSTEAD, LEAST_PROMISE = 5, 2.0  # entries; of the linear gain
 SHORTLIST_DROP = 40.0  # of the linear gain below the best
+# From this linear gain on shares tell little: a slack of d = 400 has a sixth of a neighbour's, and its refit gains
+# three times as much.
+LARGE_GAIN, LARGE_SHARE = 200.0, 0.1
 NEAR_DROP = 20.0  # of χ², within which entries are worth a refit, and rough fits worth fitting to the end
 
 # What does the same but near a reversal, or but far round a turn: a rough fit of one beside the other's rounding can be
@@ -22,6 +25,7 @@ ALIASES = (
     frozenset({"current_offset", "coulomb_asymmetry"}),
     frozenset({"actuation_delay", "electrical_lag"}),
     frozenset({"pulley_eccentricity", "spool_radius_change"}),
+    frozenset({"load_dependent_friction", "loaded_presliding"}),
 )
 
 
@@ -33,6 +37,12 @@ def aliases(one: Collection[str], other: Collection[str]) -> bool:
 def best_of_each(scan: Scan) -> dict[str, int]:
     """Return the place of each entry that gains most."""
     return best_places([probe.effect_id for probe in scan.probes], scan.scores.gains)
+
+
+def to_try(scan: Scan) -> list[int]:
+    """Return the place of each entry that gains most, and that of each channel that may be skewed, the best first."""
+    names = [p.effect_id + ":".join(p.amplitudes) * (p.effect_id == "channel_skew") for p in scan.probes]
+    return sorted(best_places(names, scan.scores.gains).values(), key=lambda i: -scan.scores.gains[i])
 
 
 def promising(scan: Scan, effects: Collection[str]) -> list[int]:
@@ -50,7 +60,8 @@ def shortlists(order: list[int], gains: Vector, needed: Vector, *, overlooked: b
     if not standing_out:
         return ()
     top = gains[order[0]]
-    near = [i for i in standing_out if gains[i] > top - max(SHORTLIST_DROP, 0.4 * top)]
+    least = LARGE_SHARE * top if top > LARGE_GAIN else top - max(SHORTLIST_DROP, 0.4 * top)
+    near = [i for i in standing_out if gains[i] > least]
     close = [i for i in order if gains[i] > top - NEAR_DROP]
     return max(near, close, key=len)[:SHORTLIST], standing_out[len(near) :][:SHORTLIST]
 
