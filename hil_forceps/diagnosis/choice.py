@@ -300,7 +300,9 @@ class Chooser:
         order = to_try(scan)
         if overlooked:
             order = [i for i in order if scan.probes[i].effect_id not in model.effects]
-        lists = with_aliases(shortlists(order, scan.scores.gains, needed, overlooked=overlooked), order, scan)
+        # Where the motion drives, nearly all of a large misfit is of causes that aren't in the catalogue.
+        lists = shortlists(order, scan.scores.gains, needed, overlooked=overlooked, widely=not self._driven)
+        lists = with_aliases(lists, order, scan)
         found: list[Model] = []
         lesser: list[Model] = []
         gains: dict[str, float] = {}

@@ -52,15 +52,20 @@ def promising(scan: Scan, effects: Collection[str]) -> list[int]:
     return sorted(places, key=lambda i: -gains[i])[:MOST_INSTEAD]
 
 
-def shortlists(order: list[int], gains: Vector, needed: Vector, *, overlooked: bool) -> tuple[list[int], ...]:
-    """Return which places are to be refitted, and which if none of those will do; `order`: the best first."""
+def shortlists(
+    order: list[int], gains: Vector, needed: Vector, *, overlooked: bool, widely: bool
+) -> tuple[list[int], ...]:
+    """Return which places are to be refitted, and which if none of those will do; `order`: the best first.
+
+    `overlooked`: the best of those that don't stand out instead. `widely`: of a large misfit more of them.
+    """
     standing_out = [i for i in order if gains[i] > STANDS_OUT * needed[i]]
     if overlooked:
         return ([i for i in order if i not in standing_out][:OVERLOOKED],)
     if not standing_out:
         return ()
     top = gains[order[0]]
-    least = LARGE_SHARE * top if top > LARGE_GAIN else top - max(SHORTLIST_DROP, 0.4 * top)
+    least = LARGE_SHARE * top if widely and top > LARGE_GAIN else top - max(SHORTLIST_DROP, 0.4 * top)
     near = [i for i in standing_out if gains[i] > least]
     close = [i for i in order if gains[i] > top - NEAR_DROP]
     return max(near, close, key=len)[:SHORTLIST], standing_out[len(near) :][:SHORTLIST]

@@ -24,7 +24,7 @@ def scan_of(names: tuple[str, ...]) -> Scan:
 
 def test_the_alias_of_the_best_is_refitted_however_little_its_look_gains() -> None:
     order = [0, 1, 2, 3]
-    lists = shortlists(order, GAINS - 100.0, np.full(4, 5.0), overlooked=False)
+    lists = shortlists(order, GAINS - 100.0, np.full(4, 5.0), overlooked=False, widely=True)
     assert lists[0] == [0, 1]
     assert with_aliases(lists, order, scan_of(NAMES))[0] == [0, 1, 2]
     assert with_aliases(lists, order, scan_of(("cogging", "current_offset", *NAMES[2:])))[0] == [0, 1]
@@ -40,8 +40,9 @@ def test_aliases_differ_by_nothing_else() -> None:
 def test_of_much_gain_a_small_share_is_worth_a_refit() -> None:
     order, needed = [0, 1, 2, 3], np.full(4, 18.0)
     gains = LARGE_GAIN * np.array([1.01, 0.5, 1.1 * LARGE_SHARE, 0.9 * LARGE_SHARE])
-    assert shortlists(order, gains, needed, overlooked=False)[0] == [0, 1, 2]
-    assert shortlists(order, 0.9 * gains, needed, overlooked=False)[0] == [0]
+    assert shortlists(order, gains, needed, overlooked=False, widely=True)[0] == [0, 1, 2]
+    assert shortlists(order, 0.9 * gains, needed, overlooked=False, widely=True)[0] == [0]
+    assert shortlists(order, gains, needed, overlooked=False, widely=False)[0] == [0]
 
 
 def test_each_channel_that_may_be_skewed_is_tried_and_other_entries_once() -> None:
