@@ -10,6 +10,7 @@ from hil_forceps.rig.catalogue import EFFECT_IDS, Effect, effect
 from tests.hidden_effects.generator import COLOURED, FAST_DRIVE_RIG, OTHER_GAINS_RIG, RIG, WHITE, NoiseKind
 
 SIZES = (8.0, 12.0, 20.0, 50.0)
+LARGE_SIZES = (200.0, 1000.0)
 SCENARIO_SETS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # fitted, held out
     "mixed": (("multisine", "trapezoid", "chirp", "multisine_mid"), ("teleoperation", "slow")),
     "work": (("teleoperation", "slow", "grasp", "multisine"), ("trapezoid", "chirp")),
@@ -29,6 +30,7 @@ PER_ROUND = {  # how many of each kind a round has
     "other_controller": 3,
     "fast_drive": 2,
     "uninformative": 2,
+    "large": 4,  # last: what the others draw hangs on the order
 }
 ROUNDS = 25  # gives the 200 seeds without effect and with shifts only that the figures need
 SHIFTED = (
@@ -102,7 +104,7 @@ def _spec(kind: str, number: int, place: int, order: list[str], rng: np.random.G
         size, scenarios, noise = SIZES[(number + at) % 4], sets[(number // 4 + at) % 3], "white"
     else:
         effects = tuple(str(name) for name in rng.choice(EFFECT_IDS, many, replace=False))
-        size = (20.0, 50.0)[place % 2] if many else 0.0
+        size = (LARGE_SIZES if kind == "large" else (20.0, 50.0))[place % 2] if many else 0.0
     if kind not in {"none", "shift"}:
         noise = "white"
     if kind == "uninformative":

@@ -134,6 +134,7 @@ def told_apart(record: Record) -> bool:
 
 def figures(records: Sequence[Record]) -> list[tuple[str, str, str]]:
     """Return the rows of the main table: quantity, required, reached."""
+    far, records = of_large(records), [r for r in records if r["kind"] != "large"]
     single = ran(records, "effect")
     large = [r for r in single if r["size"] >= REQUIRED_SIZE]
     rows = [
@@ -192,6 +193,7 @@ def figures(records: Sequence[Record]) -> list[tuple[str, str, str]]:
         rows.append((f"{words}, with errors as the fit tells them", "", share(explained(some, possible=True))))
         rows.append((f"{words}, motor's angle", "", share(explained(some, "theta_m_rad"))))
         rows.append((f"{words}, jaw's angle", "", share(explained(some, "theta_j_rad"))))
+    rows += far
     rows.append(("effect's parameter within its 95 % interval", "90–99 %", share(covered(records))))
     rows.append(("known parameter within its 95 % interval", "90–99 %", share(covered_baseline(records))))
     rows.append(("crashes", "0", share("error" in r for r in records)))
@@ -203,11 +205,23 @@ def figures(records: Sequence[Record]) -> list[tuple[str, str, str]]:
     return rows
 
 
+def of_large(records: Sequence[Record]) -> list[tuple[str, str, str]]:
+    """Return the rows of effects that leave the noise far below."""
+    far = ran(records, "large")
+    rows = []
+    for size in sorted({r["size"] for r in far}):
+        here = [r for r in far if r["size"] == size]
+        rows.append((f"set holds the truth, d = {size:g}", "≥ 95 %", share(in_set(r) for r in here)))
+        named = [r for r in here if r.get("verdict") == "effects"]
+        rows.append((f"another cause named, d = {size:g}", "", share(r in named and not in_set(r) for r in here)))
+    return rows
+
+
 def misses(records: Sequence[Record]) -> list[tuple[str, str, str]]:
     """Return every effect with its counts: by size the share named or in the set, and what was said instead."""
     rows = []
     for effect_id in EFFECT_IDS:
-        here = [r for r in ran(records, "effect") if r["truth"] == [effect_id]]
+        here = [r for r in ran(records, "effect", "large") if r["truth"] == [effect_id]]
         skipped = sum(r["kind"] == "effect" and r["truth"] == [effect_id] and "skipped" in r for r in records)
         by_size = []
         for size in sorted({r["size"] for r in here}):

@@ -109,6 +109,17 @@ def test_friction_is_named_that_shows_nothing_until_it_is_fitted() -> None:
     assert named_right(record), (record["named"], record["left"])
 
 
+# Of a large effect the linear look tells little, and what is fitted no further than a neighbour stands far above it.
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("effect_id", "size", "seed", "scenarios"),
+    [("coulomb_asymmetry", 200.0, 80003, "work"), ("load_dependent_friction", 400.0, 70004, "turns")],
+)
+def test_a_large_effect_is_in_the_set(effect_id: str, size: float, seed: int, scenarios: str) -> None:
+    record = ran(Spec("large", "large", (effect_id,), size, seed, scenarios))
+    assert in_set(record), (record["named"], record["sets"])
+
+
 @pytest.mark.long
 def test_friction_joins_by_what_it_gains_beside_its_own_rounding() -> None:
     """Beside the rounding taken without it, it gains 25 where 400 are hidden, from wherever its fit begins."""
