@@ -1,6 +1,6 @@
 """From runs and a rig to a diagnosis: audit, baseline, noise, choice, what is left, gain on runs never used."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -83,6 +83,7 @@ class Findings(NamedTuple):
     before: Leftover  # beside the baseline
     after: Leftover  # beside the chosen model
     unseen: Leftover | None  # beside it in the runs held out; None: nothing named, or none held out
+    unseen_of_rivals: Mapping[tuple[str, ...], Leftover]  # beside those tied with it; told where something is left
     first_whitener: Whitener
 
 
@@ -183,8 +184,13 @@ def _chosen(told: _Told, start: Baseline, options: Options) -> Findings:
         if found is not choice:
             choice = found
             baseline, before, after, unseen = _left(setting, baseline, choice, responses, options, unseen_beside)
+    tied: dict[tuple[str, ...], Leftover] = {}
+    if unseen is not None and unseen.stands_out and records[0].mode == "closed_loop":
+        for rival in choice.rivals:
+            if set(rival.model.effects) != set(choice.model.effects) and (left := unseen_beside(rival.model)):
+                tied[rival.model.effects] = left
     nominal = replace(nominal, fit=fit_again(nominal.problem, nominal.fit, choice.whitener))
-    return Findings(*told, setting, nominal, baseline, choice, before, after, unseen, whitener)
+    return Findings(*told, setting, nominal, baseline, choice, before, after, unseen, tied, whitener)
 
 
 def _left(

@@ -74,7 +74,7 @@ def judge(found: Findings) -> Judgement:
     if left := _unexplained(found):
         place, variable, _ = left.families[0]
         said = f"Something is there that no entry of the catalogue explains; at {place}, it varies over {variable}."
-        reasons = _unnamed_reasons(model, " in the runs held out" if left is found.unseen else "")
+        reasons = _unnamed_reasons(model, "" if left is found.after else " in the runs held out")
         return Judgement("unnamed", said, (), sets, shifts, _varies_over(left), reasons)
     if model.effects:
         named = named_effects(found)
@@ -82,6 +82,7 @@ def judge(found: Findings) -> Judgement:
             "these data can't tell " + " from ".join(" + ".join(ids) for ids in sets) + " apart"
             for _ in range(len(sets) > 1)
         )
+        reasons += _better_unseen(found)
         over: tuple[str, ...] = ()
         if _beyond_numerics(found, found.after):
             share = found.after.gain / (found.after.gain + _explained(found))
@@ -100,7 +101,8 @@ def judge(found: Findings) -> Judgement:
 
 def _unexplained(found: Findings) -> Leftover | None:
     """Return what is left beyond doubt: in the fitted runs, or beside named effects in those held out."""
-    looks = ((found.after, UNEXPLAINED_SHARE, OVER_CHANCE), (found.unseen, _unseen_share(found), UNSEEN_OVER_CHANCE))
+    unseen = _least_unseen(found)
+    looks = ((found.after, UNEXPLAINED_SHARE, OVER_CHANCE), (unseen, _unseen_share(found), UNSEEN_OVER_CHANCE))
     for left, share, over_chance in looks:
         if left is None or left.gain < over_chance * left.threshold or not _beyond_numerics(found, left):
             continue
@@ -111,7 +113,7 @@ def _unexplained(found: Findings) -> Leftover | None:
 
 def _left_of_small_share(found: Findings) -> Leftover | None:
     """Return what is left in the fitted runs, when it is many times chance, or beyond it in those held out, too."""
-    after, unseen, driven = found.after, found.unseen, _driven(found)
+    after, unseen, driven = found.after, _least_unseen(found), _driven(found)
 
     def beyond(left: Leftover, times: float) -> bool:
         return left.gain > times * left.threshold and _by_no_numerics(found, left)
@@ -121,6 +123,31 @@ def _left_of_small_share(found: Findings) -> Leftover | None:
     many = not driven and beyond(after, FITTED_OVER_CHANCE)
     both = unseen is not None and beyond(after, BOTH_OVER_CHANCE) and beyond(unseen, BOTH_OVER_CHANCE)
     return after if many or both else None
+
+
+def _least_unseen(found: Findings) -> Leftover | None:
+    """Return what is left in the runs held out by the one of those tied that leaves least: one that will do is enough.
+
+    Which of them is named first is up to the fitted runs alone.
+    """
+    if found.unseen is None:
+        return None
+    return min((found.unseen, *found.unseen_of_rivals.values()), key=_over_chance)
+
+
+def _over_chance(left: Leftover) -> float:
+    return left.gain / left.threshold
+
+
+def _better_unseen(found: Findings) -> tuple[str, ...]:
+    """Say which of those tied leaves less in the runs held out than the one that is named, where any does."""
+    least = _least_unseen(found)
+    if found.unseen is None or least is None or least is found.unseen:
+        return ()
+    first = " + ".join(found.choice.model.effects)
+    other = next(" + ".join(names) for names, left in found.unseen_of_rivals.items() if left is least)
+    times = f"{_over_chance(found.unseen):.1f} times chance, {other} {_over_chance(least):.1f}"
+    return (f"in the runs held out {first} leaves {times}",)
 
 
 def _unseen_share(found: Findings) -> float:

@@ -31,14 +31,15 @@ def right() -> Findings:
     return found_without()
 
 
+def left_times(look: Leftover | None, times: float) -> Leftover:
+    """Return a look that finds so many times of what chance gives."""
+    assert look is not None
+    return look._replace(gain=times * look.threshold)
+
+
 def with_left(found: Findings, fitted: float, unseen: float) -> Findings:
     """Return findings that leave so many times of what chance gives."""
-
-    def left(look: Leftover | None, times: float) -> Leftover:
-        assert look is not None
-        return look._replace(gain=times * look.threshold)
-
-    return found._replace(after=left(found.after, fitted), unseen=left(found.unseen, unseen))
+    return found._replace(after=left_times(found.after, fitted), unseen=left_times(found.unseen, unseen))
 
 
 @pytest.mark.slow
@@ -77,6 +78,18 @@ def test_a_large_effect_may_leave_many_times_chance(right: Findings) -> None:
     found = explaining(right, 1.1 * FITTED_OVER_CHANCE * right.after.threshold / (0.9 * LEAST_SHARE))
     assert judge(with_left(found, 1.1 * FITTED_OVER_CHANCE, 0.0)).verdict == "effects"
     assert judge(with_left(found, 1.1 * FITTED_OVER_CHANCE, 1.1 * BOTH_OVER_CHANCE)).verdict == "effects"
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("left")
+def test_one_of_those_tied_that_the_runs_held_out_bear_out_is_enough(right: Findings) -> None:
+    found = with_left(right, 0.0, 200.0)._replace(unseen_of_rivals={("wire_slack",): left_times(right.unseen, 100.0)})
+    assert judge(found).verdict == "unnamed"
+    borne_out = found._replace(unseen_of_rivals={("wire_slack",): left_times(right.unseen, 0.5)})
+    verdict = judge(borne_out)
+    assert verdict.verdict == "effects"
+    assert [named.id for named in verdict.effects] == [HIDDEN]
+    assert verdict.reasons[-1] == f"in the runs held out {HIDDEN} leaves 200.0 times chance, wire_slack 0.5"
 
 
 @pytest.mark.slow
