@@ -41,7 +41,7 @@ def best_of_each(scan: Scan) -> dict[str, int]:
 
 def to_try(scan: Scan) -> list[int]:
     """Return the place of each entry that gains most, and that of each channel that may be skewed, the best first."""
-    names = [p.effect_id + ":".join(p.amplitudes) * (p.effect_id == "channel_skew") for p in scan.probes]
+    names = [p.amplitudes[0] if p.effect_id == "channel_skew" else p.effect_id for p in scan.probes]
     return sorted(best_places(names, scan.scores.gains).values(), key=lambda i: -scan.scores.gains[i])
 
 

@@ -212,8 +212,8 @@ def of_large(records: Sequence[Record]) -> list[tuple[str, str, str]]:
     for size in sorted({r["size"] for r in far}):
         here = [r for r in far if r["size"] == size]
         rows.append((f"set holds the truth, d = {size:g}", "≥ 95 %", share(in_set(r) for r in here)))
-        named = [r for r in here if r.get("verdict") == "effects"]
-        rows.append((f"another cause named, d = {size:g}", "", share(r in named and not in_set(r) for r in here)))
+        wrong = share(r.get("verdict") == "effects" and not in_set(r) for r in here)
+        rows.append((f"another cause named, d = {size:g}", "", wrong))
     return rows
 
 
