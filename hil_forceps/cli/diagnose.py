@@ -97,7 +97,7 @@ def diagnose(
             frozenset(without),
             tuple(hold_out),
             seed,
-            over_threads(pool),
+            over_threads(pool, threads),
             lambda text: bar.update(task, description=text),
             to_draw,
         )

@@ -35,8 +35,9 @@ def replay_axis(sources: Sequence[Path], rig_path: Path, out: Path, *, with_netw
         found = compare_axis(read_axis(sources, rig), progress)
         if with_networks:
             bar.update(task, description=f"networks, {SEEDS} seeds")
-            with ThreadPoolExecutor(os.cpu_count()) as pool:
-                networks = fit_networks(found.train, found.tests, mapper=over_threads(pool))
+            threads = os.cpu_count() or 1
+            with ThreadPoolExecutor(threads) as pool:
+                networks = fit_networks(found.train, found.tests, mapper=over_threads(pool, threads))
             found = found._replace(networks=networks)
         write_axis(found, out)
         bar.update(task, description="figures")

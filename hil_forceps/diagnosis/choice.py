@@ -56,6 +56,9 @@ ACCURACY = 0.004  # of the misfit already explained: a further effect must gain 
 ACCURACY_DRIVEN = 0.01
 
 
+Look = tuple[Model, Scan, Whitener, Noise]  # the catalogue beside a model, which is refitted for it, and the noise
+
+
 class Rival(NamedTuple):
     """A model that the data can't tell from the chosen one."""
 
@@ -96,10 +99,12 @@ def _moved(model: Model, stride: Vector) -> Model:
     return replace(model, fit=model.fit._replace(u=np.clip(model.fit.u + stride, low, high), chi2=math.inf))
 
 
-def _named_first(candidates: Iterable[Candidate], name: str) -> list[Candidate]:
-    """Return the candidates of a first step with this one as the one that was named."""
+def _named_instead(
+    candidates: Iterable[Candidate], step: int, name: str, state: Literal["weaker", "at a bound"] = "weaker"
+) -> list[Candidate]:
+    """Return the candidates with this one as the one that was named in a step; the one that was, in another state."""
     return [
-        replace(c, state="named") if c.id == name else replace(c, state="weaker") if c.state == "named" else c
+        c if c.step != step else replace(c, state="named" if c.id == name else state if c.state == "named" else c.state)
         for c in candidates
     ]
 
@@ -140,7 +145,7 @@ class Chooser:
         ways: list[tuple[Choice, dict[str, float]]] = []
         noted, inflation = list(self._candidates), dict(self._looker.inflation)
         for first in refined[:WAYS]:
-            self._candidates, self._looker.inflation = _named_first(noted, first.effects[-1]), dict(inflation)
+            self._candidates, self._looker.inflation = _named_instead(noted, 0, first.effects[-1]), dict(inflation)
             others = [model for model in refined if model is not first]
             ways.append((self._grown(start, [first, *others], WAYS_EFFECTS), self._looker.inflation))
         if not ways:
@@ -181,7 +186,7 @@ class Chooser:
                 if other.worth - best.worth > TURNS_FOLLOWED * max(first.worth - other.worth, SETTLED):
                     continue
                 other = self._refitted(other, whitener)
-                if not other.at_bound and other.worth < best.worth - least:
+                if not other.newest_at_an_end and other.worth < best.worth - least:
                     best, gain, least = other, reduced.fit.chi2 - other.fit.chi2, SETTLED
         if best is model:
             return choice
@@ -204,8 +209,7 @@ class Chooser:
         model, rivals = choice.model, list(choice.rivals)
         scan, whitener, noise = choice.scan, choice.whitener, choice.noise
         while refined and len(model.effects) < most:
-            best, *others = refined
-            looked_at, scan, whitener, noise = self._look(best, whitener)
+            best, others, (looked_at, scan, whitener, noise) = self._first_of(refined, whitener)
             model, rivals = self._compared([Rival(looked_at, 0.0)], others, best.worth, whitener)
             if 1 < len(best.effects) <= MAX_EXCHANGED:
                 model, rivals = self._exchange(model, rivals, whitener)
@@ -215,7 +219,29 @@ class Chooser:
         model, rivals = self._thinned(model, rivals, scan, whitener)
         return Choice(model, tuple(rivals), tuple(self._candidates), scan, whitener, noise, self._looker.inflation)
 
-    def _look(self, model: Model, whitener: Whitener) -> tuple[Model, Scan, Whitener, Noise]:
+    def _first_of(self, refined: list[Model], whitener: Whitener) -> tuple[Model, list[Model], Look]:
+        """Look at the best of those refitted; where that goes to an end of its range, at one that comes near instead.
+
+        There it is another entry's law, or none that it can follow: a presliding whose length has gone to nothing is
+        friction that holds at once.
+        """
+        best, *others = refined
+        look = self._look(best, whitener)
+        for other in others if look[0].newest_at_an_end else ():
+            if self._near(other, best, best.worth):
+                instead = self._look(other, whitener)
+                if not instead[0].newest_at_an_end:
+                    step = len(other.effects) - 1
+                    self._candidates = _named_instead(self._candidates, step, other.effects[-1], "at a bound")
+                    return other, [model for model in others if model is not other], instead
+        return best, others, look
+
+    def _near(self, other: Model, model: Model, level: float) -> bool:
+        """Tell whether a rough fit comes near enough to a level of a model's to be worth a full one."""
+        near = NEAR_DROP * self._inflation(other.effects[-1])
+        return other.worth - level <= near or aliases(other.effects, model.effects)
+
+    def _look(self, model: Model, whitener: Whitener) -> Look:
         """Scan the catalogue beside a model; take the noise anew from what neither explains; refit with it."""
         if model.effects:
             found = self._refitted(model, whitener)
@@ -225,7 +251,7 @@ class Chooser:
             model = found if self._driven else with_whole_harmonics(found, whitener)
         return self._seen(model, whitener)
 
-    def _seen(self, model: Model, whitener: Whitener) -> tuple[Model, Scan, Whitener, Noise]:
+    def _seen(self, model: Model, whitener: Whitener) -> Look:
         self._progress("looking at " + (" + ".join(model.effects) or "the known parameters"))
         seen = self._looker.see(model, whitener)
         noise = self._looker.noise(model, seen, whitener)
@@ -319,7 +345,7 @@ class Chooser:
                 gain = (model.fit.chi2 - refit.fit.chi2) / self._inflation(name)
                 gain -= COST_PER_COLUMN * (extra - 1)
                 gains[name] = max(gain, gains.get(name, gain))
-                if not refit.at_bound:
+                if not refit.newest_at_an_end:
                     (found if gain > needed[i] else lesser).append(refit)
         found.sort(key=lambda m: m.worth)
         if found or not overlooked:
@@ -352,17 +378,19 @@ class Chooser:
         model = rivals[0].model
         known = {frozenset(rival.model.effects) for rival in rivals}
         for other in others:
-            near = NEAR_DROP * self._inflation(other.effects[-1])
-            far = other.worth - level > near and not aliases(other.effects, model.effects)
-            if far or frozenset(other.effects) in known:
+            if frozenset(other.effects) in known or not self._near(other, model, level):
                 continue
             refit = self._as_far(other, model, whitener)
             if refit.worth < model.worth - 1.0:
                 model, rivals = self._further_too(model, rivals, whitener)
             behind = refit.worth - model.worth
-            if behind < -1.0:
-                model = refit
-                rivals = [Rival(rival.model, rival.behind - behind) for rival in rivals]
+            if model.at_an_end and not refit.at_an_end:  # it would be refused, were it to join now
+                leads, kept = behind <= NEAR_DROP * self._inflation(other.effects[-1]), []
+            else:
+                leads = behind < -1.0 and (model.at_an_end or not refit.at_an_end)
+                kept = [Rival(rival.model, rival.behind - behind) for rival in rivals]
+            if leads:
+                model, rivals, behind = refit, kept, 0.0
             rivals = [*rivals, Rival(refit, max(behind, 0.0))]
         return model, self._within_reach(rivals)
 

@@ -28,7 +28,16 @@ class Model:
     effects: tuple[str, ...]
     problem: Problem
     fit: Fit
-    at_bound: bool = False
+
+    @property
+    def at_an_end(self) -> bool:
+        """Tell whether any of the effects was fitted to the end of its range."""
+        return any(at_an_end(self.problem, self.fit, effect_id) for effect_id in self.effects)
+
+    @property
+    def newest_at_an_end(self) -> bool:
+        """Tell whether the effect that joined last was."""
+        return at_an_end(self.problem, self.fit, self.effects[-1])
 
     @property
     def worth(self) -> float:
@@ -45,7 +54,6 @@ def extend(model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, h
         start[name] *= float(amplitude)
     for p in entry.parameters:
         start[p.name] = float(np.clip(start.get(p.name, p.neutral or 0.0), p.minimum, p.maximum))
-    count = len(model.problem.shared.items)
     for _ in range(MAX_HALVINGS):
         problem, u = _with_effect(model, probe, start)
         u, chi2 = follow(problem, u, whitener, held)
@@ -53,7 +61,7 @@ def extend(model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, h
             break  # else the linear look has promised too much
         start |= {name: 0.5 * start[name] for name in probe.amplitudes}
     result = fit(problem, u, whitener, held=held, steps=EXTEND_STEPS)
-    return Model((*model.effects, probe.effect_id), problem, result, at_bound(problem, result, count))
+    return Model((*model.effects, probe.effect_id), problem, result)
 
 
 def _with_effect(model: Model, probe: Probe, start: dict[str, float]) -> tuple[Problem, Vector]:
@@ -85,16 +93,17 @@ def without_effect(model: Model, place: int, whitener: Whitener, *, roughly: boo
     return Model(tuple(e for e in model.effects if e != gone), problem, refit)
 
 
-def at_bound(problem: Problem, result: Fit, first: int) -> bool:
-    """Tell whether a parameter of the newest effect ended at the end of its physical range.
+def at_an_end(problem: Problem, result: Fit, effect_id: str) -> bool:
+    """Tell whether a parameter of an effect ended at the end of its physical range.
 
     The end at which an amplitude is off is none, as long as the effect has another one.
     """
     low, high = problem.bounds()
-    added = problem.shared.items[first:]
-    ends = []
-    for i, item in enumerate(added, first):
-        room = 1e-9 * max(1.0, abs(float(result.u[i])))
-        off = len(added) > 1 and item.assumed == item.low
-        ends.append((result.u[i] <= low[i] + room and not off) or result.u[i] >= high[i] - room)
-    return any(ends)
+    own = [i for i, name in enumerate(problem.shared.names) if name.startswith(f"effects.{effect_id}.")]
+    for i in own:
+        item, at = problem.shared.items[i], float(result.u[i])
+        room = 1e-9 * max(1.0, abs(at))
+        off = len(own) > 1 and item.assumed == item.low
+        if (at <= low[i] + room and not off) or at >= high[i] - room:
+            return True
+    return False

@@ -168,7 +168,7 @@ def _within_doubt(model: Model, known: Known, whitener: Whitener) -> Model:
     u, (chi2, residual, outputs) = found.u, at(found.u)
     for _ in range(STEPS):
         white = whitener.apply(jacobian)
-        normal = gram(white, white) + precision
+        normal = gram(white, white, problem.mapper) + precision
         slope = gram(white, whitener.apply(residual)[:, None])[:, 0] - precision @ (u - centre)
         step = inverse(normal) @ slope
         for share in SHARES:

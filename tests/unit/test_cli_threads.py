@@ -14,7 +14,7 @@ LONGEST_S = 20.0
 def test_tasks_that_share_out_work_of_their_own_end(threads: int) -> None:
     # A diagnosis that tried a slack at other widths hung for ever: all threads waited for their own tasks.
     pool = ThreadPoolExecutor(threads)
-    mapper = over_threads(pool)
+    mapper = over_threads(pool, threads)
     found: list[list[int]] = []
 
     def square(number: int) -> int:
@@ -31,9 +31,26 @@ def test_tasks_that_share_out_work_of_their_own_end(threads: int) -> None:
     assert found == [[0, 0, 1, 5, 14, 30, 55, 91]]
 
 
+def test_what_a_task_shares_out_is_done_by_idle_threads_too() -> None:
+    """Two parts of one task meet: one thread alone would wait for the other part for ever."""
+    met = threading.Barrier(2, timeout=LONGEST_S)
+    with ThreadPoolExecutor(2) as pool:
+        mapper = over_threads(pool, 2)
+        assert [list(each) for each in mapper(lambda _: mapper(lambda _: met.wait() < 2, range(2)), [None])] == [
+            [True, True]
+        ]
+
+
+def test_a_part_that_fails_fails_its_task() -> None:
+    with ThreadPoolExecutor(2) as pool:
+        mapper = over_threads(pool, 2)
+        with pytest.raises(ZeroDivisionError):
+            list(mapper(lambda _: list(mapper(lambda number: 1 // number, (1, 0, 1))), [None]))
+
+
 def test_a_task_that_fails_leaves_its_thread_ready_to_share() -> None:
     with ThreadPoolExecutor(1) as pool:
-        mapper = over_threads(pool)
+        mapper = over_threads(pool, 1)
         with pytest.raises(ZeroDivisionError):
             list(mapper(lambda number: 1 // number, [0]))
         threads = set(mapper(lambda _: threading.current_thread().name, range(3)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis import fit as fit_module
 from hil_forceps.diagnosis.experiment import Record
-from hil_forceps.diagnosis.extension import at_bound
+from hil_forceps.diagnosis.extension import at_an_end
 from hil_forceps.diagnosis.fit import (
     MAX_DAMPINGS,
     Fit,
@@ -240,7 +240,7 @@ def test_an_amplitude_that_is_off_is_at_no_bound_unless_it_is_the_only_one() -> 
     ):
         problem, whitener = toy((*BOTH, *items), 11)
         found = fit(toy(BOTH, 11)[0], np.zeros(4), whitener)._replace(u=np.array([0.0, 0.0, *u, 0.0, 0.0]))
-        assert at_bound(problem, found, 2) is expected
+        assert at_an_end(problem, found, "a") is expected
 
 
 def test_a_direction_that_only_the_prior_knows_keeps_the_prior_s_deviation() -> None:

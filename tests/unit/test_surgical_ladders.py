@@ -32,7 +32,7 @@ pytestmark = [
 def test_a_ladder_ends_where_it_is_documented_to(side: str) -> None:
     runs = read_surgical_tool(DATA / f"{SETS[side]}.zip")
     with ThreadPoolExecutor(2) as pool:
-        found = diagnose(runs, load_rig(RIG), Options(mapper=over_threads(pool))).diagnosis
+        found = diagnose(runs, load_rig(RIG), Options(mapper=over_threads(pool, 2))).diagnosis
     assert found.verdict == "effects"
     last = found.ladder[-1].rmse
     torque_mN_m, angle_deg = 1e3 * last["tau_m_N_m"], math.degrees(last["theta_j_rad"])
