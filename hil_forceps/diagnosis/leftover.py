@@ -27,7 +27,8 @@ Vector = NDArray[np.float64]
 Signals = list[Vector]
 
 WAVES = 5
-TURNS = 3  # harmonics of a turn
+TURNS = range(1, 4)  # harmonics of a turn
+FINE, FINEST = range(4, 13), range(13, 25)  # of poles, slots and gears
 MEMORIES_S = (0.02, 0.1, 0.5, 2.0)
 MEMORY_SHARES = (0.01, 0.05, 0.2)  # of the range: memories over a way
 SHORT_SHARES = (0.0003, 0.003)  # the direction itself, at rest that of the last motion
@@ -99,8 +100,12 @@ def _waves(x: Vector, span: tuple[float, float]) -> list[Vector]:
     return [np.cos(k * phase) for k in range(1, WAVES + 1)]
 
 
-def _round(x: Vector) -> list[Vector]:
-    return [wave(k * x) for k in range(1, TURNS + 1) for wave in (np.sin, np.cos)]
+def _round(x: Vector, harmonics: Sequence[int] = TURNS) -> list[Vector]:
+    return [wave(k * x) for k in harmonics for wave in (np.sin, np.cos)]
+
+
+def _ripple(c: Course, top: float, harmonics: Sequence[int]) -> list[Vector]:
+    return [c.current_A / top * wave for wave in _round(c.theta_m, harmonics)]
 
 
 def _sign(omega: Vector, top: float) -> Vector:
@@ -144,6 +149,11 @@ def _curves() -> tuple[Curve, ...]:
             lambda c, s: [w * _sign(c.omega_m, s.omega_m) for w in _waves(c.theta_m, s.theta_m)],
         ),
         Curve("motor", "turn", lambda c, _: _round(c.theta_m)),
+        Curve("motor", "4 to 12 times a turn", lambda c, _: _round(c.theta_m, FINE)),
+        Curve("motor", "13 to 24 times a turn", lambda c, _: _round(c.theta_m, FINEST)),
+        Curve("motor", "current and turn", lambda c, s: _ripple(c, s.current_A, TURNS)),
+        Curve("motor", "current and 4 to 12 times a turn", lambda c, s: _ripple(c, s.current_A, FINE)),
+        Curve("motor", "current and 13 to 24 times a turn", lambda c, s: _ripple(c, s.current_A, FINEST)),
         Curve("motor", "omega", lambda c, s: _over_speed(c.omega_m, s.omega_m)),
         Curve(
             "motor",

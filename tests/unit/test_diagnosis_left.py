@@ -18,11 +18,13 @@ PLAY = "transmission_play"
 KINDS = ("multisine", "chirp", "trapezoid")
 
 
-def found_without(*ids: str, hidden: Mapping[str, Mapping[str, float]] = STRETCHED) -> Findings:
+def found_without(
+    *ids: str, hidden: Mapping[str, Mapping[str, float]] = STRETCHED, kinds: tuple[str, ...] = KINDS
+) -> Findings:
     """Return what is found in runs with something hidden when entries are missing from the catalogue."""
     true = true_rig(RIG, hidden, {})
-    runs = [generate(true, replace(SCENARIOS[kind], duration_s=4.0), 40 + k, name=kind) for k, kind in enumerate(KINDS)]
-    return investigate(runs, RIG, Options(without=frozenset(ids), hold_out=KINDS[-1:]))
+    runs = [generate(true, replace(SCENARIOS[kind], duration_s=4.0), 40 + k, name=kind) for k, kind in enumerate(kinds)]
+    return investigate(runs, RIG, Options(without=frozenset(ids), hold_out=kinds[-1:]))
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +113,25 @@ def test_a_play_that_no_entry_is_shows_over_the_direction_and_is_no_skew() -> No
     verdict = judge(found)
     assert verdict.verdict == "unnamed"
     assert verdict.varies_over[0] == "wire: direction"
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("left")
+@pytest.mark.parametrize(
+    ("effect_id", "values", "over"),
+    [
+        ("torque_ripple", {"harmonic": 6.0, "sine": 3.0e-4}, "current and 4 to 12 times a turn"),
+        ("torque_ripple", {"harmonic": 18.0, "sine": 3.0e-4}, "current and 13 to 24 times a turn"),
+        ("cogging", {"harmonic": 7.0, "sine_N_m": 4.0e-7}, "4 to 12 times a turn"),
+        ("cogging", {"harmonic": 24.0, "sine_N_m": 1.0e-6}, "13 to 24 times a turn"),
+    ],
+)
+def test_what_recurs_many_times_a_turn_is_no_noise(effect_id: str, values: dict[str, float], over: str) -> None:
+    """In three harmonics of a turn a ripple with 1500 of χ² in it went for noise of a band, and all for consistent."""
+    found = found_without("torque_ripple", "cogging", hidden={effect_id: values}, kinds=("spin", "multisine"))
+    verdict = judge(found)
+    assert verdict.verdict == "unnamed"
+    assert verdict.varies_over[0] == f"motor: {over}"
 
 
 def test_a_direction_is_forgotten_over_the_way_after_each_reversal() -> None:
