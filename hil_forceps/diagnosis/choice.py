@@ -4,7 +4,7 @@ Every entry is looked for at several shapes by its linear sensitivity; the best 
 All models that come within `SET_DROP` of the best are kept: the data can't tell them apart.
 
 Where the measured motion drives, what is left is many times the noise, and an entry that joins early keeps what others
-would say better: there several ways up are tried, each from another first entry, and the likeliest is gone on.
+would say better: there several ways up are gone, each from another first entry, and the likeliest at its end is taken.
 """
 
 import math
@@ -47,7 +47,7 @@ TURNS_FOLLOWED = 20.0  # of fit and rounding, by what the first gains: what is f
 BEYOND = 4.0  # steps of a fit with its rounding taken anew, tried where one such step still helps
 ONWARD = 0.25  # of the whole way of fit and rounding in turn: how far beyond its end is looked at
 MOST_STRIDES = 6  # of that
-WAYS, WAYS_EFFECTS = 3, 3  # how many ways up are tried, and how far
+WAYS = 3  # up, from another first entry each, where the motion drives
 CLEARLY = 4.0  # times what an effect must gain: no better fit without it takes that away
 SETTLED = 10.0  # of χ²: where friction holds, the rounding as it was for one speed of its film keeps that speed
 ACCURACY = 0.004  # of the misfit already explained: a further effect must gain more than numerics and smoothing leave
@@ -141,20 +141,20 @@ class Chooser:
         return self._likeliest_way(start, refined) if self._driven else self._grown(start, refined)
 
     def _likeliest_way(self, start: Choice, refined: list[Model]) -> Choice:
-        """Let entries join from each of the best first ones on; go on with the way that leads furthest."""
+        """Let entries join from each of the best first ones on; return the way that is likeliest where it ends."""
         ways: list[tuple[Choice, dict[str, float]]] = []
         noted, inflation = list(self._candidates), dict(self._looker.inflation)
         for first in refined[:WAYS]:
-            self._candidates, self._looker.inflation = _named_instead(noted, 0, first.effects[-1]), dict(inflation)
+            self._candidates = _named_instead(noted, 0, first.effects[-1])
+            self._looker.inflation = dict(inflation)
             others = [model for model in refined if model is not first]
-            ways.append((self._grown(start, [first, *others], WAYS_EFFECTS), self._looker.inflation))
+            ways.append((self._grown(start, [first, *others]), self._looker.inflation))
         if not ways:
             return start
         way, self._looker.inflation = min(ways, key=lambda way: _unlikeliness(way[0]))
         self._candidates = list(way.candidates)
         model, scan, whitener, noise = self._look(way.model, way.whitener)
-        way = replace(way, model=model, scan=scan, whitener=whitener, noise=noise)
-        return self._grown(way, self._refined(model, scan, whitener, len(model.effects)))
+        return self._grown(replace(way, model=model, scan=scan, whitener=whitener, noise=noise), [])
 
     def further(self, choice: Choice) -> Choice:
         """Go on from a choice beside which something is left; the same choice where that leads nowhere.
@@ -204,18 +204,19 @@ class Chooser:
         for place in range(len(choice.model.effects)):
             yield self._without(choice.model, place, choice.whitener)
 
-    def _grown(self, choice: Choice, refined: list[Model], most: int = MAX_EFFECTS) -> Choice:
-        """Let entries join as long as one gains enough, up to `most`, beginning with the first of those refitted."""
+    def _grown(self, choice: Choice, refined: list[Model]) -> Choice:
+        """Let entries join as long as one gains enough, beginning with the first of those refitted."""
         model, rivals = choice.model, list(choice.rivals)
         scan, whitener, noise = choice.scan, choice.whitener, choice.noise
-        while refined and len(model.effects) < most:
+        while refined and len(model.effects) < MAX_EFFECTS:
             best, others, (looked_at, scan, whitener, noise) = self._first_of(refined, whitener)
             model, rivals = self._compared([Rival(looked_at, 0.0)], others, best.worth, whitener)
             if 1 < len(best.effects) <= MAX_EXCHANGED:
                 model, rivals = self._exchange(model, rivals, whitener)
             if model is not looked_at:
                 model, scan, whitener, noise = self._look(model, whitener)
-            refined = self._refined(model, scan, whitener, len(model.effects)) if len(model.effects) < most else []
+            more = len(model.effects) < MAX_EFFECTS
+            refined = self._refined(model, scan, whitener, len(model.effects)) if more else []
         model, rivals = self._thinned(model, rivals, scan, whitener)
         return Choice(model, tuple(rivals), tuple(self._candidates), scan, whitener, noise, self._looker.inflation)
 

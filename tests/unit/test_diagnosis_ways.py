@@ -1,4 +1,4 @@
-"""Several ways up where the motion drives: the likeliest is gone on, and nothing of the others stays."""
+"""Several ways up where the motion drives: the likeliest at its end is taken, and nothing of the others stays."""
 
 from dataclasses import replace
 from typing import Any, cast
@@ -68,7 +68,7 @@ class Guided(Chooser):
         return replace(found, candidates=tuple(self._candidates))
 
 
-def test_the_way_that_leaves_least_noise_is_gone_on() -> None:
+def test_the_way_that_leaves_least_noise_at_its_end_is_taken() -> None:
     chooser = Guided(driven=True)
     choice = chooser.choose(named(), whitener(4.0))
 
