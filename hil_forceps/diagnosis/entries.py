@@ -124,15 +124,16 @@ def _shapes(entry: Effect, scene: Scene) -> list[dict[str, float]]:
     return [{name: value} for value in values]
 
 
-def free_names(entry: Effect, probe: Probe) -> tuple[str, ...]:
+def free_names(entry: Effect, probe: Probe, *, geared: bool = False) -> tuple[str, ...]:
     """Return the parameters to fit when this place is refined: all, but for channels without skew and whole harmonics.
 
     Once or twice in a turn repeats what goes round with the motor itself, and then it is once or twice to the last
     digit; a harmonic of r_m/r_j, free to be found, is a weight at the jaw. Of more, a gear can make any number.
+    `geared`: the angle is one behind a gear, and none is whole.
     """
     if entry.id == "channel_skew":
         return probe.amplitudes
-    whole = probe.start.get(HARMONIC) in WHOLE_HARMONICS
+    whole = not geared and probe.start.get(HARMONIC) in WHOLE_HARMONICS
     return tuple(p.name for p in entry.parameters if not (whole and p.name == HARMONIC))
 
 

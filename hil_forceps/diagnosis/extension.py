@@ -67,7 +67,9 @@ def extend(model: Model, probe: Probe, amplitudes: Vector, whitener: Whitener, h
 def _with_effect(model: Model, probe: Probe, start: dict[str, float]) -> tuple[Problem, Vector]:
     """Return the problem with an entry added, and where to begin: the model with the entry at `start`."""
     count = len(model.problem.shared.items)
-    shared = model.problem.shared.with_effect(probe.effect_id, start, free_names(effect(probe.effect_id), probe))
+    geared = model.problem.records[0].mode == "driven"  # by an angle that may be one behind a gear or a screw
+    free = free_names(effect(probe.effect_id), probe, geared=geared)
+    shared = model.problem.shared.with_effect(probe.effect_id, start, free, geared=geared)
     base = model.problem.base.copy()
     for name, value in start.items():
         base[parameters.index(f"effects.{probe.effect_id}.{name}")] = value

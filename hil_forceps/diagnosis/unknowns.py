@@ -79,17 +79,20 @@ class Unknowns(NamedTuple):
         """Return the precision where u has a prior, 0 elsewhere."""
         return np.array([item.precision if item.prior else 0.0 for item in self.items])
 
-    def with_effect(self, effect_id: str, start: Mapping[str, float], free: Iterable[str]) -> "Unknowns":
+    def with_effect(
+        self, effect_id: str, start: Mapping[str, float], free: Iterable[str], *, geared: bool = False
+    ) -> "Unknowns":
         """Return these with parameters of an effect added, centred on `start`."""
         entry = effect(effect_id)
-        added = [_effect_unknown(effect_id, p, start[p.name]) for p in entry.parameters if p.name in set(free)]
+        added = [_effect_unknown(effect_id, p, start[p.name], geared) for p in entry.parameters if p.name in set(free)]
         return Unknowns((*self.items, *added))
 
 
-def _effect_unknown(effect_id: str, p: EffectParameter, start: float) -> Unknown:
+def _effect_unknown(effect_id: str, p: EffectParameter, start: float, geared: bool) -> Unknown:
     scale = abs(p.typical) if p.neutral is not None else 0.3 * max(abs(start), abs(p.minimum))
     # One of three and more does not turn into one of those that are whole (`entries.free_names`).
-    low = LEAST_OF_MANY if p.name == HARMONIC and start > LEAST_OF_MANY else p.minimum
+    many = p.name == HARMONIC and start > LEAST_OF_MANY and not geared
+    low = LEAST_OF_MANY if many else p.minimum
     return Unknown(f"effects.{effect_id}.{p.name}", p.unit, start, scale, low, p.maximum, False, p.neutral)
 
 

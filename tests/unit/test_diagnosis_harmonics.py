@@ -21,12 +21,23 @@ KINDS = ("multisine", "chirp", "trapezoid")
 
 
 @pytest.mark.parametrize("name", ["cogging", "torque_ripple"])
-@pytest.mark.parametrize(("start", "least"), [(1.0, None), (2.0, None), (3.0, LEAST_OF_MANY), (1.46, 1.0)])
-def test_a_harmonic_is_held_where_it_is_whole(name: str, start: float, least: float | None) -> None:
+@pytest.mark.parametrize(
+    ("start", "geared", "least"),
+    [
+        (1.0, False, None),
+        (2.0, False, None),
+        (3.0, False, LEAST_OF_MANY),
+        (1.46, False, 1.0),
+        (1.0, True, 1.0),
+        (3.0, True, 1.0),
+    ],
+)
+def test_a_harmonic_is_held_where_it_is_whole(name: str, start: float, geared: bool, least: float | None) -> None:
     values = {"sine": 0.1, "cosine": 0.1, "sine_N_m": 1e-6, "cosine_N_m": 1e-6, "harmonic": start}
     entry = effect(name)
     probe = Probe(name, {p.name: values[p.name] for p in entry.parameters}, (), False)
-    items = {item.name: item for item in Unknowns(()).with_effect(name, probe.start, free_names(entry, probe)).items}
+    free = free_names(entry, probe, geared=geared)
+    items = {item.name: item for item in Unknowns(()).with_effect(name, probe.start, free, geared=geared).items}
     assert len(items) == (2 if least is None else 3)
     if least is not None:
         assert items[f"effects.{name}.harmonic"].low == least
