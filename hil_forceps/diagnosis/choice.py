@@ -327,8 +327,10 @@ class Chooser:
         order = to_try(scan)
         if overlooked:
             order = [i for i in order if scan.probes[i].effect_id not in model.effects]
-        # Where the motion drives, nearly all of a large misfit is of causes that aren't in the catalogue.
-        lists = shortlists(order, scan.scores.gains, needed, overlooked=overlooked, widely=not self._driven)
+        # Where the motion drives, nearly all of a large misfit is of causes that aren't in the catalogue; but the ways
+        # begin with what does most once refitted.
+        widely = not self._driven or not model.effects
+        lists = shortlists(order, scan.scores.gains, needed, overlooked=overlooked, widely=widely)
         lists = with_aliases(lists, order, scan)
         found: list[Model] = []
         lesser: list[Model] = []

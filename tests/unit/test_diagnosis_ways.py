@@ -1,11 +1,13 @@
 """Several ways up where the motion drives: the likeliest at its end is taken, and nothing of the others stays."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from hil_forceps.diagnosis import choice
 from hil_forceps.diagnosis.choice import Choice, Chooser, Rival
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.result import Candidate
@@ -98,3 +100,30 @@ def test_less_noise_outweighs_the_chi2_that_it_raises(quieter: float) -> None:
     finally:
         NOISE["jaw_gravity"] = 2.0
     assert found == (("jaw_gravity",) if quieter < 1.0 else ("wire_hardening",))
+
+
+@pytest.mark.parametrize(
+    ("driven", "effects", "widely"),
+    [(True, (), True), (True, ("cogging",), False), (False, (), True), (False, ("cogging",), True)],
+)
+def test_the_ways_begin_with_a_wide_look(
+    driven: bool, effects: tuple[str, ...], widely: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two of the right jaw's entries came near by their linear gain; the way of a third ended far likelier."""
+    asked: list[bool] = []
+
+    def listed(*_: Any, widely: bool, **__: Any) -> tuple[list[int], ...]:
+        asked.append(widely)
+        return ()
+
+    for name, value in (("best_of_each", {}), ("to_try", []), ("hold", None), ("with_aliases", ())):
+        monkeypatch.setattr(choice, name, lambda *_, value=value: value)
+    monkeypatch.setattr(choice, "shortlists", listed)
+    chooser = Chooser(cast("Any", _Looker()), lambda _: None, cast("Any", None), driven=driven)
+    monkeypatch.setattr(Chooser, "_needed", lambda *_: np.empty(0))
+    model = replace(named(*effects), fit=cast("Any", SimpleNamespace(jacobian=None)))
+
+    scan = cast("Any", SimpleNamespace(scores=SimpleNamespace(gains=np.empty(0))))
+
+    assert chooser._refined(model, scan, whitener(1.0), 0) == []
+    assert asked == [widely]
