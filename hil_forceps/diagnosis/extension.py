@@ -1,16 +1,19 @@
 """A model: effects of the catalogue and the fit with them; with one more, with one less."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.entries import Probe, free_names
+from hil_forceps.diagnosis.entries import HARMONIC, Probe, free_names
 from hil_forceps.diagnosis.fit import Fit, Held, fit, follow, hold
 from hil_forceps.diagnosis.problem import Problem
+from hil_forceps.diagnosis.result import TWO_SIDED_95
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
 from hil_forceps.diagnosis.spectrum import Whitener
+from hil_forceps.diagnosis.unknowns import Unknown
 from hil_forceps.model import parameters
 from hil_forceps.rig.catalogue import effect
 
@@ -106,6 +109,17 @@ def at_an_end(problem: Problem, result: Fit, effect_id: str) -> bool:
         item, at = problem.shared.items[i], float(result.u[i])
         room = 1e-9 * max(1.0, abs(at))
         off = len(own) > 1 and item.assumed == item.low
-        if (at <= low[i] + room and not off) or at >= high[i] - room:
+        if (at <= low[i] + max(room, _room_at_nothing(item, result, i)) and not off) or at >= high[i] - room:
             return True
     return False
+
+
+def _room_at_nothing(item: Unknown, result: Fit, place: int) -> float:
+    """Return how far above its least a length, a time or a speed may be and still be none, as far as the data tell.
+
+    A creep of 14 ms that may as well be one of 10 is a damping.
+    """
+    if item.assumed is not None or item.name.endswith(f".{HARMONIC}"):
+        return 0.0
+    deviation = math.sqrt(max(float(result.covariance[place, place]), 0.0))
+    return min(TWO_SIDED_95 * deviation, item.low / item.scale)

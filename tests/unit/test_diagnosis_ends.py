@@ -16,12 +16,13 @@ LENGTH = "effects.loaded_presliding.angle_rad"
 LOADED, FRICTION, STRIBECK = "loaded_presliding", "load_dependent_friction", "stribeck_friction"
 
 
-def fitted(*effects: str, chi2: float, length: float = 0.02) -> Model:
+def fitted(*effects: str, chi2: float, length: float = 0.02, deviation: float = 0.0) -> Model:
     """Return a model; `length`: where the presliding's was fitted to, if there is any."""
     items = (Unknown(LENGTH, "rad", 0.0, 1.0, LEAST, 0.5, False, None),) * (LOADED in effects)
     shared = Unknowns(items)
     problem = SimpleNamespace(shared=shared, bounds=shared.bounds)
-    fit = SimpleNamespace(chi2=chi2, u=np.array([length])[: len(items)])
+    covariance = np.full((len(items), len(items)), deviation**2)
+    fit = SimpleNamespace(chi2=chi2, u=np.array([length])[: len(items)], covariance=covariance)
     return Model(effects, cast("Any", problem), cast("Any", fit))
 
 
@@ -57,6 +58,29 @@ def test_inside_its_range_it_stays() -> None:
     model, rivals = compared(chosen, other)
     assert model is chosen
     assert [rival.model for rival in rivals] == [chosen]
+
+
+@pytest.mark.parametrize(
+    ("length", "deviation", "end"),
+    [
+        (1.5 * LEAST, 0.3 * LEAST, True),  # may as well be the least there is
+        (1.5 * LEAST, 0.2 * LEAST, False),  # is known to be more
+        (3.0 * LEAST, 2.0 * LEAST, False),  # hardly known, as of a weak effect: nothing is said of it
+        (0.02, 0.02, False),
+    ],
+)
+def test_a_length_that_may_as_well_be_none_is_at_its_end(length: float, deviation: float, end: bool) -> None:
+    model = fitted(LOADED, chi2=1000.0, length=length, deviation=deviation)
+    assert model.at_an_end is end
+    assert model.newest_at_an_end is end
+
+
+def test_a_harmonic_near_the_least_is_none() -> None:
+    name = "effects.cogging.harmonic"
+    shared = Unknowns((Unknown(name, "", 0.0, 1.0, 1.0, 60.0, False, None),))
+    problem = SimpleNamespace(shared=shared, bounds=shared.bounds)
+    fit = SimpleNamespace(chi2=1.0, u=np.array([1.06]), covariance=np.ones((1, 1)))
+    assert not Model(("cogging",), cast("Any", problem), cast("Any", fit)).at_an_end
 
 
 def test_what_is_far_behind_takes_no_place_from_it() -> None:
