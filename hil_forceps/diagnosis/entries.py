@@ -18,7 +18,8 @@ HYSTERESIS_STRETCHES = (0.03, 0.15, 0.6)  # of the stretch's range
 PRESLIDING_ANGLES = (0.003, 0.02, 0.1)  # of the angle's range
 PLAY_SHARE = 0.01  # of the angle's range
 STRIBECK_QUANTILES = (0.03, 0.1, 0.3, 0.7)  # of the speed while moving
-HUMPS = (0.05, 0.15, 0.45)  # of how far the jaw goes to either side
+HUMPS = (0.45, 0.15, 0.05)  # of how far the jaw goes to either side
+NARROW_RAD, NARROWER = 0.1, 5.0  # where the jaw turns round and round, humps of this, each so many times narrower
 HARMONIC = "harmonic"
 WHOLE_HARMONICS = (1.0, 2.0)
 LIMIT_SHARES = (0.9985, 0.995, 0.98, 0.85, 0.6)  # of the largest current
@@ -83,12 +84,19 @@ def _friction_over_angle(effect_id: str, size: float, scene: Scene) -> list[Prob
     names = ("slope_N_m_per_rad", "curvature_N_m_per_rad2")
     sides = [(size, size), (-size, size)]
     humps = [
-        (math.copysign(size, reach), -size / (share * abs(reach))) for reach in scene.jaw_reach_rad for share in HUMPS
+        (math.copysign(size, reach), -size / width) for reach in scene.jaw_reach_rad for width in _hump_widths(abs(reach))
     ]
     return [
         *(Probe(effect_id, dict(zip(names, side, strict=True)), names, False) for side in sides),
         *(Probe(effect_id, dict(zip(names, hump, strict=True)), names, True, True) for hump in humps),
     ]
+
+
+def _hump_widths(reach_rad: float) -> list[float]:
+    widths = [share * reach_rad for share in HUMPS]
+    while widths[-1] > NARROW_RAD:
+        widths.append(widths[-1] / NARROWER)
+    return widths
 
 
 def _size(entry: Effect, typical: float, scene: Scene) -> float:
