@@ -84,7 +84,9 @@ def _friction_over_angle(effect_id: str, size: float, scene: Scene) -> list[Prob
     names = ("slope_N_m_per_rad", "curvature_N_m_per_rad2")
     sides = [(size, size), (-size, size)]
     humps = [
-        (math.copysign(size, reach), -size / width) for reach in scene.jaw_reach_rad for width in _hump_widths(abs(reach))
+        (math.copysign(size, reach), -size / width)
+        for reach in scene.jaw_reach_rad
+        for width in _hump_widths(abs(reach))
     ]
     return [
         *(Probe(effect_id, dict(zip(names, side, strict=True)), names, False) for side in sides),

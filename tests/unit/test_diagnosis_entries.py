@@ -42,7 +42,7 @@ def test_a_side_that_the_jaw_does_not_reach_is_left_out() -> None:
 
 
 def test_where_the_jaw_turns_round_narrow_humps_are_looked_for_too() -> None:
-    """A hump of 38 mrad (d = 50) in runs of 30 rad gained nothing at 1.5 rad, the narrowest by share, and 429 at 61 mrad."""
+    """A hump of 38 mrad (d = 50) gained nothing at 1.5 rad, 0.05 of the way, and 429 at 61 mrad."""
     humps = [probe for probe in friction_places((-0.7, 30.0)) if probe.together]
     widths = [-p.start["slope_N_m_per_rad"] / p.start["curvature_N_m_per_rad2"] for p in humps]
     np.testing.assert_allclose(widths, [-0.315, -0.105, -0.035, 13.5, 4.5, 1.5, 0.3, 0.06])
