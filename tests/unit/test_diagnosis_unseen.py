@@ -11,9 +11,10 @@ from tests.hidden_effects.generator import RIG, WHITE, generate, make_case, true
 from tests.hidden_effects.generator_scenarios import SCENARIOS
 
 HIDDEN = "wire_damping"
-ALIAS = "wire_creep"  # as quick as a damping in slow motion: with both, chance decides between them
+ALIAS = "wire_creep"  # as quick as a damping in slow motion, and at the end of its range there: the data don't tell
+NEIGHBOUR = "wire_hysteresis"
 KINDS = ("teleoperation", "slow", "multisine", "trapezoid")  # slow motion to fit, quick to judge
-SEED = 90  # with 60 chance leaves too much over speed in the fitted runs; with 80 a hysteresis ties with the creep
+SEED = 90  # with 100 and 110 the fitted runs alone would tell
 TRUE = true_rig(RIG, {HIDDEN: {"damping_N_s_per_m": 13.0}}, {})
 
 
@@ -26,9 +27,9 @@ def found_without(*ids: str) -> Findings:
 
 @pytest.mark.long
 def test_a_neighbour_fails_where_motion_is_another() -> None:
-    true, neighbour = found_without(ALIAS), found_without(HIDDEN)
+    true, neighbour = found_without(ALIAS), found_without(ALIAS, HIDDEN)
     assert true.choice.model.effects == (HIDDEN,)
-    assert neighbour.choice.model.effects == (ALIAS,)
+    assert neighbour.choice.model.effects == (NEIGHBOUR,)
     assert true.unseen is not None
     assert neighbour.unseen is not None
     assert neighbour.unseen.stands_out
