@@ -18,10 +18,10 @@ HYSTERESIS_STRETCHES = (0.03, 0.15, 0.6)  # of the stretch's range
 PRESLIDING_ANGLES = (0.003, 0.02, 0.1)  # of the angle's range
 PLAY_SHARE = 0.01  # of the angle's range
 STRIBECK_QUANTILES = (0.03, 0.1, 0.3, 0.7)  # of the speed while moving
-HUMPS = (0.45, 0.15, 0.05)  # of how far the jaw goes to either side
+HUMPS = (0.45, 0.15, 0.05)  # of how far the jaw goes to either side, the narrowest last
 NARROW_RAD, NARROWER = 0.1, 5.0  # where the jaw turns round and round, humps of this, each so many times narrower
 HARMONIC = "harmonic"
-WHOLE_HARMONICS = (1.0, 2.0)
+WHOLE_HARMONICS, LEAST_OF_MANY = (1.0, 2.0), 2.5
 LIMIT_SHARES = (0.9985, 0.995, 0.98, 0.85, 0.6)  # of the largest current
 
 
@@ -134,17 +134,24 @@ def _shapes(entry: Effect, scene: Scene) -> list[dict[str, float]]:
     return [{name: value} for value in values]
 
 
-def free_names(entry: Effect, probe: Probe, *, geared: bool = False) -> tuple[str, ...]:
-    """Return the parameters to fit when this place is refined: all, but for channels without skew and whole harmonics.
+def free_parameters(entry: Effect, probe: Probe, *, geared: bool) -> dict[str, float]:
+    """Return the parameters to fit when this place is refined, and what each is at least.
+
+    All are, but for channels without skew and whole harmonics.
 
     Once or twice in a turn repeats what goes round with the motor itself, and then it is once or twice to the last
-    digit; a harmonic of r_m/r_j, free to be found, is a weight at the jaw. Of more, a gear can make any number.
-    `geared`: the angle is one behind a gear, and none is whole.
+    digit; a harmonic of r_m/r_j, free to be found, is a weight at the jaw. Of more, a gear can make any number, but
+    none turns into one of those that are whole. `geared`: the angle is one behind a gear, and none is.
     """
     if entry.id == "channel_skew":
-        return probe.amplitudes
-    whole = not geared and probe.start.get(HARMONIC) in WHOLE_HARMONICS
-    return tuple(p.name for p in entry.parameters if not (whole and p.name == HARMONIC))
+        return {p.name: p.minimum for p in entry.parameters if p.name in probe.amplitudes}
+    least = {p.name: p.minimum for p in entry.parameters}
+    if HARMONIC in least and not geared:
+        if probe.start[HARMONIC] in WHOLE_HARMONICS:
+            del least[HARMONIC]
+        elif probe.start[HARMONIC] > LEAST_OF_MANY:
+            least[HARMONIC] = LEAST_OF_MANY
+    return least
 
 
 def quantiles_of_speed(omega: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, ...]:

@@ -1,14 +1,13 @@
 """A model: effects of the catalogue and the fit with them; with one more, with one less."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.entries import HARMONIC, Probe, free_names
-from hil_forceps.diagnosis.fit import Fit, Held, fit, follow, hold
+from hil_forceps.diagnosis.entries import HARMONIC, Probe, free_parameters
+from hil_forceps.diagnosis.fit import Fit, Held, deviations, fit, follow, hold
 from hil_forceps.diagnosis.problem import Problem
 from hil_forceps.diagnosis.result import TWO_SIDED_95
 from hil_forceps.diagnosis.score import COST_PER_COLUMN
@@ -71,8 +70,8 @@ def _with_effect(model: Model, probe: Probe, start: dict[str, float]) -> tuple[P
     """Return the problem with an entry added, and where to begin: the model with the entry at `start`."""
     count = len(model.problem.shared.items)
     geared = model.problem.records[0].mode == "driven"  # by an angle that may be one behind a gear or a screw
-    free = free_names(effect(probe.effect_id), probe, geared=geared)
-    shared = model.problem.shared.with_effect(probe.effect_id, start, free, geared=geared)
+    free = free_parameters(effect(probe.effect_id), probe, geared=geared)
+    shared = model.problem.shared.with_effect(probe.effect_id, start, free)
     base = model.problem.base.copy()
     for name, value in start.items():
         base[parameters.index(f"effects.{probe.effect_id}.{name}")] = value
@@ -121,5 +120,4 @@ def _room_at_nothing(item: Unknown, result: Fit, place: int) -> float:
     """
     if item.assumed is not None or item.name.endswith(f".{HARMONIC}"):
         return 0.0
-    deviation = math.sqrt(max(float(result.covariance[place, place]), 0.0))
-    return min(TWO_SIDED_95 * deviation, item.low / item.scale)
+    return min(TWO_SIDED_95 * float(deviations(result)[place]), item.low / item.scale)

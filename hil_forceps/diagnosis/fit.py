@@ -37,6 +37,11 @@ class Fit(NamedTuple):
     steps: int
 
 
+def deviations(result: Fit) -> Vector:
+    """Return the standard deviation of each unknown, in units of u."""
+    return np.sqrt(np.maximum(np.diag(result.covariance), 0.0))
+
+
 def chi2_of(problem: Problem, residual: Flat, whitener: Whitener, u: Vector) -> float:
     """Return the objective: squared whitened residual plus priors."""
     return _objective(whitener.apply(residual), problem.prior_weights(), u)

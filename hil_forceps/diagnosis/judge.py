@@ -12,6 +12,7 @@ from hil_forceps.diagnosis.choice import SET_DROP, Choice
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model
+from hil_forceps.diagnosis.fit import deviations
 from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover
 from hil_forceps.diagnosis.look import CHANCE
 from hil_forceps.diagnosis.predict import CLIPS
@@ -201,7 +202,7 @@ def named_effects(found: Findings) -> tuple[NamedEffect, ...]:
     model = found.choice.model
     items = model.problem.shared.items
     values = model.problem.shared.values(model.fit.u[: len(items)])
-    sd = np.sqrt(np.maximum(np.diag(model.fit.covariance)[: len(items)], 0.0))
+    sd = deviations(model.fit)[: len(items)]
     named = []
     for effect_id in model.effects:
         parameters = {}
@@ -234,7 +235,7 @@ def parameter_shifts(model: Model) -> dict[str, Shift]:
     """Return the known parameters that are not what was assumed."""
     items = model.problem.shared.items
     values = model.problem.shared.values(model.fit.u[: len(items)])
-    sd = np.sqrt(np.maximum(np.diag(model.fit.covariance)[: len(items)], 0.0))
+    sd = deviations(model.fit)[: len(items)]
     shifts = {}
     for item, value, deviation in zip(items, values, sd, strict=True):
         if item.name.startswith("effects."):

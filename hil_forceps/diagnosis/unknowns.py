@@ -4,13 +4,12 @@ The optimiser sees a vector u of pure numbers: value = centre + scale · u, prio
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.entries import HARMONIC
 from hil_forceps.model import parameters
 from hil_forceps.rig import Parameter, Rig
 from hil_forceps.rig.catalogue import EffectParameter, effect
@@ -26,7 +25,6 @@ GAUGE = "forceps.motor_pulley_radius_m"
 # K_t and all of the motor's over s, give the same data. Left open, differences over which friction sticks elsewhere
 # passed for evidence of s: it ended 11 % off, where 0.4 % were said and 4 % had been known.
 GAUGE_WITHOUT_JAW = "forceps.jaw_pulley_radius_m"
-LEAST_OF_MANY = 2.5  # harmonics
 STEP = 1e-3  # of the scale: finite differences
 
 
@@ -79,20 +77,15 @@ class Unknowns(NamedTuple):
         """Return the precision where u has a prior, 0 elsewhere."""
         return np.array([item.precision if item.prior else 0.0 for item in self.items])
 
-    def with_effect(
-        self, effect_id: str, start: Mapping[str, float], free: Iterable[str], *, geared: bool = False
-    ) -> "Unknowns":
-        """Return these with parameters of an effect added, centred on `start`."""
+    def with_effect(self, effect_id: str, start: Mapping[str, float], free: Mapping[str, float]) -> "Unknowns":
+        """Return these with parameters of an effect added, centred on `start`; `free`: which, and the least of each."""
         entry = effect(effect_id)
-        added = [_effect_unknown(effect_id, p, start[p.name], geared) for p in entry.parameters if p.name in set(free)]
+        added = [_effect_unknown(effect_id, p, start[p.name], free[p.name]) for p in entry.parameters if p.name in free]
         return Unknowns((*self.items, *added))
 
 
-def _effect_unknown(effect_id: str, p: EffectParameter, start: float, geared: bool) -> Unknown:
+def _effect_unknown(effect_id: str, p: EffectParameter, start: float, low: float) -> Unknown:
     scale = abs(p.typical) if p.neutral is not None else 0.3 * max(abs(start), abs(p.minimum))
-    # One of three and more does not turn into one of those that are whole (`entries.free_names`).
-    many = p.name == HARMONIC and start > LEAST_OF_MANY and not geared
-    low = LEAST_OF_MANY if many else p.minimum
     return Unknown(f"effects.{effect_id}.{p.name}", p.unit, start, scale, low, p.maximum, False, p.neutral)
 
 

@@ -4,14 +4,13 @@ Over an arc any number near it fits as well, and beyond that arc it runs out of 
 harmonics had one whole number in their interval, the true one.
 """
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
 from hil_forceps.diagnosis.entries import HARMONIC
 from hil_forceps.diagnosis.extension import Model
-from hil_forceps.diagnosis.fit import fit, hold
+from hil_forceps.diagnosis.fit import deviations, fit, hold
 from hil_forceps.diagnosis.result import TWO_SIDED_95
 from hil_forceps.diagnosis.spectrum import Whitener
 from hil_forceps.diagnosis.unknowns import Unknowns
@@ -39,7 +38,7 @@ def _held_whole(model: Model, name: str, whitener: Whitener) -> Model | None:
     items = problem.shared.items
     place = problem.shared.names.index(name)
     value = float(problem.shared.values(u[: len(items)])[place])
-    half = TWO_SIDED_95 * items[place].scale * math.sqrt(max(float(model.fit.covariance[place, place]), 0.0))
+    half = TWO_SIDED_95 * items[place].scale * float(deviations(model.fit)[place])
     whole = float(round(value))
     if abs(whole - value) > half or half >= 1.0 - abs(whole - value):
         return None

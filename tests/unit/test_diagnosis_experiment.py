@@ -151,7 +151,7 @@ def test_bounds_and_unknown_values_have_no_prior() -> None:
 
 def test_an_effect_joins_with_the_catalogue_s_bounds_and_only_its_free_parameters() -> None:
     start = {"rise_N_m": 2e-4, "speed_rad_per_s": 0.5}
-    joined = Unknowns(()).with_effect("stribeck_friction", start, ["rise_N_m"])
+    joined = Unknowns(()).with_effect("stribeck_friction", start, {"rise_N_m": 0.0})
     assert joined.names == ("effects.stribeck_friction.rise_N_m",)
     [item] = joined.items
     assert (item.low, item.high, item.prior, item.centre) == (0.0, 1.0, False, 2e-4)

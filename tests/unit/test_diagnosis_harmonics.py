@@ -6,11 +6,11 @@ import pytest
 
 from hil_forceps.diagnosis import choice
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
-from hil_forceps.diagnosis.entries import Probe, free_names
+from hil_forceps.diagnosis.entries import LEAST_OF_MANY, Probe, free_parameters
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.judge import judge
 from hil_forceps.diagnosis.result import Estimate
-from hil_forceps.diagnosis.unknowns import LEAST_OF_MANY, Unknowns
+from hil_forceps.diagnosis.unknowns import Unknowns
 from hil_forceps.diagnosis.whole import with_whole_harmonics
 from hil_forceps.model.parameters import index
 from hil_forceps.rig.catalogue import effect
@@ -36,8 +36,8 @@ def test_a_harmonic_is_held_where_it_is_whole(name: str, start: float, geared: b
     values = {"sine": 0.1, "cosine": 0.1, "sine_N_m": 1e-6, "cosine_N_m": 1e-6, "harmonic": start}
     entry = effect(name)
     probe = Probe(name, {p.name: values[p.name] for p in entry.parameters}, (), False)
-    free = free_names(entry, probe, geared=geared)
-    items = {item.name: item for item in Unknowns(()).with_effect(name, probe.start, free, geared=geared).items}
+    free = free_parameters(entry, probe, geared=geared)
+    items = {item.name: item for item in Unknowns(()).with_effect(name, probe.start, free).items}
     assert len(items) == (2 if least is None else 3)
     if least is not None:
         assert items[f"effects.{name}.harmonic"].low == least

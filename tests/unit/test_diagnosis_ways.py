@@ -122,7 +122,6 @@ def test_the_ways_begin_with_a_wide_look(
     chooser = Chooser(cast("Any", _Looker()), lambda _: None, cast("Any", None), driven=driven)
     monkeypatch.setattr(Chooser, "_needed", lambda *_: np.empty(0))
     model = replace(named(*effects), fit=cast("Any", SimpleNamespace(jacobian=None)))
-
     scan = cast("Any", SimpleNamespace(scores=SimpleNamespace(gains=np.empty(0))))
 
     assert chooser._refined(model, scan, whitener(1.0), 0) == []

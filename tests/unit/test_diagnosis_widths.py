@@ -26,7 +26,7 @@ def slack(start_m: float) -> tuple[Problem, Vector, Whitener]:
     case = make_case({"wire_slack": {"half_width_m": WIDTH_M}}, 43, scenarios=(("multisine",), ()))
     records, _ = without_load_noise(prepare(case.fit, RIG)[0], [], RIG, Options())
     setting = assemble(records, RIG, map)
-    shared = setting.problem.shared.with_effect("wire_slack", {"half_width_m": start_m}, ("half_width_m",))
+    shared = setting.problem.shared.with_effect("wire_slack", {"half_width_m": start_m}, {"half_width_m": 0.0})
     problem = setting.problem.with_shared(shared)
     return problem, np.zeros(problem.size), problem.whitener(white_noise(problem.layout, 3.0 * setting.first_power))
 
