@@ -1,0 +1,85 @@
+"""Where to look for each entry of the catalogue, from the course of the filtered state."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.entries import Probe, Scene, probes, quantiles_of_speed
+from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
+from hil_forceps.diagnosis.state_space.layout import OMEGA_M, THETA_J, THETA_M
+from hil_forceps.diagnosis.state_space.passes import Direction, Passes
+
+Vector = NDArray[np.float64]
+
+# Of an amplitude that would show: over a row it must turn no mass round, which dry friction isn't linear in.
+SHARE = 1e-2
+SHARE_OF_ONE_SIDED = 0.05  # friction that can't be negative: beside next to none it is linear in no smaller size
+HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 16.0, 18.0, 21.0, 24.0)
+
+
+class Place(NamedTuple):
+    """An entry of the catalogue with a shape, and its columns among all directions."""
+
+    effect_id: str
+    shape: dict[str, float]
+    amplitudes: dict[str, float]  # what each column is in units of
+    first: int
+    stop: int
+    one_sided: bool
+
+
+def scene_of(passes: Passes) -> Scene:
+    """Return what the runs contain."""
+    p = passes.plants.sliding
+    courses = [run.filtered.course for run in passes.runs]
+    angles = [c[:, THETA_M] for c in courses]
+    jaw = np.concatenate([c[:, THETA_J] for c in courses])
+    reach = tuple(float(v) for v in (jaw.min(), jaw.max()) if abs(v) > 0.02 * np.ptp(jaw))
+    stretch = max(float(np.ptp(p.r_m * c[:, THETA_M] - p.r_j * c[:, THETA_J])) for c in courses)
+    return Scene(
+        max(run.series.encoder_rad.size * run.series.period_s for run in passes.runs),
+        max(float(np.ptp(a)) for a in angles),
+        reach,
+        quantiles_of_speed(np.concatenate([c[:, OMEGA_M] for c in courses])),
+        stretch,
+        max(float(np.abs(run.series.command_A).max()) for run in passes.runs),
+        (*HARMONICS, p.r_m / p.r_j),
+        (*HARMONICS, p.r_m / p.r_j),
+    )
+
+
+def places_of(passes: Passes, without: frozenset[str]) -> tuple[list[Place], list[Direction]]:
+    """Return the places to look at beside the pass's model, and the direction of each of their columns."""
+    places: list[Place] = []
+    directions: list[Direction] = []
+    for probe in probes(scene_of(passes), without):
+        columns = _directions(passes.theta, probe)
+        shape = {k: v for k, v in probe.start.items() if k not in probe.amplitudes}
+        amplitudes = {k: probe.start[k] for k in probe.amplitudes}
+        at = len(directions)
+        places.append(Place(probe.effect_id, shape, amplitudes, at, at + len(columns), probe.one_sided))
+        directions += columns
+    return places, directions
+
+
+def _directions(theta: Vector, probe: Probe) -> list[Direction]:
+    if not probe.amplitudes:
+        return [Direction(with_effect(theta, probe.effect_id, start_of(probe.effect_id, probe.start)), 1.0)]
+    share = SHARE_OF_ONE_SIDED if probe.effect_id == "jaw_position_friction" else SHARE
+    found = []
+    for names in [tuple(probe.amplitudes)] if probe.together else [(name,) for name in probe.amplitudes]:
+        shape = {k: v for k, v in probe.start.items() if k not in probe.amplitudes}
+        start = start_of(probe.effect_id, shape | {k: share * probe.start[k] for k in names})
+        found.append(Direction(with_effect(theta, probe.effect_id, start), 1.0 / share))
+    return found
+
+
+def estimate(place: Place, sizes: Sequence[float]) -> dict[str, float]:
+    """Return an entry's parameters where its columns have these sizes."""
+    names = list(place.amplitudes)
+    if not names:
+        return dict(place.shape)
+    scaled = sizes if len(sizes) == len(names) else [sizes[0]] * len(names)
+    return {**place.shape, **{n: place.amplitudes[n] * float(s) for n, s in zip(names, scaled, strict=True)}}

@@ -1,0 +1,166 @@
+"""Forward selection with refits, backward elimination, and the set of models that the data can't tell apart."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
+from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Tested, score_test
+from hil_forceps.diagnosis.inference.fit import Fit, directions_of, fit, inverted, penalised, prior_of
+from hil_forceps.diagnosis.inference.parameters import (
+    Free,
+    effect_parameters,
+    start_of,
+    values_of,
+    with_effect,
+    without_effect,
+)
+from hil_forceps.diagnosis.preparation.records import Record
+from hil_forceps.diagnosis.state_space.passes import Mapper, gram
+
+Vector = NDArray[np.float64]
+
+MAX_EFFECTS = 6
+SHORTLIST = 6  # entries that are refitted at a step
+SHORTLIST_SHARE = 0.3  # of the best gain
+SET_DROP = 8.0  # of twice the log likelihood: models within it are told apart by no more than chance
+
+
+class Candidate(NamedTuple):
+    """A model: effects with the fit that holds them."""
+
+    effects: tuple[str, ...]
+    fit: Fit
+    gain: float  # twice the log likelihood above the model it extends, less the cost of its parameters
+
+
+class Step(NamedTuple):
+    """One step of the search."""
+
+    beside: tuple[str, ...]
+    places: tuple[Place, ...]
+    tested: Tested
+    tried: tuple[Candidate, ...]
+
+
+class Found(NamedTuple):
+    """What the search found."""
+
+    baseline: Fit
+    best: Candidate
+    rivals: tuple[Candidate, ...]  # the best and all within `SET_DROP` of it
+    steps: tuple[Step, ...]
+
+
+class Search(NamedTuple):
+    """What a search works on."""
+
+    runs: Sequence[Record]
+    known: tuple[Free, ...]
+    mapper: Mapper
+    without: frozenset[str]
+    seed: int
+    progress: Callable[[str], None]
+
+
+def search(s: Search, theta: Vector) -> Found:
+    """Fit the known parameters from `theta` on, then let entries join as long as one gains more than chance gives."""
+    baseline = fit(s.runs, theta, s.known, s.mapper)
+    s, best = _beside(s, Candidate((), baseline, 0.0))
+    baseline = best.fit
+    rivals: tuple[Candidate, ...] = (best,)
+    steps: list[Step] = []
+    while len(best.effects) < MAX_EFFECTS:
+        s.progress(f"scoring the catalogue beside {' + '.join(best.effects) or 'the known parameters'}")
+        places, tested = _scored(s, best)
+        tried = tuple(_refitted(s, best, place, tested.sizes[i]) for i, place in _shortlist(places, tested))
+        steps.append(Step(best.effects, tuple(places), tested, tried))
+        joined = sorted((c for c in tried if c.gain > tested.threshold), key=lambda c: -c.gain)
+        if not joined:
+            break
+        rivals = tuple(c for c in joined if c.gain > joined[0].gain - SET_DROP)
+        thinned = _thinned(s, joined[0], tested.threshold)
+        if thinned is not joined[0]:
+            rivals = (thinned, *(c for c in rivals if c is not joined[0]))
+        s, best = _beside(s, thinned)
+    return Found(baseline, best, rivals, tuple(steps))
+
+
+def _beside(s: Search, model: Candidate) -> tuple[Search, Candidate]:
+    """Return search and model with the friction of that model in the records, the same for all beside it."""
+    plant = model.fit.passes.plants.sliding
+    s = s._replace(runs=[run.with_friction_of(plant) for run in s.runs])
+    found = fit(s.runs, model.fit.passes.theta, model.fit.free, s.mapper)
+    return s, model._replace(fit=found)
+
+
+def _scored(s: Search, model: Candidate) -> tuple[list[Place], Tested]:
+    """Return all places beside a model, tested."""
+    passes, free = model.fit.passes, model.fit.free
+    taken = frozenset(model.effects) - {"channel_skew"}
+    places, directions = places_of(passes, s.without | taken)
+    found = gram(passes, [*directions_of(free, passes.theta), *directions], s.mapper)
+    away, precision = prior_of(free, passes.theta)
+    return places, score_test(found, len(free), away, precision, places, s.seed)
+
+
+def _shortlist(places: Sequence[Place], tested: Tested) -> list[tuple[int, Place]]:
+    """Return the best place of each entry, the best entries first."""
+    order = np.argsort(-tested.gains)
+    top = float(tested.gains[order[0]])
+    chosen: dict[tuple[str, ...], tuple[int, Place]] = {}
+    for i in order:
+        gain, place = float(tested.gains[i]), places[i]
+        if top <= tested.threshold or gain < SHORTLIST_SHARE * top or gain < 0.5 * tested.threshold:
+            break
+        key = (place.effect_id, *(place.amplitudes if place.effect_id == "channel_skew" else ()))
+        chosen.setdefault(key, (int(i), place))
+    return list(chosen.values())[:SHORTLIST]
+
+
+def _refitted(s: Search, model: Candidate, place: Place, sizes: Vector) -> Candidate:
+    """Return a model with an entry added, from where the score test puts it."""
+    effects = {e: values_of(model.fit.passes.theta, e) for e in model.effects}
+    new = start_of(place.effect_id, estimate(place, [float(v) for v in sizes]))
+    if place.effect_id in effects:  # another channel of a skew
+        new = {k: v if v != 0.0 else effects[place.effect_id][k] for k, v in new.items()}
+    effects[place.effect_id] = new
+    return _fitted(s, model, effects)
+
+
+def _fitted(s: Search, model: Candidate, effects: Mapping[str, Mapping[str, float]]) -> Candidate:
+    theta = model.fit.passes.theta
+    for gone in set(model.effects) - set(effects):
+        theta = without_effect(theta, gone)
+    free = list(s.known)
+    for effect_id, values in effects.items():
+        theta = with_effect(theta, effect_id, values)
+        free += effect_parameters(effect_id, values)
+    found = fit(s.runs, theta, free, s.mapper)
+    base = model.fit
+    gain = 2.0 * (penalised(found.passes, found.free, base.passes) - penalised(base.passes, base.free, found.passes))
+    cost = COST_PER_COLUMN * (len(free) - len(base.free) - 1)
+    return Candidate(tuple(effects), found, gain - cost)
+
+
+def wald(found: Fit, effect_id: str) -> float:
+    """Return the χ² by which an effect's amplitudes differ from none."""
+    at = [i for i, f in enumerate(found.free) if f.amplitude and f.name.startswith(f"effects.{effect_id}.")]
+    if not at:
+        return np.inf
+    values = np.array([found.values[i] / found.free[i].scale for i in at])
+    return float(values @ inverted(found.covariance[np.ix_(at, at)]) @ values)
+
+
+def _thinned(s: Search, model: Candidate, threshold: float) -> Candidate:
+    """Drop entries that don't pay any more beside those that joined."""
+    while len(model.effects) > 1:
+        weakest = min(model.effects, key=lambda e: wald(model.fit, e))
+        if wald(model.fit, weakest) >= threshold:
+            break
+        theta = model.fit.passes.theta
+        kept = {e: values_of(theta, e) for e in model.effects if e != weakest}
+        model = _fitted(s, model, kept)
+    return model

@@ -1,0 +1,141 @@
+"""Fit parameters by prediction errors: Gauss-Newton on whitened innovations.
+
+Weights and gains of the filter are taken anew at each step and held within it, so that what is minimised is the sum of
+squares of innovations and not the size of their variances (Ljung, System Identification, 2nd ed., chapter 7).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from hil_forceps.diagnosis.inference.parameters import Free
+from hil_forceps.diagnosis.state_space.passes import Direction, Filterable, Gram, Mapper, Passes, gram, pass_all
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+MAX_STEPS = 8
+CONVERGED = 0.1  # deviations of a parameter: a step below it changes no verdict
+MAX_HALVINGS = 4
+DIFFERENCE = 1e-4  # of a parameter's scale, for its answer: the plant is next to linear over it
+LARGEST_RATIO = 2.0  # by which a positive parameter may change in a step
+
+
+class Fit(NamedTuple):
+    """Parameters as fitted, with what they were fitted by."""
+
+    free: tuple[Free, ...]
+    passes: Passes
+    gram: Gram  # of the free parameters, in units of their scale, without priors
+    covariance: Matrix  # of the free parameters in units of their scale
+
+    @property
+    def values(self) -> Vector:
+        """Fitted values."""
+        return np.asarray(self.passes.theta[[f.place for f in self.free]])
+
+    @property
+    def deviations(self) -> Vector:
+        """Their standard deviations."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)) * np.array([f.scale for f in self.free]))
+
+
+def prior_of(free: Sequence[Free], theta: Vector) -> tuple[Vector, Vector]:
+    """Return deviations from the prior in units of the scale, and its precision."""
+    away = np.array([(theta[f.place] - f.centre) / f.scale for f in free])
+    precision = np.array([1.0 if f.prior else 0.0 for f in free])
+    return away, precision
+
+
+def directions_of(free: Sequence[Free], theta: Vector) -> list[Direction]:
+    """Return the directions of some parameters, each in units of its scale."""
+    found = []
+    for f in free:
+        step = DIFFERENCE * max(f.scale, abs(theta[f.place]))
+        if theta[f.place] + step > f.high:
+            step = -step
+        changed = theta.copy()
+        changed[f.place] += step
+        found.append(Direction(changed, f.scale / step))
+    return found
+
+
+def penalised(passes: Passes, free: Sequence[Free], other: Passes) -> float:
+    """Return the log posterior of `passes` where both passes have evidence."""
+    total = 0.0
+    for mine, its in zip(passes.runs, other.runs, strict=True):
+        both = mine.counts & its.counts
+        total += float(mine.filtered.log_likelihood[both].sum())
+    away, precision = prior_of(free, passes.theta)
+    return total - 0.5 * float(away @ (precision * away))
+
+
+def fit(
+    runs: Sequence[Filterable], theta: Vector, free: Sequence[Free], mapper: Mapper, max_steps: int = MAX_STEPS
+) -> Fit:
+    """Return the fit from `theta` on."""
+    passes = pass_all(runs, theta, mapper)
+    for _ in range(max_steps):
+        found, inverse, step = _newton(passes, free, mapper)
+        stepped = _accepted(runs, passes, free, step, mapper)
+        if stepped is None:
+            break
+        at = [f.place for f in free]
+        moved = (stepped.theta[at] - passes.theta[at]) / [f.scale for f in free]
+        done = np.max(np.abs(moved) / np.sqrt(np.maximum(np.diag(inverse), 1e-300))) < CONVERGED
+        passes = stepped
+        if done:
+            break
+    found, inverse, _ = _newton(passes, free, mapper)
+    return Fit(tuple(free), passes, found, inverse)
+
+
+def _newton(passes: Passes, free: Sequence[Free], mapper: Mapper) -> tuple[Gram, Matrix, Vector]:
+    """Return the Gram matrix, the inverse of the posterior's curvature, and the step in units of the scales."""
+    found = gram(passes, directions_of(free, passes.theta), mapper)
+    away, precision = prior_of(free, passes.theta)
+    curvature = found.information + np.diag(precision)
+    inverse = inverted(curvature)
+    return found, inverse, inverse @ (-found.score - precision * away)
+
+
+def inverted(curvature: Matrix) -> Matrix:
+    """Return the inverse of a symmetric matrix, scaled first; what it doesn't hold gets a wide but finite variance."""
+    root = np.sqrt(np.maximum(np.diag(curvature), 1e-12))
+    scaled = curvature / np.outer(root, root)
+    values, vectors = linalg.eigh(scaled)
+    values = np.maximum(values, 1e-11)
+    inverse = (vectors / values) @ vectors.T
+    return np.asarray(inverse / np.outer(root, root))
+
+
+def _accepted(
+    runs: Sequence[Filterable], passes: Passes, free: Sequence[Free], step: Vector, mapper: Mapper
+) -> Passes | None:
+    """Return the passes a step on, halved until it is no worse; None where no step is better."""
+    factor = 1.0
+    for _ in range(MAX_HALVINGS):
+        theta = _moved(passes.theta, free, factor * step)
+        tried = pass_all(runs, theta, mapper)
+        before, after = penalised(passes, free, tried), penalised(tried, free, passes)
+        # Variances that change with the parameters move it, too: by less than this near the best.
+        slack = 5.0 + 0.5 * len(free)
+        if np.isfinite(after) and after > before - slack:
+            return tried
+        factor *= 0.3
+    return None
+
+
+def _moved(theta: Vector, free: Sequence[Free], step: Vector) -> Vector:
+    changed = theta.copy()
+    for f, s in zip(free, step, strict=True):
+        old = theta[f.place]
+        value = old + f.scale * float(s)
+        if f.low >= 0.0 and not f.amplitude and old > 0.0:
+            least = 0.0 if "coulomb" in f.name and value <= 0.0 else old / LARGEST_RATIO
+            value = min(max(value, least), max(LARGEST_RATIO * old, f.scale))
+        changed[f.place] = min(max(value, f.low), f.high)
+    return changed

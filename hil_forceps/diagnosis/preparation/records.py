@@ -1,0 +1,201 @@
+"""A run as the filter takes it: command, load's prior, regimes and noise, put together."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.preparation.command import Command, by_law, by_measurement
+from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
+from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick
+from hil_forceps.diagnosis.state_space.advance import friction_at_rest_N_m, regimes
+from hil_forceps.diagnosis.state_space.layout import (
+    COMMAND_BIAS,
+    CURRENT_NOISE,
+    JAW_NOISE,
+    JAW_ZERO,
+    LOAD,
+    LOAD_NOISE,
+    LOAD_SLOPE,
+    OMEGA_J,
+    OMEGA_M,
+    STATES,
+    THETA_J,
+    THETA_M,
+    Series,
+)
+from hil_forceps.model import parameters
+from hil_forceps.model.physics import Physics, jaw_level_N_m
+from hil_forceps.model.two_inertia import poles_per_s
+from hil_forceps.rig import Rig
+from hil_forceps.runs.table import Run
+
+Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+EDGE_SHARE = 0.03  # of a count: how sharp an edge is; a tenth of a count's own deviation, 1/√12
+INTEGRATION_SHARE = 1e-4  # of the speed: what the model's step leaves over a row
+SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
+RINGING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left, less than a jaw sensor's noise
+MAX_RINGING_ROWS = 50
+JAW_ZERO_SD_RAD = 0.01  # of the jaw sensor, from run to run
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Noise:
+    """Noise of the sensors: jaw, load cell, current."""
+
+    deviation: Vector  # 3
+    correlation: Vector  # 3, from row to row
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Record:
+    """A run, ready to be filtered."""
+
+    name: str
+    series: Series
+    ringing: Mask  # n: the wire still rings from a jump of the load, whose instant within a row isn't known
+    load_course_N_m: Vector  # n
+    load_open_sd_N_m: float  # what is left open of the load
+    settling_rows: int
+
+    def with_friction_of(self, p: Physics) -> "Record":
+        """Return the record for plants whose dry friction is about that of `p`.
+
+        Where it is less than the load leaves open, it is no other than an error of the load, and rows where a mass may
+        stick are evidence as any. Models that are compared must be so by records with the same friction.
+        """
+        motor, jaw = friction_at_rest_N_m(p), jaw_level_N_m(p, 0.0)
+        levels = (
+            motor if motor > self.load_open_sd_N_m * p.r_m / p.r_j else 0.0,
+            jaw if jaw > self.load_open_sd_N_m else 0.0,
+        )
+        return replace(self, series=self.series._replace(friction_level_N_m=levels))
+
+
+def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
+    """Return a run with equally spaced rows as a record."""
+    columns, plant = run.columns, rig.plant()
+    time_s, encoder = columns["time_s"], columns["theta_m_rad"]
+    n = time_s.size
+    period_s = float(time_s[-1] - time_s[0]) / (n - 1)
+    missing = np.full(n, np.nan)
+    jaw, load = columns.get("theta_j_rad", missing), columns.get("tau_w_N_m", missing)
+    command = _command(run, rig, noise, period_s)
+    torque = plant.torque_constant_N_m_per_A * float(np.ptp(command.current_A))
+    prior = _load_prior(load, noise, period_s, torque * plant.jaw_pulley_radius_m / plant.motor_pulley_radius_m)
+    count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
+    step = count or 1e-4 * max(float(np.ptp(encoder)), 1e-6)
+    ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
+    stretch_rad = prior.course_N_m / (plant.jaw_pulley_radius_m**2 * plant.wire_stiffness_N_per_m)
+    dwells = dwelling(encoder, count)
+    # Where it dwells, all counts of a while say the same once.
+    edge = (
+        np.where(dwells, count * math.sqrt(DWELL_ROWS / 12.0), EDGE_SHARE * count)
+        if count
+        else np.full(n, EDGE_SHARE * step)
+    )
+    speed = float(np.std(np.diff(encoder))) / period_s
+    state, variance = _start(encoder, jaw, load, prior, period_s, ratio, step)
+    variance[COMMAND_BIAS] = command.bias_sd_A**2
+    variance[JAW_NOISE], variance[LOAD_NOISE], variance[CURRENT_NOISE] = np.where(
+        noise.correlation != 0.0, noise.deviation**2, 0.0
+    )
+    series = Series(
+        period_s,
+        count,
+        edge**2,
+        encoder,
+        jaw,
+        load,
+        missing if command.measured else columns["current_A"],
+        command.current_A,
+        command.variance,
+        may_stick(encoder, step, 1),
+        may_stick(ratio * encoder - stretch_rad, step * ratio, 2),
+        (0.0, 0.0),
+        prior.slope_variance,
+        prior.jump_variance,
+        (float(np.std(prior.course_N_m)) / 0.2) ** 2,
+        noise.deviation**2,
+        noise.correlation,
+        (INTEGRATION_SHARE * speed * np.array([1.0, ratio])) ** 2,
+        state,
+        variance,
+    )
+    found = Record(
+        run.name,
+        series,
+        _ringing(prior.jump_variance, period_s, rig),
+        prior.course_N_m,
+        prior.open_sd_N_m,
+        min(n // 4, max(5, round(SETTLING_S / period_s))),
+    )
+    return found.with_friction_of(regimes(parameters.vector(rig)).sliding)
+
+
+def with_noise(record: Record, noise: Noise) -> Record:
+    """Return a record with other noise of the sensors; the load's prior stays."""
+    variance = record.series.first_variance.copy()
+    variance[JAW_NOISE], variance[LOAD_NOISE], variance[CURRENT_NOISE] = np.where(
+        noise.correlation != 0.0, noise.deviation**2, 0.0
+    )
+    series = record.series._replace(
+        noise_variance=noise.deviation**2, noise_correlation=noise.correlation, first_variance=variance
+    )
+    return replace(record, series=series)
+
+
+def _ringing(jump_variance: Vector, period_s: float, rig: Rig) -> Mask:
+    """Return the rows behind a jump until the slowest of the wire's modes has died away."""
+    poles = poles_per_s(rig.plant())
+    slowest = min(-float(pole.real) for pole in poles if abs(pole) > 1e-6)
+    rows = min(MAX_RINGING_ROWS, math.ceil(RINGING_TIME_CONSTANTS / (slowest * period_s)))
+    ringing = np.zeros(jump_variance.size, dtype=np.bool_)
+    for row in np.flatnonzero(jump_variance > 0.0):
+        ringing[row + 1 : row + 1 + rows] = True
+    return ringing
+
+
+def _command(run: Run, rig: Rig, noise: Noise, period_s: float) -> Command:
+    columns = run.columns
+    if "current_A" in columns:
+        current = columns["current_A"]
+    else:
+        current = columns["tau_m_N_m"] / rig.plant().torque_constant_N_m_per_A
+    if rig.drive is None or "theta_m_ref_rad" not in columns or "current_A" not in columns:
+        return by_measurement(current, float(noise.deviation[2]) ** 2)
+    return by_law(rig, columns["theta_m_ref_rad"], columns["theta_m_rad"], current, period_s)
+
+
+def _load_prior(load: Vector, noise: Noise, period_s: float, reach_N_m: float) -> LoadPrior:
+    if np.isfinite(load).all():
+        return load_prior(load, float(noise.deviation[1]) ** 2, period_s)
+    n = load.size
+    # Any load that the motor could hold, within some tenths of a second.
+    slope = (reach_N_m / 0.2) ** 2 * (period_s / 0.2)
+    return LoadPrior(np.full(n, slope), np.zeros(n), np.zeros(n), reach_N_m)
+
+
+def _start(
+    encoder: Vector, jaw: Vector, load: Vector, prior: LoadPrior, period_s: float, ratio: float, step: float
+) -> tuple[Vector, Vector]:
+    """Return mean and variance of the first state."""
+    ahead = min(5, encoder.size - 1)
+    speed = float(encoder[ahead] - encoder[0]) / (ahead * period_s)
+    state, variance = np.zeros(STATES), np.zeros(STATES)
+    state[THETA_M], state[OMEGA_M] = encoder[0], speed
+    state[THETA_J] = jaw[0] if math.isfinite(jaw[0]) else ratio * encoder[0]
+    state[OMEGA_J] = ratio * speed
+    known = math.isfinite(load[0])
+    state[LOAD] = prior.course_N_m[0] if known else 0.0
+    speed_sd = max(abs(speed), 2.0 * step / (ahead * period_s))
+    variance[THETA_M], variance[OMEGA_M] = (2.0 * step) ** 2, speed_sd**2
+    variance[THETA_J], variance[OMEGA_J] = (2.0 * JAW_ZERO_SD_RAD) ** 2, (2.0 * ratio * speed_sd) ** 2
+    reach = max(float(np.std(prior.course_N_m)), prior.open_sd_N_m)
+    variance[LOAD] = (10.0 * prior.open_sd_N_m) ** 2
+    variance[LOAD_SLOPE] = (reach / 0.1) ** 2
+    variance[JAW_ZERO] = JAW_ZERO_SD_RAD**2 if math.isfinite(jaw[0]) else 0.0
+    return state, variance

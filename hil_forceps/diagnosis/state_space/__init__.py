@@ -1,0 +1,20 @@
+"""The plant as a state-space model with every nuisance a state, filtered along a recorded run.
+
+State (`layout`): both angles and speeds, the load and its slope, dry friction where a mass may stick, the drive's
+integral at the start, sensors' zeros and coloured noise. The drive's command is known from what was recorded, not
+simulated.
+
+layout         places of states and measurements, what the filter takes of a run and gives
+interval       likelihood of a count
+transition     linear part of the transition, covariance of a jump of the load
+advance        the model's own step over a row
+measurement    what the sensors show, and what a measurement changes
+covariance     its way from row to row
+filter_pass    one pass: innovations, their weights, gains, the course of the state
+response_pass  how the innovations answer to other parameters, along that course and with those gains
+passes         both for a set of runs, reduced to a Gram matrix
+
+Sources: Särkkä and Svensson, Bayesian Filtering and Smoothing (2nd ed., 2023), chapters 7 and 16; R. E. Curry,
+Estimation and Control with Quantized Measurements (1970), for counts; Gouriéroux et al., Generalised residuals, J.
+Econometrics 34 (1987), for their score.
+"""

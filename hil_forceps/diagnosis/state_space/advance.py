@@ -1,0 +1,198 @@
+"""The mean of the state a row on: the model's own step, with the load and the friction that the filter has."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.model.current import CurrentStep, current_over, current_step
+from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all, fill_multiples
+from hil_forceps.model.physics import (
+    Kind,
+    Physics,
+    State,
+    dead_zone,
+    jaw_level_N_m,
+    kind_of,
+    motor_level_N_m,
+    torque_constant,
+    viscosity,
+)
+from hil_forceps.model.step import Drive, plain_step, refined_step
+from hil_forceps.model.whole_step import decays, suits, whole_step
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+STEPS = 4  # of a row
+_ROOT_2 = math.sqrt(2.0)
+_DRIFT_STEP = 0.02  # of D_m: further away, the linear plant is made anew
+
+
+class Stepper(NamedTuple):
+    """What a row's steps are made with, prepared once for a run."""
+
+    gains: Matrix
+    whole: Matrix
+    keeps: Vector
+    inertia: tuple[float, float]
+    kept: tuple[float, float]
+    current: CurrentStep
+    span: int  # steps tried as one
+    step_s: float
+
+
+class Acting(NamedTuple):
+    """What acts on the plant over a row."""
+
+    time_s: float
+    command_A: float  # that arrives in the row
+    command_before_A: float
+    load_N_m: float
+    load_slope_N_m_per_s: float
+    friction_m_N_m: float
+    friction_j_N_m: float
+
+
+@kernel
+def stepper(p: Physics, period_s: float) -> Stepper:
+    """Prepare for a plant and a period of the rows."""
+    step_s = period_s / STEPS
+    gains = np.empty((SHORT + 2, SIZE))
+    fill_all(gains, p, viscosity(p, 0.0), step_s)
+    span = STEPS if suits(p, kind_of(p), STEPS) else 0
+    whole = np.empty((max(span, 1), SIZE))
+    fill_multiples(whole, p, viscosity(p, 0.0), step_s)
+    kept = (math.exp(-step_s / p.creep_time), math.exp(-step_s / PIECES / p.creep_time))
+    inertia = (p.I_m / step_s, p.I_j / step_s)
+    current = current_step(step_s, STEPS, p.delay, p.lag)
+    return Stepper(gains, whole, decays(p, max(span, 1), step_s), inertia, kept, current, span, step_s)
+
+
+@kernel
+def acting_command(p: Physics, command_A: float) -> float:
+    """Return what of a command the amplifier gives."""
+    return max(-p.limit, min(p.limit, dead_zone(command_A, p.deadband)))
+
+
+@kernel
+def advance(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting) -> State:
+    """Return the plant's state a row on."""
+    done, span = 0, s.span
+    at_once = s.current.whole_samples == 0 and s.current.mean == 0.0 and s.current.arrival_slope == 0.0
+    while done < STEPS:
+        if span > 0 and done % span == 0 and at_once:
+            middle_s = (done + 0.5 * span) * s.step_s
+            constant = torque_constant(p, a.time_s + middle_s)
+            current = a.command_A - a.friction_m_N_m / constant
+            load = a.load_N_m + a.load_slope_N_m_per_s * middle_s + a.friction_j_N_m
+            slope = a.load_slope_N_m_per_s * s.step_s * span
+            d = Drive(current, 0.0, a.command_A, constant, viscosity(p, a.time_s + middle_s), load, slope)
+            moves, there = whole_step(p, kind, s.whole, s.keeps, span, x, d)
+            if moves:
+                x = there
+                done += span
+                continue
+        if done == 0 and span == STEPS:  # halves, then
+            span = span // 2 if not kind.plain else 0
+            continue
+        x = _one(p, kind, s, x, a, done)
+        done += 1
+    return x
+
+
+@kernel
+def _one(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, step: int) -> State:
+    mean, slope, end = current_over(s.current, step, x.current_A, a.command_before_A, a.command_A)
+    middle_s = (step + 0.5) * s.step_s
+    constant = torque_constant(p, a.time_s + middle_s)
+    mean -= a.friction_m_N_m / constant
+    load = a.load_N_m + a.load_slope_N_m_per_s * middle_s + a.friction_j_N_m
+    load_slope = a.load_slope_N_m_per_s * s.step_s
+    d = Drive(mean, slope, end, constant, viscosity(p, a.time_s + middle_s), load, load_slope)
+    if kind.plain:
+        return plain_step(p, s.gains, s.inertia, x, d)
+    if abs(d.viscosity - s.gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
+        fill_all(s.gains, p, d.viscosity, s.step_s)
+    return refined_step(p, kind, s.gains, s.inertia, s.kept, x, d)
+
+
+@kernel
+def friction_at_rest_N_m(p: Physics) -> float:
+    """Return the most that the motor's dry friction holds, without the wire's tension."""
+    return motor_level_N_m(p, 0.0, 0.0) + p.film_level + abs(p.asymmetry)
+
+
+@kernel
+def expected_friction_m_N_m(p: Physics, omega: float, deviation: float, tension_N: float) -> float:
+    """Return the mean of the motor's dry friction where its speed is only known to ± `deviation`."""
+    forward = forward_share(omega, deviation)
+    level = motor_level_N_m(p, omega, tension_N)
+    return forward * (level + max(0.0, p.asymmetry)) - (1.0 - forward) * (level + max(0.0, -p.asymmetry))
+
+
+@kernel
+def expected_friction_j_N_m(p: Physics, omega: float, deviation: float, theta: float) -> float:
+    """Return the same of the jaw."""
+    return (2.0 * forward_share(omega, deviation) - 1.0) * jaw_level_N_m(p, theta)
+
+
+@kernel
+def forward_share(omega: float, deviation: float) -> float:
+    """Return how likely a speed of this mean and deviation is positive."""
+    if deviation <= 0.0:
+        return 1.0 if omega > 0.0 else 0.0
+    return 0.5 * math.erfc(-omega / (deviation * _ROOT_2))
+
+
+class Regimes(NamedTuple):
+    """The plant where both masses slide, where the motor may stick, where the jaw may, and where both may.
+
+    Where a mass may stick its dry friction is a state of the filter, and the plant has none.
+    """
+
+    sliding: Physics
+    motor_free: Physics
+    jaw_free: Physics
+    both_free: Physics
+
+
+def regimes(theta: Vector) -> Regimes:
+    """Return the plants of a vector of parameters (`model.parameters.NAMES`)."""
+    p = Physics(*theta.tolist())
+
+    def without(*, motor: bool, jaw: bool) -> Physics:
+        q = p
+        if motor:
+            q = q._replace(motor_coulomb=0.0, stribeck_rise=0.0, load_mu=0.0, film_level=0.0, asymmetry=0.0)
+        return q._replace(jaw_coulomb=0.0, jaw_slope=0.0, jaw_curvature=0.0) if jaw else q
+
+    return Regimes(p, without(motor=True, jaw=False), without(motor=False, jaw=True), without(motor=True, jaw=True))
+
+
+class Steppers(NamedTuple):
+    """What `advance` needs for each regime: all plants share the linear part."""
+
+    kinds: tuple[Kind, Kind, Kind, Kind]
+    stepper: Stepper
+
+
+@kernel
+def steppers(plants: Regimes, period_s: float) -> Steppers:
+    """Prepare for all regimes."""
+    kinds = (kind_of(plants[0]), kind_of(plants[1]), kind_of(plants[2]), kind_of(plants[3]))
+    return Steppers(kinds, stepper(plants[0], period_s))
+
+
+@kernel
+def advance_in(plants: Regimes, s: Steppers, motor_free: bool, jaw_free: bool, x: State, a: Acting) -> State:
+    """Return the plant's state a row on in the regime that holds."""
+    if motor_free:
+        if jaw_free:
+            return advance(plants[3], s.kinds[3], s.stepper, x, a)
+        return advance(plants[1], s.kinds[1], s.stepper, x, a)
+    if jaw_free:
+        return advance(plants[2], s.kinds[2], s.stepper, x, a)
+    return advance(plants[0], s.kinds[0], s.stepper, x, a)

@@ -1,0 +1,89 @@
+"""The covariance of the state a row on."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.layout import (
+    COMMAND_BIAS,
+    CURRENT_NOISE,
+    FRICTION_M,
+    JAW_NOISE,
+    LOAD,
+    LOAD_NOISE,
+    LOAD_SLOPE,
+    OMEGA_J,
+    OMEGA_M,
+    PLANT_STATES,
+    STATES,
+    Series,
+)
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+_COUPLED = COMMAND_BIAS + 1  # states that the plant's next state depends on come first
+
+
+@kernel
+def moved(f: Matrix, covariance: Matrix, period_s: float, kept: Vector, work: Matrix) -> None:
+    """Replace a covariance by F P Fᵀ; `kept`: how much of each state beyond the plant's is kept over a row."""
+    for j in range(STATES):
+        for i in range(STATES):
+            work[i, j] = _carried(f, covariance[:, j], i, period_s, kept)
+    for i in range(STATES):
+        for j in range(i, STATES):
+            covariance[i, j] = _carried(f, work[i], j, period_s, kept)
+            covariance[j, i] = covariance[i, j]
+
+
+@kernel
+def _carried(f: Matrix, x: Vector, i: int, period_s: float, kept: Vector) -> float:
+    """Return entry i of F x."""
+    if i < PLANT_STATES:
+        total = 0.0
+        for m in range(_COUPLED):
+            total += f[i, m] * x[m]
+        return total
+    value: float = kept[i] * x[i]
+    return value + period_s * x[LOAD_SLOPE] if i == LOAD else value
+
+
+@kernel
+def spread(covariance: Matrix, f: Matrix, column: int, variance: float) -> None:
+    """Add what an input of this variance, held over a row, does to the plant."""
+    for i in range(PLANT_STATES):
+        for j in range(PLANT_STATES):
+            covariance[i, j] += variance * f[i, column] * f[j, column]
+
+
+@kernel
+def disturbed(covariance: Matrix, d: Series, row: int, f: Matrix, jump: Matrix, torque_constant: float) -> None:
+    """Add the process noise of a row: integration, command, load, sensors' coloured noise."""
+    covariance[OMEGA_M, OMEGA_M] += d.speed_variance[0]
+    covariance[OMEGA_J, OMEGA_J] += d.speed_variance[1]
+    covariance[LOAD_SLOPE, LOAD_SLOPE] += d.load_slope_variance[row]
+    if d.command_variance[row] > 0.0:
+        spread(covariance, f, FRICTION_M, d.command_variance[row] * torque_constant * torque_constant)
+    if d.load_jump_variance[row] > 0.0:
+        for i in range(STATES):
+            for j in range(STATES):
+                covariance[i, j] += d.load_jump_variance[row] * jump[i, j]
+    states = (JAW_NOISE, LOAD_NOISE, CURRENT_NOISE)
+    for channel in range(3):
+        kept = d.noise_correlation[channel]
+        if kept != 0.0:
+            covariance[states[channel], states[channel]] += d.noise_variance[channel] * (1.0 - kept * kept)
+
+
+@kernel
+def forgotten(covariance: Matrix, state: int) -> None:
+    """Take a state as known: nothing is left open of it."""
+    covariance[state, :] = 0.0
+    covariance[:, state] = 0.0
+
+
+@kernel
+def freed(covariance: Matrix, state: int, level_N_m: float, kept: float) -> None:
+    """Add what a friction torque may change by over a row: it wanders within about ± its level."""
+    covariance[state, state] += level_N_m * level_N_m * (1.0 - kept * kept)

@@ -1,0 +1,261 @@
+"""One pass of the filter over a run.
+
+Where a mass slides, its dry friction is what the model says. Where it may stick, friction is only known to lie within
+its level: it is a state that wanders there, and those rows say nothing of the parameters (`passes.counting`).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.state_space.advance import (
+    Acting,
+    Regimes,
+    acting_command,
+    advance_in,
+    expected_friction_j_N_m,
+    expected_friction_m_N_m,
+    steppers,
+)
+from hil_forceps.diagnosis.state_space.covariance import disturbed, forgotten, freed, moved, spread
+from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.layout import (
+    CHANNELS,
+    COMMAND_BIAS,
+    COURSE,
+    CURRENT,
+    CURRENT_BEFORE,
+    CURRENT_NOISE,
+    FRICTION_J,
+    FRICTION_M,
+    JAW_NOISE,
+    LOAD,
+    LOAD_NOISE,
+    LOAD_SLOPE,
+    OMEGA_J,
+    OMEGA_M,
+    PREDICTED_CURRENT,
+    PREDICTED_LOAD_SLOPE,
+    PREDICTED_OMEGA_J,
+    PREDICTED_OMEGA_M,
+    PREDICTED_THETA_J,
+    PREDICTED_THETA_M,
+    STATES,
+    THETA_J,
+    THETA_M,
+    Filtered,
+    Series,
+)
+from hil_forceps.diagnosis.state_space.measurement import (
+    corrected,
+    current_direction,
+    direction,
+    evidence,
+    measured,
+    predicted,
+)
+from hil_forceps.diagnosis.state_space.transition import friction_kept, jump_covariance, transition
+from hil_forceps.model.physics import Physics, State
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+SURPRISE = 4.5  # deviations of an innovation: 1 in 150 000 by chance
+_SURE = 3.0  # deviations: a speed's sign is known beyond
+_QUICKLY = 0.1  # share of a new deviation in the usual one
+
+
+@kernel
+def noise_kept(d: Series, kept_friction: float) -> Vector:
+    """Return how much of each state beyond the plant's is kept over a row."""
+    kept = np.ones(STATES)
+    kept[FRICTION_M] = kept[FRICTION_J] = kept_friction
+    kept[JAW_NOISE], kept[LOAD_NOISE] = d.noise_correlation[0], d.noise_correlation[1]
+    kept[CURRENT_NOISE] = d.noise_correlation[2]
+    return kept
+
+
+@kernel
+def first_plant(d: Series) -> State:
+    """Return the plant at the first row: wire and friction remember nothing."""
+    x = d.first_state
+    current = d.command_A[0]
+    return State(x[THETA_M], x[OMEGA_M], x[THETA_J], x[OMEGA_J], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, current)
+
+
+@kernel
+def beginning(x: State, plant: Vector) -> State:
+    """Return the plant with the filter's angles and speeds."""
+    memory = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
+    return State(plant[THETA_M], plant[OMEGA_M], plant[THETA_J], plant[OMEGA_J], *memory, x.current_A)
+
+
+@kernel
+def friction_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector) -> tuple[float, float]:
+    """Return the dry friction that the plant's step is without, motor and jaw: its mean, and the filter's state."""
+    motor, jaw = 0.0, 0.0
+    if d.friction_free_m[row]:
+        tension = p.k * (p.r_m * x[THETA_M] - p.r_j * x[THETA_J])
+        motor = expected_friction_m_N_m(p, x[OMEGA_M], math.sqrt(variance[OMEGA_M]), tension) + x[FRICTION_M]
+    if d.friction_free_j[row]:
+        jaw = expected_friction_j_N_m(p, x[OMEGA_J], math.sqrt(variance[OMEGA_J]), x[THETA_J]) + x[FRICTION_J]
+    return motor, jaw
+
+
+@kernel
+def acting_on(p: Physics, d: Series, row: int, delayed_rows: int, x: Vector, variance: Vector) -> Acting:
+    """Return what acts from a row to the next; `x` and `variance`: of the filter's state there."""
+    command = acting_command(p, d.command_A[max(row - delayed_rows, 0)] + x[COMMAND_BIAS])
+    before = acting_command(p, d.command_A[max(row - delayed_rows - 1, 0)] + x[COMMAND_BIAS])
+    friction = friction_on(p, d, row, x, variance)
+    return Acting(row * d.period_s, command, before, x[LOAD], x[LOAD_SLOPE], friction[0], friction[1])
+
+
+@kernel
+def near_standstill(first: float, last: float, deviation: float) -> bool:
+    """Tell whether a speed's sign isn't sure over a row."""
+    return first * last <= 0.0 or min(abs(first), abs(last)) < _SURE * deviation
+
+
+@kernel
+def _measurements(
+    p: Physics,
+    d: Series,
+    row: int,
+    now_A: float,
+    before_A: float,
+    x: Vector,
+    covariance: Matrix,
+    f: Matrix,
+    out: Filtered,
+) -> bool:
+    """Take a row's measurements in, one after the other; tell whether one of them was a surprise.
+
+    A current that was not commanded leaves open how much of it drove the motor since the row before.
+    """
+    along = np.empty(STATES)
+    surprise = False
+    for place in range(CHANNELS):
+        channel = (place + CURRENT) % CHANNELS  # the current first: what else moved the motor, is known by it
+        if math.isnan(measured(d, channel, row)):
+            continue
+        if channel == CURRENT:
+            variance = current_direction(covariance, 1.0 + p.current_gain, along)
+        else:
+            variance = direction(channel, covariance, along)
+        shown = predicted(p, channel, x, now_A, before_A, d.period_s)
+        log_likelihood, score, information = evidence(d, channel, row, shown, variance)
+        root = math.sqrt(information)
+        # Far within a count both are next to nothing, and their quotient is noise of rounding.
+        residual = score / root if information * variance > 1e-12 else 0.0
+        out.weight[row, channel], out.residual[row, channel] = root, residual
+        out.log_likelihood[row, channel] = log_likelihood
+        for i in range(STATES):
+            out.gain[row, channel, i] = along[i] * information
+        corrected(x, covariance, along, score, information)
+        if channel == CURRENT and abs(residual) > SURPRISE:
+            error_A = residual / root / (1.0 + p.current_gain)
+            spread(covariance, f, FRICTION_M, (p.K_t * error_A) ** 2)
+        surprise = surprise or (abs(residual) > SURPRISE and channel != CURRENT)
+    return surprise
+
+
+@kernel
+def _friction(d: Series, row: int, was: tuple[bool, bool], x: Vector, covariance: Matrix) -> tuple[bool, bool]:
+    """Begin or end the stretches where a mass may stick; return where it may, motor and jaw."""
+    free_m, free_j = d.friction_free_m[row], d.friction_free_j[row]
+    if not (free_m and was[0]):
+        forgotten(covariance, FRICTION_M)
+        x[FRICTION_M] = 0.0
+    if not (free_j and was[1]):
+        forgotten(covariance, FRICTION_J)
+        x[FRICTION_J] = 0.0
+    return free_m, free_j
+
+
+@kernel
+def filter_pass(plants: Regimes, d: Series, out: Filtered) -> int:
+    """Fill `out`; return how many innovations were surprises."""
+    p = plants[0]
+    s = steppers(plants, d.period_s)
+    taut, slack = transition(p, d.period_s, True), transition(p, d.period_s, False)
+    jump = jump_covariance(p, d.period_s)
+    kept = noise_kept(d, friction_kept(d.period_s))
+    level_m, level_j = d.friction_level_N_m
+    x, covariance, work = d.first_state.copy(), np.diag(d.first_variance), np.empty((STATES, STATES))
+    covariance[FRICTION_M, FRICTION_M], covariance[FRICTION_J, FRICTION_J] = level_m**2, level_j**2
+    plant = first_plant(d)
+    before_A = plant.current_A
+    was = (True, True)
+    usual_m, usual_j = 0.0, 0.0
+    surprises = 0
+    for row in range(d.encoder_rad.size):
+        _note_prediction(out.course, row, x, plant.current_A, before_A)
+        if _measurements(p, d, row, plant.current_A, before_A, x, covariance, taut, out):
+            surprises += 1
+            covariance[LOAD_SLOPE, LOAD_SLOPE] += d.load_surprise_variance
+        was = _friction(d, row, was, x, covariance)
+        for i in range(STATES):
+            out.course[row, i], out.variance[row, i] = x[i], covariance[i, i]
+        if row == d.encoder_rad.size - 1:
+            break
+        before_A = plant.current_A
+        begin = beginning(plant, x)
+        acting = acting_on(p, d, row, s.stepper.current.whole_samples, x, out.variance[row])
+        plant = advance_in(plants, s, was[0], was[1], begin, acting)
+        f = slack if is_slack(p, x) else taut
+        moved(f, covariance, d.period_s, kept, work)
+        disturbed(covariance, d, row, f, jump, p.K_t)
+        if was[0]:
+            freed(covariance, FRICTION_M, level_m, kept[FRICTION_M])
+        else:
+            deviation = math.sqrt(out.variance[row, OMEGA_M])
+            usual_m += (deviation - usual_m) * (1.0 if usual_m == 0.0 else _QUICKLY * (deviation < 2.0 * usual_m))
+            if level_m > 0.0 and near_standstill(x[OMEGA_M], plant.omega_m_rad_per_s, min(deviation, usual_m)):
+                out.doubtful[row] |= 1
+                spread(covariance, f, FRICTION_M, level_m**2)
+        if was[1]:
+            freed(covariance, FRICTION_J, level_j, kept[FRICTION_J])
+        else:
+            deviation = math.sqrt(out.variance[row, OMEGA_J])
+            usual_j += (deviation - usual_j) * (1.0 if usual_j == 0.0 else _QUICKLY * (deviation < 2.0 * usual_j))
+            if level_j > 0.0 and near_standstill(x[OMEGA_J], plant.omega_j_rad_per_s, min(deviation, usual_j)):
+                out.doubtful[row] |= 2
+                spread(covariance, f, FRICTION_J, level_j**2)
+        for i in range(4, STATES):
+            x[i] *= kept[i]
+        x[LOAD] += d.period_s * x[LOAD_SLOPE]
+        x[THETA_M], x[OMEGA_M] = plant.theta_m_rad, plant.omega_m_rad_per_s
+        x[THETA_J], x[OMEGA_J] = plant.theta_j_rad, plant.omega_j_rad_per_s
+    return surprises
+
+
+@kernel
+def is_slack(p: Physics, x: Vector) -> bool:
+    """Tell whether the wire of a plant with a dead zone is in it."""
+    return p.slack > 0.0 and abs(p.r_m * x[THETA_M] - p.r_j * x[THETA_J] - p.zero_stretch) < p.slack
+
+
+@kernel
+def _note_prediction(course: Matrix, row: int, x: Vector, current_A: float, before_A: float) -> None:
+    course[row, PREDICTED_THETA_M], course[row, PREDICTED_OMEGA_M] = x[THETA_M], x[OMEGA_M]
+    course[row, PREDICTED_THETA_J], course[row, PREDICTED_OMEGA_J] = x[THETA_J], x[OMEGA_J]
+    course[row, PREDICTED_LOAD_SLOPE], course[row, PREDICTED_CURRENT] = x[LOAD_SLOPE], current_A
+    course[row, CURRENT_BEFORE] = before_A
+
+
+def filter_run(plants: Regimes, d: Series) -> Filtered:
+    """Return one pass over a run."""
+    n = d.encoder_rad.size
+    out = Filtered(
+        np.zeros((n, CHANNELS)),
+        np.zeros((n, CHANNELS)),
+        np.zeros((n, CHANNELS)),
+        np.zeros((n, CHANNELS, STATES)),
+        np.zeros((n, COURSE)),
+        np.zeros((n, STATES)),
+        np.zeros(n, dtype=np.int64),
+        0,
+    )
+    return out._replace(surprises=filter_pass(plants, d, out))

@@ -1,0 +1,7 @@
+"""The compiler of the filter's kernels."""
+
+from hil_forceps.rig.kernel import kernel_compiler
+
+_SOURCES = ("hil_forceps/model", "hil_forceps/diagnosis/state_space", "hil_forceps/rig/plant.py")
+
+kernel = kernel_compiler(_SOURCES)

@@ -1,0 +1,65 @@
+"""Places of states and measurements, and what the filter takes of one run."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# States.
+THETA_M, OMEGA_M, THETA_J, OMEGA_J = 0, 1, 2, 3
+LOAD, LOAD_SLOPE = 4, 5  # τ_w [N m], and its slope [N m/s]
+FRICTION_M, FRICTION_J = 6, 7  # dry friction [N m], positive against a positive speed; 0 where a mass slides
+COMMAND_BIAS = 8  # of the drive's current [A]: its integral at the start isn't recorded
+JAW_ZERO = 9  # of the jaw sensor [rad]
+LOAD_NOISE, JAW_NOISE, CURRENT_NOISE = 10, 11, 12  # coloured noise of the sensors
+STATES = 13
+PLANT_STATES = 4
+# Measurements.
+ENCODER, JAW, LOAD_CELL, CURRENT = 0, 1, 2, 3
+CHANNELS = 4
+# Columns of a course beside the state behind the measurements of a row: what was predicted of the row before them.
+PREDICTED_THETA_M, PREDICTED_OMEGA_M, PREDICTED_THETA_J, PREDICTED_OMEGA_J = 13, 14, 15, 16
+PREDICTED_LOAD_SLOPE, PREDICTED_CURRENT, CURRENT_BEFORE = 17, 18, 19
+COURSE = 20
+
+
+class Series(NamedTuple):
+    """What the filter takes of one run; n rows, equally spaced."""
+
+    period_s: float  # of the rows
+    count_rad: float  # of the encoder, 0 for an ideal one
+    encoder_variance: Vector  # n [rad²]: of the edges of counts, or of an ideal encoder
+    encoder_rad: Vector  # n
+    jaw_rad: Vector  # n, NaN where not measured
+    load_N_m: Vector  # n, NaN where not measured
+    current_A: Vector  # n, NaN where it is no measurement of its own
+    command_A: Vector  # n: that of row k acts from row k to row k + 1
+    command_variance: Vector  # n [A²]
+    friction_free_m: Mask  # n: from row k to k + 1 the motor may stick
+    friction_free_j: Mask  # n
+    friction_level_N_m: tuple[float, float]  # motor, jaw: of what wanders there; 0: less than the load leaves open
+    load_slope_variance: Vector  # n [(N m/s)²]: of the change of slope at row k
+    load_jump_variance: Vector  # n [(N m)²]: of a jump between row k and k + 1
+    load_surprise_variance: float  # [(N m/s)²]: of the slope behind an innovation that chance doesn't give
+    noise_variance: Vector  # 3: jaw, load cell, current, all of it
+    noise_correlation: Vector  # 3, from row to row; 0: white
+    speed_variance: Vector  # 2 [(rad/s)²]: what the integration of a row leaves, motor and jaw
+    first_state: Vector  # STATES
+    first_variance: Vector  # STATES
+
+
+class Filtered(NamedTuple):
+    """One pass over a run: (n × CHANNELS) unless said otherwise."""
+
+    weight: Matrix  # root of the information of a measurement about its prediction; 0: it doesn't count
+    residual: Matrix  # score of a measurement over `weight`: a whitened innovation
+    log_likelihood: Matrix
+    gain: NDArray[np.float64]  # n × CHANNELS × STATES: how a measurement moves the state, per change of it
+    course: Matrix  # n × COURSE
+    variance: Matrix  # n × STATES: of the state behind the measurements
+    doubtful: NDArray[np.int64]  # n: the speed comes near zero though a mass was taken to slide; 1 motor, 2 jaw, 3 both
+    surprises: int  # innovations that chance doesn't give

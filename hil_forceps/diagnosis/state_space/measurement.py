@@ -1,0 +1,119 @@
+"""What the sensors show of a state, and how a measurement changes state and covariance."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.state_space.interval import interval_likelihood
+from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.layout import (
+    COMMAND_BIAS,
+    CURRENT_NOISE,
+    ENCODER,
+    JAW,
+    JAW_NOISE,
+    JAW_ZERO,
+    LOAD,
+    LOAD_CELL,
+    LOAD_NOISE,
+    LOAD_SLOPE,
+    OMEGA_J,
+    OMEGA_M,
+    STATES,
+    THETA_J,
+    THETA_M,
+    Series,
+)
+from hil_forceps.model.physics import Physics, encoder_rad
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+
+@kernel
+def predicted(p: Physics, channel: int, x: Vector, current_A: float, before_A: float, period_s: float) -> float:
+    """Return what a channel shows of state `x`; `current_A`: in the motor at the row, `before_A`: a row earlier.
+
+    A skewed channel shows what was, to first order in its skew.
+    """
+    if channel == ENCODER:
+        shown: float = encoder_rad(p, x[THETA_M]) - p.skew_theta_m * x[OMEGA_M]
+    elif channel == JAW:
+        shown = x[THETA_J] + x[JAW_ZERO] + x[JAW_NOISE] - p.skew_theta_j * x[OMEGA_J]
+    elif channel == LOAD_CELL:
+        shown = x[LOAD] + x[LOAD_NOISE] - p.skew_tau_w * x[LOAD_SLOPE]
+    else:
+        late = current_A - p.skew_current / period_s * (current_A - before_A)
+        shown = (1.0 + p.current_gain) * late + p.current_offset + x[CURRENT_NOISE]
+    return shown
+
+
+@kernel
+def measured(d: Series, channel: int, row: int) -> float:
+    """Return what a channel showed; NaN where it was not measured."""
+    if channel == ENCODER:
+        value: float = d.encoder_rad[row]
+    elif channel == JAW:
+        value = d.jaw_rad[row]
+    elif channel == LOAD_CELL:
+        value = d.load_N_m[row]
+    else:
+        value = d.current_A[row]
+    return value
+
+
+@kernel
+def direction(channel: int, covariance: Matrix, out: Vector) -> float:
+    """Fill `out` with the covariance of the state and what a channel shows; return the variance of the latter."""
+    first, second, third = THETA_M, THETA_M, THETA_M
+    if channel == JAW:
+        first, second, third = THETA_J, JAW_ZERO, JAW_NOISE
+    elif channel == LOAD_CELL:
+        first, second, third = LOAD, LOAD_NOISE, LOAD_NOISE
+    if channel == ENCODER:
+        out[:] = covariance[:, first]
+        variance: float = out[first]
+    elif channel == LOAD_CELL:
+        out[:] = covariance[:, first] + covariance[:, second]
+        variance = out[first] + out[second]
+    else:
+        out[:] = covariance[:, first] + covariance[:, second] + covariance[:, third]
+        variance = out[first] + out[second] + out[third]
+    return variance
+
+
+@kernel
+def evidence(d: Series, channel: int, row: int, shown: float, variance: float) -> tuple[float, float, float]:
+    """Return log likelihood of a measurement, its score in what was predicted, and its information about that."""
+    value = measured(d, channel, row)
+    if channel == ENCODER:
+        total = max(0.0, variance) + d.encoder_variance[row]
+        if d.count_rad > 0.0:
+            half = 0.5 * d.count_rad
+            return interval_likelihood(value - half, value + half, shown, math.sqrt(total))
+    else:
+        # What is white of coloured noise is a hundredth of its variance: the filter's division needs some.
+        white = 1.0 if d.noise_correlation[channel - 1] == 0.0 else 0.01
+        total = max(0.0, variance) + white * d.noise_variance[channel - 1]
+    error = value - shown
+    return -0.5 * (error * error / total + math.log(total)), error / total, 1.0 / total
+
+
+@kernel
+def current_direction(covariance: Matrix, gain: float, out: Vector) -> float:
+    """Fill `out` as `direction` does for the measured current: the bias of the command, and the sensor's noise."""
+    out[:] = gain * covariance[:, COMMAND_BIAS] + covariance[:, CURRENT_NOISE]
+    variance: float = gain * out[COMMAND_BIAS] + out[CURRENT_NOISE]
+    return variance
+
+
+@kernel
+def corrected(x: Vector, covariance: Matrix, along: Vector, score: float, information: float) -> None:
+    """Change state and covariance by a measurement."""
+    for i in range(STATES):
+        x[i] += along[i] * score
+        weighed = along[i] * information
+        for j in range(i, STATES):
+            covariance[i, j] -= weighed * along[j]
+            covariance[j, i] = covariance[i, j]

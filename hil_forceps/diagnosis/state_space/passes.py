@@ -1,0 +1,130 @@
+"""Passes over a set of runs, reduced to what inference needs: a Gram matrix, scores, and scores of blocks."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.state_space.advance import Regimes, regimes
+from hil_forceps.diagnosis.state_space.filter_pass import filter_run
+from hil_forceps.diagnosis.state_space.layout import CURRENT, Filtered, Series
+from hil_forceps.diagnosis.state_space.response_pass import response_run
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+BLOCK_ROWS = 500  # of scores that are taken as one: longer than errors of the model stay alike
+Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+
+
+class Filterable(Protocol):
+    """A run that can be filtered (`preparation.records.Record`)."""
+
+    @property
+    def ringing(self) -> Mask:
+        """Rows behind a jump of the load whose instant isn't known."""
+
+    @property
+    def settling_rows(self) -> int:
+        """Rows at the start that don't count."""
+
+    @property
+    def series(self) -> Series:
+        """What the filter takes of it."""
+
+
+class Passed(NamedTuple):
+    """A run filtered with some parameters."""
+
+    series: Series
+    filtered: Filtered
+    counts: Mask  # n × CHANNELS: what is evidence of the parameters
+
+    @property
+    def residual(self) -> Matrix:
+        """Whitened innovations (n × CHANNELS), 0 where they don't count."""
+        return np.where(self.counts, self.filtered.residual, 0.0)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Log likelihood of what counts."""
+        return float(self.filtered.log_likelihood[self.counts].sum())
+
+
+class Passes(NamedTuple):
+    """A set of runs filtered with the same parameters."""
+
+    theta: Vector
+    plants: Regimes
+    runs: tuple[Passed, ...]
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of the whitened innovations that count."""
+        return float(sum(np.sum(run.residual**2) for run in self.runs))
+
+
+class Direction(NamedTuple):
+    """Parameters beside those of a pass, and by what the difference they make is multiplied."""
+
+    theta: Vector
+    per: float
+
+
+class Gram(NamedTuple):
+    """Of the answers J of the innovations r to m directions: JᵀJ, Jᵀr, and Jᵀr block by block (blocks × m)."""
+
+    information: Matrix
+    score: Vector
+    block_scores: Matrix
+
+
+def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
+    """Return what of a pass is evidence of the parameters (n × CHANNELS).
+
+    Not while the start is forgotten, and not where dry friction may hold a mass, for what it does there isn't foretold
+    by the model. The current is evidence everywhere.
+    """
+    counts = f.log_likelihood != 0.0
+    held = f.doubtful > 0
+    for level, free in zip(d.friction_level_N_m, (d.friction_free_m, d.friction_free_j), strict=True):
+        if level > 0.0:
+            held = held | free
+    counts[1:, :CURRENT] &= ~held[:-1, np.newaxis]
+    counts[run.ringing, :CURRENT] = False
+    counts[: run.settling_rows] = False
+    return np.asarray(counts)
+
+
+def pass_all(runs: Sequence[Filterable], theta: Vector, mapper: Mapper) -> Passes:
+    """Filter runs with a vector of parameters (`model.parameters.NAMES`)."""
+    plants = regimes(theta)
+
+    def one(run: Filterable) -> Passed:
+        filtered = filter_run(plants, run.series)
+        return Passed(run.series, filtered, counting(run, run.series, filtered))
+
+    return Passes(theta, plants, tuple(mapper(one, runs)))
+
+
+def gram(passes: Passes, directions: Sequence[Direction], mapper: Mapper) -> Gram:
+    """Return how the innovations answer to some directions."""
+    plants = [(regimes(d.theta), d.per) for d in directions]
+
+    def one(run: Passed) -> Gram:
+        rows = run.filtered.residual.shape[0]
+        answers = np.empty((len(plants), run.filtered.residual.size))
+        for at, (plant, per) in enumerate(plants):
+            answer = response_run(plant, passes.plants.sliding, run.series, run.filtered, per)
+            answers[at] = np.where(run.counts, answer, 0.0).ravel()
+        products = answers * run.residual.ravel()
+        edges = np.arange(0, rows, BLOCK_ROWS) * run.filtered.residual.shape[1]
+        blocks = np.add.reduceat(products, edges, axis=1).T
+        return Gram(answers @ answers.T, products.sum(axis=1), blocks)
+
+    parts = list(mapper(one, passes.runs))
+    information = np.sum([part.information for part in parts], axis=0)
+    score = np.sum([part.score for part in parts], axis=0)
+    return Gram(information, score, np.concatenate([part.block_scores for part in parts]))
