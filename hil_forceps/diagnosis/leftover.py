@@ -140,7 +140,8 @@ def _slow(x: Vector, period_s: float, time_s: float) -> Vector:
     return np.asarray(lfilter([share], [1.0, share - 1.0], x))
 
 
-def _curves() -> tuple[Curve, ...]:
+def all_curves() -> tuple[Curve, ...]:
+    """Return the families."""
     return (
         Curve("motor", "theta", lambda c, s: _waves(c.theta_m, s.theta_m)),
         Curve(
@@ -273,7 +274,7 @@ def curves_along(
             return columns(layout, responses, cast("Place", curve.place), members)
         return None
 
-    curves = _curves()
+    curves = all_curves()
     for curve, these in zip(curves, mapper(of_curve, curves), strict=True):
         if these is not None:
             groups.append(Group(count, count + these.shape[1], False))

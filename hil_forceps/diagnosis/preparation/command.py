@@ -42,7 +42,8 @@ def by_law(rig: Rig, reference_rad: Vector, encoder_rad: Vector, current_A: Vect
         variance[first] = float(np.ptp(current_A[: settling + 2])) ** 2
     if samples > 1:
         variance += _variance_between(command, current_A, rig.noise.current_A)
-    return Command(command, variance, limit if ki > 0.0 else 0.0, measured=False)
+    # Between rows the drive counted what no row shows: the current then tells of those counts, and of no parameter.
+    return Command(command, variance, limit if ki > 0.0 else 0.0, measured=samples > 1)
 
 
 def _between_rows(rig: Rig, reference: Vector, encoder: Vector, start: DriveState, samples: int) -> Vector:
@@ -58,8 +59,7 @@ def _between_rows(rig: Rig, reference: Vector, encoder: Vector, start: DriveStat
 def _variance_between(command: Vector, current: Vector, noise_sd_A: float) -> float:
     """Return how far commands on interpolated angles are from what was measured, beyond the sensor's noise."""
     error = current[1:] - command[:-1]
-    scatter = (float(np.median(np.abs(np.diff(error)))) / 0.6745) ** 2 / 2.0
-    return max(0.0, scatter - noise_sd_A**2)
+    return max(0.0, float(np.var(error)) - noise_sd_A**2)
 
 
 def by_measurement(current_A: Vector, noise_variance: float) -> Command:

@@ -37,8 +37,8 @@ Mask = NDArray[np.bool_]
 EDGE_SHARE = 0.03  # of a count: how sharp an edge is; a tenth of a count's own deviation, 1/√12
 INTEGRATION_SHARE = 1e-4  # of the speed: what the model's step leaves over a row
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
-RINGING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left, less than a jaw sensor's noise
-MAX_RINGING_ROWS = 50
+FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left, less than a jaw sensor's noise
+MAX_FADING_ROWS = 50
 JAW_ZERO_SD_RAD = 0.01  # of the jaw sensor, from run to run
 
 
@@ -57,6 +57,8 @@ class Record:
     name: str
     series: Series
     ringing: Mask  # n: the wire still rings from a jump of the load, whose instant within a row isn't known
+    dwelling: Mask  # n: the encoder dwells
+    fading_rows: int  # over which the wire's slowest mode dies away
     load_course_N_m: Vector  # n
     load_open_sd_N_m: float  # what is left open of the load
     settling_rows: int
@@ -125,10 +127,13 @@ def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
         state,
         variance,
     )
+    fading = _fading_rows(period_s, rig)
     found = Record(
         run.name,
         series,
-        _ringing(prior.jump_variance, period_s, rig),
+        _ringing(prior.jump_variance, fading),
+        dwells,
+        fading,
         prior.course_N_m,
         prior.open_sd_N_m,
         min(n // 4, max(5, round(SETTLING_S / period_s))),
@@ -148,14 +153,18 @@ def with_noise(record: Record, noise: Noise) -> Record:
     return replace(record, series=series)
 
 
-def _ringing(jump_variance: Vector, period_s: float, rig: Rig) -> Mask:
-    """Return the rows behind a jump until the slowest of the wire's modes has died away."""
+def _fading_rows(period_s: float, rig: Rig) -> int:
+    """Return the rows over which the slowest of the wire's modes dies away."""
     poles = poles_per_s(rig.plant())
     slowest = min(-float(pole.real) for pole in poles if abs(pole) > 1e-6)
-    rows = min(MAX_RINGING_ROWS, math.ceil(RINGING_TIME_CONSTANTS / (slowest * period_s)))
+    return min(MAX_FADING_ROWS, math.ceil(FADING_TIME_CONSTANTS / (slowest * period_s)))
+
+
+def _ringing(jump_variance: Vector, fading_rows: int) -> Mask:
+    """Return the rows behind a jump over which the wire rings."""
     ringing = np.zeros(jump_variance.size, dtype=np.bool_)
     for row in np.flatnonzero(jump_variance > 0.0):
-        ringing[row + 1 : row + 1 + rows] = True
+        ringing[row + 1 : row + 1 + fading_rows] = True
     return ringing
 
 

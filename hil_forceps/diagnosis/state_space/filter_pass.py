@@ -27,6 +27,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     CURRENT,
     CURRENT_BEFORE,
     CURRENT_NOISE,
+    ENCODER,
     FRICTION_J,
     FRICTION_M,
     JAW_NOISE,
@@ -148,7 +149,8 @@ def _measurements(
         log_likelihood, score, information = evidence(d, channel, row, shown, variance)
         root = math.sqrt(information)
         # Far within a count both are next to nothing, and their quotient is noise of rounding.
-        residual = score / root if information * variance > 1e-12 else 0.0
+        telling = channel != ENCODER or information * (variance + d.encoder_variance[row]) > 1e-12
+        residual = score / root if telling else 0.0
         out.weight[row, channel], out.residual[row, channel] = root, residual
         out.log_likelihood[row, channel] = log_likelihood
         for i in range(STATES):

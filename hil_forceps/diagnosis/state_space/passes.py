@@ -27,6 +27,14 @@ class Filterable(Protocol):
         """Rows behind a jump of the load whose instant isn't known."""
 
     @property
+    def dwelling(self) -> Mask:
+        """Rows at which the encoder dwells: its counts say the same again and again."""
+
+    @property
+    def fading_rows(self) -> int:
+        """Rows over which the wire's slowest mode dies away."""
+
+    @property
     def settling_rows(self) -> int:
         """Rows at the start that don't count."""
 
@@ -88,11 +96,15 @@ def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
     by the model. The current is evidence everywhere.
     """
     counts = f.log_likelihood != 0.0
-    held = f.doubtful > 0
+    held = (f.doubtful > 0) | run.dwelling
     for level, free in zip(d.friction_level_N_m, (d.friction_free_m, d.friction_free_j), strict=True):
         if level > 0.0:
             held = held | free
-    counts[1:, :CURRENT] &= ~held[:-1, np.newaxis]
+    # What friction did is Gaussian by name only, until the wire's slowest mode has died away.
+    held[1:] = held[:-1].copy()
+    for row in np.flatnonzero(held[:-1] & ~held[1:]):
+        held[row + 1 : row + 1 + run.fading_rows] = True
+    counts[:, :CURRENT] &= ~held[:, np.newaxis]
     counts[run.ringing, :CURRENT] = False
     counts[: run.settling_rows] = False
     return np.asarray(counts)

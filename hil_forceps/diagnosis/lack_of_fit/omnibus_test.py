@@ -1,0 +1,119 @@
+"""Score all families of curves at once beside a model: what no entry explains still varies over something."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.hypotheses.places import Place
+from hil_forceps.diagnosis.hypotheses.score_test import score_test
+from hil_forceps.diagnosis.inference.fit import Fit, directions_of, prior_of
+from hil_forceps.diagnosis.lack_of_fit.forcing_pass import forced
+from hil_forceps.diagnosis.leftover import Scale, all_curves, scale_of
+from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.layout import (
+    CHANNELS,
+    CURRENT,
+    ENCODER,
+    JAW,
+    LOAD,
+    OMEGA_J,
+    OMEGA_M,
+    PREDICTED_CURRENT,
+    THETA_J,
+    THETA_M,
+)
+from hil_forceps.diagnosis.state_space.passes import Gram, Mapper, Passed
+from hil_forceps.diagnosis.state_space.response_pass import response_run
+from hil_forceps.model.physics import Physics
+
+Matrix = NDArray[np.float64]
+
+_CHANNEL = {"theta_m_rad": ENCODER, "theta_j_rad": JAW, "current_A": CURRENT}
+
+
+class LackOfFit(NamedTuple):
+    """What the curves found."""
+
+    gain: float  # of the best family: fall of χ² beyond the cost of its curves
+    threshold: float
+    families: tuple[tuple[str, str, float], ...]  # place, variable, gain; the best first
+
+    @property
+    def significant(self) -> bool:
+        """Whether more is left than chance leaves."""
+        return self.gain > self.threshold
+
+
+def course_of(run: Passed, p: Physics) -> Course:
+    """Return what happened in a run, by the filter: at each row what was known up to it."""
+    c = run.filtered.course
+    stretch = p.r_m * c[:, THETA_M] - p.r_j * c[:, THETA_J]
+    return Course(
+        theta_m=c[:, THETA_M],
+        omega_m=c[:, OMEGA_M],
+        theta_j=c[:, THETA_J],
+        omega_j=c[:, OMEGA_J],
+        stretch_m=stretch,
+        tension_N=p.k * stretch,
+        load_N_m=c[:, LOAD],
+        current_A=c[:, PREDICTED_CURRENT],
+        time_s=np.arange(c.shape[0], dtype=np.float64) * run.series.period_s,
+        period_s=run.series.period_s,
+    )
+
+
+def omnibus_test(found: Fit, mapper: Mapper, seed: int) -> LackOfFit:
+    """Test what a fitted model leaves in the runs that it was fitted to."""
+    p = found.passes.plants.sliding
+    courses = [course_of(run, p) for run in found.passes.runs]
+    scale = scale_of(courses)
+    directions = directions_of(found.free, found.passes.theta)
+    plants = [(regimes(d.theta), d.per) for d in directions]
+
+    def one(item: tuple[Passed, Course]) -> Gram:
+        run, course = item
+        answers = [response_run(plant, p, run.series, run.filtered, per) for plant, per in plants]
+        curves = _answers(p, run, course, scale)
+        columns = np.concatenate((np.stack(answers, axis=2), curves), axis=2)
+        columns = np.where(run.counts[:, :, np.newaxis], columns, 0.0).reshape(-1, columns.shape[2])
+        return Gram(columns.T @ columns, columns.T @ run.residual.ravel(), np.zeros((0, columns.shape[1])))
+
+    parts = list(mapper(one, list(zip(found.passes.runs, courses, strict=True))))
+    information = np.sum([g.information for g in parts], axis=0)
+    total = Gram(information, np.sum([g.score for g in parts], axis=0), parts[0].block_scores)
+    places = _families(courses[0], scale)
+    away, precision = prior_of(found.free, found.passes.theta)
+    tested = score_test(total, len(found.free), away, precision, places, seed)
+    order = np.argsort(-tested.gains)
+    families = tuple((*places[i].effect_id.split("\n"), float(tested.gains[i])) for i in order)
+    return LackOfFit(float(tested.gains[order[0]]), tested.threshold, families)
+
+
+def _families(course: Course, scale: Scale) -> list[Place]:
+    places, at = [], 0
+    for curve in all_curves():
+        count = len(curve.members(course, scale))
+        places.append(Place(f"{curve.place}\n{curve.variable}", {}, {}, at, at + count, False))
+        at += count
+    return places
+
+
+def _answers(p: Physics, run: Passed, course: Course, scale: Scale) -> Matrix:
+    """Return the answers (n × CHANNELS × m) to all curves of all families."""
+    members = [(curve.place, member) for curve in all_curves() for member in curve.members(course, scale)]
+    n = course.time_s.size
+    motor, jaw = np.zeros((n, len(members))), np.zeros((n, len(members)))
+    shown = np.zeros((n, CHANNELS, len(members)))
+    for at, (place, member) in enumerate(members):
+        unit = member / max(float(np.abs(member).max()), 1e-300)
+        if place == "motor":
+            motor[:, at] = unit
+        elif place == "jaw":
+            jaw[:, at] = unit
+        elif place == "wire":
+            motor[:, at], jaw[:, at] = -p.r_m * unit, p.r_j * unit
+        else:
+            shown[:, _CHANNEL[str(place)], at] = unit
+    return forced(p, run.series, run.filtered, motor, jaw, shown)
