@@ -10,7 +10,7 @@ from hil_forceps.diagnosis.hypotheses.places import Place
 from hil_forceps.diagnosis.hypotheses.score_test import score_test
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, prior_of
 from hil_forceps.diagnosis.lack_of_fit.forcing_pass import forced
-from hil_forceps.diagnosis.leftover import Scale, all_curves, scale_of
+from hil_forceps.diagnosis.leftover import Curve, Scale, all_curves, scale_of
 from hil_forceps.diagnosis.state_space.advance import regimes
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
@@ -21,6 +21,10 @@ from hil_forceps.diagnosis.state_space.layout import (
     OMEGA_J,
     OMEGA_M,
     PREDICTED_CURRENT,
+    PREDICTED_OMEGA_J,
+    PREDICTED_OMEGA_M,
+    PREDICTED_THETA_J,
+    PREDICTED_THETA_M,
     THETA_J,
     THETA_M,
 )
@@ -30,6 +34,13 @@ from hil_forceps.model.physics import Physics
 
 Matrix = NDArray[np.float64]
 
+# Of these families some members look a row ahead, into the innovations that are tested.
+_AHEAD = {("wire", "rate of stretch"), ("theta_j_rad", "rate")}
+_BEHIND = (
+    Curve("wire", "rate of stretch", lambda c, _: [np.diff(c.stretch_m, prepend=c.stretch_m[0])]),
+    Curve("theta_j_rad", "rate", lambda c, _: [c.omega_j, np.diff(c.omega_j, prepend=c.omega_j[0])]),
+)
+CURVES = (*(curve for curve in all_curves() if (curve.place, curve.variable) not in _AHEAD), *_BEHIND)
 _CHANNEL = {"theta_m_rad": ENCODER, "theta_j_rad": JAW, "current_A": CURRENT}
 
 
@@ -46,15 +57,20 @@ class LackOfFit(NamedTuple):
         return self.gain > self.threshold
 
 
-def course_of(run: Passed, p: Physics) -> Course:
-    """Return what happened in a run, by the filter: at each row what was known up to it."""
+def course_of(run: Passed, p: Physics, *, before: bool) -> Course:
+    """Return what happened in a run, by the filter: what was known up to each row, or `before` its measurements.
+
+    What acts behind a row may hang on its measurements; an error of its sensors may not, for they hold its innovation.
+    """
     c = run.filtered.course
-    stretch = p.r_m * c[:, THETA_M] - p.r_j * c[:, THETA_J]
+    angles = (PREDICTED_THETA_M, PREDICTED_OMEGA_M, PREDICTED_THETA_J, PREDICTED_OMEGA_J)
+    theta_m, omega_m, theta_j, omega_j = (c[:, i] for i in (angles if before else (THETA_M, OMEGA_M, THETA_J, OMEGA_J)))
+    stretch = p.r_m * theta_m - p.r_j * theta_j
     return Course(
-        theta_m=c[:, THETA_M],
-        omega_m=c[:, OMEGA_M],
-        theta_j=c[:, THETA_J],
-        omega_j=c[:, OMEGA_J],
+        theta_m=theta_m,
+        omega_m=omega_m,
+        theta_j=theta_j,
+        omega_j=omega_j,
         stretch_m=stretch,
         tension_N=p.k * stretch,
         load_N_m=c[:, LOAD],
@@ -67,7 +83,7 @@ def course_of(run: Passed, p: Physics) -> Course:
 def omnibus_test(found: Fit, mapper: Mapper, seed: int) -> LackOfFit:
     """Test what a fitted model leaves in the runs that it was fitted to."""
     p = found.passes.plants.sliding
-    courses = [course_of(run, p) for run in found.passes.runs]
+    courses = [course_of(run, p, before=False) for run in found.passes.runs]
     scale = scale_of(courses)
     directions = directions_of(found.free, found.passes.theta)
     plants = [(regimes(d.theta), d.per) for d in directions]
@@ -93,7 +109,7 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int) -> LackOfFit:
 
 def _families(course: Course, scale: Scale) -> list[Place]:
     places, at = [], 0
-    for curve in all_curves():
+    for curve in CURVES:
         count = len(curve.members(course, scale))
         places.append(Place(f"{curve.place}\n{curve.variable}", {}, {}, at, at + count, False))
         at += count
@@ -102,7 +118,12 @@ def _families(course: Course, scale: Scale) -> list[Place]:
 
 def _answers(p: Physics, run: Passed, course: Course, scale: Scale) -> Matrix:
     """Return the answers (n × CHANNELS × m) to all curves of all families."""
-    members = [(curve.place, member) for curve in all_curves() for member in curve.members(course, scale)]
+    shows = course_of(run, p, before=True)
+    members = [
+        (curve.place, member)
+        for curve in CURVES
+        for member in curve.members(shows if curve.place in _CHANNEL else course, scale)
+    ]
     n = course.time_s.size
     motor, jaw = np.zeros((n, len(members))), np.zeros((n, len(members)))
     shown = np.zeros((n, CHANNELS, len(members)))

@@ -91,10 +91,13 @@ class _Fit:
         return best
 
 
-def load_prior(load: Vector, noise_variance: float, period_s: float) -> LoadPrior:
-    """Return the process noise of a load measured with white noise of `noise_variance` at equally spaced rows."""
+def load_prior(load: Vector, noise_variance: float, period_s: float, reach_N_m: float = 0.0) -> LoadPrior:
+    """Return the process noise of a load measured with white noise of `noise_variance` at equally spaced rows.
+
+    `reach_N_m`: of the load that this is a part of; what is known of that part is no better than in proportion to it.
+    """
     fit = _Fit(load, noise_variance, period_s)
-    scale = max(float(np.std(load)), math.sqrt(noise_variance)) / 1e-3
+    scale = max(float(np.std(load)), reach_N_m, math.sqrt(noise_variance)) / 1e-3
     shift = 2.0 * math.log10(scale) + math.log10(period_s / 1e-3)
     low, high = _LOWEST + shift, _HIGHEST + shift
     fit.settle(low, high)

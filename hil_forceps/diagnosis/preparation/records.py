@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.preparation.command import Command, by_law, by_measurement
+from hil_forceps.diagnosis.preparation.contact import contact
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
 from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick
 from hil_forceps.diagnosis.state_space.advance import friction_at_rest_N_m, regimes
@@ -87,11 +89,23 @@ def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
     jaw, load = columns.get("theta_j_rad", missing), columns.get("tau_w_N_m", missing)
     command = _command(run, rig, noise, period_s)
     torque = plant.torque_constant_N_m_per_A * float(np.ptp(command.current_A))
-    prior = _load_prior(load, noise, period_s, torque * plant.jaw_pulley_radius_m / plant.motor_pulley_radius_m)
+    touched = _touched(encoder, jaw, load, rig, noise)
+    outside = load if touched is None else load - touched.load_N_m
+    prior = _load_prior(
+        outside, noise, period_s, float(np.std(load)), torque * plant.jaw_pulley_radius_m / plant.motor_pulley_radius_m
+    )
+    if touched is not None:
+        # Where in a row it begins isn't known: a jump of the load by what the jaw moves in a row, and a bend.
+        prior = prior._replace(
+            slope_variance=prior.slope_variance + (touched.open_N_m / period_s) ** 2 / 12.0,
+            jump_variance=prior.jump_variance + touched.open_N_m**2 / 12.0,
+            course_N_m=prior.course_N_m + touched.load_N_m,
+        )
     count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
     step = count or 1e-4 * max(float(np.ptp(encoder)), 1e-6)
     ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
     stretch_rad = prior.course_N_m / (plant.jaw_pulley_radius_m**2 * plant.wire_stiffness_N_per_m)
+    stiffness = np.zeros(n) if touched is None else touched.stiffness_N_m_per_rad
     dwells = dwelling(encoder, count)
     # Where it dwells, all counts of a while say the same once.
     edge = (
@@ -118,6 +132,7 @@ def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
         may_stick(encoder, step, 1),
         may_stick(ratio * encoder - stretch_rad, step * ratio, 2),
         (0.0, 0.0),
+        stiffness,
         prior.slope_variance,
         prior.jump_variance,
         (float(np.std(prior.course_N_m)) / 0.2) ** 2,
@@ -179,9 +194,43 @@ def _command(run: Run, rig: Rig, noise: Noise, period_s: float) -> Command:
     return by_law(rig, columns["theta_m_ref_rad"], columns["theta_m_rad"], current, period_s)
 
 
-def _load_prior(load: Vector, noise: Noise, period_s: float, reach_N_m: float) -> LoadPrior:
+def jaw_angle_rad(encoder: Vector, load: Vector, rig: Rig) -> Vector:
+    """Return where the jaw is by the motor's angle and the wire's stretch under the load, both as the rig has them."""
+    p = rig.plant()
+    stretch = load / (p.jaw_pulley_radius_m**2 * p.wire_stiffness_N_per_m)
+    return np.asarray(p.motor_pulley_radius_m / p.jaw_pulley_radius_m * encoder - stretch)
+
+
+class _Touched(NamedTuple):
+    """What a contact does in a run, n each."""
+
+    load_N_m: Vector
+    stiffness_N_m_per_rad: Vector  # from row k to k + 1
+    open_N_m: Vector  # how far the load may be off over a row in which the contact begins or ends
+
+
+def _touched(encoder: Vector, jaw: Vector, load: Vector, rig: Rig, noise: Noise) -> _Touched | None:
+    if not np.isfinite(load).all():
+        return None
+    measured = bool(np.isfinite(jaw).all())
+    by_motor = jaw_angle_rad(encoder, load, rig)
+    count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
+    angle, variance = (jaw, float(noise.deviation[0]) ** 2) if measured else (by_motor, count**2)
+    found = contact(load, angle, float(noise.deviation[1]) ** 2, variance)
+    if found is None:
+        return None
+    smooth = by_motor + float(np.median(angle - by_motor))
+    way = smooth - found.angle_rad
+    beyond = np.maximum(way, 0.0) if found.upward else np.minimum(way, 0.0)
+    near = np.abs(way) < 2.0 * math.sqrt(variance) + np.abs(np.gradient(smooth))
+    stiffness = np.where(beyond != 0.0, found.stiffness_N_m_per_rad, 0.0)
+    open_N_m = np.where(near, found.stiffness_N_m_per_rad * np.abs(np.gradient(smooth)), 0.0)
+    return _Touched(found.stiffness_N_m_per_rad * beyond, stiffness, open_N_m)
+
+
+def _load_prior(load: Vector, noise: Noise, period_s: float, whole_sd_N_m: float, reach_N_m: float) -> LoadPrior:
     if np.isfinite(load).all():
-        return load_prior(load, float(noise.deviation[1]) ** 2, period_s)
+        return load_prior(load, float(noise.deviation[1]) ** 2, period_s, whole_sd_N_m)
     n = load.size
     # Any load that the motor could hold, within some tenths of a second.
     slope = (reach_N_m / 0.2) ** 2 * (period_s / 0.2)

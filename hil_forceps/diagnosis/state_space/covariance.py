@@ -22,31 +22,31 @@ from hil_forceps.diagnosis.state_space.layout import (
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-_COUPLED = COMMAND_BIAS + 1  # states that the plant's next state depends on come first
+_COUPLED = COMMAND_BIAS + 1  # states that plant and load a row on depend on come first
 
 
 @kernel
-def moved(f: Matrix, covariance: Matrix, period_s: float, kept: Vector, work: Matrix) -> None:
+def moved(f: Matrix, covariance: Matrix, kept: Vector, work: Matrix) -> None:
     """Replace a covariance by F P Fᵀ; `kept`: how much of each state beyond the plant's is kept over a row."""
     for j in range(STATES):
         for i in range(STATES):
-            work[i, j] = _carried(f, covariance[:, j], i, period_s, kept)
+            work[i, j] = _carried(f, covariance[:, j], i, kept)
     for i in range(STATES):
         for j in range(i, STATES):
-            covariance[i, j] = _carried(f, work[i], j, period_s, kept)
+            covariance[i, j] = _carried(f, work[i], j, kept)
             covariance[j, i] = covariance[i, j]
 
 
 @kernel
-def _carried(f: Matrix, x: Vector, i: int, period_s: float, kept: Vector) -> float:
+def _carried(f: Matrix, x: Vector, i: int, kept: Vector) -> float:
     """Return entry i of F x."""
-    if i < PLANT_STATES:
+    if i <= LOAD:
         total = 0.0
         for m in range(_COUPLED):
             total += f[i, m] * x[m]
         return total
     value: float = kept[i] * x[i]
-    return value + period_s * x[LOAD_SLOPE] if i == LOAD else value
+    return value
 
 
 @kernel

@@ -27,6 +27,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     CURRENT,
     CURRENT_BEFORE,
     CURRENT_NOISE,
+    ELASTIC_SLOPE,
     ENCODER,
     FRICTION_J,
     FRICTION_M,
@@ -56,7 +57,13 @@ from hil_forceps.diagnosis.state_space.measurement import (
     measured,
     predicted,
 )
-from hil_forceps.diagnosis.state_space.transition import friction_kept, jump_covariance, transition
+from hil_forceps.diagnosis.state_space.transition import (
+    elastic_share,
+    friction_kept,
+    jump_covariance,
+    stiffened,
+    transition,
+)
 from hil_forceps.model.physics import Physics, State
 
 Vector = NDArray[np.float64]
@@ -105,12 +112,14 @@ def friction_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector) ->
 
 
 @kernel
-def acting_on(p: Physics, d: Series, row: int, delayed_rows: int, x: Vector, variance: Vector) -> Acting:
+def acting_on(
+    p: Physics, d: Series, row: int, delayed_rows: int, x: Vector, variance: Vector, elastic_slope: float
+) -> Acting:
     """Return what acts from a row to the next; `x` and `variance`: of the filter's state there."""
     command = acting_command(p, d.command_A[max(row - delayed_rows, 0)] + x[COMMAND_BIAS])
     before = acting_command(p, d.command_A[max(row - delayed_rows - 1, 0)] + x[COMMAND_BIAS])
     friction = friction_on(p, d, row, x, variance)
-    return Acting(row * d.period_s, command, before, x[LOAD], x[LOAD_SLOPE], friction[0], friction[1])
+    return Acting(row * d.period_s, command, before, x[LOAD], x[LOAD_SLOPE] + elastic_slope, friction[0], friction[1])
 
 
 @kernel
@@ -177,6 +186,40 @@ def _friction(d: Series, row: int, was: tuple[bool, bool], x: Vector, covariance
 
 
 @kernel
+def _friction_noise(
+    d: Series,
+    free: tuple[bool, bool],
+    x: Vector,
+    ahead: tuple[float, float],
+    variance: Vector,
+    usual: Vector,
+    f: Matrix,
+    kept: float,
+    covariance: Matrix,
+) -> int:
+    """Add what dry friction leaves open over a row; return which masses came near standstill though taken to slide.
+
+    `ahead`: speeds at the next row; `usual`: deviations of both speeds as they mostly are, followed here.
+    """
+    doubtful = 0
+    for mass in range(2):
+        level = d.friction_level_N_m[mass]
+        column, speed = (FRICTION_M, OMEGA_M) if mass == 0 else (FRICTION_J, OMEGA_J)
+        if free[mass]:
+            freed(covariance, column, level, kept)
+            continue
+        deviation = math.sqrt(variance[speed])
+        if usual[mass] == 0.0:
+            usual[mass] = deviation
+        elif deviation < 2.0 * usual[mass]:
+            usual[mass] += _QUICKLY * (deviation - usual[mass])
+        if level > 0.0 and near_standstill(x[speed], ahead[mass], min(deviation, usual[mass])):
+            doubtful += 1 + mass
+            spread(covariance, f, column, level**2)
+    return doubtful
+
+
+@kernel
 def filter_pass(plants: Regimes, d: Series, out: Filtered) -> int:
     """Fill `out`; return how many innovations were surprises."""
     p = plants[0]
@@ -185,12 +228,13 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> int:
     jump = jump_covariance(p, d.period_s)
     kept = noise_kept(d, friction_kept(d.period_s))
     level_m, level_j = d.friction_level_N_m
-    x, covariance, work = d.first_state.copy(), np.diag(d.first_variance), np.empty((STATES, STATES))
+    x, covariance = d.first_state.copy(), np.diag(d.first_variance)
+    work, touching = np.empty((STATES, STATES)), np.empty((STATES, STATES))
     covariance[FRICTION_M, FRICTION_M], covariance[FRICTION_J, FRICTION_J] = level_m**2, level_j**2
     plant = first_plant(d)
     before_A = plant.current_A
     was = (True, True)
-    usual_m, usual_j = 0.0, 0.0
+    usual = np.zeros(2)
     surprises = 0
     for row in range(d.encoder_rad.size):
         _note_prediction(out.course, row, x, plant.current_A, before_A)
@@ -204,30 +248,24 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> int:
             break
         before_A = plant.current_A
         begin = beginning(plant, x)
-        acting = acting_on(p, d, row, s.stepper.current.whole_samples, x, out.variance[row])
-        plant = advance_in(plants, s, was[0], was[1], begin, acting)
+        delayed = s.stepper.current.whole_samples
+        plant = advance_in(plants, s, was[0], was[1], begin, acting_on(p, d, row, delayed, x, out.variance[row], 0.0))
         f = slack if is_slack(p, x) else taut
-        moved(f, covariance, d.period_s, kept, work)
+        elastic_slope = 0.0
+        if d.contact_stiffness[row] > 0.0:
+            elastic_slope = elastic_share(f, d.contact_stiffness[row], d.period_s) * (plant.theta_j_rad - x[THETA_J])
+            stiffened(f, d.contact_stiffness[row], d.period_s, touching)
+            f = touching
+            acting = acting_on(p, d, row, delayed, x, out.variance[row], elastic_slope)
+            plant = advance_in(plants, s, was[0], was[1], begin, acting)
+        out.course[row, ELASTIC_SLOPE] = elastic_slope
+        moved(f, covariance, kept, work)
         disturbed(covariance, d, row, f, jump, p.K_t)
-        if was[0]:
-            freed(covariance, FRICTION_M, level_m, kept[FRICTION_M])
-        else:
-            deviation = math.sqrt(out.variance[row, OMEGA_M])
-            usual_m += (deviation - usual_m) * (1.0 if usual_m == 0.0 else _QUICKLY * (deviation < 2.0 * usual_m))
-            if level_m > 0.0 and near_standstill(x[OMEGA_M], plant.omega_m_rad_per_s, min(deviation, usual_m)):
-                out.doubtful[row] |= 1
-                spread(covariance, f, FRICTION_M, level_m**2)
-        if was[1]:
-            freed(covariance, FRICTION_J, level_j, kept[FRICTION_J])
-        else:
-            deviation = math.sqrt(out.variance[row, OMEGA_J])
-            usual_j += (deviation - usual_j) * (1.0 if usual_j == 0.0 else _QUICKLY * (deviation < 2.0 * usual_j))
-            if level_j > 0.0 and near_standstill(x[OMEGA_J], plant.omega_j_rad_per_s, min(deviation, usual_j)):
-                out.doubtful[row] |= 2
-                spread(covariance, f, FRICTION_J, level_j**2)
+        now, ahead = out.variance[row], (plant.omega_m_rad_per_s, plant.omega_j_rad_per_s)
+        out.doubtful[row] = _friction_noise(d, was, x, ahead, now, usual, f, kept[FRICTION_M], covariance)
         for i in range(4, STATES):
             x[i] *= kept[i]
-        x[LOAD] += d.period_s * x[LOAD_SLOPE]
+        x[LOAD] += d.period_s * (x[LOAD_SLOPE] + elastic_slope)
         x[THETA_M], x[OMEGA_M] = plant.theta_m_rad, plant.omega_m_rad_per_s
         x[THETA_J], x[OMEGA_J] = plant.theta_j_rad, plant.omega_j_rad_per_s
     return surprises

@@ -24,7 +24,8 @@ CHANNELS = 4
 # Columns of a course beside the state behind the measurements of a row: what was predicted of the row before them.
 PREDICTED_THETA_M, PREDICTED_OMEGA_M, PREDICTED_THETA_J, PREDICTED_OMEGA_J = 13, 14, 15, 16
 PREDICTED_LOAD_SLOPE, PREDICTED_CURRENT, CURRENT_BEFORE = 17, 18, 19
-COURSE = 20
+ELASTIC_SLOPE = 20  # of the load from this row to the next [N m/s], by what the jaw touches
+COURSE = 21
 
 
 class Series(NamedTuple):
@@ -42,6 +43,7 @@ class Series(NamedTuple):
     friction_free_m: Mask  # n: from row k to k + 1 the motor may stick
     friction_free_j: Mask  # n
     friction_level_N_m: tuple[float, float]  # motor, jaw: of what wanders there; 0: less than the load leaves open
+    contact_stiffness: Vector  # n [N m/rad]: how the load answers to the jaw's angle from row k to k + 1
     load_slope_variance: Vector  # n [(N m/s)²]: of the change of slope at row k
     load_jump_variance: Vector  # n [(N m)²]: of a jump between row k and k + 1
     load_surprise_variance: float  # [(N m/s)²]: of the slope behind an innovation that chance doesn't give

@@ -17,6 +17,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_BIAS,
     CURRENT,
     CURRENT_BEFORE,
+    ELASTIC_SLOPE,
     ENCODER,
     FRICTION_J,
     FRICTION_M,
@@ -42,7 +43,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Filtered,
     Series,
 )
-from hil_forceps.diagnosis.state_space.transition import friction_kept, transition
+from hil_forceps.diagnosis.state_space.transition import elastic_share, friction_kept, transition
 from hil_forceps.model.physics import Physics, encoder_rad
 
 Vector = NDArray[np.float64]
@@ -120,14 +121,16 @@ def response_pass(
         if not (free_j and was_j):
             x[FRICTION_J] = 0.0
         was_m, was_j = free_m, free_j
-        acting = acting_on(p, d, row, s.stepper.current.whole_samples, at, variance[row])
+        acting = acting_on(p, d, row, s.stepper.current.whole_samples, at, variance[row], at[ELASTIC_SLOPE])
         plant = advance_in(plants, s, free_m, free_j, beginning(plant, at), acting)
-        _carried(slack if is_slack(base, at) else taut, x, after, d.period_s, kept)
+        f = slack if is_slack(base, at) else taut
+        _carried(f, x, after, d.period_s, kept)
         there = course[row + 1]
         after[THETA_M] += per * (plant.theta_m_rad - there[PREDICTED_THETA_M])
         after[OMEGA_M] += per * (plant.omega_m_rad_per_s - there[PREDICTED_OMEGA_M])
         after[THETA_J] += per * (plant.theta_j_rad - there[PREDICTED_THETA_J])
         after[OMEGA_J] += per * (plant.omega_j_rad_per_s - there[PREDICTED_OMEGA_J])
+        answer_of_contact(f, d.contact_stiffness[row], d.period_s, x[THETA_J], after)
         x[:] = after
 
 
@@ -142,6 +145,16 @@ def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector)
     for i in range(PLANT_STATES, STATES):
         after[i] = kept[i] * x[i]
     after[LOAD] += period_s * x[LOAD_SLOPE]
+
+
+@kernel
+def answer_of_contact(f: Matrix, stiffness: float, period_s: float, before_rad: float, after: Vector) -> None:
+    """Add to a change of the state a row on what a load that answers to the jaw's angle makes of it."""
+    if stiffness > 0.0:
+        slope = elastic_share(f, stiffness, period_s) * (after[THETA_J] - before_rad)
+        for i in range(PLANT_STATES):
+            after[i] += f[i, LOAD_SLOPE] * slope
+        after[LOAD] += period_s * slope
 
 
 def response_run(plants: Regimes, base: Physics, d: Series, f: Filtered, per: float) -> Matrix:

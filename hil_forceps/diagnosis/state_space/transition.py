@@ -84,3 +84,22 @@ def jump_covariance(p: Physics, period_s: float) -> Matrix:
         answer[LOAD] = 1.0
         total += np.outer(answer, answer) / _INSTANTS
     return total
+
+
+@kernel
+def stiffened(f: Matrix, stiffness: float, period_s: float, out: Matrix) -> None:
+    """Fill `out` with F where the load answers to the jaw's angle: evenly over a row, by what the jaw moves."""
+    out[:] = f
+    per = elastic_share(f, stiffness, period_s)
+    for j in range(STATES):
+        moved = per * (f[THETA_J, j] - (1.0 if j == THETA_J else 0.0))
+        for i in range(PLANT_STATES):
+            out[i, j] += f[i, LOAD_SLOPE] * moved
+        out[LOAD, j] += period_s * moved
+
+
+@kernel
+def elastic_share(f: Matrix, stiffness: float, period_s: float) -> float:
+    """Return the slope of an elastic load per angle by which the jaw would move without it."""
+    share: float = stiffness / period_s / (1.0 - f[THETA_J, LOAD_SLOPE] * stiffness / period_s)
+    return share
