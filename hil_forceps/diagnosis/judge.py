@@ -10,11 +10,11 @@ from scipy import stats
 from hil_forceps.diagnosis.bursts import ROWS, Burst, burst_of
 from hil_forceps.diagnosis.choice import SET_DROP, Choice
 from hil_forceps.diagnosis.diagnose import Findings
+from hil_forceps.diagnosis.error_rates import DETECTION_POWER, FALSE_ALARMS
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import deviations
 from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover
-from hil_forceps.diagnosis.look import CHANCE
 from hil_forceps.diagnosis.predict import CLIPS
 from hil_forceps.diagnosis.result import (
     TWO_SIDED_95,
@@ -35,7 +35,7 @@ Vector = NDArray[np.float64]
 
 SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assumed: 1 in 1000 by chance
 LEAST_SHIFT = 0.2  # of what was known: less is no shift, however well it is measured
-POWER_80 = 0.8416
+POWER_DEVIATIONS = float(stats.norm.ppf(DETECTION_POWER))
 ACCURACY_OF_ALL = 2e-5
 UNEXPLAINED_SHARE = 0.015  # of the misfit: what may be left beside named effects without doubting them
 UNSEEN_SHARE = 0.1  # the same in runs held out; deleted entries' neighbours left 0.2 and 0.47
@@ -91,7 +91,7 @@ def judge(found: Findings) -> Judgement:
             over = _varies_over(found.after)
         return Judgement("effects", _effects_sentence(named, sets), named, sets, shifts, over, reasons)
     moved = found.nominal.fit.chi2 - found.baseline.fit.chi2
-    limit = float(stats.chi2.isf(CHANCE, len(found.baseline.problem.shared.items)))
+    limit = float(stats.chi2.isf(FALSE_ALARMS, len(found.baseline.problem.shared.items)))
     if moved > limit and shifts:
         names = ", ".join(shifts)
         return Judgement(
@@ -253,7 +253,7 @@ def parameter_shifts(model: Model) -> dict[str, Shift]:
 def detectable(found: Findings) -> dict[str, Detectable]:
     """Return the smallest amplitude of each entry that these data would show in 80 % of cases."""
     scan = found.choice.scan
-    needed = float(np.sqrt(scan.scores.threshold)) + POWER_80
+    needed = float(np.sqrt(scan.scores.threshold)) + POWER_DEVIATIONS
     least: dict[str, Detectable] = {}
     for probe, group in zip(scan.probes, scan.groups, strict=True):
         entry = effect(probe.effect_id)

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.error_rates import FALSE_ALARMS
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import gram
 from hil_forceps.diagnosis.linear import Place, Response, columns, direct_column
-from hil_forceps.diagnosis.look import CHANCE, STANDS_OUT
+from hil_forceps.diagnosis.look import STANDS_OUT
 from hil_forceps.diagnosis.mapper import Mapper
 from hil_forceps.diagnosis.probing import columns_of
 from hil_forceps.diagnosis.problem import Matrix
@@ -311,7 +312,7 @@ def left_by_columns(layout: Layout, beside: Beside, residual: Flat, curves: Curv
     """Look for curves in a residual; all whitened."""
     fitted, weights, u = beside
     white, groups, names = curves.columns, curves.groups, curves.names
-    found = score(fitted, weights, u, white, groups, residual, CHANCE, seed, curves.products)
+    found = score(fitted, weights, u, white, groups, residual, FALSE_ALARMS, seed, curves.products)
     high = [int(i) for i in np.flatnonzero(found.gains > STANDS_OUT * found.threshold)]
     if high:
         noise = left_by(np.concatenate((fitted, white), axis=1), residual[:, None])[:, 0]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.entries import Probe, Scene, probes
+from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEAST_GAIN_BESIDE
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import gram
 from hil_forceps.diagnosis.probing import columns_of, sized_columns
@@ -22,10 +23,6 @@ from hil_forceps.diagnosis.spectrum import Flat, Noise, Whitener, measure_noise
 
 Vector = NDArray[np.float64]
 
-CHANCE = 0.005  # family-wise, of naming something where nothing is: gains of some 15
-# Beside an effect: the encoder's rounding as another model has it moves χ² by as much. Without any, sets with nothing
-# hidden gave no more than 13.8, all but one that began in a wrong valley.
-LEAST_GAIN_BESIDE = 18.0
 STILL_GOOD = 0.9  # mean cos² between the known parameters' sensitivities then and now
 TELLING_NORM = 5.0  # of a whitened sensitivity; shorter ones say nothing
 STANDS_OUT = 0.5  # of the threshold: from here on it is looked at again
@@ -131,7 +128,7 @@ class Looker:
             white,
             seen.groups,
             whitener.apply(model.fit.residual),
-            CHANCE,
+            FALSE_ALARMS,
             self._seed,
             gram(white, white, model.problem.mapper),
         )

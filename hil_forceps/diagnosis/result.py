@@ -93,8 +93,8 @@ class Candidate:
     id: str
     step: int  # 0: beside the refitted baseline, 1: beside the first named effect, ...
     score: float  # fall of the misfit, χ², when it joins the model
-    threshold: float  # what chance gives in 1 % of data sets, the whole catalogue together
-    state: Literal["named", "tied", "weaker", "below threshold", "at a bound", "not excited", "nuisance"]
+    threshold: float  # what is asked: what chance gives in `FALSE_ALARMS` of data sets, more beside an effect
+    state: Literal["named", "tied", "weaker", "below threshold", "at a bound", "not excited"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +109,11 @@ class Rung:
 
 @dataclass(frozen=True, slots=True)
 class Balance:
-    """Misfit of one balance (motor, wire, jaw, sensor, timing) over its noise, before and after."""
+    """What curves find left at one balance (motor, wire, jaw, sensor, timing), before and after."""
 
     location: Location
     channel: str
-    before: float  # rms of the whitened residual; 1 is noise
+    before: float  # root of the fall of χ² by the best family of curves there, over what chance gives
     after: float
 
 

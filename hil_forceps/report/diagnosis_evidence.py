@@ -32,7 +32,6 @@ STATE_COLORS = {
     "named": "#0072b2",
     "tied": "#56b4e9",
     "weaker": "#e69f00",
-    "nuisance": "#cc79a7",
     "at a bound": "#8a5a00",
     "below threshold": "#c8c8c8",
     "not excited": "#ececec",
@@ -43,7 +42,7 @@ LABELS_MM = 36.0  # room for the longest id
 
 
 def balances_figure(diagnosis: Diagnosis) -> Figure:
-    """Misfit of each balance over its noise, before and after; 1 is noise."""
+    """What curves find left at each balance, over what chance gives, before and after."""
     order = {name: place for place, name in enumerate(LOCATIONS)}
     balances = sorted(diagnosis.balances, key=lambda balance: order[balance.location])
     labels = [f"{balance.location}: {quantity(balance.channel).words}" for balance in balances]
@@ -55,7 +54,7 @@ def balances_figure(diagnosis: Diagnosis) -> Figure:
         axes = figure.subplots()
         _bars(axes, rows - 0.2, before, BASELINE.color, "before")
         _bars(axes, rows + 0.2, after, EXTENDED.color, "after")
-        axes.axvline(1, color=FLOOR.color, ls=FLOOR.dash, lw=0.9, label="noise")
+        axes.axvline(1, color=FLOOR.color, ls=FLOOR.dash, lw=0.9, label="chance")
         _rows(axes, labels)
         finite = np.concatenate([before, after, [1.0]])
         finite = finite[np.isfinite(finite)]
@@ -64,7 +63,7 @@ def balances_figure(diagnosis: Diagnosis) -> Figure:
             axes.set_xlim(min(0.5, 0.8 * float(finite[finite > 0].min())), 2.5 * float(finite.max()))
         else:
             axes.set_xlim(0, 1.15 * float(finite.max()))
-        axes.set_xlabel("rms of the whitened residual over its noise")
+        axes.set_xlabel("root of the fall of χ² by the best curve, over chance")
         legend(figure)
     return figure
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEAST_GAIN_BESIDE
 from hil_forceps.diagnosis.result import Diagnosis, RunEvidence
 from hil_forceps.report.diagnosis_evidence import (
     balances_figure,
@@ -31,6 +32,7 @@ from hil_forceps.report.diagnosis_view import (
     stages,
     telling_run,
 )
+from hil_forceps.report.diagnosis_words import percent
 from hil_forceps.report.style import house_style
 
 
@@ -50,12 +52,16 @@ def panels(diagnosis: Diagnosis) -> list[Panel]:
     if run is not None and names:
         found += _of_runs(diagnosis, run, names)
     if diagnosis.balances:
-        caption = "Misfit of each balance over its noise, before and after; what stands beyond 1 is not noise."
+        caption = (
+            "What smooth curves find left at each balance, before and after: root of the fall of χ² by the best of "
+            f"them, over what chance gives in {percent(FALSE_ALARMS)} of data sets."
+        )
         found.append(Panel("balances", caption, lambda: balances_figure(diagnosis)))
     if diagnosis.candidates:
         caption = (
             "How far the misfit falls when an entry of the catalogue joins the model, per step of the choice; "
-            "the mark is what chance gives in 1 % of data sets, the whole catalogue together."
+            f"the mark is what is asked: what chance gives in {percent(FALSE_ALARMS)} of data sets, the whole "
+            f"catalogue together, and beside an effect no less than {LEAST_GAIN_BESIDE:g}."
         )
         found.append(Panel("candidates", caption, lambda: candidates_figure(diagnosis)))
     if diagnosis.ladder:

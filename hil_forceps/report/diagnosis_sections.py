@@ -2,6 +2,7 @@
 
 import math
 
+from hil_forceps.diagnosis.error_rates import DETECTION_POWER, FALSE_ALARMS
 from hil_forceps.diagnosis.result import Diagnosis, Gain, NamedEffect, Shift
 from hil_forceps.report.diagnosis_names import parameter_words, quantity
 from hil_forceps.report.diagnosis_words import (
@@ -74,7 +75,7 @@ def candidates(diagnosis: Diagnosis) -> str:
     rows = (
         (effect_words(c.id), escaped(c.state), str(c.step + 1), number(c.score), number(c.threshold)) for c in ranked
     )
-    head = ("entry", "judged", "step", "fall of χ²", "chance, 1 %")
+    head = ("entry", "judged", "step", "fall of χ²", "asked")
     return f"<details><summary>All entries in numbers</summary>{table(head, rows, numbers_from=2)}</details>"
 
 
@@ -132,7 +133,8 @@ def minimum_detectable(diagnosis: Diagnosis) -> str:
         )
         for name, least in diagnosis.minimum_detectable.items()
     )
-    text = "<p>An effect smaller than this may be there all the same (80 % power, 1 % false alarms).</p>"
+    rates = f"{percent(DETECTION_POWER)} power, {percent(FALSE_ALARMS)} false alarms"
+    text = f"<p>An effect smaller than this may be there all the same ({rates}).</p>"
     return (
         text + table(("effect", "parameter", "least size"), rows, numbers_from=2)
         if diagnosis.minimum_detectable
@@ -196,7 +198,7 @@ def how() -> str:
         "priors from the rig, the closed loop simulated where its law is known; what is left over is held against the "
         "noise floor. Every entry of the catalogue is then scored by how the simulation responds to it, refitted "
         "parameters projected out and residuals whitened; its threshold is what chance gives, the whole catalogue "
-        "together. Entries join one by one or in pairs as long as they pass, and models that lie too close to the best "
+        "together. Entries join one by one as long as they pass, and models that lie too close to the best "
         "are kept as a set. The gain is counted on runs used neither to fit nor to choose. "
         "Residuals are measured less simulated.</p>"
         f'<h3>Where the equations belong</h3><ul class="chain">{chain}</ul>'

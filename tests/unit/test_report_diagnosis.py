@@ -6,7 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -29,14 +29,15 @@ from hil_forceps.diagnosis.result import (
     Trend,
     Verdict,
 )
+from hil_forceps.report import diagnosis_figures, diagnosis_sections
 from hil_forceps.report.diagnosis import begun, draughtsman, write_figures, write_report
-from hil_forceps.report.diagnosis_evidence import ladder_figure
+from hil_forceps.report.diagnosis_evidence import STATE_COLORS, ladder_figure
 from hil_forceps.report.diagnosis_figures import panels
 from hil_forceps.report.diagnosis_ladder import ladder_section
 from hil_forceps.report.style import house_style
 from hil_forceps.rig import catalogue
 
-State = Literal["named", "tied", "weaker", "below threshold", "at a bound", "not excited", "nuisance"]
+State = Literal["named", "tied", "weaker", "below threshold", "at a bound", "not excited"]
 Vector = NDArray[np.float64]
 NOISE = {"theta_m_rad": 2e-4, "current_A": 1e-3, "theta_j_rad": 2e-4}
 
@@ -104,7 +105,7 @@ def wire_slack(*, runs: int = 6, jaw: bool = True) -> Diagnosis:
     first = tuple(
         Candidate(one, 0, 4200.0 / 2.1**place, 14.0, "weaker" if place else "named") for place, one in enumerate(ids)
     )
-    states: tuple[State, ...] = ("named", "tied", "weaker", "nuisance", "at a bound", "not excited")
+    states: tuple[State, ...] = ("named", "tied", "weaker", "weaker", "at a bound", "not excited")
     second = tuple(
         Candidate(one, 1, 310.0 / 2.6**place, 14.0, state)
         for place, (one, state) in enumerate(zip(ids[1:], states, strict=False))
@@ -426,3 +427,19 @@ def test_nothing_sticks_out_of_a_figure(case: str) -> None:
 def test_matplotlib_is_loaded_only_to_draw() -> None:
     code = "import sys, hil_forceps.report.diagnosis; sys.exit('matplotlib' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_error_rates_in_the_report_are_those_that_the_diagnosis_is_made_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Texts said 1 % where 0.5 % was asked, and that entries join in pairs, which none does."""
+    for module in (diagnosis_sections, diagnosis_figures):
+        monkeypatch.setattr(module, "FALSE_ALARMS", 0.0375)
+    found = replace(wire_slack(), minimum_detectable={"cogging": Detectable("sine_N_m", 1e-6, "N_m")})
+    assert "3.75 % false alarms" in diagnosis_sections.minimum_detectable(found)
+    captions = " ".join(panel.caption for panel in diagnosis_figures.panels(found))
+    assert "3.75 % of data sets" in captions
+    assert "1 % of" not in captions
+    assert "pairs" not in diagnosis_sections.how()
+
+
+def test_no_state_of_a_candidate_is_drawn_that_none_ever_has() -> None:
+    assert set(STATE_COLORS) == set(get_args(get_type_hints(Candidate)["state"]))

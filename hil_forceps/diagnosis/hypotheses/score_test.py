@@ -2,7 +2,7 @@
 
 With answers J of the innovations r to the fitted parameters (prior precision Λ) and C to a place, the projected
 information is S = CᵀC − CᵀJ (JᵀJ + Λ)⁻¹ JᵀC, the projected score b likewise, and the place gains bᵀS⁻¹b of χ². Under
-the model b ~ N(0, S); the threshold is what the largest gain exceeds in a share `FAMILY_WISE` of draws from all of S.
+the model b ~ N(0, S); the threshold is what the largest gain exceeds in a share `FALSE_ALARMS` of draws from all of S.
 """
 
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.error_rates import FALSE_ALARMS
 from hil_forceps.diagnosis.hypotheses.places import Place
 from hil_forceps.diagnosis.inference.fit import inverted
 from hil_forceps.diagnosis.state_space.passes import Gram
@@ -18,7 +19,6 @@ from hil_forceps.diagnosis.state_space.passes import Gram
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-FAMILY_WISE = 0.005  # false alarms of the family of all places
 DRAWS = 4000
 COST_PER_COLUMN = 2.0  # Akaike's: what χ² falls by chance, twice
 # Of a column's information: less is left where known parameters do the same, to the accuracy of finite differences.
@@ -64,7 +64,7 @@ def _gain(s: Matrix, b: Vector, place: Place, good: NDArray[np.bool_]) -> tuple[
 
 
 def _threshold(s: Matrix, places: Sequence[Place], good: NDArray[np.bool_], seed: int) -> float:
-    """Return the largest gain that chance gives in all but `FAMILY_WISE` of data sets."""
+    """Return the largest gain that chance gives in all but `FALSE_ALARMS` of data sets."""
     kept = np.flatnonzero(good)
     if kept.size == 0:
         return np.inf
@@ -89,6 +89,6 @@ def _threshold(s: Matrix, places: Sequence[Place], good: NDArray[np.bool_], seed
 
 
 def _upper_quantile(values: Vector) -> float:
-    """Return the quantile 1 − `FAMILY_WISE`, by the exponential tail of a χ² beyond what the draws reach."""
-    reachable = max(FAMILY_WISE, 20.0 / DRAWS)
-    return float(np.quantile(values, 1.0 - reachable)) + 2.0 * float(np.log(reachable / FAMILY_WISE))
+    """Return the quantile 1 − `FALSE_ALARMS`, by the exponential tail of a χ² beyond what the draws reach."""
+    reachable = max(FALSE_ALARMS, 20.0 / DRAWS)
+    return float(np.quantile(values, 1.0 - reachable)) + 2.0 * float(np.log(reachable / FALSE_ALARMS))
