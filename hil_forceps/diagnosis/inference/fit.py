@@ -95,11 +95,18 @@ def fit(
 
 def _newton(passes: Passes, free: Sequence[Free], mapper: Mapper) -> tuple[Gram, Matrix, Vector]:
     """Return the Gram matrix, the inverse of the posterior's curvature, and the step in units of the scales."""
-    found = gram(passes, directions_of(free, passes.theta), mapper)
+    found = _finite(gram(passes, directions_of(free, passes.theta), mapper))
     away, precision = prior_of(free, passes.theta)
     curvature = found.information + np.diag(precision)
     inverse = inverted(curvature)
     return found, inverse, inverse @ (-found.score - precision * away)
+
+
+def _finite(found: Gram) -> Gram:
+    """Return a Gram matrix without what is said of parameters beyond which the simulation has no finite answer."""
+    good = np.isfinite(np.diag(found.information)) & np.isfinite(found.score)
+    information = np.where(np.outer(good, good), found.information, 0.0)
+    return found._replace(information=information, score=np.where(good, found.score, 0.0))
 
 
 def inverted(curvature: Matrix) -> Matrix:

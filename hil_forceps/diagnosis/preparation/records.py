@@ -127,6 +127,7 @@ def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
         jaw,
         load,
         missing if command.measured else columns["current_A"],
+        command.samples,
         command.current_A,
         command.variance,
         may_stick(encoder, step, 1),
@@ -219,7 +220,9 @@ def _touched(encoder: Vector, jaw: Vector, load: Vector, rig: Rig, noise: Noise)
     found = contact(load, angle, float(noise.deviation[1]) ** 2, variance)
     if found is None:
         return None
-    smooth = by_motor + float(np.median(angle - by_motor))
+    # The motor's angle and the load tell the jaw's without its sensor's noise, whatever the rig says of the wire.
+    by_both = np.column_stack((encoder, load, np.ones(load.size)))
+    smooth = by_both @ np.linalg.lstsq(by_both, angle, rcond=None)[0]
     way = smooth - found.angle_rad
     beyond = np.maximum(way, 0.0) if found.upward else np.minimum(way, 0.0)
     near = np.abs(way) < 2.0 * math.sqrt(variance) + np.abs(np.gradient(smooth))

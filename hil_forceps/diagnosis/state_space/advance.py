@@ -40,6 +40,7 @@ class Stepper(NamedTuple):
     inertia: tuple[float, float]
     kept: tuple[float, float]
     current: CurrentStep
+    samples: int  # of the drive in a row
     span: int  # steps tried as one
     step_s: float
 
@@ -48,8 +49,9 @@ class Acting(NamedTuple):
     """What acts on the plant over a row."""
 
     time_s: float
-    command_A: float  # that arrives in the row
-    command_before_A: float
+    commands_A: Vector  # of the drive, as it gave them
+    first: int  # place of the row's first among them
+    bias_A: float  # that all of them lack
     load_N_m: float
     load_slope_N_m_per_s: float
     friction_m_N_m: float
@@ -57,18 +59,18 @@ class Acting(NamedTuple):
 
 
 @kernel
-def stepper(p: Physics, period_s: float) -> Stepper:
-    """Prepare for a plant and a period of the rows."""
+def stepper(p: Physics, period_s: float, samples: int) -> Stepper:
+    """Prepare for a plant, a period of the rows, and samples of the drive in it."""
     step_s = period_s / STEPS
     gains = np.empty((SHORT + 2, SIZE))
     fill_all(gains, p, viscosity(p, 0.0), step_s)
-    span = STEPS if suits(p, kind_of(p), STEPS) else 0
+    span = STEPS // samples if suits(p, kind_of(p), STEPS // samples) else 0
     whole = np.empty((max(span, 1), SIZE))
     fill_multiples(whole, p, viscosity(p, 0.0), step_s)
     kept = (math.exp(-step_s / p.creep_time), math.exp(-step_s / PIECES / p.creep_time))
     inertia = (p.I_m / step_s, p.I_j / step_s)
-    current = current_step(step_s, STEPS, p.delay, p.lag)
-    return Stepper(gains, whole, decays(p, max(span, 1), step_s), inertia, kept, current, span, step_s)
+    current = current_step(step_s, STEPS // samples, p.delay, p.lag)
+    return Stepper(gains, whole, decays(p, max(span, 1), step_s), inertia, kept, current, samples, span, step_s)
 
 
 @kernel
@@ -80,33 +82,49 @@ def acting_command(p: Physics, command_A: float) -> float:
 @kernel
 def advance(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting) -> State:
     """Return the plant's state a row on."""
+    steps = STEPS // s.samples
+    for sample in range(s.samples):
+        at = a.first + sample - s.current.whole_samples
+        new = acting_command(p, a.commands_A[max(at, 0)] + a.bias_A)
+        old = acting_command(p, a.commands_A[max(at - 1, 0)] + a.bias_A)
+        x = _over_sample(p, kind, s, x, a, sample * steps, steps, old, new)
+    return x
+
+
+@kernel
+def _over_sample(
+    p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, first: int, steps: int, old_A: float, new_A: float
+) -> State:
+    """Return the plant's state a sample of the drive on; `first`: of its steps in the row."""
     done, span = 0, s.span
     at_once = s.current.whole_samples == 0 and s.current.mean == 0.0 and s.current.arrival_slope == 0.0
-    while done < STEPS:
+    while done < steps:
         if span > 0 and done % span == 0 and at_once:
-            middle_s = (done + 0.5 * span) * s.step_s
+            middle_s = (first + done + 0.5 * span) * s.step_s
             constant = torque_constant(p, a.time_s + middle_s)
-            current = a.command_A - a.friction_m_N_m / constant
+            current = new_A - a.friction_m_N_m / constant
             load = a.load_N_m + a.load_slope_N_m_per_s * middle_s + a.friction_j_N_m
             slope = a.load_slope_N_m_per_s * s.step_s * span
-            d = Drive(current, 0.0, a.command_A, constant, viscosity(p, a.time_s + middle_s), load, slope)
+            d = Drive(current, 0.0, new_A, constant, viscosity(p, a.time_s + middle_s), load, slope)
             moves, there = whole_step(p, kind, s.whole, s.keeps, span, x, d)
             if moves:
                 x = there
                 done += span
                 continue
-        if done == 0 and span == STEPS:  # halves, then
-            span = span // 2 if not kind.plain else 0
+        if done == 0 and span == steps:  # halves, then
+            span = span // 2 if not kind.plain and span % 4 == 0 else 0
             continue
-        x = _one(p, kind, s, x, a, done)
+        x = _one(p, kind, s, x, a, first, done, old_A, new_A)
         done += 1
     return x
 
 
 @kernel
-def _one(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, step: int) -> State:
-    mean, slope, end = current_over(s.current, step, x.current_A, a.command_before_A, a.command_A)
-    middle_s = (step + 0.5) * s.step_s
+def _one(
+    p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, first: int, step: int, old_A: float, new_A: float
+) -> State:
+    mean, slope, end = current_over(s.current, step, x.current_A, old_A, new_A)
+    middle_s = (first + step + 0.5) * s.step_s
     constant = torque_constant(p, a.time_s + middle_s)
     mean -= a.friction_m_N_m / constant
     load = a.load_N_m + a.load_slope_N_m_per_s * middle_s + a.friction_j_N_m
@@ -180,10 +198,10 @@ class Steppers(NamedTuple):
 
 
 @kernel
-def steppers(plants: Regimes, period_s: float) -> Steppers:
+def steppers(plants: Regimes, period_s: float, samples: int) -> Steppers:
     """Prepare for all regimes."""
     kinds = (kind_of(plants[0]), kind_of(plants[1]), kind_of(plants[2]), kind_of(plants[3]))
-    return Steppers(kinds, stepper(plants[0], period_s))
+    return Steppers(kinds, stepper(plants[0], period_s, samples))
 
 
 @kernel

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.state_space.advance import (
     Acting,
     Regimes,
-    acting_command,
     advance_in,
     expected_friction_j_N_m,
     expected_friction_m_N_m,
@@ -112,14 +111,12 @@ def friction_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector) ->
 
 
 @kernel
-def acting_on(
-    p: Physics, d: Series, row: int, delayed_rows: int, x: Vector, variance: Vector, elastic_slope: float
-) -> Acting:
+def acting_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector, elastic_slope: float) -> Acting:
     """Return what acts from a row to the next; `x` and `variance`: of the filter's state there."""
-    command = acting_command(p, d.command_A[max(row - delayed_rows, 0)] + x[COMMAND_BIAS])
-    before = acting_command(p, d.command_A[max(row - delayed_rows - 1, 0)] + x[COMMAND_BIAS])
     friction = friction_on(p, d, row, x, variance)
-    return Acting(row * d.period_s, command, before, x[LOAD], x[LOAD_SLOPE] + elastic_slope, friction[0], friction[1])
+    load_slope = x[LOAD_SLOPE] + elastic_slope
+    first = row * d.samples
+    return Acting(row * d.period_s, d.command_A, first, x[COMMAND_BIAS], x[LOAD], load_slope, friction[0], friction[1])
 
 
 @kernel
@@ -223,7 +220,7 @@ def _friction_noise(
 def filter_pass(plants: Regimes, d: Series, out: Filtered) -> int:
     """Fill `out`; return how many innovations were surprises."""
     p = plants[0]
-    s = steppers(plants, d.period_s)
+    s = steppers(plants, d.period_s, d.samples)
     taut, slack = transition(p, d.period_s, True), transition(p, d.period_s, False)
     jump = jump_covariance(p, d.period_s)
     kept = noise_kept(d, friction_kept(d.period_s))
@@ -248,15 +245,14 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> int:
             break
         before_A = plant.current_A
         begin = beginning(plant, x)
-        delayed = s.stepper.current.whole_samples
-        plant = advance_in(plants, s, was[0], was[1], begin, acting_on(p, d, row, delayed, x, out.variance[row], 0.0))
+        plant = advance_in(plants, s, was[0], was[1], begin, acting_on(p, d, row, x, out.variance[row], 0.0))
         f = slack if is_slack(p, x) else taut
         elastic_slope = 0.0
         if d.contact_stiffness[row] > 0.0:
             elastic_slope = elastic_share(f, d.contact_stiffness[row], d.period_s) * (plant.theta_j_rad - x[THETA_J])
             stiffened(f, d.contact_stiffness[row], d.period_s, touching)
             f = touching
-            acting = acting_on(p, d, row, delayed, x, out.variance[row], elastic_slope)
+            acting = acting_on(p, d, row, x, out.variance[row], elastic_slope)
             plant = advance_in(plants, s, was[0], was[1], begin, acting)
         out.course[row, ELASTIC_SLOPE] = elastic_slope
         moved(f, covariance, kept, work)

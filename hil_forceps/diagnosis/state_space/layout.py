@@ -38,8 +38,9 @@ class Series(NamedTuple):
     jaw_rad: Vector  # n, NaN where not measured
     load_N_m: Vector  # n, NaN where not measured
     current_A: Vector  # n, NaN where it is no measurement of its own
-    command_A: Vector  # n: that of row k acts from row k to row k + 1
-    command_variance: Vector  # n [A²]
+    samples: int  # of the drive in a row
+    command_A: Vector  # n · samples, one behind the other: the first of row k acts from row k on
+    command_variance: Vector  # n [A²]: of their mean over a row
     friction_free_m: Mask  # n: from row k to k + 1 the motor may stick
     friction_free_j: Mask  # n
     friction_level_N_m: tuple[float, float]  # motor, jaw: of what wanders there; 0: less than the load leaves open

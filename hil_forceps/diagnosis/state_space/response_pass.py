@@ -95,7 +95,7 @@ def response_pass(
 ) -> None:
     """Fill `out` (n × CHANNELS) with the change of the whitened innovations from `base` to `plants`, times `per`."""
     p = plants[0]
-    s = steppers(plants, d.period_s)
+    s = steppers(plants, d.period_s, d.samples)
     taut, slack = transition(base, d.period_s, True), transition(base, d.period_s, False)
     kept = noise_kept(d, friction_kept(d.period_s))
     plant = first_plant(d)
@@ -121,7 +121,7 @@ def response_pass(
         if not (free_j and was_j):
             x[FRICTION_J] = 0.0
         was_m, was_j = free_m, free_j
-        acting = acting_on(p, d, row, s.stepper.current.whole_samples, at, variance[row], at[ELASTIC_SLOPE])
+        acting = acting_on(p, d, row, at, variance[row], at[ELASTIC_SLOPE])
         plant = advance_in(plants, s, free_m, free_j, beginning(plant, at), acting)
         f = slack if is_slack(base, at) else taut
         _carried(f, x, after, d.period_s, kept)
