@@ -24,8 +24,8 @@ Vector = NDArray[np.float64]
 
 MAX_EFFECTS = 6
 SHORTLIST = 6  # entries that are refitted at a step
-SHORTLIST_SHARE = 0.3  # of the best gain
-SET_DROP = 8.0  # of twice the log likelihood: models within it are told apart by no more than chance
+SHORTLIST_SHARE = 0.3  # of the best gain  # tuned: lag and damping beside a skew of d = 50
+SET_DROP = 8.0  # of twice the log likelihood: models within it are kept  # tuned: until calibrated by simulation
 
 
 class Candidate(NamedTuple):

@@ -36,7 +36,7 @@ from hil_forceps.runs.table import Run
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-EDGE_SHARE = 0.03  # of a count: how sharp an edge is; a tenth of a count's own deviation, 1/√12
+EDGE_SHARE = 0.03  # of a count: how sharp an edge is  # tuned: holds and four kinds of motion at 16384 counts
 INTEGRATION_SHARE = 1e-4  # of the speed: what the model's step leaves over a row
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
 FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left, less than a jaw sensor's noise
@@ -104,7 +104,7 @@ def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
     count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
     step = count or 1e-4 * max(float(np.ptp(encoder)), 1e-6)
     ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
-    stretch_rad = prior.course_N_m / (plant.jaw_pulley_radius_m**2 * plant.wire_stiffness_N_per_m)
+    jaw_smooth = followed_angle(encoder, prior.course_N_m, jaw, ratio * encoder)
     stiffness = np.zeros(n) if touched is None else touched.stiffness_N_m_per_rad
     dwells = dwelling(encoder, count)
     # Where it dwells, all counts of a while say the same once.
@@ -131,7 +131,7 @@ def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
         command.current_A,
         command.variance,
         may_stick(encoder, step, 1),
-        may_stick(ratio * encoder - stretch_rad, step * ratio, 2),
+        may_stick(jaw_smooth, step * ratio, 2),
         (0.0, 0.0),
         stiffness,
         prior.slope_variance,
@@ -202,6 +202,17 @@ def jaw_angle_rad(encoder: Vector, load: Vector, rig: Rig) -> Vector:
     return np.asarray(p.motor_pulley_radius_m / p.jaw_pulley_radius_m * encoder - stretch)
 
 
+def followed_angle(encoder: Vector, load: Vector, jaw: Vector, unmeasured: Vector) -> Vector:
+    """Return the jaw's angle without its sensor's noise, `unmeasured` where there is none.
+
+    The motor's angle and the load tell it, in proportions that are fitted: they hang on no value of the rig.
+    """
+    if not np.isfinite(jaw).all():
+        return unmeasured
+    both = np.column_stack((encoder, load, np.ones(load.size)))
+    return np.asarray(both @ np.linalg.lstsq(both, jaw, rcond=None)[0])
+
+
 class _Touched(NamedTuple):
     """What a contact does in a run, n each."""
 
@@ -220,9 +231,7 @@ def _touched(encoder: Vector, jaw: Vector, load: Vector, rig: Rig, noise: Noise)
     found = contact(load, angle, float(noise.deviation[1]) ** 2, variance)
     if found is None:
         return None
-    # The motor's angle and the load tell the jaw's without its sensor's noise, whatever the rig says of the wire.
-    by_both = np.column_stack((encoder, load, np.ones(load.size)))
-    smooth = by_both @ np.linalg.lstsq(by_both, angle, rcond=None)[0]
+    smooth = followed_angle(encoder, load, angle, angle)
     way = smooth - found.angle_rad
     beyond = np.maximum(way, 0.0) if found.upward else np.minimum(way, 0.0)
     near = np.abs(way) < 2.0 * math.sqrt(variance) + np.abs(np.gradient(smooth))

@@ -39,7 +39,7 @@ Matrix = NDArray[np.float64]
 
 TAUT, SLACK = 0, 1
 _INSTANTS = 16  # at which a jump may be, for its mean effect: the midpoint rule is then within 1e-3
-FRICTION_MEMORY_S = 3e-3  # of dry friction where a mass may stick: about as long as a mass takes to turn round
+FRICTION_MEMORY_S = 3e-3  # of dry friction where a mass may stick  # tuned: 0.5 to 20 ms tried on holds
 
 
 @kernel
