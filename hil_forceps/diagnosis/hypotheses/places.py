@@ -15,7 +15,7 @@ Vector = NDArray[np.float64]
 
 # Of an amplitude that would show: over a row it must turn no mass round, which dry friction isn't linear in.
 SHARE = 1e-2
-SHARE_OF_ONE_SIDED = 0.05  # friction that can't be negative: beside next to none it is linear in no smaller size
+SHARE_OF_ONE_SIDED = 0.05  # of friction that can't be negative, beside next to none  # tuned: by its catalogue size
 HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 16.0, 18.0, 21.0, 24.0)
 
 

@@ -31,7 +31,6 @@ class Tested(NamedTuple):
     gains: Vector  # fall of χ² beyond the cost of more than one column
     sizes: list[Vector]  # of the columns
     threshold: float
-    information: Matrix  # projected, of all columns
 
 
 def score_test(found: Gram, fitted: int, away: Vector, precision: Vector, places: Sequence[Place], seed: int) -> Tested:
@@ -47,7 +46,7 @@ def score_test(found: Gram, fitted: int, away: Vector, precision: Vector, places
         gain, size = _gain(s, b, place, good)
         gains.append(gain)
         sizes.append(size)
-    return Tested(np.array(gains), sizes, _threshold(s, places, good, seed), s)
+    return Tested(np.array(gains), sizes, _threshold(s, places, good, seed))
 
 
 def _gain(s: Matrix, b: Vector, place: Place, good: NDArray[np.bool_]) -> tuple[float, Vector]:

@@ -29,7 +29,6 @@ class Fit(NamedTuple):
 
     free: tuple[Free, ...]
     passes: Passes
-    gram: Gram  # of the free parameters, in units of their scale, without priors
     covariance: Matrix  # of the free parameters in units of their scale
 
     @property
@@ -79,7 +78,7 @@ def fit(
     """Return the fit from `theta` on."""
     passes = pass_all(runs, theta, mapper)
     for _ in range(max_steps):
-        found, inverse, step = _newton(passes, free, mapper)
+        inverse, step = _newton(passes, free, mapper)
         stepped = _accepted(runs, passes, free, step, mapper)
         if stepped is None:
             break
@@ -89,17 +88,17 @@ def fit(
         passes = stepped
         if done:
             break
-    found, inverse, _ = _newton(passes, free, mapper)
-    return Fit(tuple(free), passes, found, inverse)
+    inverse, _ = _newton(passes, free, mapper)
+    return Fit(tuple(free), passes, inverse)
 
 
-def _newton(passes: Passes, free: Sequence[Free], mapper: Mapper) -> tuple[Gram, Matrix, Vector]:
-    """Return the Gram matrix, the inverse of the posterior's curvature, and the step in units of the scales."""
+def _newton(passes: Passes, free: Sequence[Free], mapper: Mapper) -> tuple[Matrix, Vector]:
+    """Return the inverse of the posterior's curvature, and the step in units of the scales."""
     found = _finite(gram(passes, directions_of(free, passes.theta), mapper))
     away, precision = prior_of(free, passes.theta)
     curvature = found.information + np.diag(precision)
     inverse = inverted(curvature)
-    return found, inverse, inverse @ (-found.score - precision * away)
+    return inverse, inverse @ (-found.score - precision * away)
 
 
 def _finite(found: Gram) -> Gram:

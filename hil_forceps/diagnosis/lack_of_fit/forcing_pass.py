@@ -26,7 +26,8 @@ from hil_forceps.diagnosis.state_space.layout import (
     Filtered,
     Series,
 )
-from hil_forceps.diagnosis.state_space.transition import elastic_share, friction_kept, transition
+from hil_forceps.diagnosis.state_space.response_pass import answer_of_contact
+from hil_forceps.diagnosis.state_space.transition import friction_kept, transition
 from hil_forceps.model.physics import Physics
 
 Vector = NDArray[np.float64]
@@ -72,11 +73,7 @@ def forcing_pass(
         was_m, was_j = d.friction_free_m[row], d.friction_free_j[row]
         f = slack if is_slack(p, course[row]) else taut
         _carried(f, x, motor[row], jaw[row], d.period_s, kept, after)
-        if d.contact_stiffness[row] > 0.0:
-            slope = elastic_share(f, d.contact_stiffness[row], d.period_s) * (after[THETA_J] - x[THETA_J])
-            for i in range(PLANT_STATES):
-                after[i] += f[i, LOAD_SLOPE] * slope
-            after[LOAD] += d.period_s * slope
+        answer_of_contact(f, d.contact_stiffness[row], d.period_s, x[THETA_J], after)
         x[:] = after
 
 

@@ -28,7 +28,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     THETA_J,
     THETA_M,
 )
-from hil_forceps.diagnosis.state_space.passes import Gram, Mapper, Passed
+from hil_forceps.diagnosis.state_space.passes import Gram, Mapper, Passed, total
 from hil_forceps.diagnosis.state_space.response_pass import response_run
 from hil_forceps.model.physics import Physics
 
@@ -94,14 +94,12 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int) -> LackOfFit:
         curves = _answers(p, run, course, scale)
         columns = np.concatenate((np.stack(answers, axis=2), curves), axis=2)
         columns = np.where(run.counts[:, :, np.newaxis], columns, 0.0).reshape(-1, columns.shape[2])
-        return Gram(columns.T @ columns, columns.T @ run.residual.ravel(), np.zeros((0, columns.shape[1])))
+        return Gram(columns.T @ columns, columns.T @ run.residual.ravel())
 
-    parts = list(mapper(one, list(zip(found.passes.runs, courses, strict=True))))
-    information = np.sum([g.information for g in parts], axis=0)
-    total = Gram(information, np.sum([g.score for g in parts], axis=0), parts[0].block_scores)
+    summed = total(list(mapper(one, list(zip(found.passes.runs, courses, strict=True)))))
     places = _families(courses[0], scale)
     away, precision = prior_of(found.free, found.passes.theta)
-    tested = score_test(total, len(found.free), away, precision, places, seed)
+    tested = score_test(summed, len(found.free), away, precision, places, seed)
     order = np.argsort(-tested.gains)
     families = tuple((*places[i].effect_id.split("\n"), float(tested.gains[i])) for i in order)
     return LackOfFit(float(tested.gains[order[0]]), tested.threshold, families)

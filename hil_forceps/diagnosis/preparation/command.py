@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.preparation.decoding import decoded
+from hil_forceps.diagnosis.state_space.advance import STEPS
 from hil_forceps.model.drive_law import DriveState, law_current, law_vector
 from hil_forceps.rig import Rig
 
@@ -27,9 +28,14 @@ _SETTLING_TIMES = 6.0  # of the derivative's filter: exp(−6) of what it began 
 
 
 def by_law(rig: Rig, reference_rad: Vector, encoder_rad: Vector, current_A: Vector, period_s: float) -> Command:
-    """Return the law's commands on recorded angles; of a drive that samples between rows they are decoded."""
+    """Return the law's commands on recorded angles; of a drive that samples between rows they are decoded.
+
+    ValueError where a row isn't 1, 2 or 4 samples of the drive: the steps of a row don't divide otherwise.
+    """
     drive = rig.require_drive()
-    samples = max(1, round(period_s / drive.sample_time_s))
+    samples = round(period_s / drive.sample_time_s)
+    if samples < 1 or STEPS % samples or not math.isclose(samples * drive.sample_time_s, period_s, rel_tol=1e-3):
+        raise ValueError(f"rows every {period_s} s are no 1, 2 or 4 samples of {drive.sample_time_s} s")
     law = law_vector(drive)
     if samples == 1:
         start = DriveState(0.0, float("nan"), 0.0, float(current_A[0]))

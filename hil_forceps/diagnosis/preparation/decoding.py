@@ -17,8 +17,8 @@ from hil_forceps.model.drive_law import KI, DriveState, drive_sample
 Vector = NDArray[np.float64]
 
 _REACH = 3  # counts to either side of the line that the last one may be
-_LINE_SD = 0.6  # counts: of a true angle's count about the line between the counts of its neighbours
-_BIAS_GAIN = 0.02  # of an error of the current, into what all commands lack: the integral at the start
+_LINE_SD = 0.6  # counts: of a true angle's count about its neighbours' line  # tuned: one set of four runs
+_BIAS_GAIN = 0.02  # of an error of the current, into the integral at the start  # tuned: the same set
 
 
 @kernel

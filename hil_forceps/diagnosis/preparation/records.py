@@ -39,7 +39,7 @@ Mask = NDArray[np.bool_]
 EDGE_SHARE = 0.03  # of a count: how sharp an edge is  # tuned: holds and four kinds of motion at 16384 counts
 INTEGRATION_SHARE = 1e-4  # of the speed: what the model's step leaves over a row
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
-FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left, less than a jaw sensor's noise
+FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left
 MAX_FADING_ROWS = 50
 JAW_ZERO_SD_RAD = 0.01  # of the jaw sensor, from run to run
 
@@ -61,7 +61,6 @@ class Record:
     ringing: Mask  # n: the wire still rings from a jump of the load, whose instant within a row isn't known
     dwelling: Mask  # n: the encoder dwells
     fading_rows: int  # over which the wire's slowest mode dies away
-    load_course_N_m: Vector  # n
     load_open_sd_N_m: float  # what is left open of the load
     settling_rows: int
 
@@ -104,7 +103,7 @@ def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
     count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
     step = count or 1e-4 * max(float(np.ptp(encoder)), 1e-6)
     ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
-    jaw_smooth = followed_angle(encoder, prior.course_N_m, jaw, ratio * encoder)
+    jaw_smooth = _followed_angle(encoder, prior.course_N_m, jaw, ratio * encoder)
     stiffness = np.zeros(n) if touched is None else touched.stiffness_N_m_per_rad
     dwells = dwelling(encoder, count)
     # Where it dwells, all counts of a while say the same once.
@@ -150,23 +149,10 @@ def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
         _ringing(prior.jump_variance, fading),
         dwells,
         fading,
-        prior.course_N_m,
         prior.open_sd_N_m,
         min(n // 4, max(5, round(SETTLING_S / period_s))),
     )
     return found.with_friction_of(regimes(parameters.vector(rig)).sliding)
-
-
-def with_noise(record: Record, noise: Noise) -> Record:
-    """Return a record with other noise of the sensors; the load's prior stays."""
-    variance = record.series.first_variance.copy()
-    variance[JAW_NOISE], variance[LOAD_NOISE], variance[CURRENT_NOISE] = np.where(
-        noise.correlation != 0.0, noise.deviation**2, 0.0
-    )
-    series = record.series._replace(
-        noise_variance=noise.deviation**2, noise_correlation=noise.correlation, first_variance=variance
-    )
-    return replace(record, series=series)
 
 
 def _fading_rows(period_s: float, rig: Rig) -> int:
@@ -195,14 +181,14 @@ def _command(run: Run, rig: Rig, noise: Noise, period_s: float) -> Command:
     return by_law(rig, columns["theta_m_ref_rad"], columns["theta_m_rad"], current, period_s)
 
 
-def jaw_angle_rad(encoder: Vector, load: Vector, rig: Rig) -> Vector:
+def _jaw_angle_rad(encoder: Vector, load: Vector, rig: Rig) -> Vector:
     """Return where the jaw is by the motor's angle and the wire's stretch under the load, both as the rig has them."""
     p = rig.plant()
     stretch = load / (p.jaw_pulley_radius_m**2 * p.wire_stiffness_N_per_m)
     return np.asarray(p.motor_pulley_radius_m / p.jaw_pulley_radius_m * encoder - stretch)
 
 
-def followed_angle(encoder: Vector, load: Vector, jaw: Vector, unmeasured: Vector) -> Vector:
+def _followed_angle(encoder: Vector, load: Vector, jaw: Vector, unmeasured: Vector) -> Vector:
     """Return the jaw's angle without its sensor's noise, `unmeasured` where there is none.
 
     The motor's angle and the load tell it, in proportions that are fitted: they hang on no value of the rig.
@@ -225,13 +211,13 @@ def _touched(encoder: Vector, jaw: Vector, load: Vector, rig: Rig, noise: Noise)
     if not np.isfinite(load).all():
         return None
     measured = bool(np.isfinite(jaw).all())
-    by_motor = jaw_angle_rad(encoder, load, rig)
+    by_motor = _jaw_angle_rad(encoder, load, rig)
     count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
     angle, variance = (jaw, float(noise.deviation[0]) ** 2) if measured else (by_motor, count**2)
     found = contact(load, angle, float(noise.deviation[1]) ** 2, variance)
     if found is None:
         return None
-    smooth = followed_angle(encoder, load, angle, angle)
+    smooth = _followed_angle(encoder, load, angle, angle)
     way = smooth - found.angle_rad
     beyond = np.maximum(way, 0.0) if found.upward else np.minimum(way, 0.0)
     near = np.abs(way) < 2.0 * math.sqrt(variance) + np.abs(np.gradient(smooth))

@@ -7,8 +7,8 @@ from scipy.ndimage import binary_dilation, binary_opening, maximum_filter1d, min
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-QUARTERS = (1, 2, 4, 10)  # rows of a quarter: from fast motion to a count in ten rows
-DWELL_ROWS = 50  # to either side: an encoder that stays within a count or two as long dwells
+QUARTERS = (1, 2, 4, 10)  # rows of a quarter: down to a count in ten rows  # tuned: chirps and holds, 10 % friction
+DWELL_ROWS = 50  # to either side: an encoder within two counts as long dwells  # tuned: frictionless holds
 
 
 def may_stick(angle_rad: Vector, step_rad: float, margin: int) -> Mask:

@@ -217,8 +217,8 @@ def _friction_noise(
 
 
 @kernel
-def filter_pass(plants: Regimes, d: Series, out: Filtered) -> int:
-    """Fill `out`; return how many innovations were surprises."""
+def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
+    """Fill `out`."""
     p = plants[0]
     s = steppers(plants, d.period_s, d.samples)
     taut, slack = transition(p, d.period_s, True), transition(p, d.period_s, False)
@@ -232,11 +232,9 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> int:
     before_A = plant.current_A
     was = (True, True)
     usual = np.zeros(2)
-    surprises = 0
     for row in range(d.encoder_rad.size):
         _note_prediction(out.course, row, x, plant.current_A, before_A)
         if _measurements(p, d, row, plant.current_A, before_A, x, covariance, taut, out):
-            surprises += 1
             covariance[LOAD_SLOPE, LOAD_SLOPE] += d.load_surprise_variance
         was = _friction(d, row, was, x, covariance)
         for i in range(STATES):
@@ -264,7 +262,6 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> int:
         x[LOAD] += d.period_s * (x[LOAD_SLOPE] + elastic_slope)
         x[THETA_M], x[OMEGA_M] = plant.theta_m_rad, plant.omega_m_rad_per_s
         x[THETA_J], x[OMEGA_J] = plant.theta_j_rad, plant.omega_j_rad_per_s
-    return surprises
 
 
 @kernel
@@ -292,6 +289,6 @@ def filter_run(plants: Regimes, d: Series) -> Filtered:
         np.zeros((n, COURSE)),
         np.zeros((n, STATES)),
         np.zeros(n, dtype=np.int64),
-        0,
     )
-    return out._replace(surprises=filter_pass(plants, d, out))
+    filter_pass(plants, d, out)
+    return out

@@ -12,7 +12,7 @@ Mask = NDArray[np.bool_]
 # States.
 THETA_M, OMEGA_M, THETA_J, OMEGA_J = 0, 1, 2, 3
 LOAD, LOAD_SLOPE = 4, 5  # τ_w [N m], and its slope [N m/s]
-FRICTION_M, FRICTION_J = 6, 7  # dry friction [N m], positive against a positive speed; 0 where a mass slides
+FRICTION_M, FRICTION_J = 6, 7  # of dry friction from its mean [N m], where a mass may stick; 0 where it slides
 COMMAND_BIAS = 8  # of the drive's current [A]: its integral at the start isn't recorded
 JAW_ZERO = 9  # of the jaw sensor [rad]
 LOAD_NOISE, JAW_NOISE, CURRENT_NOISE = 10, 11, 12  # coloured noise of the sensors
@@ -58,11 +58,10 @@ class Series(NamedTuple):
 class Filtered(NamedTuple):
     """One pass over a run: (n × CHANNELS) unless said otherwise."""
 
-    weight: Matrix  # root of the information of a measurement about its prediction; 0: it doesn't count
+    weight: Matrix  # root of the information of a measurement about its prediction
     residual: Matrix  # score of a measurement over `weight`: a whitened innovation
     log_likelihood: Matrix
     gain: NDArray[np.float64]  # n × CHANNELS × STATES: how a measurement moves the state, per change of it
     course: Matrix  # n × COURSE
     variance: Matrix  # n × STATES: of the state behind the measurements
     doubtful: NDArray[np.int64]  # n: the speed comes near zero though a mass was taken to slide; 1 motor, 2 jaw, 3 both
-    surprises: int  # innovations that chance doesn't give

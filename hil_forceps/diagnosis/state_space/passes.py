@@ -1,4 +1,4 @@
-"""Passes over a set of runs, reduced to what inference needs: a Gram matrix, scores, and scores of blocks."""
+"""Passes over a set of runs, reduced to what inference needs: a Gram matrix and scores."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -15,7 +15,6 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-BLOCK_ROWS = 500  # of scores that are taken as one: longer than errors of the model stay alike
 Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
@@ -55,11 +54,6 @@ class Passed(NamedTuple):
         """Whitened innovations (n × CHANNELS), 0 where they don't count."""
         return np.where(self.counts, self.filtered.residual, 0.0)
 
-    @property
-    def log_likelihood(self) -> float:
-        """Log likelihood of what counts."""
-        return float(self.filtered.log_likelihood[self.counts].sum())
-
 
 class Passes(NamedTuple):
     """A set of runs filtered with the same parameters."""
@@ -67,11 +61,6 @@ class Passes(NamedTuple):
     theta: Vector
     plants: Regimes
     runs: tuple[Passed, ...]
-
-    @property
-    def chi2(self) -> float:
-        """Sum of squares of the whitened innovations that count."""
-        return float(sum(np.sum(run.residual**2) for run in self.runs))
 
 
 class Direction(NamedTuple):
@@ -82,18 +71,17 @@ class Direction(NamedTuple):
 
 
 class Gram(NamedTuple):
-    """Of the answers J of the innovations r to m directions: JᵀJ, Jᵀr, and Jᵀr block by block (blocks × m)."""
+    """Of the answers J of the innovations r to m directions: JᵀJ, and Jᵀr."""
 
     information: Matrix
     score: Vector
-    block_scores: Matrix
 
 
 def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
     """Return what of a pass is evidence of the parameters (n × CHANNELS).
 
-    Not while the start is forgotten, and not where dry friction may hold a mass, for what it does there isn't foretold
-    by the model. The current is evidence everywhere.
+    The current is, everywhere. The other channels are not while the start is forgotten, where dry friction may hold a
+    mass or did so a moment ago, where the encoder dwells, and behind a jump of the load at an unknown instant.
     """
     counts = f.log_likelihood != 0.0
     held = (f.doubtful > 0) | run.dwelling
@@ -126,17 +114,15 @@ def gram(passes: Passes, directions: Sequence[Direction], mapper: Mapper) -> Gra
     plants = [(regimes(d.theta), d.per) for d in directions]
 
     def one(run: Passed) -> Gram:
-        rows = run.filtered.residual.shape[0]
         answers = np.empty((len(plants), run.filtered.residual.size))
         for at, (plant, per) in enumerate(plants):
             answer = response_run(plant, passes.plants.sliding, run.series, run.filtered, per)
             answers[at] = np.where(run.counts, answer, 0.0).ravel()
-        products = answers * run.residual.ravel()
-        edges = np.arange(0, rows, BLOCK_ROWS) * run.filtered.residual.shape[1]
-        blocks = np.add.reduceat(products, edges, axis=1).T
-        return Gram(answers @ answers.T, products.sum(axis=1), blocks)
+        return Gram(answers @ answers.T, answers @ run.residual.ravel())
 
-    parts = list(mapper(one, passes.runs))
-    information = np.sum([part.information for part in parts], axis=0)
-    score = np.sum([part.score for part in parts], axis=0)
-    return Gram(information, score, np.concatenate([part.block_scores for part in parts]))
+    return total(list(mapper(one, passes.runs)))
+
+
+def total(parts: Sequence[Gram]) -> Gram:
+    """Return the sum over runs."""
+    return Gram(np.sum([g.information for g in parts], axis=0), np.sum([g.score for g in parts], axis=0))

@@ -3,7 +3,7 @@
 What other parameters drive is found by the model's own step from each state of the course, so that every effect of the
 catalogue with its memory is in it. How the filter then follows that, is its own transition and gains: whatever it
 forgives (starts, holds, noise of the load, counting) is forgiven here. The course at a row is made of rows up to it,
-so under the model innovations are uncorrelated with these answers, and their score has no bias.
+so under the model innovations behind it are uncorrelated with these answers, and their score has no bias.
 """
 
 import numpy as np
@@ -148,8 +148,11 @@ def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector)
 
 
 @kernel
-def answer_of_contact(f: Matrix, stiffness: float, period_s: float, before_rad: float, after: Vector) -> None:
-    """Add to a change of the state a row on what a load that answers to the jaw's angle makes of it."""
+def answer_of_contact(f: Matrix, stiffness: float, period_s: float, before_rad: float | Vector, after: Vector) -> None:
+    """Add to a change of the state a row on what a load that answers to the jaw's angle makes of it.
+
+    `before_rad`: the jaw's change at the row before; many changes at once have a column each.
+    """
     if stiffness > 0.0:
         slope = elastic_share(f, stiffness, period_s) * (after[THETA_J] - before_rad)
         for i in range(PLANT_STATES):
