@@ -20,6 +20,8 @@ from hil_forceps.diagnosis.ladder import ladder
 from hil_forceps.diagnosis.next_experiment import propose
 from hil_forceps.diagnosis.result import AuditFinding, Detectable, Diagnosis, Gain, Rung
 from hil_forceps.diagnosis.strokes import Strokes, floors_with_strokes
+from hil_forceps.diagnosis.validation.conclusion import conclude as by_filter
+from hil_forceps.diagnosis.validation.conclusion import suits
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.runs.table import Run
@@ -49,6 +51,8 @@ def diagnose(runs: Sequence[Run], rig: Rig, options: Options) -> Conclusion:
         reasons = tuple(dict.fromkeys(finding.text for finding in wrong))
         said = "These data cannot tell: they can't be right as they are."
         return Conclusion(Diagnosis("undetermined", said, data_audit=findings, reasons=reasons), rig)
+    if suits(runs, rig):
+        return Conclusion(*by_filter(runs, rig, audit(runs, rig), options))
     found = investigate(runs, rig, options)
     return _conclude(found, options)
 

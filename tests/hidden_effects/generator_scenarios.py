@@ -171,6 +171,32 @@ def _rest(_: np.random.Generator, __: Scenario) -> Course:
     return Course(np.zeros_like, piecewise_linear([0.0], [0.0]))
 
 
+def _hold(rng: np.random.Generator, s: Scenario) -> Course:
+    """Close, and hold to the end while a load comes and goes; the drive's integral hunts over a count."""
+    to, began = float(rng.uniform(0.3, 0.8)) * float(rng.choice((-1.0, 1.0))), float(rng.uniform(0.2, 0.6))
+    there = began + float(rng.uniform(0.6, 1.5))
+    peak = float(rng.uniform(1.0e-3, 2.5e-3))
+    on, off = float(rng.uniform(there, 0.5 * s.duration_s)), float(rng.uniform(0.6, 0.95)) * s.duration_s
+    rise = float(rng.uniform(0.0, 0.3))
+    return Course(
+        lambda t: np.asarray(np.interp(t, [began, there], [0.0, to])),
+        piecewise_linear([-3.0, on, on + rise, off, off + rise], [0.0, 0.0, peak, peak, 0.0]),
+    )
+
+
+def _begun(rng: np.random.Generator, _: Scenario) -> Course:
+    """At rest under a load that dry friction may hold, then there and back with pauses."""
+    held = float(rng.uniform(-1.0, 1.0)) * 2.0e-4
+    wait = float(rng.uniform(0.3, 1.0))
+    swing = _sines(rng, 0.2, 1.0, float(rng.uniform(0.3, 0.7)), 3)
+    start = float(swing(np.zeros(1))[0])
+    on = wait + float(rng.uniform(1.0, 3.0))
+    return Course(
+        lambda t: np.where(t < wait, start, swing(np.maximum(t - wait, 0.0))),
+        piecewise_linear([-3.0, on, on + 0.5], [held, held, float(rng.uniform(-2.0e-3, 2.0e-3))]),
+    )
+
+
 KINDS: dict[str, Callable[[np.random.Generator, Scenario], Course]] = {
     "multisine": _multisine,
     "trapezoid": _trapezoid,
@@ -180,6 +206,8 @@ KINDS: dict[str, Callable[[np.random.Generator, Scenario], Course]] = {
     "teleoperation": _teleoperation,
     "grasp": _grasp,
     "rest": _rest,
+    "hold": _hold,
+    "begun": _begun,
 }
 
 SCENARIOS: dict[str, Scenario] = {
@@ -192,6 +220,10 @@ SCENARIOS: dict[str, Scenario] = {
     "teleoperation": Scenario("teleoperation", mid_motion=True),
     "grasp": Scenario("grasp"),
     "rest": Scenario("rest"),
+    "hold": Scenario("hold"),
+    "short_hold": Scenario("hold", duration_s=4.0),
+    "long_hold": Scenario("hold", duration_s=32.0),
+    "begun": Scenario("begun"),
 }
 
 

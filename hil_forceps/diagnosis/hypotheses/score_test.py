@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.error_rates import FALSE_ALARMS
 from hil_forceps.diagnosis.hypotheses.places import Place
-from hil_forceps.diagnosis.inference.fit import inverted
+from hil_forceps.diagnosis.inference.fit import inverted, prior_of
+from hil_forceps.diagnosis.inference.parameters import Free
 from hil_forceps.diagnosis.state_space.passes import Gram
 
 Vector = NDArray[np.float64]
@@ -30,23 +31,43 @@ class Tested(NamedTuple):
 
     gains: Vector  # fall of χ² beyond the cost of more than one column
     sizes: list[Vector]  # of the columns
+    information: Vector  # of each column, beside the fitted parameters
     threshold: float
 
 
-def score_test(found: Gram, fitted: int, away: Vector, precision: Vector, places: Sequence[Place], seed: int) -> Tested:
-    """Test all places; the first `fitted` rows of `found` are the fitted parameters, `away` from their priors."""
+class Prior(NamedTuple):
+    """What is known of the fitted parameters beside the runs that are tested, in units of their scales."""
+
+    precision: Matrix
+    pull: Vector  # precision times how far they are from where it has them
+
+    @classmethod
+    def of(cls, free: Sequence[Free], theta: Vector) -> "Prior":
+        """Return the prior that parameters were fitted with."""
+        away, precision = prior_of(free, theta)
+        return cls(np.diag(precision), precision * away)
+
+    @classmethod
+    def by_fit(cls, covariance: Matrix) -> "Prior":
+        """Return what a fit to other runs knows."""
+        return cls(inverted(covariance), np.zeros(covariance.shape[0]))
+
+
+def score_test(found: Gram, prior: Prior, places: Sequence[Place], seed: int) -> Tested:
+    """Test all places; the first rows of `found` are the fitted parameters, as many as the prior has."""
+    fitted = prior.pull.size
     own = found.information[fitted:, fitted:]
     cross = found.information[:fitted, fitted:]
-    solved = inverted(found.information[:fitted, :fitted] + np.diag(precision)) @ cross
+    solved = inverted(found.information[:fitted, :fitted] + prior.precision) @ cross
     s = own - cross.T @ solved
-    b = -(found.score[fitted:] - solved.T @ (found.score[:fitted] + precision * away))
+    b = -(found.score[fitted:] - solved.T @ (found.score[:fitted] + prior.pull))
     good = np.isfinite(np.diag(own)) & (np.diag(s) > IDENTIFIABLE * np.diag(own)) & (np.diag(s) > 1e-12)
     gains, sizes = [], []
     for place in places:
         gain, size = _gain(s, b, place, good)
         gains.append(gain)
         sizes.append(size)
-    return Tested(np.array(gains), sizes, _threshold(s, places, good, seed))
+    return Tested(np.array(gains), sizes, np.where(good, np.diag(s), 0.0), _threshold(s, places, good, seed))
 
 
 def _gain(s: Matrix, b: Vector, place: Place, good: NDArray[np.bool_]) -> tuple[float, Vector]:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
-from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Tested, score_test
-from hil_forceps.diagnosis.inference.fit import Fit, directions_of, fit, inverted, penalised, prior_of
+from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Prior, Tested, score_test
+from hil_forceps.diagnosis.inference.fit import Fit, directions_of, fit, inverted, penalised
 from hil_forceps.diagnosis.inference.parameters import (
     Free,
     effect_parameters,
@@ -102,8 +102,7 @@ def _scored(s: Search, model: Candidate) -> tuple[list[Place], Tested]:
     taken = frozenset(model.effects) - {"channel_skew"}
     places, directions = places_of(passes, s.without | taken)
     found = gram(passes, [*directions_of(free, passes.theta), *directions], s.mapper)
-    away, precision = prior_of(free, passes.theta)
-    return places, score_test(found, len(free), away, precision, places, s.seed)
+    return places, score_test(found, Prior.of(free, passes.theta), places, s.seed)
 
 
 def _shortlist(places: Sequence[Place], tested: Tested) -> list[tuple[int, Place]]:

@@ -21,6 +21,7 @@ WIDEST = 10.0  # times what the rig says, either way
 # without the jaw's angle the other, too.
 GAUGE = ("forceps.motor_pulley_radius_m",)
 GAUGE_WITHOUT_JAW = ("forceps.jaw_pulley_radius_m",)
+UNITS = ("N_m_s_per_rad", "N_m_per_A", "N_per_m", "kg_m2", "N_m", "m")  # the first that a key ends in is its own
 HELD = frozenset({"channel_skew"})  # of these only what is on is fitted
 
 
@@ -39,6 +40,14 @@ class Free(NamedTuple):
     def place(self) -> int:
         """Place in the vector of parameters."""
         return parameters.index(self.name)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the parameter, as keys of a rig have it; "" for a pure number."""
+        if self.name.startswith("effects."):
+            _, effect_id, own = self.name.split(".")
+            return next(p.unit for p in effect(effect_id).parameters if p.name == own)
+        return next((unit for unit in UNITS if self.name.endswith(f"_{unit}")), "")
 
 
 def known_parameters(rig: Rig, torque_N_m: float, *, jaw_measured: bool) -> tuple[Free, ...]:
@@ -67,6 +76,8 @@ def _known(name: str, known: Parameter, torque_N_m: float) -> Free:
         sd = max(sd, FRICTION_PRIOR * value, NO_FRICTION_SHARE * torque_N_m)
     elif known.minimum is None:
         low, high = value / WIDEST, value * WIDEST
+    elif known.sd is None:  # bounds, and nothing said of what is likely between them
+        return Free(name, value, sd or 0.1 * (high - low), low, high, False, False)
     return Free(name, value, sd, low, high, True, False)
 
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.hypotheses.places import Place
-from hil_forceps.diagnosis.hypotheses.score_test import score_test
-from hil_forceps.diagnosis.inference.fit import Fit, directions_of, prior_of
+from hil_forceps.diagnosis.hypotheses.score_test import Prior, score_test
+from hil_forceps.diagnosis.inference.fit import Fit, directions_of
 from hil_forceps.diagnosis.lack_of_fit.forcing_pass import forced
 from hil_forceps.diagnosis.leftover import Curve, Scale, all_curves, scale_of
 from hil_forceps.diagnosis.state_space.advance import regimes
@@ -80,8 +80,11 @@ def course_of(run: Passed, p: Physics, *, before: bool) -> Course:
     )
 
 
-def omnibus_test(found: Fit, mapper: Mapper, seed: int) -> LackOfFit:
-    """Test what a fitted model leaves in the runs that it was fitted to."""
+def omnibus_test(found: Fit, mapper: Mapper, seed: int, prior: Prior | None = None) -> LackOfFit:
+    """Test what a model leaves in runs.
+
+    `prior`: what is known of its parameters; by default what they were fitted with.
+    """
     p = found.passes.plants.sliding
     courses = [course_of(run, p, before=False) for run in found.passes.runs]
     scale = scale_of(courses)
@@ -98,8 +101,7 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int) -> LackOfFit:
 
     summed = total(list(mapper(one, list(zip(found.passes.runs, courses, strict=True)))))
     places = _families(courses[0], scale)
-    away, precision = prior_of(found.free, found.passes.theta)
-    tested = score_test(summed, len(found.free), away, precision, places, seed)
+    tested = score_test(summed, prior or Prior.of(found.free, found.passes.theta), places, seed)
     order = np.argsort(-tested.gains)
     families = tuple((*places[i].effect_id.split("\n"), float(tested.gains[i])) for i in order)
     return LackOfFit(float(tested.gains[order[0]]), tested.threshold, families)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.preparation.load_kernel import Shocks, empty_shocks, load_pass
+from hil_forceps.diagnosis.state_space.layout import Series
 
 Vector = NDArray[np.float64]
 
@@ -114,6 +115,22 @@ def load_prior(load: Vector, noise_variance: float, period_s: float, reach_N_m: 
     slope, jump = fit.variances()
     open_sd = math.sqrt(float(np.median(fit.shocks.open_variance)))
     return LoadPrior(slope + 10.0**fit.log_variance, jump, fit.shocks.course.copy(), open_sd)
+
+
+def posterior_draw(rng: np.random.Generator, d: Series, noise_variance: float) -> Vector:
+    """Return a draw of what a load cell of this noise leaves open of a load (n).
+
+    A load is drawn from the prior and measured; what the smoother misses of it is such a draw (Durbin and Koopman,
+    Biometrika 89, 2002).
+    """
+    n = d.encoder_rad.size
+    slope = np.cumsum(np.sqrt(d.load_slope_variance) * rng.standard_normal(n))
+    jumps = np.sqrt(d.load_jump_variance) * rng.standard_normal(n)
+    load = np.concatenate(([0.0], np.cumsum(d.period_s * slope + jumps)[:-1]))
+    shown = load + math.sqrt(noise_variance) * rng.standard_normal(n)
+    shocks = empty_shocks(n)
+    load_pass(shown, noise_variance, d.load_slope_variance, d.load_jump_variance, d.period_s, shocks)
+    return np.asarray(shocks.course - load)
 
 
 def _peaks(chi2: Vector, apart: int) -> list[int]:

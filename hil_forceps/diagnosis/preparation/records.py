@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.preparation.command import Command, by_law, by_measurement
 from hil_forceps.diagnosis.preparation.contact import contact
+from hil_forceps.diagnosis.preparation.decoding import Expected
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
 from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick
 from hil_forceps.diagnosis.state_space.advance import friction_at_rest_N_m, regimes
@@ -25,6 +26,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     STATES,
     THETA_J,
     THETA_M,
+    Noise,
     Series,
 )
 from hil_forceps.model import parameters
@@ -37,19 +39,12 @@ Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 EDGE_SHARE = 0.03  # of a count: how sharp an edge is  # tuned: holds and four kinds of motion at 16384 counts
+IDEAL_SHARE = 2e-5  # of an angle's span: what an ideal encoder is taken to be off, as much as one of 65536 counts
 INTEGRATION_SHARE = 1e-4  # of the speed: what the model's step leaves over a row
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
 FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left
 MAX_FADING_ROWS = 50
 JAW_ZERO_SD_RAD = 0.01  # of the jaw sensor, from run to run
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Noise:
-    """Noise of the sensors: jaw, load cell, current."""
-
-    deviation: Vector  # 3
-    correlation: Vector  # 3, from row to row
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +57,7 @@ class Record:
     dwelling: Mask  # n: the encoder dwells
     fading_rows: int  # over which the wire's slowest mode dies away
     load_open_sd_N_m: float  # what is left open of the load
+    load_course_N_m: Vector  # n: smoothed
     settling_rows: int
 
     def with_friction_of(self, p: Physics) -> "Record":
@@ -78,15 +74,15 @@ class Record:
         return replace(self, series=self.series._replace(friction_level_N_m=levels))
 
 
-def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
-    """Return a run with equally spaced rows as a record."""
+def record_of(run: Run, rig: Rig, noise: Noise, expected: Expected | None = None) -> Record:
+    """Return a run with equally spaced rows as a record; `expected`: the motor's angle between rows, where known."""
     columns, plant = run.columns, rig.plant()
     time_s, encoder = columns["time_s"], columns["theta_m_rad"]
     n = time_s.size
     period_s = float(time_s[-1] - time_s[0]) / (n - 1)
     missing = np.full(n, np.nan)
     jaw, load = columns.get("theta_j_rad", missing), columns.get("tau_w_N_m", missing)
-    command = _command(run, rig, noise, period_s)
+    command = _command(run, rig, noise, period_s, expected)
     torque = plant.torque_constant_N_m_per_A * float(np.ptp(command.current_A))
     touched = _touched(encoder, jaw, load, rig, noise)
     outside = load if touched is None else load - touched.load_N_m
@@ -102,16 +98,13 @@ def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
         )
     count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
     step = count or 1e-4 * max(float(np.ptp(encoder)), 1e-6)
+    edge_sd = EDGE_SHARE * count if count else IDEAL_SHARE * max(float(np.ptp(encoder)), 1e-6)
     ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
     jaw_smooth = _followed_angle(encoder, prior.course_N_m, jaw, ratio * encoder)
     stiffness = np.zeros(n) if touched is None else touched.stiffness_N_m_per_rad
     dwells = dwelling(encoder, count)
     # Where it dwells, all counts of a while say the same once.
-    edge = (
-        np.where(dwells, count * math.sqrt(DWELL_ROWS / 12.0), EDGE_SHARE * count)
-        if count
-        else np.full(n, EDGE_SHARE * step)
-    )
+    edge = np.where(dwells, count * math.sqrt(DWELL_ROWS / 12.0), edge_sd)
     speed = float(np.std(np.diff(encoder))) / period_s
     state, variance = _start(encoder, jaw, load, prior, period_s, ratio, step)
     variance[COMMAND_BIAS] = command.bias_sd_A**2
@@ -125,10 +118,11 @@ def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
         encoder,
         jaw,
         load,
-        missing if command.measured else columns["current_A"],
+        command.shown_A,
         command.samples,
         command.current_A,
         command.variance,
+        command.bias_variance,
         may_stick(encoder, step, 1),
         may_stick(jaw_smooth, step * ratio, 2),
         (0.0, 0.0),
@@ -150,6 +144,7 @@ def record_of(run: Run, rig: Rig, noise: Noise) -> Record:
         dwells,
         fading,
         prior.open_sd_N_m,
+        prior.course_N_m,
         min(n // 4, max(5, round(SETTLING_S / period_s))),
     )
     return found.with_friction_of(regimes(parameters.vector(rig)).sliding)
@@ -170,7 +165,7 @@ def _ringing(jump_variance: Vector, fading_rows: int) -> Mask:
     return ringing
 
 
-def _command(run: Run, rig: Rig, noise: Noise, period_s: float) -> Command:
+def _command(run: Run, rig: Rig, noise: Noise, period_s: float, expected: Expected | None) -> Command:
     columns = run.columns
     if "current_A" in columns:
         current = columns["current_A"]
@@ -178,7 +173,8 @@ def _command(run: Run, rig: Rig, noise: Noise, period_s: float) -> Command:
         current = columns["tau_m_N_m"] / rig.plant().torque_constant_N_m_per_A
     if rig.drive is None or "theta_m_ref_rad" not in columns or "current_A" not in columns:
         return by_measurement(current, float(noise.deviation[2]) ** 2)
-    return by_law(rig, columns["theta_m_ref_rad"], columns["theta_m_rad"], current, period_s)
+    rows = (columns["theta_m_ref_rad"], columns["theta_m_rad"], current)
+    return by_law(rig, float(noise.deviation[2]), rows, period_s, expected)
 
 
 def _jaw_angle_rad(encoder: Vector, load: Vector, rig: Rig) -> Vector:

@@ -63,6 +63,7 @@ def disturbed(covariance: Matrix, d: Series, row: int, f: Matrix, jump: Matrix, 
     covariance[OMEGA_M, OMEGA_M] += d.speed_variance[0]
     covariance[OMEGA_J, OMEGA_J] += d.speed_variance[1]
     covariance[LOAD_SLOPE, LOAD_SLOPE] += d.load_slope_variance[row]
+    covariance[COMMAND_BIAS, COMMAND_BIAS] += d.command_bias_variance[row]
     if d.command_variance[row] > 0.0:
         spread(covariance, f, FRICTION_M, d.command_variance[row] * torque_constant * torque_constant)
     if d.load_jump_variance[row] > 0.0:

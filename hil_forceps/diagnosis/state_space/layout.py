@@ -28,6 +28,13 @@ ELASTIC_SLOPE = 20  # of the load from this row to the next [N m/s], by what the
 COURSE = 21
 
 
+class Noise(NamedTuple):
+    """Noise of the sensors: jaw, load cell, current."""
+
+    deviation: Vector  # 3
+    correlation: Vector  # 3, from row to row; 0: white
+
+
 class Series(NamedTuple):
     """What the filter takes of one run; n rows, equally spaced."""
 
@@ -41,6 +48,7 @@ class Series(NamedTuple):
     samples: int  # of the drive in a row
     command_A: Vector  # n · samples, one behind the other: the first of row k acts from row k on
     command_variance: Vector  # n [A²]: of their mean over a row
+    command_bias_variance: Vector  # n [A²]: of what a row adds to `COMMAND_BIAS`
     friction_free_m: Mask  # n: from row k to k + 1 the motor may stick
     friction_free_j: Mask  # n
     friction_level_N_m: tuple[float, float]  # motor, jaw: of what wanders there; 0: less than the load leaves open

@@ -6,7 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
-from hil_forceps.diagnosis.preparation.records import Noise, Record, record_of
+from hil_forceps.diagnosis.preparation.records import Record, record_of
+from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.rig import Rig
 from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator import RIG, generate

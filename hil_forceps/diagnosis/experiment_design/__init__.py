@@ -1,0 +1,4 @@
+"""Which experiment to make next, by what the filter would see of it.
+
+next_experiment   the experiment of the menu that tells rivals apart best, or shows what the runs show least
+"""

@@ -1,0 +1,98 @@
+"""Identify a forceps from runs in closed loop: known parameters, effects of the catalogue, and what neither explains.
+
+noise    = of the sensors, from differences                                    preparation/sensor_noise
+records  = commands, load's prior, contact, regimes of friction                 preparation/
+baseline = known parameters by prediction errors of an extended Kalman filter   state_space/, inference/
+found    = entries of the catalogue that join by score test and refit           hypotheses/
+left     = curves without physics in them, through the same filter              lack_of_fit/
+unseen   = the same beside the found model in runs that it has never seen
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hil_forceps.diagnosis.hypotheses.score_test import Prior
+from hil_forceps.diagnosis.hypotheses.search import Found, Search, search
+from hil_forceps.diagnosis.inference.fit import Fit
+from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
+from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
+from hil_forceps.diagnosis.preparation.decoding import between_rows
+from hil_forceps.diagnosis.preparation.records import Record, record_of
+from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
+from hil_forceps.diagnosis.state_space.layout import THETA_M, Noise
+from hil_forceps.diagnosis.state_space.passes import Mapper, Passed, pass_all
+from hil_forceps.model import parameters
+from hil_forceps.rig import Rig
+from hil_forceps.runs.table import Run
+
+
+class Identified(NamedTuple):
+    """What the runs say."""
+
+    noise: Noise
+    records: tuple[Record, ...]  # of the runs that were fitted
+    held_out: tuple[Record, ...]
+    found: Found
+    before: LackOfFit  # beside the known parameters, in the runs fitted
+    after: LackOfFit  # beside the best model
+    unseen: LackOfFit | None  # beside it in the runs held out; None without any
+
+
+def identify(
+    runs: Sequence[Run],
+    held_out: Sequence[Run],
+    rig: Rig,
+    *,
+    mapper: Mapper,
+    without: frozenset[str] = frozenset(),
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Identified:
+    """Return what equally spaced runs of a drive whose law is known say of a rig."""
+    progress("looking at noise, commands and loads")
+    noise = sensor_noise(runs, rig)
+    every = records_of((*runs, *held_out), rig, noise, mapper)
+    records, unseen_records = tuple(every[: len(runs)]), tuple(every[len(runs) :])
+    known = known_of(rig, records)
+    found = search(Search(records, known, mapper, without, seed, progress), parameters.vector(rig))
+    progress("looking at what is left")
+    after = omnibus_test(found.best.fit, mapper, seed)
+    before = omnibus_test(found.baseline, mapper, seed) if found.best.effects else after
+    unseen = left_unseen(found.best.fit, unseen_records, mapper, seed) if unseen_records else None
+    return Identified(noise, records, unseen_records, found, before, after, unseen)
+
+
+def records_of(runs: Sequence[Run], rig: Rig, noise: Noise, mapper: Mapper) -> list[Record]:
+    """Return runs as records.
+
+    What a drive counted between rows is first taken to be on the line between its counts, then where the filter that
+    was run with that, and with the rig as assumed, has the motor.
+    """
+    records = list(mapper(lambda run: record_of(run, rig, noise), runs))
+    if all(record.series.samples == 1 for record in records):
+        return records
+    passes = pass_all(records, parameters.vector(rig), mapper)
+
+    def again(pair: tuple[Run, Passed]) -> Record:
+        run, passed = pair
+        deviation = float(np.sqrt(np.median(passed.filtered.variance[:, THETA_M])))
+        d = passed.series
+        return record_of(run, rig, noise, between_rows(passed.filtered.course, deviation, d.period_s, d.samples))
+
+    return list(mapper(again, zip(runs, passes.runs, strict=True)))
+
+
+def known_of(rig: Rig, records: Sequence[Record]) -> tuple[Free, ...]:
+    """Return the rig's parameters that are fitted to records."""
+    torque_N_m = rig.plant().torque_constant_N_m_per_A * max(float(np.ptp(r.series.command_A)) for r in records)
+    jaw_measured = any(bool(np.isfinite(r.series.jaw_rad).any()) for r in records)
+    return known_parameters(rig, torque_N_m, jaw_measured=jaw_measured)
+
+
+def left_unseen(fitted: Fit, held_out: Sequence[Record], mapper: Mapper, seed: int) -> LackOfFit:
+    """Return what a fit leaves in runs that it has never seen; its parameters are known as the fitted runs tell."""
+    plant = fitted.passes.plants.sliding
+    passes = pass_all([run.with_friction_of(plant) for run in held_out], fitted.passes.theta, mapper)
+    return omnibus_test(fitted._replace(passes=passes), mapper, seed, Prior.by_fit(fitted.covariance))

@@ -1,0 +1,107 @@
+"""Deviation and colour of the sensors' noise, from fourth differences of what is measured: no model of the plant.
+
+A fourth difference over s rows takes away all that is slow. Of first-order autoregressive noise of variance σ² and
+correlation ρ from row to row it has the variance σ² (70 − 112 ρˢ + 56 ρ²ˢ − 16 ρ³ˢ + 2 ρ⁴ˢ); two spacings give both.
+Variances are taken from medians, so that breaks of a load and the ringing behind them have no say, and only where the
+motor hardly accelerates.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+from scipy.ndimage import uniform_filter1d
+
+from hil_forceps.diagnosis.preparation.command import samples_in_a_row
+from hil_forceps.diagnosis.state_space.layout import Noise
+from hil_forceps.model.drive_law import DriveState, law_current, law_vector
+from hil_forceps.rig import Rig
+from hil_forceps.runs.table import Run
+
+Vector = NDArray[np.float64]
+
+NEAR, FAR = 1, 12  # rows between the values of a difference
+BINOMIAL = (1.0, -4.0, 6.0, -4.0, 1.0)
+MEDIAN_OF_SQUARE = 0.4549364  # of a unit Gaussian: median of χ² with one degree of freedom
+CHANCE = 5.0  # deviations of the ratio of both variances: white noise seems coloured less often than 1 in 10⁶
+LEAST_CORRELATED, MOST_CORRELATED = 0.5, 0.99  # less is what lively motion leaves in the differences
+QUIET_SHARE = 0.3  # of the rows: those with the least acceleration
+SMOOTHING_ROWS = 21  # of the encoder, so that its counting is no acceleration
+LEAST_SHARE = 1e-6  # of what a channel spans: data without noise get as much
+
+
+def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
+    """Return the noise of jaw sensor, load cell and measured current; what the data can't tell, as the rig has it."""
+    known = (rig.noise.theta_j_rad, rig.noise.tau_w_N_m, rig.noise.current_A)
+    courses: tuple[Callable[[Run], Vector | None], ...] = (
+        lambda run: run.columns.get("theta_j_rad"),
+        lambda run: run.columns.get("tau_w_N_m"),
+        lambda run: _current_beside_law(run, rig),
+    )
+    deviation, correlation = np.zeros(3), np.zeros(3)
+    for channel, course in enumerate(courses):
+        told = [(run, values) for run in runs if (values := course(run)) is not None]
+        deviation[channel], correlation[channel] = _autoregressive(told) if told else (known[channel], 0.0)
+        span = max((float(np.ptp(values)) for _, values in told), default=0.0)
+        deviation[channel] = max(deviation[channel], LEAST_SHARE * span, 1e-12)
+    return Noise(deviation, correlation)
+
+
+def _current_beside_law(run: Run, rig: Rig) -> Vector | None:
+    """Return the measured current without what the law commands; None where that isn't known row by row."""
+    columns = run.columns
+    if rig.drive is None or not {"current_A", "theta_m_ref_rad"} <= columns.keys() or samples_in_a_row(run, rig) != 1:
+        return None
+    start = DriveState(0.0, float("nan"), 0.0, float(columns["current_A"][0]))
+    command = law_current(law_vector(rig.drive), columns["theta_m_ref_rad"], columns["theta_m_rad"], start)
+    return np.asarray(columns["current_A"][1:] - command[:-1])
+
+
+def _autoregressive(told: Sequence[tuple[Run, Vector]]) -> tuple[float, float]:
+    """Return deviation and correlation from row to row; the correlation is 0 where the noise is white to chance."""
+    near, far = (_difference_variance(told, spacing) for spacing in (NEAR, FAR))
+    if near <= 0.0:
+        return 0.0, 0.0
+    rows = QUIET_SHARE * sum(values.size for _, values in told)
+    ratio = far / near
+    # A variance from the median of n squares is known to 2.3/√n, and to twice that where neighbours hang together.
+    if ratio < 1.0 + CHANCE * np.sqrt(2.0) * 4.6 / np.sqrt(rows):
+        return float(np.sqrt(near / 70.0)), 0.0
+    correlation = _correlation(ratio)
+    if correlation < LEAST_CORRELATED:
+        return float(np.sqrt(near / 70.0)), 0.0
+    return float(np.sqrt(near / _share(correlation, NEAR))), correlation
+
+
+def _difference_variance(told: Sequence[tuple[Run, Vector]], spacing: int) -> float:
+    """Return the variance of fourth differences over so many rows where the motor is quiet."""
+    squares, loud = [], []
+    for run, values in told:
+        smooth = uniform_filter1d(run.columns["theta_m_rad"], SMOOTHING_ROWS)[: values.size]
+        n = values.size - 4 * spacing
+        if n > 0:
+            difference = sum(c * values[i * spacing : i * spacing + n] for i, c in enumerate(BINOMIAL))
+            squares.append(np.square(difference))
+            loud.append(np.abs(np.gradient(np.gradient(smooth)))[2 * spacing : -2 * spacing])
+    if not squares:
+        return 0.0
+    every, loudness = np.concatenate(squares), np.concatenate(loud)
+    quiet = np.argsort(loudness, kind="stable")[: max(1, round(QUIET_SHARE * loudness.size))]
+    return float(np.median(every[quiet])) / MEDIAN_OF_SQUARE
+
+
+def _share(correlation: float, spacing: int) -> float:
+    kept = correlation**spacing
+    return 70.0 - 112.0 * kept + 56.0 * kept**2 - 16.0 * kept**3 + 2.0 * kept**4
+
+
+def _correlation(ratio: float) -> float:
+    """Return the correlation at which both variances have this ratio."""
+
+    def misfit(correlation: float) -> float:
+        return _share(correlation, FAR) / _share(correlation, NEAR) - ratio
+
+    if misfit(MOST_CORRELATED) <= 0.0:
+        return MOST_CORRELATED
+    return float(optimize.brentq(misfit, 0.0, MOST_CORRELATED))

@@ -1,0 +1,5 @@
+"""What a model says of runs: simulated in closed loop beside the measurements, and what extending it gains there.
+
+simulation   a run simulated with given parameters from the filter's start, under the load as measured
+verdict      the verdict, its words, and every number of the result
+"""

@@ -1,0 +1,174 @@
+"""From runs of a drive whose law is known to the whole result, by the filter."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.diagnosis.audit import Finding
+from hil_forceps.diagnosis.diagnose import Options, split_runs
+from hil_forceps.diagnosis.estimates import estimate_gains
+from hil_forceps.diagnosis.experiment_design.next_experiment import propose
+from hil_forceps.diagnosis.heldout import Played, evidence, gains
+from hil_forceps.diagnosis.identification import Identified, identify
+from hil_forceps.diagnosis.judge import Judgement, trends
+from hil_forceps.diagnosis.judge import balances as balances_of
+from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit
+from hil_forceps.diagnosis.leftover import Leftover
+from hil_forceps.diagnosis.preparation.command import samples_in_a_row
+from hil_forceps.diagnosis.result import AuditFinding, Detectable, Diagnosis, Gain, RunEvidence
+from hil_forceps.diagnosis.strokes import Strokes, floors_with_strokes
+from hil_forceps.diagnosis.validation.simulation import Measured, measured, play, unknown_load_rms
+from hil_forceps.diagnosis.validation.verdict import candidates, detectable, judge
+from hil_forceps.model import parameters
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+from hil_forceps.runs.table import Run
+
+Vector = NDArray[np.float64]
+
+FEWEST_ROWS = 50
+MOST_ROWS = 240_000  # of all runs together
+UNEVEN = 0.02  # of a row: stamps that vary by more are no equally spaced rows
+
+
+def suits(runs: Sequence[Run], rig: Rig) -> bool:
+    """Tell whether the filter takes these runs: a known law, its references and currents, equally spaced rows."""
+    needed = {"theta_m_ref_rad", "theta_m_rad", "current_A"}
+    if rig.drive is None or not all(needed <= run.columns.keys() for run in runs):
+        return False
+    rows = sum(run.columns["time_s"].size for run in runs)
+    return rows <= MOST_ROWS and all(_evenly_spaced(run) and samples_in_a_row(run, rig) > 0 for run in runs)
+
+
+def _evenly_spaced(run: Run) -> bool:
+    time_s = run.columns["time_s"]
+    even = np.linspace(time_s[0], time_s[-1], time_s.size)
+    return bool(np.max(np.abs(time_s - even)) < UNEVEN * (time_s[-1] - time_s[0]) / (time_s.size - 1))
+
+
+def conclude(
+    runs: Sequence[Run], rig: Rig, findings: Sequence[Finding], options: Options
+) -> tuple[Diagnosis, Rig, Trajectory | None]:
+    """Return the diagnosis, the rig as extended by it, and the motion of the next experiment.
+
+    UserError for a run of too few rows.
+    """
+    for run in runs:
+        if run.columns["time_s"].size < FEWEST_ROWS:
+            said = f"{run.columns['time_s'].size} rows are too few to diagnose; at least {FEWEST_ROWS} are needed"
+            raise UserError(f"{run.name}: {said}")
+    fitted, held_out = split_runs(runs, options.hold_out)
+    found = identify(
+        fitted,
+        held_out,
+        rig,
+        mapper=options.mapper,
+        without=options.without,
+        seed=options.seed,
+        progress=options.progress,
+    )
+    verdict = judge(found, rig)
+    least = detectable(found.found.steps[0]) if found.found.steps else {}
+    options.progress("simulating the models beside the runs")
+    diagnosis, extended = _told(fitted, held_out, rig, findings, found, verdict, least, options)
+    options.progress("looking for the next experiment")
+    proposal = propose(found, rig, fitted, least, options.mapper)
+    return replace(diagnosis, next_experiment=proposal.result), extended, proposal.trajectory
+
+
+def _told(
+    fitted: Sequence[Run],
+    held_out: Sequence[Run],
+    rig: Rig,
+    findings: Sequence[Finding],
+    found: Identified,
+    verdict: Judgement,
+    least: Mapping[str, Detectable],
+    options: Options,
+) -> tuple[Diagnosis, Rig]:
+    best, baseline = found.found.best.fit, found.found.baseline
+    before, nominal = baseline.passes.theta, parameters.vector(rig)
+    after = best.passes.theta if verdict.verdict == "effects" else before
+    told = nominal if verdict.verdict == "consistent" else after
+    named = [*rig.effects, *(effect.id for effect in verdict.effects)]
+    extended = parameters.rig_with(rig, told, named)
+    rigs = (parameters.rig_with(rig, before, list(rig.effects)), parameters.rig_with(rig, after, named))
+    evidences: list[RunEvidence] = []
+    gained: dict[str, Gain] = {}
+    floors: dict[str, float] = {}
+    repeated: tuple[Strokes, ...] = ()
+    for raw, records, held in ((fitted, found.records, False), (held_out, found.held_out, True)):
+        if not raw:
+            continue
+        runs = [measured(run, record) for run, record in zip(raw, records, strict=True)]
+        played = _played(runs, rig, (nominal, before, after), options)
+        noise = _floors(runs, rig, before, found, options)
+        rows = [m.rows for m in runs]
+        own, strokes = floors_with_strokes(rows, noise)
+        repeated += strokes
+        floors = floors or own
+        estimated, estimate_gain = estimate_gains(rows, rigs, played[2].channels, own, options.seed)
+        evidences += evidence(rows, held, *played, estimated)
+        if held:
+            gained = gains(rows, played[1], played[2], own, options.seed) | estimate_gain
+    left_before, left_after = _as_leftover(found.before), _as_leftover(found.after)
+    diagnosis = Diagnosis(
+        verdict.verdict,
+        verdict.sentence,
+        verdict.effects,
+        verdict.sets,
+        verdict.shifts,
+        gained,
+        tuple(run.name for run in held_out),
+        (*map(_finding, findings), *map(_repeats, repeated)),
+        least,
+        None,
+        verdict.varies_over,
+        verdict.reasons,
+        candidates(found),
+        balances_of(left_before, left_after),
+        trends(tuple(floors), left_before, left_after),
+        floors,
+        tuple(evidences),
+    )
+    options.to_draw(diagnosis)
+    return diagnosis, extended
+
+
+def _played(
+    runs: Sequence[Measured], rig: Rig, thetas: tuple[Vector, Vector, Vector], options: Options
+) -> tuple[Played, Played, Played]:
+    nominal, before = (play(runs, rig, theta, options.mapper) for theta in thetas[:2])
+    after = before if thetas[2] is thetas[1] else play(runs, rig, thetas[2], options.mapper)
+    return nominal, before, after
+
+
+def _floors(runs: Sequence[Measured], rig: Rig, theta: Vector, found: Identified, options: Options) -> dict[str, float]:
+    """Return the rms of each channel's noise: its sensor's, and what the load cell's does to a simulation."""
+    count = runs[0].record.series.count_rad
+    own = {
+        "theta_m_rad": count / np.sqrt(12.0),
+        "current_A": float(found.noise.deviation[2]),
+        "theta_j_rad": float(found.noise.deviation[0]),
+    }
+    by_load = unknown_load_rms(runs, rig, theta, found.noise, options.seed)
+    present = [name for name in own if any(name in m.rows.channels for m in runs)]
+    return {name: float(np.hypot(own[name], by_load.get(name, 0.0))) for name in present}
+
+
+def _as_leftover(left: LackOfFit) -> Leftover:
+    return Leftover(left.gain, left.threshold, 0.0, left.families)
+
+
+def _finding(finding: Finding) -> AuditFinding:
+    return AuditFinding(finding.kind, finding.severity, finding.run, finding.channel, finding.text)
+
+
+def _repeats(strokes: Strokes) -> AuditFinding:
+    """Say what a run that repeats itself shows of its noise."""
+    floors = ", ".join(f"{name} by {floor:.3g}" for name, floor in strokes.floor_rms.items())
+    text = f"the same stroke every {strokes.period_s:.4g} s, {strokes.times:.1f} times; noise between strokes: {floors}"
+    return AuditFinding("strokes", "note", strokes.run, "", text)

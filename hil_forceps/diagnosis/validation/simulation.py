@@ -1,0 +1,177 @@
+"""Runs simulated in closed loop beside their measurements: what figures show and what gains are reckoned with.
+
+A run begins where the filter has forgotten its start, with the filter's state there. The drive reads the simulated
+angle with the rounding that the encoder had in the run, so that both hunt alike. The load is that of its cell,
+smoothed, or the filter's where there is none.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.experiment import Record as Rows
+from hil_forceps.diagnosis.heldout import Played
+from hil_forceps.diagnosis.lack_of_fit.omnibus_test import course_of
+from hil_forceps.diagnosis.preparation.load_prior import posterior_draw
+from hil_forceps.diagnosis.preparation.records import Record
+from hil_forceps.diagnosis.state_space.advance import STEPS
+from hil_forceps.diagnosis.state_space.layout import COMMAND_BIAS, JAW_ZERO, LOAD, THETA_J, THETA_M, Noise
+from hil_forceps.diagnosis.state_space.passes import Mapper, Passed, pass_all
+from hil_forceps.model import closed_loop
+from hil_forceps.model.closed_loop import Channels, Inputs, Start
+from hil_forceps.model.drive_law import KI, DriveState, drive_sample, law_vector, quantise
+from hil_forceps.model.physics import Physics, State, encoder_rad
+from hil_forceps.rig import Rig
+from hil_forceps.runs.table import Run
+
+Vector = NDArray[np.float64]
+
+EDGE_SD = 10.0  # deviations of the load cell: what changes by more from row to row where a jump may be, jumps
+EDGE_ROWS = 40  # behind a jump, by which its instant within the row is told
+WILD = 10.0  # spans of a measured channel: a simulation that goes further has left the run
+
+
+class Measured(NamedTuple):
+    """A run in the three forms that validation needs."""
+
+    run: Run
+    record: Record
+    rows: Rows  # what gains, figures and estimates take of it
+
+
+def measured(run: Run, record: Record) -> Measured:
+    """Return a run with its record; rows before the filter has forgotten the start don't count."""
+    columns = run.columns
+    time_s = columns["time_s"] - columns["time_s"][0]
+    channels: dict[str, Vector] = {
+        name: columns[name] for name in ("theta_m_rad", "current_A", "theta_j_rad") if name in columns
+    }
+    weights = np.ones(time_s.size)
+    weights[: record.settling_rows] = 0.0
+    load = record.load_course_N_m if "tau_w_N_m" in columns else None
+    reference = columns["theta_m_ref_rad"]
+    rows = Rows(
+        run.name,
+        "closed_loop",
+        record.series.period_s,
+        time_s,
+        reference,
+        channels,
+        load,
+        np.empty(0, dtype=np.intp),
+        weights,
+        evenly_logged=True,
+    )
+    return Measured(run, record, rows)
+
+
+def play(runs: Sequence[Measured], rig: Rig, theta: Vector, mapper: Mapper) -> Played:
+    """Simulate runs with a vector of parameters."""
+    p = Physics(*theta.tolist())
+    passes = pass_all([m.record for m in runs], theta, mapper)
+    pairs = list(zip(runs, passes.runs, strict=True))
+    channels = list(mapper(lambda pair: simulated(pair[0], pair[1], rig, theta, _load_of(*pair)), pairs))
+    return Played(channels, [course_of(run, p, before=False) for run in passes.runs])
+
+
+def unknown_load_rms(runs: Sequence[Measured], rig: Rig, theta: Vector, noise: Noise, seed: int) -> dict[str, float]:
+    """Return how far each channel is off where the load is as far off as its cell's noise leaves it; root mean square.
+
+    The load is drawn once a run from what is left open of it.
+    """
+    squares: dict[str, float] = {}
+    count = 0.0
+    for place, (m, passed) in enumerate(zip(runs, pass_all([m.record for m in runs], theta, map).runs, strict=True)):
+        if m.rows.tau_w_N_m is None:
+            continue
+        error = posterior_draw(np.random.default_rng([seed, place]), m.record.series, float(noise.deviation[1]) ** 2)
+        load = _load_of(m, passed)
+        one, other = (simulated(m, passed, rig, theta, tried) for tried in (load, load + error))
+        for name in one:
+            off = float(m.rows.weights @ (one[name] - other[name]) ** 2)
+            squares[name] = squares.get(name, 0.0) + off
+        count += float(m.rows.weights.sum())
+    return {name: math.sqrt(total / count) for name, total in squares.items()}
+
+
+def _load_of(m: Measured, passed: Passed) -> Vector:
+    return passed.filtered.course[:, LOAD] if m.rows.tau_w_N_m is None else m.rows.tau_w_N_m
+
+
+def simulated(m: Measured, passed: Passed, rig: Rig, theta: Vector, load_N_m: Vector) -> dict[str, Vector]:
+    """Return the channels of a run as simulated; before the rows that count as measured."""
+    simulate, edges = _simulator(m, passed, rig, theta, load_N_m)
+    fractions = np.full(edges.size, 0.5)
+    shown = simulate(fractions)
+    if edges.size and "theta_m_rad" in m.rows.channels:
+        # Where in its row a load jumps isn't recorded: what follows tells it, jump by jump.
+        slope = 4.0 * (simulate(fractions + 0.25).theta_m_rad - shown.theta_m_rad)
+        left = m.rows.channels["theta_m_rad"][m.record.settling_rows :] - shown.theta_m_rad
+        for place, row in enumerate(edges):
+            there = slice(row + 1, row + 1 + EDGE_ROWS)
+            power = float(slope[there] @ slope[there])
+            moved = float(slope[there] @ left[there]) / power if power > 0.0 else 0.0
+            fractions[place] = min(max(0.5 + moved, 0.0), 1.0) if math.isfinite(moved) else 0.5
+        shown = simulate(fractions)
+    found = {}
+    first, zero = m.record.settling_rows, float(passed.filtered.course[-1, JAW_ZERO])
+    for name, values in m.rows.channels.items():
+        there_too = values.copy()
+        there_too[first:] = getattr(shown, name) + (zero if name == "theta_j_rad" else 0.0)
+        middle, span = float(values.mean()), WILD * max(float(np.ptp(values)), 1e-12)
+        found[name] = np.nan_to_num(np.clip(there_too, middle - span, middle + span), nan=middle + span)
+    return found
+
+
+def _simulator(
+    m: Measured, passed: Passed, rig: Rig, theta: Vector, load_N_m: Vector
+) -> tuple[Callable[[Vector], Channels], NDArray[np.int64]]:
+    """Return what simulates the rows that count, given where in their rows the load jumps; and these rows."""
+    p, d, course = Physics(*theta.tolist()), passed.series, passed.filtered.course
+    first, samples = m.record.settling_rows, d.samples
+    reference = _between(m.rows.reference_rad, samples)
+    angle = np.array([encoder_rad(p, at) for at in course[:, THETA_M]])
+    counted = _between(angle, samples)
+    if d.count_rad > 0.0:
+        counted = np.array([quantise(at, d.count_rad) for at in counted])
+    counted[::samples] = d.encoder_rad
+    rounding = counted - _between(angle, samples)
+    start = _start(rig, m, passed, reference[: first * samples], counted[: first * samples])
+    load = load_N_m[first:]
+    may_jump = d.load_jump_variance[first:-1] > 0.0
+    edges = np.flatnonzero(may_jump & (np.abs(np.diff(load)) > EDGE_SD * math.sqrt(d.noise_variance[1])))
+    law = law_vector(rig.require_drive())
+    driven = reference[first * samples :]
+    inputs = Inputs(m.rows.time_s[first:], driven, load, edges, np.empty(0), rounding[first * samples :])
+
+    def simulate(fractions: Vector) -> Channels:
+        given = inputs._replace(edge_fractions=fractions)
+        return closed_loop.simulate(theta, law, 0.0, given, start, STEPS, samples)
+
+    return simulate, edges
+
+
+def _between(values: Vector, samples: int) -> Vector:
+    """Return values at each sample of the drive, on lines between the rows."""
+    if samples == 1:
+        return values.copy()
+    at = np.arange(values.size * samples) / samples
+    return np.asarray(np.interp(at, np.arange(values.size), values))
+
+
+def _start(rig: Rig, m: Measured, passed: Passed, reference: Vector, counted: Vector) -> Start:
+    """Return plant and drive at the first row that is simulated."""
+    law, d, first = law_vector(rig.require_drive()), passed.series, m.record.settling_rows
+    x = passed.filtered.course[first]
+    drive = DriveState(0.0, float("nan"), 0.0, float(d.command_A[0]))
+    for aim, angle in zip(reference, counted, strict=True):
+        drive = drive_sample(law, drive, float(aim), float(angle))
+    bias = float(passed.filtered.course[-1, COMMAND_BIAS])
+    if law[KI] > 0.0:
+        drive = drive._replace(integral_rad_s=drive.integral_rad_s + bias / float(law[KI]))
+    current = float(d.command_A[first * d.samples - 1]) + bias
+    plant = State(x[THETA_M], x[THETA_M + 1], x[THETA_J], x[THETA_J + 1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, current)
+    return Start(plant, drive)

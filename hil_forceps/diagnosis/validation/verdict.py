@@ -1,0 +1,182 @@
+"""The verdict on identified runs, its words, and the numbers of the result."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import stats
+
+from hil_forceps.diagnosis.error_rates import DETECTION_POWER, FALSE_ALARMS, LEFT_OVER_CHANCE, LEFT_SHARE
+from hil_forceps.diagnosis.hypotheses.search import Candidate as Model
+from hil_forceps.diagnosis.hypotheses.search import Step
+from hil_forceps.diagnosis.identification import Identified
+from hil_forceps.diagnosis.inference.fit import Fit, inverted
+from hil_forceps.diagnosis.inference.parameters import Free
+from hil_forceps.diagnosis.judge import ACCURACY, LEAST_SHIFT, SHIFT_SD, Judgement
+from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit
+from hil_forceps.diagnosis.result import TWO_SIDED_95, Candidate, Detectable, Estimate, NamedEffect, Shift
+from hil_forceps.model.parameters import index
+from hil_forceps.rig import Rig
+from hil_forceps.rig.catalogue import EFFECTS, effect
+from hil_forceps.rig.quantities import Parameter
+
+POWER_DEVIATIONS = float(stats.norm.ppf(DETECTION_POWER))
+
+
+def judge(found: Identified, rig: Rig) -> Judgement:
+    """Return the verdict."""
+    best = found.found.best
+    shifts = parameter_shifts(best.fit, rig)
+    sets = tuple(model.effects for model in found.found.rivals if model.effects)
+    if (left := unexplained(found)) is not None:
+        place, variable, _ = left.families[0]
+        said = f"Something is there that no entry of the catalogue explains; at {place}, it varies over {variable}."
+        where = "" if left is found.after else " in the runs held out"
+        nearest = " + ".join(best.effects)
+        reasons = (f"the nearest of the catalogue, {nearest}, leaves too much unexplained{where}",) if nearest else ()
+        return Judgement("unnamed", said, (), sets, shifts, varies_over(left), reasons)
+    if best.effects:
+        named = named_effects(found)
+        said = f"The data show: {' and '.join(effect(e.id).summary for e in named)}."
+        said += " Other entries explain them as well." if len(sets) > 1 else ""
+        tied = "these data can't tell " + " from ".join(" + ".join(ids) for ids in sets) + " apart"
+        return Judgement("effects", said, named, sets, shifts, (), (tied,) if len(sets) > 1 else ())
+    if shifts and moved(best.fit, rig) > float(stats.chi2.isf(FALSE_ALARMS, len(_assumed(best.fit, rig)))):
+        said = f"Other values of known parameters explain all: {', '.join(shifts)}."
+        return Judgement("parameters", said, (), (), shifts, (), ())
+    return Judgement("consistent", "The simulation agrees with the data to within their noise.", (), (), {}, (), ())
+
+
+def unexplained(found: Identified) -> LackOfFit | None:
+    """Return what is left beyond doubt, in the fitted runs or in those held out.
+
+    Beside named effects a small share of what they explain may be left: the model's own step and its linear answers are
+    not exact.
+    """
+    room = LEFT_SHARE * explained(found.found.best, found.found.steps)
+    for left in (found.after, found.unseen):
+        if left is not None and left.gain > max(LEFT_OVER_CHANCE * left.threshold, room):
+            return left
+    return None
+
+
+def explained(best: Model, steps: Sequence[Step]) -> float:
+    """Return the fall of χ² by the effects of the best model."""
+    gains = [max((c.gain for c in step.tried), default=0.0) for step in steps]
+    return float(sum(gains[: len(best.effects)]))
+
+
+def varies_over(left: LackOfFit) -> tuple[str, ...]:
+    """Return the variables over which what is left varies most, with their places."""
+    return tuple(dict.fromkeys(f"{p}: {v}" for p, v, gain in left.families[:4] if gain > left.threshold))
+
+
+def named_effects(found: Identified) -> tuple[NamedEffect, ...]:
+    """Return the effects of the best model, with intervals of their parameters."""
+    best = found.found.best
+    named = []
+    for effect_id in best.effects:
+        parameters = {}
+        for free, value, deviation in zip(best.fit.free, best.fit.values, best.fit.deviations, strict=True):
+            if free.name.startswith(f"effects.{effect_id}."):
+                spread = float(np.hypot(deviation, ACCURACY * value))
+                parameters[free.name.rsplit(".", 1)[1]] = _estimate(free, float(value), spread)
+        for p in effect(effect_id).parameters:
+            if p.neutral is None and p.name not in parameters:  # a shape that is not fitted: a whole harmonic
+                held = float(best.fit.passes.theta[index(f"effects.{effect_id}.{p.name}")])
+                parameters[p.name] = Estimate(held, held, held, p.unit)
+        named.append(NamedEffect(effect_id, effect(effect_id).location, confidence(found, effect_id), parameters))
+    return tuple(named)
+
+
+def confidence(found: Identified, effect_id: str) -> float:
+    """Return the share of the weight of all models within reach that name the effect."""
+    rivals = found.found.rivals
+    top = max(model.gain for model in rivals)
+    weights = np.array([np.exp(0.5 * (model.gain - top)) for model in rivals])
+    has = np.array([effect_id in model.effects for model in rivals])
+    return float(weights[has].sum() / weights.sum())
+
+
+def parameter_shifts(fitted: Fit, rig: Rig) -> dict[str, Shift]:
+    """Return the known parameters that are not what was assumed."""
+    shifts = {}
+    for free, value, deviation in zip(fitted.free, fitted.values, fitted.deviations, strict=True):
+        if free.name.startswith("effects."):
+            continue
+        assumed = known_quantity(rig, free.name).value
+        shares = LEAST_SHIFT * (0.3 if "coulomb" in free.name else 1.0)
+        if assumed is None or abs(value - assumed) > max(SHIFT_SD * deviation, shares * free.scale):
+            shifts[free.name] = Shift(assumed, _estimate(free, float(value), float(deviation)))
+    return shifts
+
+
+def moved(fitted: Fit, rig: Rig) -> float:
+    """Return the χ² by which the data move the known parameters from what was assumed."""
+    at = _assumed(fitted, rig)
+    away = np.array([(fitted.values[i] - (known_quantity(rig, fitted.free[i].name).value or 0.0)) for i in at])
+    scaled = away / np.array([fitted.free[i].scale for i in at])
+    return float(scaled @ inverted(fitted.covariance[np.ix_(at, at)]) @ scaled)
+
+
+def _assumed(fitted: Fit, rig: Rig) -> list[int]:
+    """Return the places of the parameters of which the rig says a value."""
+    return [
+        i
+        for i, free in enumerate(fitted.free)
+        if not free.name.startswith("effects.") and known_quantity(rig, free.name).value is not None
+    ]
+
+
+def known_quantity(rig: Rig, name: str) -> Parameter:
+    """Return what a rig says of a parameter of the plant (`model.parameters.PLANT_NAMES`)."""
+    section, key = name.split(".")
+    known: Parameter = getattr(getattr(rig, section), key)
+    return known
+
+
+def _estimate(free: Free, value: float, deviation: float) -> Estimate:
+    """Return a value with its 95 % interval, within the bounds of the parameter."""
+    half = TWO_SIDED_95 * deviation
+    return Estimate(value, max(value - half, free.low), min(value + half, free.high), free.unit)
+
+
+def detectable(step: Step) -> dict[str, Detectable]:
+    """Return the smallest amplitude of each entry that these data would show in `DETECTION_POWER` of cases."""
+    needed = float(np.sqrt(step.tested.threshold)) + POWER_DEVIATIONS
+    least: dict[str, Detectable] = {}
+    for place in step.places:
+        if place.stop - place.first != len(place.amplitudes):  # no amplitude of its own
+            continue
+        for offset, (name, unit_size) in enumerate(place.amplitudes.items()):
+            own = float(step.tested.information[place.first + offset])
+            if own <= 1e-6:
+                continue
+            value = abs(unit_size) * needed / float(np.sqrt(own))
+            parameter = next(p for p in effect(place.effect_id).parameters if p.name == name)
+            held = least.get(place.effect_id)
+            if value <= parameter.maximum and (held is None or value < held.value):
+                least[place.effect_id] = Detectable(name, value, parameter.unit)
+    return {entry.id: least[entry.id] for entry in EFFECTS if entry.id in least}
+
+
+def candidates(found: Identified) -> tuple[Candidate, ...]:
+    """Return every entry as it was judged in each step of the search, the best of its places."""
+    told: list[Candidate] = []
+    tied = {model.effects[-1] for model in found.found.rivals if model.effects}
+    for number, step in enumerate(found.found.steps):
+        refitted = {model.effects[-1]: model for model in step.tried if model.effects}
+        named = found.found.best.effects[number] if number < len(found.found.best.effects) else None
+        gains: dict[str, float] = {}
+        for place, gain in zip(step.places, step.tested.gains, strict=True):
+            gains[place.effect_id] = max(float(gain), gains.get(place.effect_id, 0.0))
+        for effect_id, linear in gains.items():
+            gain = refitted[effect_id].gain if effect_id in refitted else linear
+            state = "weaker"
+            if effect_id == named:
+                state = "named"
+            elif gain <= step.tested.threshold:
+                state = "below threshold" if linear > 0.0 else "not excited"
+            elif effect_id in tied and named is not None:
+                state = "tied"
+            told.append(Candidate(effect_id, number, gain, step.tested.threshold, state))  # type: ignore[arg-type]
+    return tuple(told)

@@ -1,0 +1,149 @@
+"""Cases drawn over all that a user may have: friction, laws, drives, encoders, motions, sensors, noise.
+
+An effect's d is that in the same motions without dry friction to speak of and with a drive of 1 ms: what friction and
+drive do to the power of a diagnosis is part of what is measured.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil_forceps.rig import Rig
+from hil_forceps.rig.catalogue import EFFECT_IDS
+from hil_forceps.runs.table import Run
+from tests.hidden_effects.cases import drawn_effect, drawn_shifts
+from tests.hidden_effects.generator import COLOURED, RIG, WHITE, Case, generate, run_seed, true_rig
+from tests.hidden_effects.generator_scenarios import SCENARIOS
+from tests.hidden_effects.generator_sizes import size_for
+
+KINDS = ("none", "shift", "effect", "pair", "triple", "deleted")
+FRICTION = (0.0, 0.02, 0.1, 0.3)  # of the load's torque, on motor and jaw
+LOAD_N_M = 1.0e-3  # a usual load on the jaw, and the friction of both masses in units of it
+MOTOR_SHARE, JAW_SHARE = 2.0, 1.0
+LAWS: dict[str, dict[str, float]] = {
+    "P": {"drive.ki_A_per_rad_s": 0.0, "drive.kd_A_s_per_rad": 0.0},
+    "PI": {"drive.kd_A_s_per_rad": 0.0},
+    "PD": {"drive.ki_A_per_rad_s": 0.0, "drive.kp_A_per_rad": 0.8, "drive.kd_A_s_per_rad": 0.009},
+    "PID": {},
+}
+SAMPLE_TIMES_S = (2.5e-4, 5.0e-4, 1.0e-3, 2.0e-3)
+COUNTS = (2048, 4096, 16384, 65536, None)
+MOTIONS = (
+    "multisine",
+    "multisine_mid",
+    "trapezoid",
+    "chirp",
+    "slow",
+    "teleoperation",
+    "grasp",
+    "hold",
+    "short_hold",
+    "long_hold",
+    "begun",
+)
+MOST_ROWS = 150_000
+SIZES = (8.0, 12.0, 20.0, 50.0)
+COUNTS_FOR_SIZE = 16384  # of the rig that d is measured with, where the encoder is ideal
+EFFECTS = tuple(name for name in EFFECT_IDS if name != "encoder_scale")  # a gauge: other radii give the same runs
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A case before anything is simulated."""
+
+    kind: str
+    seed: int
+    friction: float
+    law: str
+    sample_time_s: float
+    row_s: float
+    counts: int | None
+    motions: tuple[str, ...]  # those to fit first
+    held_out: int  # how many of the last are
+    jaw: bool
+    load_cell: bool
+    coloured: bool
+    effects: tuple[str, ...] = ()
+    size: float = 0.0
+
+
+def draw(kind: str, seed: int, *, usual: bool = False) -> Drawn:
+    """Draw a case; `usual`: a drive of 1 ms, every sample logged, all sensors, white noise, six runs."""
+    rng = np.random.default_rng([seed, KINDS.index(kind), 0xD4A7])
+    friction = FRICTION[seed % len(FRICTION)]
+    law, sample_s = str(rng.choice(list(LAWS))), float(rng.choice(SAMPLE_TIMES_S))
+    row_s = sample_s if sample_s >= 1.0e-3 or rng.random() < 0.5 else 1.0e-3
+    counts = COUNTS[int(rng.integers(len(COUNTS)))]
+    count = int(rng.choice((1, 2, 3, 4, 6, 9, 20), p=(0.1, 0.1, 0.15, 0.2, 0.25, 0.15, 0.05)))
+    jaw, load_cell = [(True, True), (True, True), (True, True), (True, False), (False, True)][int(rng.integers(5))]
+    coloured = bool(rng.random() < 0.3)
+    if usual:
+        sample_s = row_s = 1.0e-3
+        count, jaw, load_cell, coloured = 6, True, True, False
+    motions = [str(name) for name in rng.choice(MOTIONS, count)]
+    while len(motions) > 1 and sum(SCENARIOS[name].duration_s for name in motions) / row_s > MOST_ROWS:
+        motions.pop()
+    many = {"effect": 1, "pair": 2, "triple": 3, "deleted": 1}.get(kind, 0)
+    effects = tuple(str(name) for name in rng.choice(EFFECTS, many, replace=False))
+    size = float(rng.choice(SIZES if kind == "effect" else SIZES[2:])) if many else 0.0
+    held_out = len(motions) // 3 if len(motions) > 2 else 0
+    return Drawn(
+        kind,
+        seed,
+        friction,
+        law,
+        sample_s,
+        row_s,
+        counts,
+        tuple(motions),
+        held_out,
+        jaw,
+        load_cell,
+        coloured,
+        effects,
+        size,
+    )
+
+
+def assumed_rig(case: Drawn) -> Rig:
+    """Return the rig that the diagnosis is told."""
+    plant = {}
+    if case.friction > 0.0:
+        plant = {
+            "forceps.motor_coulomb_N_m": MOTOR_SHARE * case.friction * LOAD_N_M,
+            "forceps.jaw_coulomb_N_m": JAW_SHARE * case.friction * LOAD_N_M,
+        }
+    drive = {**LAWS[case.law], "drive.sample_time_s": case.sample_time_s}
+    return RIG.with_changes({**plant, **drive, "encoder.counts_per_rev": case.counts or "ideal"})
+
+
+def hidden(case: Drawn) -> dict[str, dict[str, float]]:
+    """Return the effects at their size; ValueError where the catalogue's ranges don't reach it."""
+    counts = COUNTS_FOR_SIZE if case.counts is None else case.counts
+    rig = RIG.with_changes({**LAWS[case.law], "encoder.counts_per_rev": counts})
+    fitted = case.motions[: len(case.motions) - case.held_out]
+    found: dict[str, dict[str, float]] = {}
+    for name in case.effects:
+        found |= size_for(case.size, {name: drawn_effect(name, case.seed)}, case.seed, rig=rig, scenarios=fitted)
+    return found
+
+
+def make(case: Drawn) -> Case:
+    """Simulate the runs of a case."""
+    rig = assumed_rig(case)
+    true = true_rig(rig, hidden(case), drawn_shifts(case.seed) if case.kind == "shift" else {})
+    dropped = {name for name, kept in (("theta_j_rad", case.jaw), ("tau_w_N_m", case.load_cell)) if not kept}
+    runs = []
+    for place, name in enumerate(case.motions):
+        scenario = replace(SCENARIOS[name], row_s=case.row_s)
+        noise = COLOURED if case.coloured else WHITE
+        run = generate(true, scenario, run_seed(case.seed, place), noise, f"{place}_{name}")
+        runs.append(Run(run.name, {key: values for key, values in run.columns.items() if key not in dropped}))
+    split = len(runs) - case.held_out
+    return Case(rig, true, tuple(runs[:split]), tuple(runs[split:]))
+
+
+def rows_of(case: Drawn) -> int:
+    """Return how many rows all runs have together."""
+    return sum(math.ceil(SCENARIOS[name].duration_s / case.row_s) for name in case.motions)
