@@ -40,7 +40,8 @@ _BEHIND = (
     Curve("wire", "rate of stretch", lambda c, _: [np.diff(c.stretch_m, prepend=c.stretch_m[0])]),
     Curve("theta_j_rad", "rate", lambda c, _: [c.omega_j, np.diff(c.omega_j, prepend=c.omega_j[0])]),
 )
-CURVES = (*(curve for curve in all_curves() if (curve.place, curve.variable) not in _AHEAD), *_BEHIND)
+_STATES = {("theta_j_rad", "constant")}  # the zero of the jaw sensor is a state of the filter
+CURVES = (*(curve for curve in all_curves() if (curve.place, curve.variable) not in _AHEAD | _STATES), *_BEHIND)
 _CHANNEL = {"theta_m_rad": ENCODER, "theta_j_rad": JAW, "current_A": CURRENT}
 
 

@@ -11,7 +11,7 @@ from hil_forceps.diagnosis.preparation.command import Command, by_law, by_measur
 from hil_forceps.diagnosis.preparation.contact import contact
 from hil_forceps.diagnosis.preparation.decoding import Expected
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
-from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick
+from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick, may_stick_by_sensor
 from hil_forceps.diagnosis.state_space.advance import friction_at_rest_N_m, regimes
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_BIAS,
@@ -98,19 +98,22 @@ def record_of(run: Run, rig: Rig, noise: Noise, expected: Expected | None = None
         )
     count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
     step = count or 1e-4 * max(float(np.ptp(encoder)), 1e-6)
-    edge_sd = EDGE_SHARE * count if count else IDEAL_SHARE * max(float(np.ptp(encoder)), 1e-6)
+    edge_sd = max(EDGE_SHARE * count, IDEAL_SHARE * max(float(np.ptp(encoder)), 1e-6))
     ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
     jaw_smooth = _followed_angle(encoder, prior.course_N_m, jaw, ratio * encoder)
     stiffness = np.zeros(n) if touched is None else touched.stiffness_N_m_per_rad
-    dwells = dwelling(encoder, count)
+    dwells = dwelling(encoder, step)
     # Where it dwells, all counts of a while say the same once.
-    edge = np.where(dwells, count * math.sqrt(DWELL_ROWS / 12.0), edge_sd)
+    edge = np.where(dwells, step * math.sqrt(DWELL_ROWS / 12.0), edge_sd)
     speed = float(np.std(np.diff(encoder))) / period_s
     state, variance = _start(encoder, jaw, load, prior, period_s, ratio, step)
     variance[COMMAND_BIAS] = command.bias_sd_A**2
     variance[JAW_NOISE], variance[LOAD_NOISE], variance[CURRENT_NOISE] = np.where(
         noise.correlation != 0.0, noise.deviation**2, 0.0
     )
+    jaw_free = may_stick(jaw_smooth, step * ratio, 2)
+    if np.isfinite(jaw).all():  # where the motor has turned round, friction holds the jaw for a while more
+        jaw_free |= may_stick_by_sensor(jaw, float(noise.deviation[0]), 2)
     series = Series(
         period_s,
         count,
@@ -124,7 +127,7 @@ def record_of(run: Run, rig: Rig, noise: Noise, expected: Expected | None = None
         command.variance,
         command.bias_variance,
         may_stick(encoder, step, 1),
-        may_stick(jaw_smooth, step * ratio, 2),
+        jaw_free,
         (0.0, 0.0),
         stiffness,
         prior.slope_variance,

@@ -49,7 +49,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
 )
 from hil_forceps.diagnosis.state_space.measurement import (
-    corrected,
+    corrected_but,
     current_direction,
     direction,
     evidence,
@@ -126,6 +126,18 @@ def near_standstill(first: float, last: float, deviation: float) -> bool:
 
 
 @kernel
+def _considered(d: Series, row: int, channel: int) -> tuple[bool, bool]:
+    """Tell of which states a measurement is no evidence: the command's bias, and the zero of the jaw sensor.
+
+    Friction that holds a mass is the same for seconds, and wanders within its level by name only: what constants it
+    seems to tell would be its own mean. So they are considered there, not estimated (Schmidt's filter).
+    """
+    level_m, level_j = d.friction_level_N_m
+    sticks = (d.friction_free_m[row] and level_m > 0.0) or (d.friction_free_j[row] and level_j > 0.0)
+    return sticks and channel != CURRENT, sticks
+
+
+@kernel
 def _measurements(
     p: Physics,
     d: Series,
@@ -161,7 +173,7 @@ def _measurements(
         out.log_likelihood[row, channel] = log_likelihood
         for i in range(STATES):
             out.gain[row, channel, i] = along[i] * information
-        corrected(x, covariance, along, score, information)
+        corrected_but(_considered(d, row, channel), x, covariance, along, score, information, out.gain[row, channel])
         if channel == CURRENT and abs(residual) > SURPRISE:
             error_A = residual / root / (1.0 + p.current_gain)
             spread(covariance, f, FRICTION_M, (p.K_t * error_A) ** 2)
