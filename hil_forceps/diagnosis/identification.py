@@ -12,10 +12,11 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
 from hil_forceps.diagnosis.hypotheses.search import Found, Search, search
-from hil_forceps.diagnosis.inference.fit import Fit
+from hil_forceps.diagnosis.inference.fit import Fit, fit
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
 from hil_forceps.diagnosis.preparation.decoding import between_rows
@@ -26,6 +27,8 @@ from hil_forceps.diagnosis.state_space.passes import Mapper, Passed, pass_all
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.runs.table import Run
+
+Vector = NDArray[np.float64]
 
 
 class Identified(NamedTuple):
@@ -53,10 +56,9 @@ def identify(
     """Return what equally spaced runs of a drive whose law is known say of a rig."""
     progress("looking at noise, commands and loads")
     noise = sensor_noise(runs, rig)
-    every = records_of((*runs, *held_out), rig, noise, mapper)
-    records, unseen_records = tuple(every[: len(runs)]), tuple(every[len(runs) :])
+    records, unseen_records, theta = records_of(runs, held_out, rig, noise, mapper)
     known = known_of(rig, records)
-    found = search(Search(records, known, mapper, without, seed, progress), parameters.vector(rig))
+    found = search(Search(records, known, mapper, without, seed, progress), theta)
     progress("looking at what is left")
     after = omnibus_test(found.best.fit, mapper, seed)
     before = omnibus_test(found.baseline, mapper, seed) if found.best.effects else after
@@ -64,16 +66,21 @@ def identify(
     return Identified(noise, records, unseen_records, found, before, after, unseen)
 
 
-def records_of(runs: Sequence[Run], rig: Rig, noise: Noise, mapper: Mapper) -> list[Record]:
-    """Return runs as records.
+def records_of(
+    runs: Sequence[Run], held_out: Sequence[Run], rig: Rig, noise: Noise, mapper: Mapper
+) -> tuple[tuple[Record, ...], tuple[Record, ...], Vector]:
+    """Return runs as records, those held out as well, and parameters near which they are to be fitted.
 
-    What a drive counted between rows is first taken to be on the line between its counts, then where the filter that
-    was run with that, and with the rig as assumed, has the motor.
+    What a drive counted between rows is first taken to be on the line between its counts, then where the filter has the
+    motor, with the parameters that fit so far.
     """
-    records = list(mapper(lambda run: record_of(run, rig, noise), runs))
+    assumed, every = parameters.vector(rig), (*runs, *held_out)
+    records = tuple(mapper(lambda run: record_of(run, rig, noise), every))
+    count = len(runs)
     if all(record.series.samples == 1 for record in records):
-        return records
-    passes = pass_all(records, parameters.vector(rig), mapper)
+        return records[:count], records[count:], assumed
+    theta = fit(records[:count], assumed, known_of(rig, records[:count]), mapper).passes.theta
+    passes = pass_all(records, theta, mapper)
 
     def again(pair: tuple[Run, Passed]) -> Record:
         run, passed = pair
@@ -81,7 +88,8 @@ def records_of(runs: Sequence[Run], rig: Rig, noise: Noise, mapper: Mapper) -> l
         d = passed.series
         return record_of(run, rig, noise, between_rows(passed.filtered.course, deviation, d.period_s, d.samples))
 
-    return list(mapper(again, zip(runs, passes.runs, strict=True)))
+    records = tuple(mapper(again, zip(every, passes.runs, strict=True)))
+    return records[:count], records[count:], theta
 
 
 def known_of(rig: Rig, records: Sequence[Record]) -> tuple[Free, ...]:

@@ -39,7 +39,7 @@ Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 EDGE_SHARE = 0.03  # of a count: how sharp an edge is  # tuned: holds and four kinds of motion at 16384 counts
-IDEAL_SHARE = 2e-5  # of an angle's span: what an ideal encoder is taken to be off, as much as one of 65536 counts
+IDEAL_SHARE = 2e-5  # of an angle's span: what an encoder without counts is taken to be off
 INTEGRATION_SHARE = 1e-4  # of the speed: what the model's step leaves over a row
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
 FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left
@@ -55,7 +55,6 @@ class Record:
     series: Series
     ringing: Mask  # n: the wire still rings from a jump of the load, whose instant within a row isn't known
     dwelling: Mask  # n: the encoder dwells
-    fading_rows: int  # over which the wire's slowest mode dies away
     load_open_sd_N_m: float  # what is left open of the load
     load_course_N_m: Vector  # n: smoothed
     settling_rows: int
@@ -98,7 +97,8 @@ def record_of(run: Run, rig: Rig, noise: Noise, expected: Expected | None = None
         )
     count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
     step = count or 1e-4 * max(float(np.ptp(encoder)), 1e-6)
-    edge_sd = max(EDGE_SHARE * count, IDEAL_SHARE * max(float(np.ptp(encoder)), 1e-6))
+    # Edges that are softer than they are by a tenth of a count already pass for a delay.
+    edge_sd = EDGE_SHARE * count or IDEAL_SHARE * max(float(np.ptp(encoder)), 1e-6)
     ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
     jaw_smooth = _followed_angle(encoder, prior.course_N_m, jaw, ratio * encoder)
     stiffness = np.zeros(n) if touched is None else touched.stiffness_N_m_per_rad
@@ -114,6 +114,7 @@ def record_of(run: Run, rig: Rig, noise: Noise, expected: Expected | None = None
     jaw_free = may_stick(jaw_smooth, step * ratio, 2)
     if np.isfinite(jaw).all():  # where the motor has turned round, friction holds the jaw for a while more
         jaw_free |= may_stick_by_sensor(jaw, float(noise.deviation[0]), 2)
+    fading = _fading_rows(period_s, rig)
     series = Series(
         period_s,
         count,
@@ -128,6 +129,7 @@ def record_of(run: Run, rig: Rig, noise: Noise, expected: Expected | None = None
         command.bias_variance,
         may_stick(encoder, step, 1),
         jaw_free,
+        fading,
         (0.0, 0.0),
         stiffness,
         prior.slope_variance,
@@ -139,13 +141,11 @@ def record_of(run: Run, rig: Rig, noise: Noise, expected: Expected | None = None
         state,
         variance,
     )
-    fading = _fading_rows(period_s, rig)
     found = Record(
         run.name,
         series,
         _ringing(prior.jump_variance, fading),
         dwells,
-        fading,
         prior.open_sd_N_m,
         prior.course_N_m,
         min(n // 4, max(5, round(SETTLING_S / period_s))),

@@ -28,7 +28,7 @@ CHANCE = 5.0  # deviations of the ratio of both variances: white noise seems col
 LEAST_CORRELATED, MOST_CORRELATED = 0.5, 0.99  # less is what lively motion leaves in the differences
 QUIET_SHARE = 0.3  # of the rows: those with the least acceleration
 SMOOTHING_ROWS = 21  # of the encoder, so that its counting is no acceleration
-LEAST_SHARE = 1e-6  # of what a channel spans: data without noise get as much
+LEAST_SHARE = 1e-4  # of what a channel spans: no sensor is taken to be better, for the integrators are not
 
 
 def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:

@@ -70,7 +70,7 @@ Matrix = NDArray[np.float64]
 
 SURPRISE = 4.5  # deviations of an innovation: 1 in 150 000 by chance
 _SURE = 3.0  # deviations: a speed's sign is known beyond
-_QUICKLY = 0.1  # share of a new deviation in the usual one
+_SETTLING_ROWS = 300  # after which the filter's deviations stay as they are
 
 
 @kernel
@@ -126,14 +126,19 @@ def near_standstill(first: float, last: float, deviation: float) -> bool:
 
 
 @kernel
-def _considered(d: Series, row: int, channel: int) -> tuple[bool, bool]:
+def _considered(d: Series, row: int, channel: int, doubtful: bool) -> tuple[bool, bool]:
     """Tell of which states a measurement is no evidence: the command's bias, and the zero of the jaw sensor.
 
     Friction that holds a mass is the same for seconds, and wanders within its level by name only: what constants it
     seems to tell would be its own mean. So they are considered there, not estimated (Schmidt's filter).
     """
     level_m, level_j = d.friction_level_N_m
-    sticks = (d.friction_free_m[row] and level_m > 0.0) or (d.friction_free_j[row] and level_j > 0.0)
+    before = max(row - 1, 0)
+    motor, jaw = (
+        d.friction_free_m[row] or d.friction_free_m[before],
+        d.friction_free_j[row] or d.friction_free_j[before],
+    )
+    sticks = doubtful or (motor and level_m > 0.0) or (jaw and level_j > 0.0)
     return sticks and channel != CURRENT, sticks
 
 
@@ -173,7 +178,9 @@ def _measurements(
         out.log_likelihood[row, channel] = log_likelihood
         for i in range(STATES):
             out.gain[row, channel, i] = along[i] * information
-        corrected_but(_considered(d, row, channel), x, covariance, along, score, information, out.gain[row, channel])
+        doubtful = row > 0 and out.doubtful[row - 1] > 0
+        considered = _considered(d, row, channel, doubtful)
+        corrected_but(considered, x, covariance, along, score, information, out.gain[row, channel])
         if channel == CURRENT and abs(residual) > SURPRISE:
             error_A = residual / root / (1.0 + p.current_gain)
             spread(covariance, f, FRICTION_M, (p.K_t * error_A) ** 2)
@@ -208,7 +215,8 @@ def _friction_noise(
 ) -> int:
     """Add what dry friction leaves open over a row; return which masses came near standstill though taken to slide.
 
-    `ahead`: speeds at the next row; `usual`: deviations of both speeds as they mostly are, followed here.
+    `ahead`: speeds at the next row; `usual`: deviations of both speeds while they slide. What they are here would not
+    do: doubt makes speeds uncertain, and uncertain speeds make doubt.
     """
     doubtful = 0
     for mass in range(2):
@@ -218,14 +226,35 @@ def _friction_noise(
             freed(covariance, column, level, kept)
             continue
         deviation = math.sqrt(variance[speed])
-        if usual[mass] == 0.0:
-            usual[mass] = deviation
-        elif deviation < 2.0 * usual[mass]:
-            usual[mass] += _QUICKLY * (deviation - usual[mass])
         if level > 0.0 and near_standstill(x[speed], ahead[mass], min(deviation, usual[mass])):
             doubtful += 1 + mass
             spread(covariance, f, column, level**2)
     return doubtful
+
+
+@kernel
+def sliding_deviations(p: Physics, d: Series, f: Matrix, jump: Matrix, kept: Vector) -> Vector:
+    """Return the deviations of both speeds that the filter settles at while both masses slide.
+
+    A count is taken as white noise of its rounding there, and the load to change as it mostly does.
+    """
+    covariance, work = np.diag(d.first_variance), np.empty((STATES, STATES))
+    along, x, settled = np.empty(STATES), np.zeros(STATES), np.zeros(2)
+    usual_row = np.argsort(d.load_slope_variance + d.load_jump_variance / d.period_s**2)[d.encoder_rad.size // 2]
+    for _ in range(_SETTLING_ROWS):
+        for channel in range(CURRENT):
+            if math.isnan(measured(d, channel, usual_row)):
+                continue
+            variance = direction(channel, covariance, along)
+            noise = d.count_rad**2 / 12.0 + d.encoder_variance[usual_row]
+            if channel != ENCODER:
+                noise = d.noise_variance[channel - 1] * (1.0 if d.noise_correlation[channel - 1] == 0.0 else 0.01)
+            information = 1.0 / (variance + noise)
+            corrected_but((False, False), x, covariance, along, 0.0, information, along)
+        settled[0], settled[1] = math.sqrt(covariance[OMEGA_M, OMEGA_M]), math.sqrt(covariance[OMEGA_J, OMEGA_J])
+        moved(f, covariance, kept, work)
+        disturbed(covariance, d, usual_row, f, jump, p.K_t)
+    return settled
 
 
 @kernel
@@ -243,7 +272,7 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
     plant = first_plant(d)
     before_A = plant.current_A
     was = (True, True)
-    usual = np.zeros(2)
+    usual = sliding_deviations(p, d, taut, jump, kept)
     for row in range(d.encoder_rad.size):
         _note_prediction(out.course, row, x, plant.current_A, before_A)
         if _measurements(p, d, row, plant.current_A, before_A, x, covariance, taut, out):

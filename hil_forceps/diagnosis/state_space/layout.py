@@ -51,6 +51,7 @@ class Series(NamedTuple):
     command_bias_variance: Vector  # n [A²]: of what a row adds to `COMMAND_BIAS`
     friction_free_m: Mask  # n: from row k to k + 1 the motor may stick
     friction_free_j: Mask  # n
+    fading_rows: int  # over which the wire's slowest mode dies away
     friction_level_N_m: tuple[float, float]  # motor, jaw: of what wanders there; 0: less than the load leaves open
     contact_stiffness: Vector  # n [N m/rad]: how the load answers to the jaw's angle from row k to k + 1
     load_slope_variance: Vector  # n [(N m/s)²]: of the change of slope at row k

@@ -15,6 +15,8 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_WILD = 1e60
+
 Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
@@ -28,10 +30,6 @@ class Filterable(Protocol):
     @property
     def dwelling(self) -> Mask:
         """Rows at which the encoder dwells: its counts say the same again and again."""
-
-    @property
-    def fading_rows(self) -> int:
-        """Rows over which the wire's slowest mode dies away."""
 
     @property
     def settling_rows(self) -> int:
@@ -91,7 +89,7 @@ def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
     # What friction did is Gaussian by name only, until the wire's slowest mode has died away.
     held[1:] = held[:-1].copy()
     for row in np.flatnonzero(held[:-1] & ~held[1:]):
-        held[row + 1 : row + 1 + run.fading_rows] = True
+        held[row + 1 : row + 1 + d.fading_rows] = True
     counts[:, :CURRENT] &= ~held[:, np.newaxis]
     counts[run.ringing, :CURRENT] = False
     counts[: run.settling_rows] = False
@@ -118,6 +116,9 @@ def gram(passes: Passes, directions: Sequence[Direction], mapper: Mapper) -> Gra
         for at, (plant, per) in enumerate(plants):
             answer = response_run(plant, passes.plants.sliding, run.series, run.filtered, per)
             answers[at] = np.where(run.counts, answer, 0.0).ravel()
+            # A plant that goes out of bounds within a row says nothing: no information, instead of an infinite one.
+            if not np.max(np.abs(answers[at])) < _WILD:
+                answers[at] = 0.0
         return Gram(answers @ answers.T, answers @ run.residual.ravel())
 
     return total(list(mapper(one, passes.runs)))
