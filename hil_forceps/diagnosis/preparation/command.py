@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.preparation.decoding import Expected, decoded
+from hil_forceps.diagnosis.preparation.resolution import resolution_of
 from hil_forceps.diagnosis.state_space.advance import STEPS
 from hil_forceps.model.drive_law import DriveState, law_current, law_vector
 from hil_forceps.rig import Rig
@@ -26,6 +27,7 @@ class Command(NamedTuple):
     shown_A: Vector  # n: the measured current, NaN where the command was made of it and it is no evidence of its own
 
 
+SAME_LOSS_ROWS = 100  # over which a slow angle loses the same to its recording
 _SETTLING_TIMES = 6.0  # of the derivative's filter: exp(−6) of what it began with is left
 
 
@@ -61,7 +63,10 @@ def by_law(
     if samples == 1:
         start = DriveState(0.0, float("nan"), 0.0, float(current[0]))
         command, shown = law_current(law, reference, encoder, start), current
-        variance, bias_variance = np.zeros(encoder.size), np.zeros(encoder.size)
+        # A drive without counts reads its angle finer than it is recorded, and its integral adds up what is lost there.
+        lost = 0.0 if rig.encoder.counts_per_rev is not None else resolution_of([encoder]) / math.sqrt(12.0)
+        per_row = drive.ki_A_per_rad_s * drive.sample_time_s * lost * math.sqrt(SAME_LOSS_ROWS)
+        variance, bias_variance = np.zeros(encoder.size), np.full(encoder.size, per_row**2)
     else:
         counts = rig.encoder.counts_per_rev
         quantum = 2.0 * math.pi / counts if counts is not None else 0.0

@@ -137,6 +137,7 @@ def record_of(run: Run, rig: Rig, noise: Noise, expected: Expected | None = None
         (float(np.std(prior.course_N_m)) / 0.2) ** 2,
         noise.deviation**2,
         noise.correlation,
+        noise.resolution,
         (INTEGRATION_SHARE * speed * np.array([1.0, ratio])) ** 2,
         state,
         variance,

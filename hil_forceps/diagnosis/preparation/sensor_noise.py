@@ -6,6 +6,7 @@ Variances are taken from medians, so that breaks of a load and the ringing behin
 motor hardly accelerates.
 """
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy import optimize
 from scipy.ndimage import uniform_filter1d
 
 from hil_forceps.diagnosis.preparation.command import samples_in_a_row
+from hil_forceps.diagnosis.preparation.resolution import resolution_of
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.model.drive_law import DriveState, law_current, law_vector
 from hil_forceps.rig import Rig
@@ -28,7 +30,11 @@ CHANCE = 5.0  # deviations of the ratio of both variances: white noise seems col
 LEAST_CORRELATED, MOST_CORRELATED = 0.5, 0.99  # less is what lively motion leaves in the differences
 QUIET_SHARE = 0.3  # of the rows: those with the least acceleration
 SMOOTHING_ROWS = 21  # of the encoder, so that its counting is no acceleration
-LEAST_SHARE = 1e-4  # of what a channel spans: no sensor is taken to be better, for the integrators are not
+CHANNELS = ("theta_j_rad", "tau_w_N_m", "current_A")
+EDGE_SHARE = 0.1  # of a step: how sharp the edges of a quantised channel are taken to be
+# Of what a channel spans: no sensor is taken to be better. Integrators agree to a ten-thousandth, load cells are linear
+# to a thousandth.
+LEAST_SHARES = (1e-4, 1e-3, 1e-4)
 
 
 def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
@@ -39,13 +45,20 @@ def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
         lambda run: run.columns.get("tau_w_N_m"),
         lambda run: _current_beside_law(run, rig),
     )
-    deviation, correlation = np.zeros(3), np.zeros(3)
-    for channel, course in enumerate(courses):
+    deviation, correlation, resolution = np.zeros(3), np.zeros(3), np.zeros(3)
+    for channel, (name, course) in enumerate(zip(CHANNELS, courses, strict=True)):
         told = [(run, values) for run in runs if (values := course(run)) is not None]
         deviation[channel], correlation[channel] = _autoregressive(told) if told else (known[channel], 0.0)
+        step = resolution_of([run.columns[name] for run in runs if name in run.columns])
+        if deviation[channel] < step:  # the same value again and again is no new evidence
+            before = math.sqrt(max(deviation[channel] ** 2 - step**2 / 12.0, 0.0))
+            deviation[channel], correlation[channel] = max(before, EDGE_SHARE * step), 0.0
+            resolution[channel] = step
         span = max((float(np.ptp(values)) for _, values in told), default=0.0)
-        deviation[channel] = max(deviation[channel], LEAST_SHARE * span, 1e-12)
-    return Noise(deviation, correlation)
+        least = max(LEAST_SHARES[channel] * span, 1e-12)
+        if deviation[channel] < least:
+            deviation[channel], correlation[channel] = least, 0.0
+    return Noise(deviation, correlation, resolution)
 
 
 def _current_beside_law(run: Run, rig: Rig) -> Vector | None:

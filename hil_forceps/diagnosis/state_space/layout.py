@@ -33,6 +33,7 @@ class Noise(NamedTuple):
 
     deviation: Vector  # 3
     correlation: Vector  # 3, from row to row; 0: white
+    resolution: Vector  # 3: steps that values come in, where these are coarser than the noise; else 0
 
 
 class Series(NamedTuple):
@@ -59,6 +60,7 @@ class Series(NamedTuple):
     load_surprise_variance: float  # [(N m/s)²]: of the slope behind an innovation that chance doesn't give
     noise_variance: Vector  # 3: jaw, load cell, current, all of it
     noise_correlation: Vector  # 3, from row to row; 0: white
+    resolution: Vector  # 3: steps of values that are coarser than the noise; a value is an interval then
     speed_variance: Vector  # 2 [(rad/s)²]: what the integration of a row leaves, motor and jaw
     first_state: Vector  # STATES
     first_variance: Vector  # STATES

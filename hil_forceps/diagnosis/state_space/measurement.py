@@ -96,6 +96,9 @@ def evidence(d: Series, channel: int, row: int, shown: float, variance: float) -
         # What is white of coloured noise is a hundredth of its variance: the filter's division needs some.
         white = 1.0 if d.noise_correlation[channel - 1] == 0.0 else 0.01
         total = max(0.0, variance) + white * d.noise_variance[channel - 1]
+        half = 0.5 * d.resolution[channel - 1]
+        if half > 0.0:
+            return interval_likelihood(value - half, value + half, shown, math.sqrt(total))
     error = value - shown
     return -0.5 * (error * error / total + math.log(total)), error / total, 1.0 / total
 

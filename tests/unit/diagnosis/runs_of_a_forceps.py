@@ -19,7 +19,7 @@ POOL = ThreadPoolExecutor(2)
 
 
 def records_of(runs: Sequence[Run], rig: Rig) -> list[Record]:
-    noise = Noise(np.array([rig.noise.theta_j_rad, rig.noise.tau_w_N_m, rig.noise.current_A]), np.zeros(3))
+    noise = Noise(np.array([rig.noise.theta_j_rad, rig.noise.tau_w_N_m, rig.noise.current_A]), np.zeros(3), np.zeros(3))
     return [record_of(run, rig, noise) for run in runs]
 
 
