@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+import time
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
@@ -11,10 +12,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.memory import keep_pages
+from hil_forceps.cli.progress import progress_on
 from hil_forceps.cli.threads import over_threads
 from hil_forceps.cli.trajectory_file import write_trajectory
 from hil_forceps.control.trajectories import Trajectory
@@ -40,6 +41,7 @@ def diagnose(
     seed: int = 0,
     hold_out: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
     without: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
+    budget: float | None = None,
     figures: bool = False,
 ) -> int:
     """Show what a rig's simulation gets wrong about measured runs, name the cause, extend the rig, measure the gain.
@@ -63,28 +65,33 @@ def diagnose(
         Names of runs that are neither fitted nor chosen by; the last third by default.
     without
         Entries of the catalogue to leave out.
+    budget
+        Seconds after which nothing new is begun: the best answer so far, and what was not looked at. Only for runs of a
+        drive whose law is known.
     figures
         Write the figures as files, too.
     """
+    deadline = None if budget is None else time.monotonic() + budget
     if unknown := [name for name in without if name not in EFFECT_IDS]:
         raise UserError(f"--without {unknown[0]}: is no effect of the catalogue; see docs/diagnosis.md")
     if jobs is not None and jobs < 1:
         raise UserError(f"--jobs {jobs}: must be 1 or more")
+    if budget is not None and not budget > 0.0:
+        raise UserError(f"--budget {budget}: must be more than 0 seconds")
     known = load_rig(rig)
     read = _read(runs)
     make_folder(out)
     console = Console(stderr=True)
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     threads = jobs or os.cpu_count() or 1
     with (
         ThreadPoolExecutor(threads) as pool,
         draughtsman() if threads > 1 else nullcontext() as helper,
-        Progress(*columns, console=console, disable=not console.is_terminal) as bar,
+        progress_on(console) as tell,
     ):
-        task = bar.add_task("loading", total=None)
         # What computes and what draws take a second each to load: here, beside each other.
         from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs  # noqa: PLC0415
         from hil_forceps.diagnosis.diagnose import Options  # noqa: PLC0415
+        from hil_forceps.diagnosis.validation.conclusion import suits  # noqa: PLC0415
 
         keep_pages()
         drawing: list[Future[dict[str, str]]] = []
@@ -93,16 +100,24 @@ def diagnose(
             if helper:
                 drawing.append(begun(told, helper))
 
+        def spent() -> bool:
+            return deadline is not None and time.monotonic() > deadline
+
+        if budget is not None and not suits(read, known):
+            raise UserError(
+                "--budget: needs runs of a drive whose law and references are known; leave it out for these"
+            )
         options = Options(
             frozenset(without),
             tuple(hold_out),
             seed,
             over_threads(pool, threads),
-            lambda text: bar.update(task, description=text),
+            tell,
             to_draw,
+            spent,
         )
         diagnosis, extended, trajectory = diagnose_runs(read, known, options)
-        bar.update(task, description="drawing")
+        tell("drawing")
         write_report(diagnosis, out / "report.html", drawing=drawing[0] if drawing else None)
         if figures:
             write_figures(diagnosis, out / "figures")

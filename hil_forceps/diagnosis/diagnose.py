@@ -51,6 +51,11 @@ def no_progress(_: str) -> None:
     """Say nothing."""
 
 
+def never() -> bool:
+    """Say no."""
+    return False
+
+
 def not_drawn(_: Diagnosis) -> None:
     """Draw nothing."""
 
@@ -66,6 +71,7 @@ class Options:
     progress: Progress = no_progress
     # Told all that figures show, while the next experiment is still looked for; may come from a thread of its own.
     to_draw: Callable[[Diagnosis], None] = not_drawn
+    spent: Callable[[], bool] = never  # whether the time that was allowed is spent
 
 
 class Findings(NamedTuple):

@@ -176,7 +176,8 @@ def _hold(rng: np.random.Generator, s: Scenario) -> Course:
     to, began = float(rng.uniform(0.3, 0.8)) * float(rng.choice((-1.0, 1.0))), float(rng.uniform(0.2, 0.6))
     there = began + float(rng.uniform(0.6, 1.5))
     peak = float(rng.uniform(1.0e-3, 2.5e-3))
-    on, off = float(rng.uniform(there, 0.5 * s.duration_s)), float(rng.uniform(0.6, 0.95)) * s.duration_s
+    on, off = float(rng.uniform(there, max(there, 0.5 * s.duration_s))), float(rng.uniform(0.6, 0.95)) * s.duration_s
+    off = max(off, on + 0.5)
     rise = float(rng.uniform(0.0, 0.3))
     return Course(
         lambda t: np.asarray(np.interp(t, [began, there], [0.0, to])),

@@ -52,6 +52,7 @@ class Found(NamedTuple):
     best: Candidate
     rivals: tuple[Candidate, ...]  # the best and all within `SET_DROP` of it
     steps: tuple[Step, ...]
+    not_looked_at: tuple[str, ...] = ()  # because the time was spent
 
 
 class Search(NamedTuple):
@@ -63,19 +64,33 @@ class Search(NamedTuple):
     without: frozenset[str]
     seed: int
     progress: Callable[[str], None]
+    spent: Callable[[], bool]  # whether the time that was allowed is spent
 
 
 def search(s: Search, theta: Vector) -> Found:
     """Fit the known parameters from `theta` on, then let entries join as long as one gains more than chance gives."""
+    s.progress("fitting the known parameters")
     baseline = fit(s.runs, theta, s.known, s.mapper)
     s, best = _beside(s, Candidate((), baseline, 0.0))
     baseline = best.fit
     rivals: tuple[Candidate, ...] = (best,)
+    tried: tuple[Candidate, ...]
     steps: list[Step] = []
+    left_out: list[str] = []
     while len(best.effects) < MAX_EFFECTS:
-        s.progress(f"scoring the catalogue beside {' + '.join(best.effects) or 'the known parameters'}")
+        beside = f"beside {' + '.join(best.effects) or 'the known parameters'}"
+        if s.spent():
+            left_out.append(f"the catalogue {beside}")
+            break
+        s.progress(f"scoring the catalogue {beside}")
         places, tested = _scored(s, best)
-        tried = tuple(_refitted(s, best, place, tested.sizes[i]) for i, place in _shortlist(places, tested))
+        tried = ()
+        for i, place in _shortlist(places, tested):
+            if s.spent():
+                left_out.append(f"{place.effect_id} {beside}")
+                continue
+            s.progress(f"fitting {place.effect_id} {beside}")
+            tried += (_refitted(s, best, place, tested.sizes[i]),)
         steps.append(Step(best.effects, tuple(places), tested, tried))
         joined = sorted((c for c in tried if c.gain > tested.threshold), key=lambda c: -c.gain)
         if not joined:
@@ -85,7 +100,7 @@ def search(s: Search, theta: Vector) -> Found:
         if thinned is not joined[0]:
             rivals = (thinned, *(c for c in rivals if c is not joined[0]))
         s, best = _beside(s, thinned)
-    return Found(baseline, best, rivals, tuple(steps))
+    return Found(baseline, best, rivals, tuple(steps), tuple(left_out))
 
 
 def _beside(s: Search, model: Candidate) -> tuple[Search, Candidate]:

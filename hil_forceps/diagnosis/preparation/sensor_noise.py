@@ -54,9 +54,9 @@ def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
             before = math.sqrt(max(deviation[channel] ** 2 - step**2 / 12.0, 0.0))
             deviation[channel], correlation[channel] = max(before, EDGE_SHARE * step), 0.0
             resolution[channel] = step
-        span = max((float(np.ptp(values)) for _, values in told), default=0.0)
+        span = max((float(np.ptp(run.columns[name])) for run in runs if name in run.columns), default=0.0)
         least = max(LEAST_SHARES[channel] * span, 1e-12)
-        if deviation[channel] < least:
+        if deviation[channel] < least and resolution[channel] == 0.0:
             deviation[channel], correlation[channel] = least, 0.0
     return Noise(deviation, correlation, resolution)
 

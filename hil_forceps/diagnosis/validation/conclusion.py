@@ -69,11 +69,14 @@ def conclude(
         without=options.without,
         seed=options.seed,
         progress=options.progress,
+        spent=options.spent,
     )
     verdict = judge(found, rig)
     least = detectable(found.found.steps[0]) if found.found.steps else {}
     options.progress("simulating the models beside the runs")
     diagnosis, extended = _told(fitted, held_out, rig, findings, found, verdict, least, options)
+    if options.spent():
+        return diagnosis, extended, None
     options.progress("looking for the next experiment")
     proposal = propose(found, rig, fitted, least, options.mapper)
     return replace(diagnosis, next_experiment=proposal.result), extended, proposal.trajectory

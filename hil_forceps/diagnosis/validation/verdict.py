@@ -34,12 +34,15 @@ def judge(found: Identified, rig: Rig) -> Judgement:
         nearest = " + ".join(best.effects)
         reasons = (f"the nearest of the catalogue, {nearest}, leaves too much unexplained{where}",) if nearest else ()
         return Judgement("unnamed", said, (), sets, shifts, varies_over(left), reasons)
+    cut_short = tuple(f"the time was spent before a look at {what}" for what in found.found.not_looked_at)
     if best.effects:
         named = named_effects(found)
         said = f"The data show: {' and '.join(effect(e.id).summary for e in named)}."
         said += " Other entries explain them as well." if len(sets) > 1 else ""
         tied = "these data can't tell " + " from ".join(" + ".join(ids) for ids in sets) + " apart"
-        return Judgement("effects", said, named, sets, shifts, (), (tied,) if len(sets) > 1 else ())
+        return Judgement("effects", said, named, sets, shifts, (), ((tied,) if len(sets) > 1 else ()) + cut_short)
+    if cut_short:
+        return Judgement("undetermined", f"No answer yet: {cut_short[0]}.", (), (), shifts, (), cut_short)
     if shifts and moved(best.fit, rig) > float(stats.chi2.isf(FALSE_ALARMS, len(_assumed(best.fit, rig)))):
         said = f"Other values of known parameters explain all: {', '.join(shifts)}."
         return Judgement("parameters", said, (), (), shifts, (), ())

@@ -18,7 +18,7 @@ HELD = "held_for_a_test"
 
 def found_in(rig: Rig, effects: Mapping[str, Mapping[str, float]], kinds: tuple[str, ...], seed: int) -> Found:
     runs = runs_of(true_rig(rig, effects, {}), kinds, seed)
-    wanted = Search(records_of(runs, rig), known_of(rig), POOL.map, frozenset(), 0, lambda _: None)
+    wanted = Search(records_of(runs, rig), known_of(rig), POOL.map, frozenset(), 0, lambda _: None, lambda: False)
     return search(wanted, parameters.vector(rig))
 
 

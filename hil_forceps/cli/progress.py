@@ -1,0 +1,43 @@
+"""What long work is at: a spinner on a terminal, else lines that come at each step and every few seconds."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+EVERY_S = 5.0
+
+
+@contextmanager
+def progress_on(console: Console, every_s: float = EVERY_S) -> Iterator[Callable[[str], None]]:
+    """Yield what is to be told of each step; the last one is told again while it lasts."""
+    if console.is_terminal:
+        with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console) as bar:
+            task = bar.add_task("loading", total=None)
+            yield lambda text: bar.update(task, description=text)
+        return
+    began, done, told = time.monotonic(), threading.Event(), ["loading"]
+
+    def line() -> None:
+        console.print(f"{time.monotonic() - began:5.0f} s  {told[0]}", highlight=False, soft_wrap=True)
+
+    def again() -> None:
+        while not done.wait(every_s):
+            line()
+
+    def tell(text: str) -> None:
+        if text != told[0]:
+            told[0] = text
+            line()
+
+    line()
+    teller = threading.Thread(target=again, name="progress", daemon=True)
+    teller.start()
+    try:
+        yield tell
+    finally:
+        done.set()
+        teller.join()

@@ -1,0 +1,76 @@
+"""What `run` records over the virtual bus is what its rig says: the first thing that a user tries."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil_forceps.cli.main import main
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+REALISTIC, PAPER = CONFIGS / "realistic.yaml", CONFIGS / "paper.yaml"
+
+
+def called(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Path]:
+    made: dict[Path, Path] = {}
+
+    def run(rig: Path) -> Path:
+        if rig not in made:
+            out = tmp_path_factory.mktemp(rig.stem)
+            channel = ("--interface", "virtual_forceps", "--channel", f"recording_{rig.stem}", "--option", f"rig={rig}")
+            assert called("run", "--rig", str(rig), *channel, "--out", str(out)) == 0
+            made[rig] = out / "run.mcap"
+        return made[rig]
+
+    return run
+
+
+def diagnosed(recording: Path, rig: Path, out: Path, *more: str) -> dict[str, Any]:
+    assert called("diagnose", str(recording), "--rig", str(rig), "--out", str(out), "--jobs", "1", *more) == 0
+    told: dict[str, Any] = json.loads((out / "diagnosis.json").read_text())
+    return told
+
+
+@pytest.mark.parametrize("rig", [REALISTIC, PAPER])
+def test_an_unchanged_rig_is_consistent(record: Callable[[Path], Path], rig: Path, tmp_path: Path) -> None:
+    told = diagnosed(record(rig), rig, tmp_path)
+    assert told["verdict"] == "consistent", told["sentence"]
+
+
+def test_a_stiffness_that_is_off_is_found(
+    record: Callable[[Path], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(REALISTIC.read_text().replace("wire_stiffness_N_per_m: 2.6e4", "wire_stiffness_N_per_m: 2.0e4"))
+    told = diagnosed(record(REALISTIC), wrong, tmp_path / "out")
+    assert told["verdict"] == "parameters"
+    assert list(told["parameter_shifts"]) == ["forceps.wire_stiffness_N_per_m"]
+    shift = told["parameter_shifts"]["forceps.wire_stiffness_N_per_m"]
+    low, high = shift["ci95"]
+    assert low < 2.6e4 < high and high - low < 0.01 * 2.6e4
+    # Terminal, JSON and the extended rig say the same number.
+    assert f"-> {shift['fitted']:.4g} [{low:.4g}, {high:.4g}]" in capsys.readouterr().out
+    assert f"wire_stiffness_N_per_m: {shift['fitted']:.10g}"[:30] in (tmp_path / "out" / "extended.yaml").read_text()
+
+
+def test_a_spent_budget_says_what_was_not_looked_at(
+    record: Callable[[Path], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = diagnosed(record(REALISTIC), REALISTIC, tmp_path, "--budget", "0.001")
+    assert told["verdict"] == "undetermined"
+    assert told["reasons"] == ["the time was spent before a look at the catalogue beside the known parameters"]
+    assert told["next_experiment"] is None
+    # Not on a terminal: a line at once, and one for each step.
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].split() == ["0", "s", "loading"]
+    assert any("fitting the known parameters" in line for line in lines)
