@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.preparation.command import by_law
 from hil_forceps.diagnosis.preparation.decoding import Expected, decoded
@@ -10,15 +11,17 @@ from hil_forceps.model.closed_loop import Inputs
 from hil_forceps.model.drive_law import DriveState, law_current, law_vector
 from tests.hidden_effects.generator import FAST_DRIVE_RIG
 
+Vector = NDArray[np.float64]
+
 RIG = FAST_DRIVE_RIG.with_changes({"drive.ki_A_per_rad_s": 100.0})
 LAW = law_vector(RIG.require_drive())
 COUNT = 2.0 * np.pi / 16384
 ROWS, SAMPLES, PERIOD_S, NOISE_A = 4000, 2, 1e-3, 1e-3
 
 
-def logged(kind: str) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
-    """Return rows (reference, count, current), commands and angles of all samples, of a host that sends references so."""
-    every = 0.4 * np.sin(2.0 * np.pi * 0.7 * PERIOD_S / SAMPLES * np.arange(ROWS * SAMPLES + 1))
+def logged(kind: str) -> tuple[tuple[Vector, Vector, Vector], Vector, Vector]:
+    """Return rows (reference, count, current), and commands and counts of all samples; `kind`: of reference between."""
+    every: Vector = 0.4 * np.sin(2.0 * np.pi * 0.7 * PERIOD_S / SAMPLES * np.arange(ROWS * SAMPLES + 1))
     reference = every[:-1].copy()
     reference[1::2] = {"held": every[:-1:2], "ahead": every[2::2], "line": 0.5 * (every[:-1:2] + every[2::2])}[kind]
     theta = parameters.vector(RIG)

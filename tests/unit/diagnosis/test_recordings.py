@@ -57,7 +57,8 @@ def test_a_stiffness_that_is_off_is_found(
     assert list(told["parameter_shifts"]) == ["forceps.wire_stiffness_N_per_m"]
     shift = told["parameter_shifts"]["forceps.wire_stiffness_N_per_m"]
     low, high = shift["ci95"]
-    assert low < 2.6e4 < high and high - low < 0.01 * 2.6e4
+    assert low < 2.6e4 < high
+    assert high - low < 0.01 * 2.6e4
     # Terminal, JSON and the extended rig say the same number.
     assert f"-> {shift['fitted']:.4g} [{low:.4g}, {high:.4g}]" in capsys.readouterr().out
     assert f"wire_stiffness_N_per_m: {shift['fitted']:.10g}"[:30] in (tmp_path / "out" / "extended.yaml").read_text()
