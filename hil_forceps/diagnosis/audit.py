@@ -9,6 +9,7 @@ from hil_forceps.diagnosis.audit_law import audit_law
 from hil_forceps.diagnosis.audit_runs import audit_excitation, audit_together
 from hil_forceps.diagnosis.audit_stamps import audit_stamps
 from hil_forceps.diagnosis.audit_strokes import audit_strokes
+from hil_forceps.diagnosis.preparation.even_rows import even_rows
 from hil_forceps.rig.schema import Rig
 from hil_forceps.runs.table import Run
 
@@ -33,15 +34,24 @@ def audit(runs: Sequence[Run], rig: Rig | None) -> list[Finding]:
     return sorted(found.values(), key=lambda finding: _ORDER.index(finding.severity))
 
 
+def _filled(view: View, rig: Rig | None) -> View:
+    """Return a run with its lost rows filled where they are few: what it does isn't told by its longest whole piece."""
+    if rig is None:
+        return view
+    even = even_rows(view.run, rig)
+    return view if even is None or not even.lost.any() else View(even.run)
+
+
 def _findings(views: Sequence[View], rig: Rig | None) -> Iterator[Finding]:
     for view in views:
         yield from audit_stamps(view, rig)
         yield from audit_channels(view, rig)
-        yield from audit_kinematics(view, rig)
+        whole = _filled(view, rig)
+        yield from audit_kinematics(whole, rig)
         yield from audit_law(view, rig)
         if rig is not None:
             has_law = rig.drive is not None and {"theta_m_ref_rad", "current_A"} <= view.columns.keys()
-            yield from audit_torque(view, rig, has_law)
-        yield from audit_excitation(view)
+            yield from audit_torque(whole, rig, has_law)
+        yield from audit_excitation(whole)
     yield from audit_together(views)
     yield from audit_strokes(views, law_known=rig is not None and rig.drive is not None)

@@ -32,6 +32,7 @@ class View:
     """A run with what several checks need, each computed once."""
 
     def __init__(self, run: Run) -> None:
+        self.run = run
         self.name = run.name
         self.notes = run.notes
         self.columns = run.columns

@@ -20,13 +20,13 @@ from hil_forceps.diagnosis.inference.fit import Fit, fit
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
 from hil_forceps.diagnosis.preparation.decoding import between_rows
+from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
 from hil_forceps.diagnosis.state_space.layout import THETA_M, Noise
 from hil_forceps.diagnosis.state_space.passes import Mapper, Passed, pass_all
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
-from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 
@@ -44,8 +44,8 @@ class Identified(NamedTuple):
 
 
 def identify(
-    runs: Sequence[Run],
-    held_out: Sequence[Run],
+    runs: Sequence[EvenRun],
+    held_out: Sequence[EvenRun],
     rig: Rig,
     *,
     mapper: Mapper,
@@ -56,7 +56,7 @@ def identify(
 ) -> Identified:
     """Return what equally spaced runs of a drive whose law is known say of a rig."""
     progress("looking at noise, commands and loads")
-    noise = sensor_noise(runs, rig)
+    noise = sensor_noise([even.run for even in runs], rig)
     records, unseen_records, theta = records_of(runs, held_out, rig, noise, mapper)
     known = known_of(rig, records)
     found = search(Search(records, known, mapper, without, seed, progress, spent), theta)
@@ -68,7 +68,7 @@ def identify(
 
 
 def records_of(
-    runs: Sequence[Run], held_out: Sequence[Run], rig: Rig, noise: Noise, mapper: Mapper
+    runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, noise: Noise, mapper: Mapper
 ) -> tuple[tuple[Record, ...], tuple[Record, ...], Vector]:
     """Return runs as records, those held out as well, and parameters near which they are to be fitted.
 
@@ -83,7 +83,7 @@ def records_of(
     theta = fit(records[:count], assumed, known_of(rig, records[:count]), mapper).passes.theta
     passes = pass_all(records, theta, mapper)
 
-    def again(pair: tuple[Run, Passed]) -> Record:
+    def again(pair: tuple[EvenRun, Passed]) -> Record:
         run, passed = pair
         deviation = float(np.sqrt(np.median(passed.filtered.variance[:, THETA_M])))
         d = passed.series

@@ -20,6 +20,7 @@ import numpy as np
 from scipy import stats
 
 from hil_forceps.diagnosis.identification import Identified, identify
+from hil_forceps.diagnosis.preparation.even_rows import even_rows
 from hil_forceps.diagnosis.result import TWO_SIDED_95
 from hil_forceps.diagnosis.validation.verdict import judge
 from hil_forceps.rig import Rig
@@ -39,7 +40,10 @@ def run_case(case: Drawn, *, usual: bool) -> Outcome:
     began = time.perf_counter()
     try:
         without = frozenset(case.effects) if case.kind == "deleted" else frozenset()
-        found = identify(made.fit, made.held_out, made.assumed, mapper=map, without=without)
+        fitted, unseen = (
+            [even for run in part if (even := even_rows(run, made.assumed))] for part in (made.fit, made.held_out)
+        )
+        found = identify(fitted, unseen, made.assumed, mapper=map, without=without)
         record |= _told(found, made.assumed, made.true)
     except Exception as problem:  # whatever goes wrong is a result of the campaign
         where = traceback.extract_tb(problem.__traceback__)[-1]

@@ -20,6 +20,7 @@ from hil_forceps.diagnosis.identification import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, inverted
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
 from hil_forceps.diagnosis.menu import Experiment, bounds_of, menu, trajectory_of
+from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
 from hil_forceps.diagnosis.state_space.passes import Mapper, gram, pass_all
@@ -134,7 +135,9 @@ def expected(design: Design, experiment: Experiment, truth: Vector, rival: Fit) 
     run = foretold(experiment, design.rig, truth, design.found.records[0])
     if not all(np.isfinite(values).all() for values in run.columns.values()):
         return 0.0
-    record = record_of(run, design.rig, design.found.noise).with_friction_of(rival.passes.plants.sliding)
+    record = record_of(
+        EvenRun(run, np.zeros(run.columns["time_s"].size, dtype=np.bool_)), design.rig, design.found.noise
+    ).with_friction_of(rival.passes.plants.sliding)
     passes = pass_all([record], theta, map)
     # Both pass the same counts and holds: what the rival's innovations have beyond the truth's own is what tells.
     own = pass_all([record], truth, map).runs[0]

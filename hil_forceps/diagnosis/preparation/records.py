@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.preparation.command import Command, by_law, by_measurement
 from hil_forceps.diagnosis.preparation.contact import contact
 from hil_forceps.diagnosis.preparation.decoding import Expected
+from hil_forceps.diagnosis.preparation.even_rows import EvenRun, opened
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
 from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick, may_stick_by_sensor
 from hil_forceps.diagnosis.state_space.advance import friction_at_rest_N_m, regimes
@@ -73,8 +74,9 @@ class Record:
         return replace(self, series=self.series._replace(friction_level_N_m=levels))
 
 
-def record_of(run: Run, rig: Rig, noise: Noise, expected: Expected | None = None) -> Record:
+def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None = None) -> Record:
     """Return a run with equally spaced rows as a record; `expected`: the motor's angle between rows, where known."""
+    run, lost = even
     columns, plant = run.columns, rig.plant()
     time_s, encoder = columns["time_s"], columns["theta_m_rad"]
     n = time_s.size
@@ -82,6 +84,8 @@ def record_of(run: Run, rig: Rig, noise: Noise, expected: Expected | None = None
     missing = np.full(n, np.nan)
     jaw, load = columns.get("theta_j_rad", missing), columns.get("tau_w_N_m", missing)
     command = _command(run, rig, noise, period_s, expected)
+    if "theta_m_ref_rad" in columns and rig.drive is not None:
+        command = opened(command, rig, columns["theta_m_ref_rad"], lost)
     torque = plant.torque_constant_N_m_per_A * float(np.ptp(command.current_A))
     touched = _touched(encoder, jaw, load, rig, noise)
     outside = load if touched is None else load - touched.load_N_m
@@ -119,9 +123,9 @@ def record_of(run: Run, rig: Rig, noise: Noise, expected: Expected | None = None
         period_s,
         count,
         edge**2,
-        encoder,
-        jaw,
-        load,
+        np.where(lost, np.nan, encoder),
+        np.where(lost, np.nan, jaw),
+        np.where(lost, np.nan, load),
         command.shown_A,
         command.samples,
         command.current_A,

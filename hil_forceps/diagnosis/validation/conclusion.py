@@ -18,6 +18,7 @@ from hil_forceps.diagnosis.judge import balances as balances_of
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit
 from hil_forceps.diagnosis.leftover import Leftover
 from hil_forceps.diagnosis.preparation.command import samples_in_a_row
+from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.diagnosis.result import AuditFinding, Detectable, Diagnosis, Gain, RunEvidence
 from hil_forceps.diagnosis.strokes import Strokes, floors_with_strokes
 from hil_forceps.diagnosis.validation.simulation import Measured, measured, play, unknown_load_rms
@@ -31,7 +32,6 @@ Vector = NDArray[np.float64]
 
 FEWEST_ROWS = 50
 MOST_ROWS = 240_000  # of all runs together
-UNEVEN = 0.02  # of a row: stamps that vary by more are no equally spaced rows
 
 
 def suits(runs: Sequence[Run], rig: Rig) -> bool:
@@ -39,14 +39,14 @@ def suits(runs: Sequence[Run], rig: Rig) -> bool:
     needed = {"theta_m_ref_rad", "theta_m_rad", "current_A"}
     if rig.drive is None or not all(needed <= run.columns.keys() for run in runs):
         return False
-    rows = sum(run.columns["time_s"].size for run in runs)
-    return rows <= MOST_ROWS and all(_evenly_spaced(run) and samples_in_a_row(run, rig) > 0 for run in runs)
+    every = [even_rows(run, rig) for run in runs]
+    if any(even is None or samples_in_a_row(even.run, rig) == 0 for even in every):
+        return False
+    return sum(even.lost.size for even in every if even is not None) <= MOST_ROWS
 
 
-def _evenly_spaced(run: Run) -> bool:
-    time_s = run.columns["time_s"]
-    even = np.linspace(time_s[0], time_s[-1], time_s.size)
-    return bool(np.max(np.abs(time_s - even)) < UNEVEN * (time_s[-1] - time_s[0]) / (time_s.size - 1))
+def _even(runs: Sequence[Run], rig: Rig) -> list[EvenRun]:
+    return [even for run in runs if (even := even_rows(run, rig)) is not None]
 
 
 def conclude(
@@ -60,7 +60,7 @@ def conclude(
         if run.columns["time_s"].size < FEWEST_ROWS:
             said = f"{run.columns['time_s'].size} rows are too few to diagnose; at least {FEWEST_ROWS} are needed"
             raise UserError(f"{run.name}: {said}")
-    fitted, held_out = split_runs(runs, options.hold_out)
+    fitted, held_out = (_even(part, rig) for part in split_runs(runs, options.hold_out))
     found = identify(
         fitted,
         held_out,
@@ -78,13 +78,13 @@ def conclude(
     if options.spent():
         return diagnosis, extended, None
     options.progress("looking for the next experiment")
-    proposal = propose(found, rig, fitted, least, options.mapper)
+    proposal = propose(found, rig, [even.run for even in fitted], least, options.mapper)
     return replace(diagnosis, next_experiment=proposal.result), extended, proposal.trajectory
 
 
 def _told(
-    fitted: Sequence[Run],
-    held_out: Sequence[Run],
+    fitted: Sequence[EvenRun],
+    held_out: Sequence[EvenRun],
     rig: Rig,
     findings: Sequence[Finding],
     found: Identified,
@@ -125,7 +125,7 @@ def _told(
         verdict.sets,
         verdict.shifts,
         gained,
-        tuple(run.name for run in held_out),
+        tuple(even.run.name for even in held_out),
         (*map(_finding, findings), *map(_repeats, repeated)),
         least,
         None,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.experiment import Record as Rows
 from hil_forceps.diagnosis.heldout import Played
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import course_of
+from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.load_prior import posterior_draw
 from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.advance import STEPS
@@ -42,14 +43,14 @@ class Measured(NamedTuple):
     rows: Rows  # what gains, figures and estimates take of it
 
 
-def measured(run: Run, record: Record) -> Measured:
-    """Return a run with its record; rows before the filter has forgotten the start don't count."""
-    columns = run.columns
+def measured(even: EvenRun, record: Record) -> Measured:
+    """Return a run with its record; rows before the filter has forgotten the start don't count, nor do lost ones."""
+    run, columns = even.run, even.run.columns
     time_s = columns["time_s"] - columns["time_s"][0]
     channels: dict[str, Vector] = {
         name: columns[name] for name in ("theta_m_rad", "current_A", "theta_j_rad") if name in columns
     }
-    weights = np.ones(time_s.size)
+    weights = np.where(even.lost, 0.0, 1.0)
     weights[: record.settling_rows] = 0.0
     load = record.load_course_N_m if "tau_w_N_m" in columns else None
     reference = columns["theta_m_ref_rad"]
@@ -137,7 +138,7 @@ def _simulator(
     counted = _between(angle, samples)
     if d.count_rad > 0.0:
         counted = np.array([quantise(at, d.count_rad) for at in counted])
-    counted[::samples] = d.encoder_rad
+    counted[::samples] = m.run.columns["theta_m_rad"]
     rounding = counted - _between(angle, samples)
     start = _start(rig, m, passed, reference[: first * samples], counted[: first * samples])
     load = load_N_m[first:]

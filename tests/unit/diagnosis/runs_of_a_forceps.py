@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
+from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.rig import Rig
@@ -20,7 +21,7 @@ POOL = ThreadPoolExecutor(2)
 
 def records_of(runs: Sequence[Run], rig: Rig) -> list[Record]:
     noise = Noise(np.array([rig.noise.theta_j_rad, rig.noise.tau_w_N_m, rig.noise.current_A]), np.zeros(3), np.zeros(3))
-    return [record_of(run, rig, noise) for run in runs]
+    return [record_of(EvenRun(run, np.zeros(len(run), dtype=np.bool_)), rig, noise) for run in runs]
 
 
 def runs_of(rig: Rig, kinds: Sequence[str], seed: int) -> list[Run]:

@@ -25,7 +25,7 @@ def logged(kind: str) -> tuple[tuple[Vector, Vector, Vector], Vector, Vector]:
     reference = every[:-1].copy()
     reference[1::2] = {"held": every[:-1:2], "ahead": every[2::2], "line": 0.5 * (every[:-1:2] + every[2::2])}[kind]
     theta = parameters.vector(RIG)
-    time_s = PERIOD_S / SAMPLES * np.arange(ROWS * SAMPLES)
+    time_s: Vector = PERIOD_S / SAMPLES * np.arange(ROWS * SAMPLES, dtype=np.float64)
     inputs = Inputs(time_s, reference, np.zeros(time_s.size), np.empty(0, dtype=np.int64), np.empty(0))
     shown = closed_loop.simulate(theta, LAW, COUNT, inputs, closed_loop.rest(theta, 0.0))
     start = DriveState(0.0, float("nan"), 0.0, 0.0)

@@ -21,16 +21,16 @@ def called(*arguments: str) -> int:
 
 
 @pytest.fixture(scope="module")
-def record(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Path]:
-    made: dict[Path, Path] = {}
+def record(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    made: dict[tuple[Path, tuple[str, ...]], Path] = {}
 
-    def run(rig: Path) -> Path:
-        if rig not in made:
+    def run(rig: Path, *more: str) -> Path:
+        if (rig, more) not in made:
             out = tmp_path_factory.mktemp(rig.stem)
-            channel = ("--interface", "virtual_forceps", "--channel", f"recording_{rig.stem}", "--option", f"rig={rig}")
-            assert called("run", "--rig", str(rig), *channel, "--out", str(out)) == 0
-            made[rig] = out / "run.mcap"
-        return made[rig]
+            channel = ("--interface", "virtual_forceps", "--channel", f"recording{len(made)}", "--option", f"rig={rig}")
+            assert called("run", "--rig", str(rig), *channel, *more, "--out", str(out)) == 0
+            made[rig, more] = out / "run.mcap"
+        return made[rig, more]
 
     return run
 
@@ -42,13 +42,13 @@ def diagnosed(recording: Path, rig: Path, out: Path, *more: str) -> dict[str, An
 
 
 @pytest.mark.parametrize("rig", [REALISTIC, PAPER])
-def test_an_unchanged_rig_is_consistent(record: Callable[[Path], Path], rig: Path, tmp_path: Path) -> None:
+def test_an_unchanged_rig_is_consistent(record: Callable[..., Path], rig: Path, tmp_path: Path) -> None:
     told = diagnosed(record(rig), rig, tmp_path)
     assert told["verdict"] == "consistent", told["sentence"]
 
 
 def test_a_stiffness_that_is_off_is_found(
-    record: Callable[[Path], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    record: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text(REALISTIC.read_text().replace("wire_stiffness_N_per_m: 2.6e4", "wire_stiffness_N_per_m: 2.0e4"))
@@ -65,7 +65,7 @@ def test_a_stiffness_that_is_off_is_found(
 
 
 def test_a_spent_budget_says_what_was_not_looked_at(
-    record: Callable[[Path], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    record: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     told = diagnosed(record(REALISTIC), REALISTIC, tmp_path, "--budget", "0.001")
     assert told["verdict"] == "undetermined"
@@ -75,3 +75,16 @@ def test_a_spent_budget_says_what_was_not_looked_at(
     lines = capsys.readouterr().err.splitlines()
     assert lines[0].split() == ["0", "s", "loading"]
     assert any("fitting the known parameters" in line for line in lines)
+
+
+def test_lost_frames_are_no_cause(record: Callable[..., Path], tmp_path: Path) -> None:
+    """One feedback in 200 is lost; the drive samples twice a row, and its clock is 50 ppm off."""
+    faults = tmp_path / "faults.yaml"
+    faults.write_text(
+        "- {fault: drop, function: FEEDBACK, direction: to_host, from_s: 0.5, to_s: 25.0, probability: 0.005}\n"
+    )
+    told = diagnosed(record(REALISTIC, "--option", f"faults={faults}"), REALISTIC, tmp_path / "out")
+    assert told["verdict"] == "consistent", told["sentence"]
+    texts = [finding["text"] for finding in told["data_audit"]]
+    assert any("samples missing" in text for text in texts)
+    assert not any("nothing moves" in text or "does not follow" in text for text in texts)

@@ -1,0 +1,78 @@
+"""Runs on equally spaced rows: lost ones are filled, and marked, for the drive's law goes on through them.
+
+What is filled is no measurement. It only keeps the law's memory: how far its command and its integral may be off there
+is what a count more or less, and the way of the reference over the gap, make of them.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.preparation.command import Command
+from hil_forceps.model.drive_law import KD, KI, KP, SAMPLE_TIME, SHARE, law_vector
+from hil_forceps.rig import Rig
+from hil_forceps.runs.table import Run
+
+Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+UNEVEN = 0.02  # of a row: stamps that vary by more are no equally spaced rows
+MOST_LOST = 0.1  # of the rows
+LONGEST_GAP = 20  # rows: over a longer one the law's memory is worth nothing
+MEMORY_ROWS = 4  # of a wrong count, in the filter of the derivative
+
+
+class EvenRun(NamedTuple):
+    """A run with equally spaced rows."""
+
+    run: Run
+    lost: Mask  # n: rows that were filled
+
+
+def even_rows(run: Run, rig: Rig) -> EvenRun | None:
+    """Return a run on equally spaced rows; None where its stamps vary, or too many rows are lost."""
+    time_s = run.columns["time_s"]
+    intervals = np.diff(time_s)
+    period_s = float(np.median(intervals))
+    if rig.drive is not None:
+        samples = round(period_s / rig.drive.sample_time_s)
+        if samples > 0 and math.isclose(samples * rig.drive.sample_time_s, period_s, rel_tol=UNEVEN):
+            period_s = samples * rig.drive.sample_time_s  # stamps are printed with few digits
+    steps = np.rint(intervals / period_s).astype(np.intp)
+    if np.any(steps < 1) or steps.max() > LONGEST_GAP:
+        return None
+    rows = np.concatenate(([0], np.cumsum(steps)))
+    count = int(rows[-1]) + 1
+    # A clock that runs a little fast or slow is no jitter: rows are spaced by what it says on the whole.
+    spacing = float(time_s[-1] - time_s[0]) / (count - 1)
+    even = time_s[0] + spacing * np.arange(count)
+    if count > (1.0 + MOST_LOST) * time_s.size or np.max(np.abs(time_s - even[rows])) > UNEVEN * spacing * steps.max():
+        return None
+    lost = np.ones(count, dtype=np.bool_)
+    lost[rows] = False
+    columns = {name: np.interp(even, time_s, values) for name, values in run.columns.items() if name != "time_s"}
+    counts = rig.encoder.counts_per_rev
+    if counts is not None:
+        quantum = 2.0 * math.pi / counts
+        columns["theta_m_rad"][lost] = np.rint(columns["theta_m_rad"][lost] / quantum) * quantum
+    return EvenRun(Run(run.name, {"time_s": even, **columns}, run.notes), lost)
+
+
+def opened(command: Command, rig: Rig, reference_rad: Vector, lost: Mask) -> Command:
+    """Return commands with what lost rows leave open of them."""
+    if not lost.any():
+        return command
+    law, counts = law_vector(rig.require_drive()), rig.encoder.counts_per_rev
+    count_rad = 2.0 * math.pi / counts if counts is not None else 0.0
+    way = np.abs(np.gradient(reference_rad))
+    by_count = (law[KP] + law[KD] * law[SHARE] / law[SAMPLE_TIME]) * count_rad
+    variance, bias_variance = command.variance.copy(), command.bias_variance.copy()
+    for row in np.flatnonzero(lost):
+        variance[row : row + MEMORY_ROWS] += by_count**2 / 6.0 + (law[KP] * way[row]) ** 2 / 3.0
+        bias_variance[row] += (law[KI] * law[SAMPLE_TIME] * command.samples) ** 2 * (
+            count_rad**2 / 6.0 + way[row] ** 2 / 3.0
+        )
+    shown = np.where(lost | np.roll(lost, 1), np.nan, command.shown_A)
+    return command._replace(variance=variance, bias_variance=bias_variance, shown_A=shown)
