@@ -108,7 +108,7 @@ def counts(records: Iterable[Outcome]) -> list[str]:
     row("known parameters within 95 %", [r for r, _ in pairs], [inside for _, inside in pairs])
     if walls := [r["wall_s"] for r in done if "wall_s" in r]:
         lines.append(f"| time of a set, one core | {np.median(walls):.0f} s, at most {max(walls):.0f} s | |")
-        lines.append(f"| peak memory | {max(r['peak_MB'] for r in done if 'peak_MB' in r)} MB | |")
+        lines.append(f"| peak memory of a worker | {max(r['peak_MB'] for r in done if 'peak_MB' in r)} MB | |")
     return lines
 
 
@@ -150,7 +150,7 @@ def main() -> None:
     known = {(r["kind"], r["seed"], r["usual"]) for r in there}
     wanted = [(kind, seed, given.usual) for seed in range(*given.seeds) for kind in given.only or KINDS]
     todo = [case for case in wanted if case not in known]
-    with ProcessPoolExecutor(given.jobs, max_tasks_per_child=1) as pool, path.open("a") as file:
+    with ProcessPoolExecutor(given.jobs) as pool, path.open("a") as file:
         for record in pool.map(_one, todo):
             file.write(json.dumps(record) + "\n")
             file.flush()
