@@ -37,6 +37,7 @@ MOST_RIVALS = 3  # the best ones; each is filtered on the whole menu
 MOST_TARGETS = 4  # effects that are looked at where nothing is tied
 VISIBLE = 4.0  # d from which on an effect would be found more often than not
 STEPS = 4  # of a sample
+GAUGES = ("encoder_scale",)  # other values of the rig give the same runs: no experiment tells it
 
 
 class Proposal(NamedTuple):
@@ -120,7 +121,7 @@ def _least_visible(least: dict[str, Detectable], named: Sequence[str]) -> list[s
     sizes: dict[str, float] = {}
     for entry in EFFECTS:
         amplitudes = {p.name: p.typical for p in entry.parameters if p.neutral is not None}
-        if entry.id in named or not amplitudes:
+        if entry.id in named or entry.id in GAUGES or not amplitudes:
             continue
         shown = least.get(entry.id)
         sizes[entry.id] = math.inf if shown is None else shown.value / abs(amplitudes[shown.parameter])

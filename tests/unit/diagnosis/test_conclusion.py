@@ -1,0 +1,72 @@
+"""From runs to the whole result by the filter: verdict, gain on runs held out, extended rig, next experiment."""
+
+import numpy as np
+import pytest
+
+from hil_forceps.diagnosis.conclude import Conclusion, diagnose
+from hil_forceps.diagnosis.diagnose import Options
+from hil_forceps.diagnosis.preparation.even_rows import even_rows
+from hil_forceps.diagnosis.result import to_json
+from hil_forceps.runs.table import Run
+from tests.hidden_effects.generator import make_case
+from tests.unit.diagnosis.runs_of_a_forceps import POOL, STICKING
+
+SLACK_M = 6.0e-6
+
+
+@pytest.fixture(scope="module")
+def slack() -> Conclusion:
+    """A slack wire beside friction of a tenth of the load."""
+    kinds = (("multisine", "trapezoid", "slow"), ("teleoperation",))
+    case = make_case({"wire_slack": {"half_width_m": SLACK_M}}, 77, scenarios=kinds, rig=STICKING)
+    held_out = tuple(run.name for run in case.held_out)
+    return diagnose(case.runs, case.assumed, Options(hold_out=held_out, mapper=POOL.map))
+
+
+def test_the_effect_is_named_with_its_size_and_is_in_the_extended_rig(slack: Conclusion) -> None:
+    told = slack.diagnosis
+    assert told.verdict == "effects"
+    assert [effect.id for effect in told.effects] == ["wire_slack"]
+    width = told.effects[0].parameters["half_width_m"]
+    assert width.low < SLACK_M < width.high
+    assert slack.extended.effects["wire_slack"]["half_width_m"] == width.value
+
+
+def test_the_gain_is_that_of_runs_which_were_held_out(slack: Conclusion) -> None:
+    told = slack.diagnosis
+    assert told.held_out == ("3_teleoperation",)
+    jaw = told.gain["theta_j_rad"]
+    assert jaw.baseline_rmse > 1.5 * jaw.extended_rmse
+    assert jaw.explained_share > 0.9
+    assert jaw.low <= jaw.explained_share <= jaw.high
+    # What is left is little more than sensors and load cell make: where friction holds, a simulation parts by chance. And
+    # what is simulated is no copy of the measurement.
+    assert jaw.extended_rmse < 2.0 * jaw.floor_rmse
+    shown = next(run for run in told.runs if run.held_out)
+    assert not np.array_equal(shown.extended["theta_j_rad"][1000:], shown.measured["theta_j_rad"][1000:])
+
+
+def test_the_next_experiment_moves_and_would_tell_something(slack: Conclusion) -> None:
+    following = slack.diagnosis.next_experiment
+    assert following is not None
+    assert slack.trajectory is not None
+    assert following.predicted_separation > 1.0
+    assert to_json(slack.diagnosis)["next_experiment"]["name"] == following.name
+
+
+def test_a_lost_row_is_filled_and_a_long_gap_is_not() -> None:
+    case = make_case({}, 78, scenarios=(("multisine",), ()), rig=STICKING)
+    columns = case.fit[0].columns
+    kept = np.ones(columns["time_s"].size, dtype=np.bool_)
+    kept[[400, 401, 900]] = False
+    even = even_rows(Run("lost", {name: values[kept] for name, values in columns.items()}), STICKING)
+    assert even is not None
+    assert np.flatnonzero(even.lost).tolist() == [400, 401, 900]
+    assert even.run.columns["time_s"] == pytest.approx(columns["time_s"], abs=1e-12)
+    count = 2.0 * np.pi / 16384
+    off = (even.run.columns["theta_m_rad"] - columns["theta_m_rad"]) / count
+    assert np.max(np.abs(off - np.rint(off))) < 1e-6  # the law sees counts
+    kept[2000:2050] = False
+    assert even_rows(Run("gap", {name: values[kept] for name, values in columns.items()}), STICKING) is None
+    jittered = columns["time_s"] + 1e-4 * np.random.default_rng(0).uniform(-1.0, 1.0, columns["time_s"].size)
+    assert even_rows(Run("jitter", {**columns, "time_s": jittered}), STICKING) is None
