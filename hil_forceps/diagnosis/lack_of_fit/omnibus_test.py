@@ -1,5 +1,6 @@
 """Score all families of curves at once beside a model: what no entry explains still varies over something."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -28,11 +29,13 @@ from hil_forceps.diagnosis.state_space.layout import (
     THETA_J,
     THETA_M,
 )
-from hil_forceps.diagnosis.state_space.passes import Gram, Mapper, Passed, total
+from hil_forceps.diagnosis.state_space.passes import Gram, Mapper, Passed, gram_of, total
 from hil_forceps.diagnosis.state_space.response_pass import response_run
 from hil_forceps.model.physics import Physics
 
-Matrix = NDArray[np.float64]
+Vector = NDArray[np.float64]
+
+CURVES_AT_ONCE = 32
 
 # Of these families some members look a row ahead, into the innovations that are tested.
 _AHEAD = {("wire", "rate of stretch"), ("theta_j_rad", "rate")}
@@ -91,17 +94,22 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, prior: Prior | None = No
     scale = scale_of(courses)
     directions = directions_of(found.free, found.passes.theta)
     plants = [(regimes(d.theta), d.per) for d in directions]
+    places = _families(courses[0], scale)
+    count = places[-1].stop
 
     def one(item: tuple[Passed, Course]) -> Gram:
         run, course = item
-        answers = [response_run(plant, p, run.series, run.filtered, per) for plant, per in plants]
-        curves = _answers(p, run, course, scale)
-        columns = np.concatenate((np.stack(answers, axis=2), curves), axis=2)
-        columns = np.where(run.counts[:, :, np.newaxis], columns, 0.0).reshape(-1, columns.shape[2])
-        return Gram(columns.T @ columns, columns.T @ run.residual.ravel())
+        columns = np.empty((run.residual.size, len(plants) + count), dtype=np.float32)
+        for at, (plant, per) in enumerate(plants):
+            columns[:, at] = response_run(plant, p, run.series, run.filtered, per).ravel()
+        at = len(plants)
+        for answers in _answers(p, run, course, scale):
+            columns[:, at : at + answers.shape[2]] = answers.reshape(columns.shape[0], -1)
+            at += answers.shape[2]
+        columns[~run.counts.ravel()] = 0.0
+        return gram_of(columns, run.residual.ravel())
 
     summed = total(list(mapper(one, list(zip(found.passes.runs, courses, strict=True)))))
-    places = _families(courses[0], scale)
     tested = score_test(summed, prior or Prior.of(found.free, found.passes.theta), places, seed)
     order = np.argsort(-tested.gains)
     families = tuple((*places[i].effect_id.split("\n"), float(tested.gains[i])) for i in order)
@@ -117,8 +125,8 @@ def _families(course: Course, scale: Scale) -> list[Place]:
     return places
 
 
-def _answers(p: Physics, run: Passed, course: Course, scale: Scale) -> Matrix:
-    """Return the answers (n × CHANNELS × m) to all curves of all families."""
+def _answers(p: Physics, run: Passed, course: Course, scale: Scale) -> Iterator[NDArray[np.float64]]:
+    """Yield the answers (n × CHANNELS × m) to all curves of all families, some at a time to spare memory."""
     shows = course_of(run, p, before=True)
     members = [
         (curve.place, member)
@@ -126,16 +134,18 @@ def _answers(p: Physics, run: Passed, course: Course, scale: Scale) -> Matrix:
         for member in curve.members(shows if curve.place in _CHANNEL else course, scale)
     ]
     n = course.time_s.size
-    motor, jaw = np.zeros((n, len(members))), np.zeros((n, len(members)))
-    shown = np.zeros((n, CHANNELS, len(members)))
-    for at, (place, member) in enumerate(members):
-        unit = member / max(float(np.abs(member).max()), 1e-300)
-        if place == "motor":
-            motor[:, at] = unit
-        elif place == "jaw":
-            jaw[:, at] = unit
-        elif place == "wire":
-            motor[:, at], jaw[:, at] = -p.r_m * unit, p.r_j * unit
-        else:
-            shown[:, _CHANNEL[str(place)], at] = unit
-    return forced(p, run.series, run.filtered, motor, jaw, shown)
+    for first in range(0, len(members), CURVES_AT_ONCE):
+        some = members[first : first + CURVES_AT_ONCE]
+        motor, jaw = np.zeros((n, len(some))), np.zeros((n, len(some)))
+        shown = np.zeros((n, CHANNELS, len(some)))
+        for at, (place, member) in enumerate(some):
+            unit = member / max(float(np.abs(member).max()), 1e-300)
+            if place == "motor":
+                motor[:, at] = unit
+            elif place == "jaw":
+                jaw[:, at] = unit
+            elif place == "wire":
+                motor[:, at], jaw[:, at] = -p.r_m * unit, p.r_j * unit
+            else:
+                shown[:, _CHANNEL[str(place)], at] = unit
+        yield forced(p, run.series, run.filtered, motor, jaw, shown)

@@ -15,7 +15,8 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_WILD = 1e60
+_WILD = 1e15  # in deviations; its square is still a number in single precision
+_ROWS_AT_ONCE = 16384
 
 Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
@@ -112,16 +113,26 @@ def gram(passes: Passes, directions: Sequence[Direction], mapper: Mapper) -> Gra
     plants = [(regimes(d.theta), d.per) for d in directions]
 
     def one(run: Passed) -> Gram:
-        answers = np.empty((len(plants), run.filtered.residual.size))
+        answers = np.empty((run.filtered.residual.size, len(plants)), dtype=np.float32)
         for at, (plant, per) in enumerate(plants):
             answer = response_run(plant, passes.plants.sliding, run.series, run.filtered, per)
-            answers[at] = np.where(run.counts, answer, 0.0).ravel()
+            answer = np.where(run.counts, answer, 0.0).ravel()
             # A plant that goes out of bounds within a row says nothing: no information, instead of an infinite one.
-            if not np.max(np.abs(answers[at])) < _WILD:
-                answers[at] = 0.0
-        return Gram(answers @ answers.T, answers @ run.residual.ravel())
+            answers[:, at] = answer if np.max(np.abs(answer)) < _WILD else 0.0
+        return gram_of(answers, run.residual.ravel())
 
     return total(list(mapper(one, passes.runs)))
+
+
+def gram_of(columns: NDArray[np.float32], residual: Vector) -> Gram:
+    """Return the Gram matrix of columns, summed in double precision: what is left beside parameters is a difference."""
+    size = columns.shape[1]
+    information, score = np.zeros((size, size)), np.zeros(size)
+    for first in range(0, columns.shape[0], _ROWS_AT_ONCE):
+        part = columns[first : first + _ROWS_AT_ONCE].astype(np.float64)
+        information += part.T @ part
+        score += part.T @ residual[first : first + _ROWS_AT_ONCE]
+    return Gram(information, score)
 
 
 def total(parts: Sequence[Gram]) -> Gram:
