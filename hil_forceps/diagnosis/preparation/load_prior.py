@@ -15,7 +15,9 @@ from hil_forceps.diagnosis.state_space.layout import Series
 
 Vector = NDArray[np.float64]
 
-BREAK_CHI2 = 25.0  # 5 deviations: by chance one in 100 runs of 12 000 rows
+# 3.5 deviations: by chance one in a run or two of 12 000 rows. A break that is none costs a few rows of evidence; one
+# that is overlooked leaves a torque of 5 µN m, which a fine encoder sees with 6 deviations.
+BREAK_CHI2 = 12.0
 MIN_SEPARATION_S = 0.12  # of two breaks found in one pass: nearer, one is the other's echo
 _REACH_S = 0.04  # of a break's possible rows
 _LEAST_LIKELY = 1e-3  # of the likeliest row: what is less likely gets no variance

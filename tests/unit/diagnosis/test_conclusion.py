@@ -39,8 +39,8 @@ def test_the_gain_is_that_of_runs_which_were_held_out(slack: Conclusion) -> None
     assert jaw.baseline_rmse > 1.5 * jaw.extended_rmse
     assert jaw.explained_share > 0.9
     assert jaw.low <= jaw.explained_share <= jaw.high
-    # What is left is little more than sensors and load cell make: where friction holds, a simulation parts by chance. And
-    # what is simulated is no copy of the measurement.
+    # What is left is little more than sensors and load cell make: where friction holds, a simulation parts by chance.
+    # And what is simulated is no copy of the measurement.
     assert jaw.extended_rmse < 2.0 * jaw.floor_rmse
     shown = next(run for run in told.runs if run.held_out)
     assert not np.array_equal(shown.extended["theta_j_rad"][1000:], shown.measured["theta_j_rad"][1000:])
