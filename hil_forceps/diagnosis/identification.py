@@ -54,12 +54,15 @@ def identify(
     progress: Callable[[str], None] = lambda _: None,
     spent: Callable[[], bool] = lambda: False,
 ) -> Identified:
-    """Return what equally spaced runs of a drive whose law is known say of a rig."""
+    """Return what equally spaced runs of a drive whose law is known say of a rig.
+
+    Effects that the rig holds are taken as they stand: they are neither fitted nor named.
+    """
     progress("looking at noise, commands and loads")
     noise = sensor_noise([even.run for even in runs], rig)
     records, unseen_records, theta = records_of(runs, held_out, rig, noise, mapper)
     known = known_of(rig, records)
-    found = search(Search(records, known, mapper, without, seed, progress, spent), theta)
+    found = search(Search(records, known, mapper, without | frozenset(rig.effects), seed, progress, spent), theta)
     progress("looking at what is left")
     after = omnibus_test(found.best.fit, mapper, seed)
     before = omnibus_test(found.baseline, mapper, seed) if found.best.effects else after

@@ -77,6 +77,7 @@ def test_a_spent_budget_says_what_was_not_looked_at(
     assert any("fitting the known parameters" in line for line in lines)
 
 
+@pytest.mark.long
 def test_lost_frames_are_no_cause(record: Callable[..., Path], tmp_path: Path) -> None:
     """One feedback in 200 is lost; the drive samples twice a row, and its clock is 50 ppm off."""
     faults = tmp_path / "faults.yaml"
