@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+FIRST_S = 1.0  # what is refused sooner is refused in one line
 EVERY_S = 5.0
 
 
@@ -25,15 +26,16 @@ def progress_on(console: Console, every_s: float = EVERY_S) -> Iterator[Callable
         console.print(f"{time.monotonic() - began:5.0f} s  {told[0]}", highlight=False, soft_wrap=True)
 
     def again() -> None:
-        while not done.wait(every_s):
+        wait_s = FIRST_S
+        while not done.wait(wait_s):
             line()
+            wait_s = every_s
 
     def tell(text: str) -> None:
         if text != told[0]:
             told[0] = text
             line()
 
-    line()
     teller = threading.Thread(target=again, name="progress", daemon=True)
     teller.start()
     try:
