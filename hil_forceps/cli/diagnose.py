@@ -91,7 +91,7 @@ def diagnose(
         # What computes and what draws take a second each to load: here, beside each other.
         from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs  # noqa: PLC0415
         from hil_forceps.diagnosis.diagnose import Options  # noqa: PLC0415
-        from hil_forceps.diagnosis.validation.conclusion import suits  # noqa: PLC0415
+        from hil_forceps.diagnosis.validation.conclusion import even_runs  # noqa: PLC0415
 
         keep_pages()
         drawing: list[Future[dict[str, str]]] = []
@@ -103,7 +103,7 @@ def diagnose(
         def spent() -> bool:
             return deadline is not None and time.monotonic() > deadline
 
-        if budget is not None and not suits(read, known):
+        if budget is not None and even_runs(read, known) is None:
             raise UserError(
                 "--budget: needs runs of a drive whose law and references are known; leave it out for these"
             )

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from hil_forceps.diagnosis.result import AuditFinding
 from hil_forceps.runs.table import GAP_IN_INTERVALS, Column, Run
 
 Severity = Literal["note", "warning", "problem"]
@@ -26,6 +27,10 @@ class Finding:
     severity: Severity
     text: str
     figures: Mapping[str, float] = field(default_factory=dict)
+
+    def told(self) -> AuditFinding:
+        """Return it as the result has it."""
+        return AuditFinding(self.kind, self.severity, self.run, self.channel, self.text)
 
 
 class View:

@@ -18,10 +18,10 @@ from hil_forceps.diagnosis.heldout import Played, evidence, floors_of, gains, no
 from hil_forceps.diagnosis.judge import audit_findings, balances, detectable, judge, parameter_shifts, trends
 from hil_forceps.diagnosis.ladder import ladder
 from hil_forceps.diagnosis.next_experiment import propose
-from hil_forceps.diagnosis.result import AuditFinding, Detectable, Diagnosis, Gain, Rung
-from hil_forceps.diagnosis.strokes import Strokes, floors_with_strokes
+from hil_forceps.diagnosis.result import Detectable, Diagnosis, Gain, Rung
+from hil_forceps.diagnosis.strokes import floors_with_strokes, repetition
 from hil_forceps.diagnosis.validation.conclusion import conclude as by_filter
-from hil_forceps.diagnosis.validation.conclusion import suits
+from hil_forceps.diagnosis.validation.conclusion import even_runs
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.runs.table import Run
@@ -41,21 +41,20 @@ class Conclusion(NamedTuple):
 
 def diagnose(runs: Sequence[Run], rig: Rig, options: Options) -> Conclusion:
     """Diagnose runs; UserError when they can't be used at all, verdict `undetermined` when they say nothing."""
+    findings = audit(runs, rig)
+    told = tuple(finding.told() for finding in findings)
     if reasons := silent(runs, rig):
-        findings = tuple(AuditFinding(f.kind, f.severity, f.run, f.channel, f.text) for f in audit(runs, rig))
         said = "These data cannot tell: " + reasons[0] + "."
-        return Conclusion(Diagnosis("undetermined", said, data_audit=findings, reasons=reasons), rig)
+        return Conclusion(Diagnosis("undetermined", said, data_audit=told, reasons=reasons), rig)
     # Units, signs or a rig that can't be right look like marvellous effects, and the fit may not even end.
-    if wrong := [finding for finding in audit(runs, rig) if finding.severity == "problem"]:
-        findings = tuple(AuditFinding(f.kind, f.severity, f.run, f.channel, f.text) for f in audit(runs, rig))
-        reasons = tuple(dict.fromkeys(finding.text for finding in wrong))
+    if wrong := [finding.text for finding in findings if finding.severity == "problem"]:
         said = "These data cannot tell: they can't be right as they are."
-        return Conclusion(Diagnosis("undetermined", said, data_audit=findings, reasons=reasons), rig)
-    found_in_data = audit(runs, rig)
+        return Conclusion(Diagnosis("undetermined", said, data_audit=told, reasons=tuple(dict.fromkeys(wrong))), rig)
     # A limit that clips for long cuts the filter off from the law; whole runs foretell it by their own commands.
-    clipped = any(finding.kind == "clipped" and finding.channel == "current_A" for finding in found_in_data)
-    if suits(runs, rig) and not clipped:
-        return Conclusion(*by_filter(runs, rig, found_in_data, options))
+    clipped = any(finding.kind == "clipped" and finding.channel == "current_A" for finding in findings)
+    even = None if clipped else even_runs(runs, rig)
+    if even is not None:
+        return Conclusion(*by_filter(even, rig, told, options))
     found = investigate(runs, rig, options)
     return _conclude(found, options)
 
@@ -142,7 +141,7 @@ def _told(found: Findings, least: dict[str, Detectable], options: Options) -> tu
         shifts,
         gain,
         tuple(record.name for record in found.held_out),
-        (*audit_findings(found), *map(_said, repeated)),
+        (*audit_findings(found), *map(repetition, repeated)),
         least,
         None,
         verdict.varies_over,
@@ -166,10 +165,3 @@ def _play_unseen(found: Findings, thetas: tuple[Vector, Vector, Vector], options
     which = thetas if thetas[2] is not thetas[1] else thetas[:2]
     played = list(options.mapper(lambda theta: play(found.held_out, found.rig, theta, quantum, map), which))
     return [played[0], played[1], played[-1]]
-
-
-def _said(strokes: Strokes) -> AuditFinding:
-    """Say what a run that repeats itself shows of its noise."""
-    floors = ", ".join(f"{name} by {floor:.3g}" for name, floor in strokes.floor_rms.items())
-    text = f"the same stroke every {strokes.period_s:.4g} s, {strokes.times:.1f} times; noise between strokes: {floors}"
-    return AuditFinding("strokes", "note", strokes.run, "", text)

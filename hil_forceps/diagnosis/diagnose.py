@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,18 @@ class Findings(NamedTuple):
     first_whitener: Whitener
 
 
-def split_runs(runs: Sequence[Run], wanted: Sequence[str]) -> tuple[list[Run], list[Run]]:
+class Named(Protocol):
+    """What has a name."""
+
+    @property
+    def name(self) -> str:
+        """The name."""
+
+
+AnyRun = TypeVar("AnyRun", bound=Named)  # as measured, or on equally spaced rows
+
+
+def split_runs(runs: Sequence[AnyRun], wanted: Sequence[str]) -> tuple[list[AnyRun], list[AnyRun]]:
     """Return the runs to fit and those to hold out: those wanted, else the last third, but none of a single run."""
     names = [run.name for run in runs]
     if unknown := [name for name in wanted if name not in names]:

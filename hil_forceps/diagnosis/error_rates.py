@@ -5,7 +5,5 @@ FALSE_ALARMS = 0.005  # share of data sets without any effect in which the whole
 # has it moves χ² by as much.
 LEAST_GAIN_BESIDE = 18.0
 DETECTION_POWER = 0.8  # share of data sets in which an effect of the least detectable size is found
-LEFT_OVER_CHANCE = (
-    2.0  # times what chance leaves: less is no misfit  # tuned: sets without effect, fine encoders and fast drives
-)
-LEFT_SHARE = 0.015  # of what named effects explain: the model's step and its linear answers are as exact as that
+# Times what chance leaves in curves: less is no misfit.
+LEFT_OVER_CHANCE = 2.0  # tuned: sets without effect, fine encoders and fast drives

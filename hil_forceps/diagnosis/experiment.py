@@ -18,6 +18,7 @@ Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Mode = Literal["closed_loop", "driven"]
 
+FEWEST_ROWS = 50
 MAX_ROWS = 240_000  # of all runs together; longer ones are cut, and that is said
 BURN_IN_S = 0.15  # the state before the first row is known roughly: it settles within this
 JITTER_FOR_RESAMPLING = 0.02  # of the row period
@@ -75,6 +76,12 @@ def mode_of(runs: Sequence[Run], rig: Rig) -> Mode:
     return "closed_loop" if known and rig.drive is not None else "driven"
 
 
+def require_rows(name: str, rows: int) -> None:
+    """UserError where a run has too few rows to be diagnosed."""
+    if rows < FEWEST_ROWS:
+        raise UserError(f"{name}: {rows} rows are too few to diagnose; at least {FEWEST_ROWS} are needed")
+
+
 def _record(run: Run, rig: Rig, budget: int) -> tuple[Record, list[str]]:
     notes = []
     columns = dict(run.columns)
@@ -83,8 +90,7 @@ def _record(run: Run, rig: Rig, budget: int) -> tuple[Record, list[str]]:
         columns = {name: values[:budget] for name, values in columns.items()}
     time = columns.pop("time_s")
     period = float(np.median(np.diff(time)))
-    if time.size < 50:
-        raise UserError(f"{run.name}: {time.size} rows are too few to diagnose; at least 50 are needed")
+    require_rows(run.name, time.size)
     if rig.drive is not None:
         ratio = period / rig.drive.sample_time_s
         if ratio > 0.5 and abs(ratio - round(ratio)) < 0.02:

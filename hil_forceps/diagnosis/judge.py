@@ -1,6 +1,6 @@
 """What the findings amount to: the verdict, its words, and every number of the result."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from hil_forceps.diagnosis.error_rates import DETECTION_POWER, FALSE_ALARMS
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import deviations
+from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit
 from hil_forceps.diagnosis.leftover import OVER_CHANCE, Leftover
 from hil_forceps.diagnosis.predict import CLIPS
 from hil_forceps.diagnosis.result import (
@@ -76,7 +77,7 @@ def judge(found: Findings) -> Judgement:
         place, variable, _ = left.families[0]
         said = f"Something is there that no entry of the catalogue explains; at {place}, it varies over {variable}."
         reasons = _unnamed_reasons(model, "" if left is found.after else " in the runs held out")
-        return Judgement("unnamed", said, (), sets, shifts, _varies_over(left), reasons)
+        return Judgement("unnamed", said, (), sets, shifts, varies_over(left), reasons)
     if model.effects:
         named = named_effects(found)
         reasons = tuple(
@@ -88,7 +89,7 @@ def judge(found: Findings) -> Judgement:
         if _beyond_numerics(found, found.after):
             share = found.after.gain / (found.after.gain + _explained(found))
             reasons += (f"beside the named entries something is left: {share:.1g} of the misfit that they explain",)
-            over = _varies_over(found.after)
+            over = varies_over(found.after)
         return Judgement("effects", _effects_sentence(named, sets), named, sets, shifts, over, reasons)
     moved = found.nominal.fit.chi2 - found.baseline.fit.chi2
     limit = float(stats.chi2.isf(FALSE_ALARMS, len(found.baseline.problem.shared.items)))
@@ -180,7 +181,7 @@ def _explained(found: Findings) -> float:
     return found.baseline.fit.chi2 - found.choice.model.fit.chi2
 
 
-def _varies_over(left: Leftover) -> tuple[str, ...]:
+def varies_over(left: Leftover | LackOfFit) -> tuple[str, ...]:
     """Return the variables over which what is left varies most, with their places."""
     return tuple(dict.fromkeys(f"{p}: {v}" for p, v, gain in left.families[:4] if gain > left.threshold))
 
@@ -251,23 +252,33 @@ def parameter_shifts(model: Model) -> dict[str, Shift]:
 
 
 def detectable(found: Findings) -> dict[str, Detectable]:
-    """Return the smallest amplitude of each entry that these data would show in 80 % of cases."""
+    """Return the smallest amplitude of each entry that these data would show in `DETECTION_POWER` of cases."""
     scan = found.choice.scan
-    needed = float(np.sqrt(scan.scores.threshold)) + POWER_DEVIATIONS
+    projected = np.diag(scan.scores.projected)
+    amplitudes = [
+        (probe.effect_id, name, probe.start[name], float(projected[group.first + offset]))
+        for probe, group in zip(scan.probes, scan.groups, strict=True)
+        if not probe.together  # no amplitude of its own
+        for offset, name in enumerate(probe.amplitudes)
+    ]
+    return least_detectable(amplitudes, scan.scores.threshold)
+
+
+def least_detectable(amplitudes: Iterable[tuple[str, str, float, float]], threshold: float) -> dict[str, Detectable]:
+    """Return the smallest detectable amplitude of each entry, in the catalogue's order.
+
+    `amplitudes`: entry, parameter, a size of it, and its information at that size; `threshold`: of the score test.
+    """
+    needed = float(np.sqrt(threshold)) + POWER_DEVIATIONS
     least: dict[str, Detectable] = {}
-    for probe, group in zip(scan.probes, scan.groups, strict=True):
-        entry = effect(probe.effect_id)
-        if probe.together:  # no amplitude of its own
+    for effect_id, name, size, information in amplitudes:
+        if information <= 1e-6:
             continue
-        for offset, name in enumerate(probe.amplitudes):
-            own = float(scan.scores.projected[group.first + offset, group.first + offset])
-            if own <= 1e-6:
-                continue
-            value = abs(probe.start[name]) * needed / float(np.sqrt(own))
-            parameter = next(p for p in entry.parameters if p.name == name)
-            held = least.get(entry.id)
-            if value <= parameter.maximum and (held is None or value < held.value):
-                least[entry.id] = Detectable(name, value, parameter.unit)
+        value = abs(size) * needed / float(np.sqrt(information))
+        parameter = next(p for p in effect(effect_id).parameters if p.name == name)
+        held = least.get(effect_id)
+        if value <= parameter.maximum and (held is None or value < held.value):
+            least[effect_id] = Detectable(name, value, parameter.unit)
     return {entry.id: least[entry.id] for entry in EFFECTS if entry.id in least}
 
 
@@ -281,7 +292,7 @@ _PLACES: Mapping[str, tuple[Location, str]] = {
 }
 
 
-def balances(before: Leftover, after: Leftover) -> tuple[Balance, ...]:
+def balances(before: Leftover | LackOfFit, after: Leftover | LackOfFit) -> tuple[Balance, ...]:
     """Return how badly each balance fails: the best curve at each place, over what chance allows; 1 is that."""
     found = []
     for place, (location, channel) in _PLACES.items():
@@ -299,7 +310,7 @@ def balances(before: Leftover, after: Leftover) -> tuple[Balance, ...]:
     return tuple(found)
 
 
-def trends(channels: Sequence[str], before: Leftover, after: Leftover) -> tuple[Trend, ...]:
+def trends(channels: Sequence[str], before: Leftover | LackOfFit, after: Leftover | LackOfFit) -> tuple[Trend, ...]:
     """Return over what the residual varies, before and after: each family's gain over what chance allows."""
     later = {(place, variable): gain for place, variable, gain in after.families}
     return tuple(
@@ -310,7 +321,7 @@ def trends(channels: Sequence[str], before: Leftover, after: Leftover) -> tuple[
 
 def audit_findings(found: Findings) -> tuple[AuditFinding, ...]:
     """Return the audit as the result has it, notes of the preparation behind it, and a burst that no noise makes."""
-    findings = [AuditFinding(f.kind, f.severity, f.run, f.channel, f.text) for f in found.findings]
+    findings = [f.told() for f in found.findings]
     notes = [AuditFinding("preparation", "note", "", "", note) for note in found.notes]
     burst = burst_beside(found.choice)
     bursts = [_burst_finding(found.records[burst.run], burst)] if burst is not None and burst.stands_out else []
@@ -340,6 +351,8 @@ __all__ = [
     "burst_beside",
     "detectable",
     "judge",
+    "least_detectable",
     "named_effects",
     "trends",
+    "varies_over",
 ]

@@ -19,10 +19,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.assemble import responses_of
 from hil_forceps.diagnosis.diagnose import Findings
 from hil_forceps.diagnosis.experiment import BURN_IN_S, Record, jumps
+from hil_forceps.diagnosis.experiment_design.next_experiment import (
+    MOST_RIVALS,
+    MOST_TARGETS,
+    VISIBLE,
+    Proposal,
+    least_visible,
+    most_telling,
+    turned_over,
+)
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import gram
 from hil_forceps.diagnosis.load_course import load_course
@@ -39,18 +47,8 @@ from hil_forceps.rig.catalogue import EFFECTS
 
 Vector = NDArray[np.float64]
 
-MOST_RIVALS = 3  # the best ones; each is simulated on the whole menu
-MOST_TARGETS = 4  # effects that are looked at where nothing is tied
 DRAWS = 400
 SURE = 0.8
-VISIBLE = 4.0  # d from which on an effect would be found more often than not
-
-
-class Proposal(NamedTuple):
-    """The next experiment, and the motion that `hil-forceps run --trajectory` gives it."""
-
-    result: NextExperiment
-    trajectory: Trajectory
 
 
 class Stage(NamedTuple):
@@ -92,7 +90,7 @@ def _to_separate(found: Findings, offered: Sequence[Experiment]) -> Proposal | N
         return min(separation(found, experiment, truth, other) for other in others)
 
     reached = list(found.choice.model.problem.mapper(separated, offered))
-    best = _most_telling(offered, reached)
+    best = most_telling(offered, reached)
     if reached[best] <= 0.0:
         return None
     experiment = offered[best]
@@ -102,21 +100,16 @@ def _to_separate(found: Findings, offered: Sequence[Experiment]) -> Proposal | N
     return Proposal(result, trajectory_of(experiment, found.rig))
 
 
-def _most_telling(offered: Sequence[Experiment], reached: Sequence[float]) -> int:
-    """Return which experiment tells most for its time: d² grows with the time, and any motion can be repeated."""
-    return int(np.argmax([d / math.sqrt(float(e.time_s[-1])) for e, d in zip(offered, reached, strict=True)]))
-
-
 def _to_see(found: Findings, offered: Sequence[Experiment], least: dict[str, Detectable]) -> Proposal | None:
     """Choose what shows best the effect that the runs show least, of those that any experiment would show."""
     model = found.choice.model
     alone, mapper = _alone(model), model.problem.mapper
     stages = list(mapper(lambda e: stage_of(found, e, alone), offered))
     best: tuple[float, Experiment, str] | None = None
-    for effect_id in _least_visible(least, model.effects)[:MOST_TARGETS]:
+    for effect_id in least_visible(least, model.effects)[:MOST_TARGETS]:
         other = _theta_with(model, effect_id)
         reached = list(mapper(partial(_difference, other), stages))
-        k = _most_telling(offered, reached)
+        k = most_telling(offered, reached)
         if best is None or reached[k] > best[0]:
             best = (reached[k], offered[k], effect_id)
         if best[0] >= VISIBLE:
@@ -134,18 +127,6 @@ def _to_see(found: Findings, offered: Sequence[Experiment], least: dict[str, Det
 def _alone(model: Model) -> Model:
     """Return a model that maps nothing: the experiments share the cores, not its parts."""
     return replace(model, problem=replace(model.problem, mapper=map))
-
-
-def _least_visible(least: dict[str, Detectable], named: Sequence[str]) -> list[str]:
-    """Return the entries in order of the least size that shows, over the usual one; those that never show first."""
-    sizes: dict[str, float] = {}
-    for entry in EFFECTS:
-        amplitudes = {p.name: p.typical for p in entry.parameters if p.neutral is not None}
-        if entry.id in named or not amplitudes:
-            continue
-        shown = least.get(entry.id)
-        sizes[entry.id] = math.inf if shown is None else shown.value / abs(amplitudes[shown.parameter])
-    return sorted(sizes, key=lambda effect_id: -sizes[effect_id])
 
 
 def _theta_with(model: Model, effect_id: str) -> Vector:
@@ -206,14 +187,6 @@ def _difference(theta: Vector, stage: Stage) -> float:
     return math.sqrt(max(float(_left(stage, apart[:, None])[0, 0]), 0.0))
 
 
-def _turned_over(theta: Vector) -> Vector:
-    """Return the parameters of the forceps on its other side: the weight pulls the other way."""
-    turned = theta.copy()
-    for name in ("cosine_N_m", "sine_N_m"):
-        turned[parameters.index(f"effects.jaw_gravity.{name}")] *= -1.0
-    return turned
-
-
 class _TurnedOver(NamedTuple):
     """Simulates with the weight pulling the other way."""
 
@@ -221,7 +194,7 @@ class _TurnedOver(NamedTuple):
 
     def __call__(self, theta: Vector, nuisances: Sequence[Nuisance], mapper: Mapper = map) -> Outputs:
         """Return the transformed channels of each run."""
-        return self.upright(_turned_over(theta), nuisances, mapper)
+        return self.upright(turned_over(theta), nuisances, mapper)
 
     def only(self, run: int) -> "_TurnedOver":
         """Return the same of one run."""

@@ -15,6 +15,7 @@ from scipy import fft
 from scipy.interpolate import CubicSpline
 
 from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.result import AuditFinding
 
 Vector = NDArray[np.float64]
 
@@ -138,3 +139,10 @@ def floors_with_strokes(
         if squares:
             merged[name] = float(np.sqrt(np.mean(squares)))
     return merged, tuple(found.values())
+
+
+def repetition(strokes: Strokes) -> AuditFinding:
+    """Say what a run that repeats itself shows of its noise."""
+    floors = ", ".join(f"{name} by {floor:.3g}" for name, floor in strokes.floor_rms.items())
+    text = f"the same stroke every {strokes.period_s:.4g} s, {strokes.times:.1f} times; noise between strokes: {floors}"
+    return AuditFinding("strokes", "note", strokes.run, "", text)

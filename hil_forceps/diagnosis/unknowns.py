@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.inference.parameters import unit_of
 from hil_forceps.model import parameters
 from hil_forceps.rig import Parameter, Rig
 from hil_forceps.rig.catalogue import EffectParameter, effect
@@ -99,7 +100,7 @@ def known_parameters(rig: Rig, torque_scale_N_m: float, *, jaw_measured: bool = 
     for name in parameters.PLANT_NAMES:
         section, key = name.split(".")
         known: Parameter = getattr(getattr(rig, section), key)
-        unit = _unit_of(key)
+        unit = unit_of(key)
         if name in held and known.value is not None:
             continue
         items.append(_plant_unknown(name, unit, known, torque_scale_N_m))
@@ -128,13 +129,6 @@ def _plant_unknown(name: str, unit: str, known: Parameter, torque_scale_N_m: flo
     if known.minimum is not None and known.sd is None:
         return Unknown(name, unit, value, 0.1 * abs(value) or (high - low) / 10.0, low, high, False, value)
     return Unknown(name, unit, value, sd, low, high, True, value, told=told)
-
-
-def _unit_of(key: str) -> str:
-    for unit in ("N_m_s_per_rad", "N_m_per_A", "N_per_m", "kg_m2", "N_m", "m"):
-        if key.endswith(f"_{unit}"):
-            return unit
-    return ""
 
 
 def run_nuisances(count: int, angle_sd_rad: float, integral_sd: float) -> Unknowns:

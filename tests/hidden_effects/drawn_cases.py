@@ -4,7 +4,6 @@ An effect's d is that in the same motions without dry friction to speak of and w
 drive do to the power of a diagnosis is part of what is measured.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -142,8 +141,3 @@ def make(case: Drawn) -> Case:
         runs.append(Run(run.name, {key: values for key, values in run.columns.items() if key not in dropped}))
     split = len(runs) - case.held_out
     return Case(rig, true, tuple(runs[:split]), tuple(runs[split:]))
-
-
-def rows_of(case: Drawn) -> int:
-    """Return how many rows all runs have together."""
-    return sum(math.ceil(SCENARIOS[name].duration_s / case.row_s) for name in case.motions)

@@ -11,8 +11,9 @@ from hil_forceps.cli.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis import choice
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
+from hil_forceps.diagnosis.experiment_design.next_experiment import MOST_RIVALS
 from hil_forceps.diagnosis.judge import detectable
-from hil_forceps.diagnosis.next_experiment import MOST_RIVALS, propose
+from hil_forceps.diagnosis.next_experiment import propose
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from hil_forceps.runs.readers import read_run

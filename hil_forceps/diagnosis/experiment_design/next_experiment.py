@@ -23,6 +23,7 @@ from hil_forceps.diagnosis.menu import Experiment, bounds_of, menu, trajectory_o
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
+from hil_forceps.diagnosis.state_space.advance import STEPS
 from hil_forceps.diagnosis.state_space.passes import Mapper, gram, pass_all
 from hil_forceps.model import closed_loop, parameters
 from hil_forceps.model.closed_loop import Inputs
@@ -36,7 +37,6 @@ Vector = NDArray[np.float64]
 MOST_RIVALS = 3  # the best ones; each is filtered on the whole menu
 MOST_TARGETS = 4  # effects that are looked at where nothing is tied
 VISIBLE = 4.0  # d from which on an effect would be found more often than not
-STEPS = 4  # of a sample
 GAUGES = ("encoder_scale",)  # other values of the rig give the same runs: no experiment tells it
 
 
@@ -76,7 +76,7 @@ def _to_separate(design: Design, fits: Sequence[Fit]) -> Proposal:
         return min(expected(design, experiment, one.passes.theta, rival) for one, rival in pairs)
 
     reached = list(design.mapper(separation, design.offered))
-    best = _most_telling(design.offered, reached)
+    best = most_telling(design.offered, reached)
     experiment = design.offered[best]
     pairs = tuple(model.effects for model in design.found.found.rivals[:MOST_RIVALS] if model.effects)
     said = f"{experiment.instruction} It excites {experiment.excites}."
@@ -88,11 +88,11 @@ def _to_see(design: Design, least: dict[str, Detectable]) -> Proposal:
     """Choose what shows best the effect that the runs show least, of those that any experiment would show."""
     fitted = design.found.found.best.fit
     best: tuple[float, Experiment, str] | None = None
-    for effect_id in _least_visible(least, design.found.found.best.effects)[:MOST_TARGETS]:
+    for effect_id in least_visible(least, (*design.found.found.best.effects, *GAUGES))[:MOST_TARGETS]:
         typical = start_of(effect_id, {p.name: p.typical for p in effect(effect_id).parameters})
         truth = with_effect(fitted.passes.theta, effect_id, typical)
         reached = list(design.mapper(_against(design, truth, fitted), design.offered))
-        k = _most_telling(design.offered, reached)
+        k = most_telling(design.offered, reached)
         if best is None or reached[k] > best[0]:
             best = (reached[k], design.offered[k], effect_id)
         if best[0] >= VISIBLE:
@@ -111,17 +111,17 @@ def _against(design: Design, truth: Vector, rival: Fit) -> Callable[[Experiment]
     return lambda experiment: expected(design, experiment, truth, rival)
 
 
-def _most_telling(offered: Sequence[Experiment], reached: Sequence[float]) -> int:
+def most_telling(offered: Sequence[Experiment], reached: Sequence[float]) -> int:
     """Return which experiment tells most for its time: d² grows with the time, and any motion can be repeated."""
     return int(np.argmax([d / math.sqrt(float(e.time_s[-1])) for e, d in zip(offered, reached, strict=True)]))
 
 
-def _least_visible(least: dict[str, Detectable], named: Sequence[str]) -> list[str]:
+def least_visible(least: dict[str, Detectable], named: Sequence[str]) -> list[str]:
     """Return the entries in order of the least size that shows, over the usual one; those that never show first."""
     sizes: dict[str, float] = {}
     for entry in EFFECTS:
         amplitudes = {p.name: p.typical for p in entry.parameters if p.neutral is not None}
-        if entry.id in named or entry.id in GAUGES or not amplitudes:
+        if entry.id in named or not amplitudes:
             continue
         shown = least.get(entry.id)
         sizes[entry.id] = math.inf if shown is None else shown.value / abs(amplitudes[shown.parameter])
@@ -132,13 +132,12 @@ def expected(design: Design, experiment: Experiment, truth: Vector, rival: Fit) 
     """Return d: how far the rival's refit stays from what the truth does in an experiment, in standard deviations."""
     theta = rival.passes.theta
     if experiment.turned_over:
-        truth, theta = _turned_over(truth), _turned_over(theta)
+        truth, theta = turned_over(truth), turned_over(theta)
     run = foretold(experiment, design.rig, truth, design.found.records[0])
     if not all(np.isfinite(values).all() for values in run.columns.values()):
         return 0.0
-    record = record_of(
-        EvenRun(run, np.zeros(run.columns["time_s"].size, dtype=np.bool_)), design.rig, design.found.noise
-    ).with_friction_of(rival.passes.plants.sliding)
+    record = record_of(EvenRun.whole(run), design.rig, design.found.noise)
+    record = record.with_friction_of(rival.passes.plants.sliding)
     passes = pass_all([record], theta, map)
     # Both pass the same counts and holds: what the rival's innovations have beyond the truth's own is what tells.
     own = pass_all([record], truth, map).runs[0]
@@ -174,7 +173,7 @@ def foretold(experiment: Experiment, rig: Rig, theta: Vector, like: Record) -> R
     return Run(experiment.name, columns)
 
 
-def _turned_over(theta: Vector) -> Vector:
+def turned_over(theta: Vector) -> Vector:
     """Return the parameters of the forceps on its other side: the weight pulls the other way."""
     turned = theta.copy()
     for name in ("cosine_N_m", "sine_N_m"):

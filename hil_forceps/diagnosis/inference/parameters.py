@@ -47,7 +47,12 @@ class Free(NamedTuple):
         if self.name.startswith("effects."):
             _, effect_id, own = self.name.split(".")
             return next(p.unit for p in effect(effect_id).parameters if p.name == own)
-        return next((unit for unit in UNITS if self.name.endswith(f"_{unit}")), "")
+        return unit_of(self.name)
+
+
+def unit_of(key: str) -> str:
+    """Return the unit that a rig's key ends in; "" for a pure number."""
+    return next((unit for unit in UNITS if key.endswith(f"_{unit}")), "")
 
 
 def known_parameters(rig: Rig, torque_N_m: float, *, jaw_measured: bool) -> tuple[Free, ...]:

@@ -30,10 +30,22 @@ class EvenRun(NamedTuple):
     run: Run
     lost: Mask  # n: rows that were filled
 
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+        return self.run.name
+
+    @classmethod
+    def whole(cls, run: Run) -> "EvenRun":
+        """Return a run whose rows are equally spaced already, none of them lost."""
+        return cls(run, np.zeros(len(run), dtype=np.bool_))
+
 
 def even_rows(run: Run, rig: Rig) -> EvenRun | None:
     """Return a run on equally spaced rows; None where its stamps vary, or too many rows are lost."""
     time_s = run.columns["time_s"]
+    if time_s.size < 2:
+        return None
     intervals = np.diff(time_s)
     period_s = float(np.median(intervals))
     if rig.drive is not None:

@@ -30,7 +30,7 @@ CHANCE = 5.0  # deviations of the ratio of both variances: white noise seems col
 LEAST_CORRELATED, MOST_CORRELATED = 0.5, 0.99  # less is what lively motion leaves in the differences
 QUIET_SHARE = 0.3  # of the rows: those with the least acceleration
 SMOOTHING_ROWS = 21  # of the encoder, so that its counting is no acceleration
-CHANNELS = ("theta_j_rad", "tau_w_N_m", "current_A")
+COLUMNS = ("theta_j_rad", "tau_w_N_m", "current_A")
 EDGE_SHARE = 0.1  # of a step: how sharp the edges of a quantised channel are taken to be
 # Of what a channel spans: no sensor is taken to be better. Integrators agree to a ten-thousandth, load cells are linear
 # to a thousandth.
@@ -46,7 +46,7 @@ def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
         lambda run: _current_beside_law(run, rig),
     )
     deviation, correlation, resolution = np.zeros(3), np.zeros(3), np.zeros(3)
-    for channel, (name, course) in enumerate(zip(CHANNELS, courses, strict=True)):
+    for channel, (name, course) in enumerate(zip(COLUMNS, courses, strict=True)):
         told = [(run, values) for run in runs if (values := course(run)) is not None]
         deviation[channel], correlation[channel] = _autoregressive(told) if told else (known[channel], 0.0)
         step = resolution_of([run.columns[name] for run in runs if name in run.columns])

@@ -7,60 +7,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
-from hil_forceps.diagnosis.audit import Finding
 from hil_forceps.diagnosis.diagnose import Options, split_runs
 from hil_forceps.diagnosis.estimates import estimate_gains
+from hil_forceps.diagnosis.experiment import MAX_ROWS, require_rows
 from hil_forceps.diagnosis.experiment_design.next_experiment import propose
 from hil_forceps.diagnosis.heldout import Played, evidence, gains
 from hil_forceps.diagnosis.identification import Identified, identify
-from hil_forceps.diagnosis.judge import Judgement, trends
-from hil_forceps.diagnosis.judge import balances as balances_of
-from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit
-from hil_forceps.diagnosis.leftover import Leftover
+from hil_forceps.diagnosis.judge import Judgement, balances, trends
 from hil_forceps.diagnosis.preparation.command import samples_in_a_row
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.diagnosis.result import AuditFinding, Detectable, Diagnosis, Gain, RunEvidence
-from hil_forceps.diagnosis.strokes import Strokes, floors_with_strokes
+from hil_forceps.diagnosis.strokes import Strokes, floors_with_strokes, repetition
 from hil_forceps.diagnosis.validation.simulation import Measured, measured, play, unknown_load_rms
 from hil_forceps.diagnosis.validation.verdict import candidates, detectable, judge
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
-from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 
-FEWEST_ROWS = 50
-MOST_ROWS = 240_000  # of all runs together
 
+def even_runs(runs: Sequence[Run], rig: Rig) -> list[EvenRun] | None:
+    """Return runs as the filter takes them; None where it doesn't.
 
-def suits(runs: Sequence[Run], rig: Rig) -> bool:
-    """Tell whether the filter takes these runs: a known law, its references and currents, equally spaced rows."""
+    It takes runs with a known law, its references and currents, and rows that are equally spaced.
+    """
     needed = {"theta_m_ref_rad", "theta_m_rad", "current_A"}
     if rig.drive is None or not all(needed <= run.columns.keys() for run in runs):
-        return False
-    every = [even_rows(run, rig) for run in runs]
-    if any(even is None or samples_in_a_row(even.run, rig) == 0 for even in every):
-        return False
-    return sum(even.lost.size for even in every if even is not None) <= MOST_ROWS
-
-
-def _even(runs: Sequence[Run], rig: Rig) -> list[EvenRun]:
-    return [even for run in runs if (even := even_rows(run, rig)) is not None]
+        return None
+    found = [even for run in runs if (even := even_rows(run, rig)) is not None and samples_in_a_row(even.run, rig) > 0]
+    return found if len(found) == len(runs) and sum(even.lost.size for even in found) <= MAX_ROWS else None
 
 
 def conclude(
-    runs: Sequence[Run], rig: Rig, findings: Sequence[Finding], options: Options
+    runs: Sequence[EvenRun], rig: Rig, findings: Sequence[AuditFinding], options: Options
 ) -> tuple[Diagnosis, Rig, Trajectory | None]:
     """Return the diagnosis, the rig as extended by it, and the motion of the next experiment.
 
-    UserError for a run of too few rows.
+    `findings`: of the audit. UserError for a run of too few rows.
     """
-    for run in runs:
-        if run.columns["time_s"].size < FEWEST_ROWS:
-            said = f"{run.columns['time_s'].size} rows are too few to diagnose; at least {FEWEST_ROWS} are needed"
-            raise UserError(f"{run.name}: {said}")
-    fitted, held_out = (_even(part, rig) for part in split_runs(runs, options.hold_out))
+    for even in runs:
+        require_rows(even.name, int(np.count_nonzero(~even.lost)))
+    fitted, held_out = split_runs(runs, options.hold_out)
     found = identify(
         fitted,
         held_out,
@@ -86,7 +74,7 @@ def _told(
     fitted: Sequence[EvenRun],
     held_out: Sequence[EvenRun],
     rig: Rig,
-    findings: Sequence[Finding],
+    findings: Sequence[AuditFinding],
     found: Identified,
     verdict: Judgement,
     least: Mapping[str, Detectable],
@@ -117,7 +105,6 @@ def _told(
         evidences += evidence(rows, held, *played, estimated)
         if held:
             gained = gains(rows, played[1], played[2], own, options.seed) | estimate_gain
-    left_before, left_after = _as_leftover(found.before), _as_leftover(found.after)
     diagnosis = Diagnosis(
         verdict.verdict,
         verdict.sentence,
@@ -125,15 +112,15 @@ def _told(
         verdict.sets,
         verdict.shifts,
         gained,
-        tuple(even.run.name for even in held_out),
-        (*map(_finding, findings), *map(_repeats, repeated)),
+        tuple(even.name for even in held_out),
+        (*findings, *map(repetition, repeated)),
         least,
         None,
         verdict.varies_over,
         verdict.reasons,
         candidates(found),
-        balances_of(left_before, left_after),
-        trends(tuple(floors), left_before, left_after),
+        balances(found.before, found.after),
+        trends(tuple(floors), found.before, found.after),
         floors,
         tuple(evidences),
     )
@@ -160,18 +147,3 @@ def _floors(runs: Sequence[Measured], rig: Rig, theta: Vector, found: Identified
     by_load = unknown_load_rms(runs, rig, theta, found.noise, options.seed)
     present = [name for name in own if any(name in m.rows.channels for m in runs)]
     return {name: float(np.hypot(own[name], by_load.get(name, 0.0))) for name in present}
-
-
-def _as_leftover(left: LackOfFit) -> Leftover:
-    return Leftover(left.gain, left.threshold, 0.0, left.families)
-
-
-def _finding(finding: Finding) -> AuditFinding:
-    return AuditFinding(finding.kind, finding.severity, finding.run, finding.channel, finding.text)
-
-
-def _repeats(strokes: Strokes) -> AuditFinding:
-    """Say what a run that repeats itself shows of its noise."""
-    floors = ", ".join(f"{name} by {floor:.3g}" for name, floor in strokes.floor_rms.items())
-    text = f"the same stroke every {strokes.period_s:.4g} s, {strokes.times:.1f} times; noise between strokes: {floors}"
-    return AuditFinding("strokes", "note", strokes.run, "", text)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.experiment import Record as Rows
 from hil_forceps.diagnosis.heldout import Played
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import course_of
+from hil_forceps.diagnosis.preparation.decoding import on_lines
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.load_prior import posterior_draw
 from hil_forceps.diagnosis.preparation.records import Record
@@ -110,20 +111,20 @@ def simulated(m: Measured, passed: Passed, rig: Rig, theta: Vector, load_N_m: Ve
     if edges.size and "theta_m_rad" in m.rows.channels:
         # Where in its row a load jumps isn't recorded: what follows tells it, jump by jump.
         slope = 4.0 * (simulate(fractions + 0.25).theta_m_rad - shown.theta_m_rad)
-        left = m.rows.channels["theta_m_rad"][m.record.settling_rows :] - shown.theta_m_rad
+        misfit = m.rows.channels["theta_m_rad"][m.record.settling_rows :] - shown.theta_m_rad
         for place, row in enumerate(edges):
-            there = slice(row + 1, row + 1 + EDGE_ROWS)
-            power = float(slope[there] @ slope[there])
-            moved = float(slope[there] @ left[there]) / power if power > 0.0 else 0.0
+            behind = slice(row + 1, row + 1 + EDGE_ROWS)
+            power = float(slope[behind] @ slope[behind])
+            moved = float(slope[behind] @ misfit[behind]) / power if power > 0.0 else 0.0
             fractions[place] = min(max(0.5 + moved, 0.0), 1.0) if math.isfinite(moved) else 0.5
         shown = simulate(fractions)
     found = {}
     first, zero = m.record.settling_rows, float(passed.filtered.course[-1, JAW_ZERO])
     for name, values in m.rows.channels.items():
-        there_too = values.copy()
-        there_too[first:] = getattr(shown, name) + (zero if name == "theta_j_rad" else 0.0)
+        course = values.copy()
+        course[first:] = getattr(shown, name) + (zero if name == "theta_j_rad" else 0.0)
         middle, span = float(values.mean()), WILD * max(float(np.ptp(values)), 1e-12)
-        found[name] = np.nan_to_num(np.clip(there_too, middle - span, middle + span), nan=middle + span)
+        found[name] = np.nan_to_num(np.clip(course, middle - span, middle + span), nan=middle + span)
     return found
 
 
@@ -133,13 +134,13 @@ def _simulator(
     """Return what simulates the rows that count, given where in their rows the load jumps; and these rows."""
     p, d, course = Physics(*theta.tolist()), passed.series, passed.filtered.course
     first, samples = m.record.settling_rows, d.samples
-    reference = _between(m.rows.reference_rad, samples)
+    reference = on_lines(m.rows.reference_rad, samples)
     angle = np.array([encoder_rad(p, at) for at in course[:, THETA_M]])
-    counted = _between(angle, samples)
+    counted = on_lines(angle, samples)
     if d.count_rad > 0.0:
         counted = np.array([quantise(at, d.count_rad) for at in counted])
     counted[::samples] = m.run.columns["theta_m_rad"]
-    rounding = counted - _between(angle, samples)
+    rounding = counted - on_lines(angle, samples)
     start = _start(rig, m, passed, reference[: first * samples], counted[: first * samples])
     load = load_N_m[first:]
     may_jump = d.load_jump_variance[first:-1] > 0.0
@@ -153,14 +154,6 @@ def _simulator(
         return closed_loop.simulate(theta, law, 0.0, given, start, STEPS, samples)
 
     return simulate, edges
-
-
-def _between(values: Vector, samples: int) -> Vector:
-    """Return values at each sample of the drive, on lines between the rows."""
-    if samples == 1:
-        return values.copy()
-    at = np.arange(values.size * samples) / samples
-    return np.asarray(np.interp(at, np.arange(values.size), values))
 
 
 def _start(rig: Rig, m: Measured, passed: Passed, reference: Vector, counted: Vector) -> Start:

@@ -5,21 +5,27 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from hil_forceps.diagnosis.error_rates import DETECTION_POWER, FALSE_ALARMS, LEFT_OVER_CHANCE, LEFT_SHARE
+from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEFT_OVER_CHANCE
 from hil_forceps.diagnosis.hypotheses.search import Candidate as Model
 from hil_forceps.diagnosis.hypotheses.search import Step
 from hil_forceps.diagnosis.identification import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, inverted
 from hil_forceps.diagnosis.inference.parameters import Free
-from hil_forceps.diagnosis.judge import ACCURACY, LEAST_SHIFT, SHIFT_SD, Judgement
+from hil_forceps.diagnosis.judge import (
+    ACCURACY,
+    LEAST_SHIFT,
+    SHIFT_SD,
+    UNEXPLAINED_SHARE,
+    Judgement,
+    least_detectable,
+    varies_over,
+)
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit
 from hil_forceps.diagnosis.result import TWO_SIDED_95, Candidate, Detectable, Estimate, NamedEffect, Shift
+from hil_forceps.diagnosis.starting import known
 from hil_forceps.model.parameters import index
 from hil_forceps.rig import Rig
-from hil_forceps.rig.catalogue import EFFECTS, effect
-from hil_forceps.rig.quantities import Parameter
-
-POWER_DEVIATIONS = float(stats.norm.ppf(DETECTION_POWER))
+from hil_forceps.rig.catalogue import effect
 
 
 def judge(found: Identified, rig: Rig) -> Judgement:
@@ -55,7 +61,7 @@ def unexplained(found: Identified) -> LackOfFit | None:
     Beside named effects a small share of what they explain may be left: the model's own step and its linear answers are
     not exact.
     """
-    room = LEFT_SHARE * explained(found.found.best, found.found.steps)
+    room = UNEXPLAINED_SHARE * explained(found.found.best, found.found.steps)
     for left in (found.after, found.unseen):
         if left is not None and left.gain > max(LEFT_OVER_CHANCE * left.threshold, room):
             return left
@@ -66,11 +72,6 @@ def explained(best: Model, steps: Sequence[Step]) -> float:
     """Return the fall of χ² by the effects of the best model."""
     gains = [max((c.gain for c in step.tried), default=0.0) for step in steps]
     return float(sum(gains[: len(best.effects)]))
-
-
-def varies_over(left: LackOfFit) -> tuple[str, ...]:
-    """Return the variables over which what is left varies most, with their places."""
-    return tuple(dict.fromkeys(f"{p}: {v}" for p, v, gain in left.families[:4] if gain > left.threshold))
 
 
 def named_effects(found: Identified) -> tuple[NamedEffect, ...]:
@@ -106,7 +107,7 @@ def parameter_shifts(fitted: Fit, rig: Rig) -> dict[str, Shift]:
     for free, value, deviation in zip(fitted.free, fitted.values, fitted.deviations, strict=True):
         if free.name.startswith("effects."):
             continue
-        assumed = known_quantity(rig, free.name).value
+        assumed = known(rig, free.name).value
         shares = LEAST_SHIFT * (0.3 if "coulomb" in free.name else 1.0)
         if assumed is None or abs(value - assumed) > max(SHIFT_SD * deviation, shares * free.scale):
             shifts[free.name] = Shift(assumed, _estimate(free, float(value), float(deviation)))
@@ -116,7 +117,7 @@ def parameter_shifts(fitted: Fit, rig: Rig) -> dict[str, Shift]:
 def moved(fitted: Fit, rig: Rig) -> float:
     """Return the χ² by which the data move the known parameters from what was assumed."""
     at = _assumed(fitted, rig)
-    away = np.array([(fitted.values[i] - (known_quantity(rig, fitted.free[i].name).value or 0.0)) for i in at])
+    away = np.array([(fitted.values[i] - (known(rig, fitted.free[i].name).value or 0.0)) for i in at])
     scaled = away / np.array([fitted.free[i].scale for i in at])
     return float(scaled @ inverted(fitted.covariance[np.ix_(at, at)]) @ scaled)
 
@@ -126,15 +127,8 @@ def _assumed(fitted: Fit, rig: Rig) -> list[int]:
     return [
         i
         for i, free in enumerate(fitted.free)
-        if not free.name.startswith("effects.") and known_quantity(rig, free.name).value is not None
+        if not free.name.startswith("effects.") and known(rig, free.name).value is not None
     ]
-
-
-def known_quantity(rig: Rig, name: str) -> Parameter:
-    """Return what a rig says of a parameter of the plant (`model.parameters.PLANT_NAMES`)."""
-    section, key = name.split(".")
-    known: Parameter = getattr(getattr(rig, section), key)
-    return known
 
 
 def _estimate(free: Free, value: float, deviation: float) -> Estimate:
@@ -145,21 +139,13 @@ def _estimate(free: Free, value: float, deviation: float) -> Estimate:
 
 def detectable(step: Step) -> dict[str, Detectable]:
     """Return the smallest amplitude of each entry that these data would show in `DETECTION_POWER` of cases."""
-    needed = float(np.sqrt(step.tested.threshold)) + POWER_DEVIATIONS
-    least: dict[str, Detectable] = {}
-    for place in step.places:
-        if place.stop - place.first != len(place.amplitudes):  # no amplitude of its own
-            continue
-        for offset, (name, unit_size) in enumerate(place.amplitudes.items()):
-            own = float(step.tested.information[place.first + offset])
-            if own <= 1e-6:
-                continue
-            value = abs(unit_size) * needed / float(np.sqrt(own))
-            parameter = next(p for p in effect(place.effect_id).parameters if p.name == name)
-            held = least.get(place.effect_id)
-            if value <= parameter.maximum and (held is None or value < held.value):
-                least[place.effect_id] = Detectable(name, value, parameter.unit)
-    return {entry.id: least[entry.id] for entry in EFFECTS if entry.id in least}
+    amplitudes = [
+        (place.effect_id, name, size, float(step.tested.information[place.first + offset]))
+        for place in step.places
+        if place.stop - place.first == len(place.amplitudes)  # else no amplitude of its own
+        for offset, (name, size) in enumerate(place.amplitudes.items())
+    ]
+    return least_detectable(amplitudes, step.tested.threshold)
 
 
 def candidates(found: Identified) -> tuple[Candidate, ...]:

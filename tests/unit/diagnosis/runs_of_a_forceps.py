@@ -21,7 +21,7 @@ POOL = ThreadPoolExecutor(2)
 
 def records_of(runs: Sequence[Run], rig: Rig) -> list[Record]:
     noise = Noise(np.array([rig.noise.theta_j_rad, rig.noise.tau_w_N_m, rig.noise.current_A]), np.zeros(3), np.zeros(3))
-    return [record_of(EvenRun(run, np.zeros(len(run), dtype=np.bool_)), rig, noise) for run in runs]
+    return [record_of(EvenRun.whole(run), rig, noise) for run in runs]
 
 
 def runs_of(rig: Rig, kinds: Sequence[str], seed: int) -> list[Run]:

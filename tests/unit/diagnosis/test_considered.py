@@ -14,7 +14,7 @@ from tests.hidden_effects.drawn_cases import draw, make
 def test_the_zero_of_the_jaw_sensor_is_not_told_by_a_jaw_that_sticks() -> None:
     case = make(draw("none", 35, usual=True))  # 30 % of the load; a run that begins amid motion
     noise = sensor_noise(case.fit, case.assumed)
-    records = [record_of(EvenRun(run, np.zeros(len(run), dtype=np.bool_)), case.assumed, noise) for run in case.fit]
+    records = [record_of(EvenRun.whole(run), case.assumed, noise) for run in case.fit]
     for run in pass_all(records, parameters.vector(case.true), map).runs:
         zero, variance = run.filtered.course[:, JAW_ZERO], run.filtered.variance[:, JAW_ZERO]
         # It is 0. Friction that is taken for white noise within its level tells −13.7 mrad ± 0.1 within 200 rows.
