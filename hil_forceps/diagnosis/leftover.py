@@ -4,6 +4,7 @@ A catalogue can't hold everything. These curves have no physics in them but the 
 more of the residual than chance gives, something is there that no entry explains, and the best curve says over what.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, cast
 
@@ -23,6 +24,7 @@ from hil_forceps.diagnosis.problem import Matrix
 from hil_forceps.diagnosis.robust import inflations, left_by
 from hil_forceps.diagnosis.score import Group, Square, score
 from hil_forceps.diagnosis.spectrum import Flat, Layout, Whitener
+from hil_forceps.diagnosis.state_space.kernel import kernel
 
 Vector = NDArray[np.float64]
 Signals = list[Vector]
@@ -113,22 +115,14 @@ def _sign(omega: Vector, top: float) -> Vector:
     return np.asarray(np.tanh(omega / (SHARP * top)))
 
 
+@kernel
 def memory_over_way(x: Vector, length: float) -> Vector:
     """Return the direction of motion, which after each reversal takes a way of `length` to be forgotten."""
-    way = np.diff(x, prepend=x[0])
-    moving = np.flatnonzero(way)
-    if not moving.size:
-        return np.zeros(x.size)
-    signs = np.sign(way[moving])
-    reversals = np.flatnonzero(np.diff(signs)) + 1
-    gone = np.cumsum(np.abs(way)) / length
     z = np.zeros(x.size)
-    state = 0.0
-    for first, last in zip([0, *reversals], [*reversals, moving.size], strict=True):
-        sign, start = signs[first], int(moving[first])
-        stop = int(moving[last]) if last < moving.size else x.size
-        z[start:stop] = sign + (state - sign) * np.exp(gone[start - 1] - gone[start:stop])
-        state = z[stop - 1]
+    for row in range(1, x.size):
+        way = x[row] - x[row - 1]
+        direction = 1.0 if way > 0.0 else -1.0
+        z[row] = z[row - 1] if way == 0.0 else direction + (z[row - 1] - direction) * math.exp(-abs(way) / length)
     return z
 
 

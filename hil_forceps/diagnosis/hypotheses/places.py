@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.entries import Probe, Scene, probes, quantiles_of_speed
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
 from hil_forceps.diagnosis.state_space.layout import OMEGA_M, THETA_J, THETA_M
-from hil_forceps.diagnosis.state_space.passes import Direction, Passes
+from hil_forceps.diagnosis.state_space.passes import Direction, Passes, Wave
+from hil_forceps.rig.catalogue import EFFECT_IDS
 
 Vector = NDArray[np.float64]
 
@@ -17,6 +18,8 @@ Vector = NDArray[np.float64]
 SHARE = 1e-2
 SHARE_OF_ONE_SIDED = 0.05  # of friction that can't be negative, beside next to none  # tuned: by its catalogue size
 HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 16.0, 18.0, 21.0, 24.0)
+# Torques that recur with the motor's angle, and whether they come with the current: half of all columns.
+WAVES = {"cogging": False, "torque_ripple": True}
 
 
 class Place(NamedTuple):
@@ -50,18 +53,38 @@ def scene_of(passes: Passes) -> Scene:
     )
 
 
-def places_of(passes: Passes, without: frozenset[str]) -> tuple[list[Place], list[Direction]]:
-    """Return the places to look at beside the pass's model, and the direction of each of their columns."""
-    places: list[Place] = []
+def places_of(passes: Passes, without: frozenset[str]) -> tuple[list[Place], list[Direction], list[Wave]]:
+    """Return the places to look at beside the pass's model, and what their columns are: directions, then waves."""
+    found = probes(scene_of(passes), without)
     directions: list[Direction] = []
-    for probe in probes(scene_of(passes), without):
-        columns = _directions(passes.theta, probe)
-        shape = {k: v for k, v in probe.start.items() if k not in probe.amplitudes}
-        amplitudes = {k: probe.start[k] for k in probe.amplitudes}
-        at = len(directions)
-        places.append(Place(probe.effect_id, shape, amplitudes, at, at + len(columns), probe.one_sided))
-        directions += columns
-    return places, directions
+    waves: list[Wave] = []
+    columns: list[tuple[Probe, int, int]] = []
+    for probe in found:
+        if probe.effect_id not in WAVES:
+            new = _directions(passes.theta, probe)
+            columns.append((probe, len(directions), len(directions) + len(new)))
+            directions += new
+    for probe in found:
+        if probe.effect_id in WAVES:
+            at = len(directions) + len(waves)
+            waves += _waves(probe)
+            columns.append((probe, at, at + 2))
+    columns.sort(key=lambda column: EFFECT_IDS.index(column[0].effect_id))
+    return [_place(*column) for column in columns], directions, waves
+
+
+def _place(probe: Probe, first: int, stop: int) -> Place:
+    shape = {k: v for k, v in probe.start.items() if k not in probe.amplitudes}
+    amplitudes = {k: probe.start[k] for k in probe.amplitudes}
+    return Place(probe.effect_id, shape, amplitudes, first, stop, probe.one_sided)
+
+
+def _waves(probe: Probe) -> list[Wave]:
+    with_current = WAVES[probe.effect_id]
+    return [
+        Wave(probe.start["harmonic"], name.startswith("cosine"), with_current, probe.start[name])
+        for name in probe.amplitudes
+    ]
 
 
 def _directions(theta: Vector, probe: Probe) -> list[Direction]:

@@ -115,8 +115,8 @@ def _scored(s: Search, model: Candidate) -> tuple[list[Place], Tested]:
     """Return all places beside a model, tested."""
     passes, free = model.fit.passes, model.fit.free
     taken = frozenset(model.effects) - {"channel_skew"}
-    places, directions = places_of(passes, s.without | taken)
-    found = gram(passes, [*directions_of(free, passes.theta), *directions], s.mapper)
+    places, directions, waves = places_of(passes, s.without | taken)
+    found = gram(passes, [*directions_of(free, passes.theta), *directions], s.mapper, waves)
     return places, score_test(found, Prior.of(free, passes.theta), places, s.seed)
 
 

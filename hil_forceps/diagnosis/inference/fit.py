@@ -18,7 +18,8 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 MAX_STEPS = 8
-CONVERGED = 0.1  # deviations of a parameter: a step below it changes no verdict
+CONVERGED_CHI2 = 0.02  # that a step is to gain: no parameter is further than 0.14 deviations from its best
+STATIONARY_CHI2 = 1.0  # that a whole step did gain: rows that come and go as evidence move χ² by as much
 MAX_HALVINGS = 4
 DIFFERENCE = 1e-4  # of a parameter's scale, for its answer: the plant is next to linear over it
 LARGEST_RATIO = 2.0  # by which a positive parameter may change in a step
@@ -77,28 +78,34 @@ def fit(
 ) -> Fit:
     """Return the fit from `theta` on."""
     passes = pass_all(runs, theta, mapper)
+    inverse = np.eye(len(free))
     for _ in range(max_steps):
-        inverse, step = _newton(passes, free, mapper)
-        stepped = _accepted(runs, passes, free, step, mapper)
+        newton = _newton(passes, free, mapper)
+        inverse = newton.inverse
+        if newton.decrement < CONVERGED_CHI2:
+            break
+        stepped = _accepted(runs, passes, free, newton.step, mapper)
         if stepped is None:
             break
-        at = [f.place for f in free]
-        moved = (stepped.theta[at] - passes.theta[at]) / [f.scale for f in free]
-        done = np.max(np.abs(moved) / np.sqrt(np.maximum(np.diag(inverse), 1e-300))) < CONVERGED
-        passes = stepped
-        if done:
+        passes = stepped.passes
+        if stepped.whole and stepped.gain < STATIONARY_CHI2:
             break
-    inverse, _ = _newton(passes, free, mapper)
     return Fit(tuple(free), passes, inverse)
 
 
-def _newton(passes: Passes, free: Sequence[Free], mapper: Mapper) -> tuple[Matrix, Vector]:
-    """Return the inverse of the posterior's curvature, and the step in units of the scales."""
+class _Newton(NamedTuple):
+    inverse: Matrix  # of the posterior's curvature
+    step: Vector  # in units of the scales
+    decrement: float  # the fall of χ² that the step is to bring
+
+
+def _newton(passes: Passes, free: Sequence[Free], mapper: Mapper) -> _Newton:
     found = _finite(gram(passes, directions_of(free, passes.theta), mapper))
     away, precision = prior_of(free, passes.theta)
-    curvature = found.information + np.diag(precision)
-    inverse = inverted(curvature)
-    return inverse, inverse @ (-found.score - precision * away)
+    downhill = -found.score - precision * away
+    inverse = inverted(found.information + np.diag(precision))
+    step = inverse @ downhill
+    return _Newton(inverse, step, float(downhill @ step))
 
 
 def _finite(found: Gram) -> Gram:
@@ -118,10 +125,16 @@ def inverted(curvature: Matrix) -> Matrix:
     return np.asarray(inverse / np.outer(root, root))
 
 
+class _Stepped(NamedTuple):
+    passes: Passes
+    gain: float  # of χ², on rows that are evidence before and after
+    whole: bool
+
+
 def _accepted(
     runs: Sequence[Filterable], passes: Passes, free: Sequence[Free], step: Vector, mapper: Mapper
-) -> Passes | None:
-    """Return the passes a step on, halved until it is no worse; None where no step is better."""
+) -> _Stepped | None:
+    """Return the passes a step on, shortened until it is no worse; None where no step is better."""
     factor = 1.0
     for _ in range(MAX_HALVINGS):
         theta = _moved(passes.theta, free, factor * step)
@@ -130,7 +143,7 @@ def _accepted(
         # Variances that change with the parameters move it, too: by less than this near the best.
         slack = 5.0 + 0.5 * len(free)
         if np.isfinite(after) and after > before - slack:
-            return tried
+            return _Stepped(tried, 2.0 * (after - before), factor == 1.0)
         factor *= 0.3
     return None
 

@@ -10,9 +10,9 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.hypotheses.places import Place
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, score_test
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of
-from hil_forceps.diagnosis.lack_of_fit.forcing_pass import forced
 from hil_forceps.diagnosis.leftover import Curve, Scale, all_curves, scale_of
 from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.forcing_pass import COLUMNS_AT_ONCE, forced
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     CURRENT,
@@ -34,8 +34,6 @@ from hil_forceps.diagnosis.state_space.response_pass import response_run
 from hil_forceps.model.physics import Physics
 
 Vector = NDArray[np.float64]
-
-CURVES_AT_ONCE = 32
 
 # Of these families some members look a row ahead, into the innovations that are tested.
 _AHEAD = {("wire", "rate of stretch"), ("theta_j_rad", "rate")}
@@ -134,8 +132,8 @@ def _answers(p: Physics, run: Passed, course: Course, scale: Scale) -> Iterator[
         for member in curve.members(shows if curve.place in _CHANNEL else course, scale)
     ]
     n = course.time_s.size
-    for first in range(0, len(members), CURVES_AT_ONCE):
-        some = members[first : first + CURVES_AT_ONCE]
+    for first in range(0, len(members), COLUMNS_AT_ONCE):
+        some = members[first : first + COLUMNS_AT_ONCE]
         motor, jaw = np.zeros((n, len(some))), np.zeros((n, len(some)))
         shown = np.zeros((n, CHANNELS, len(some)))
         for at, (place, member) in enumerate(some):

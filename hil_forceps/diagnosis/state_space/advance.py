@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.model.current import CurrentStep, current_over, current_step
 from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all, fill_multiples
 from hil_forceps.model.physics import (
@@ -73,13 +73,13 @@ def stepper(p: Physics, period_s: float, samples: int) -> Stepper:
     return Stepper(gains, whole, decays(p, max(span, 1), step_s), inertia, kept, current, samples, span, step_s)
 
 
-@kernel
+@inlined
 def acting_command(p: Physics, command_A: float) -> float:
     """Return what of a command the amplifier gives."""
     return max(-p.limit, min(p.limit, dead_zone(command_A, p.deadband)))
 
 
-@kernel
+@inlined
 def advance(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting) -> State:
     """Return the plant's state a row on."""
     steps = STEPS // s.samples
@@ -91,7 +91,7 @@ def advance(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting) -> State:
     return x
 
 
-@kernel
+@inlined
 def _over_sample(
     p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, first: int, steps: int, old_A: float, new_A: float
 ) -> State:
@@ -119,7 +119,7 @@ def _over_sample(
     return x
 
 
-@kernel
+@inlined
 def _one(
     p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, first: int, step: int, old_A: float, new_A: float
 ) -> State:
@@ -143,7 +143,7 @@ def friction_at_rest_N_m(p: Physics) -> float:
     return motor_level_N_m(p, 0.0, 0.0) + p.film_level + abs(p.asymmetry)
 
 
-@kernel
+@inlined
 def expected_friction_m_N_m(p: Physics, omega: float, deviation: float, tension_N: float) -> float:
     """Return the mean of the motor's dry friction where its speed is only known to ± `deviation`."""
     forward = forward_share(omega, deviation)
@@ -151,13 +151,13 @@ def expected_friction_m_N_m(p: Physics, omega: float, deviation: float, tension_
     return forward * (level + max(0.0, p.asymmetry)) - (1.0 - forward) * (level + max(0.0, -p.asymmetry))
 
 
-@kernel
+@inlined
 def expected_friction_j_N_m(p: Physics, omega: float, deviation: float, theta: float) -> float:
     """Return the same of the jaw."""
     return (2.0 * forward_share(omega, deviation) - 1.0) * jaw_level_N_m(p, theta)
 
 
-@kernel
+@inlined
 def forward_share(omega: float, deviation: float) -> float:
     """Return how likely a speed of this mean and deviation is positive."""
     if deviation <= 0.0:
@@ -204,7 +204,7 @@ def steppers(plants: Regimes, period_s: float, samples: int) -> Steppers:
     return Steppers(kinds, stepper(plants[0], period_s, samples))
 
 
-@kernel
+@inlined
 def advance_in(plants: Regimes, s: Steppers, motor_free: bool, jaw_free: bool, x: State, a: Acting) -> State:
     """Return the plant's state a row on in the regime that holds."""
     if motor_free:

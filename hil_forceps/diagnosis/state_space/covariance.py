@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_BIAS,
     CURRENT_NOISE,
@@ -49,7 +49,7 @@ def _carried(f: Matrix, x: Vector, i: int, kept: Vector) -> float:
     return value
 
 
-@kernel
+@inlined
 def spread(covariance: Matrix, f: Matrix, column: int, variance: float) -> None:
     """Add what an input of this variance, held over a row, does to the plant."""
     for i in range(PLANT_STATES):
@@ -57,7 +57,7 @@ def spread(covariance: Matrix, f: Matrix, column: int, variance: float) -> None:
             covariance[i, j] += variance * f[i, column] * f[j, column]
 
 
-@kernel
+@inlined
 def disturbed(covariance: Matrix, d: Series, row: int, f: Matrix, jump: Matrix, torque_constant: float) -> None:
     """Add the process noise of a row: integration, command, load, sensors' coloured noise."""
     covariance[OMEGA_M, OMEGA_M] += d.speed_variance[0]
@@ -84,7 +84,7 @@ def forgotten(covariance: Matrix, state: int) -> None:
     covariance[:, state] = 0.0
 
 
-@kernel
+@inlined
 def freed(covariance: Matrix, state: int, level_N_m: float, kept: float) -> None:
     """Add what a friction torque may change by over a row: it wanders within about ± its level."""
     covariance[state, state] += level_N_m * level_N_m * (1.0 - kept * kept)

@@ -18,7 +18,7 @@ from hil_forceps.diagnosis.state_space.advance import (
     steppers,
 )
 from hil_forceps.diagnosis.state_space.covariance import disturbed, forgotten, freed, moved, spread
-from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     COMMAND_BIAS,
@@ -91,14 +91,14 @@ def first_plant(d: Series) -> State:
     return State(x[THETA_M], x[OMEGA_M], x[THETA_J], x[OMEGA_J], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, current)
 
 
-@kernel
+@inlined
 def beginning(x: State, plant: Vector) -> State:
     """Return the plant with the filter's angles and speeds."""
     memory = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
     return State(plant[THETA_M], plant[OMEGA_M], plant[THETA_J], plant[OMEGA_J], *memory, x.current_A)
 
 
-@kernel
+@inlined
 def friction_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector) -> tuple[float, float]:
     """Return the dry friction that the plant's step is without, motor and jaw: its mean, and the filter's state."""
     motor, jaw = 0.0, 0.0
@@ -110,7 +110,7 @@ def friction_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector) ->
     return motor, jaw
 
 
-@kernel
+@inlined
 def acting_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector, elastic_slope: float) -> Acting:
     """Return what acts from a row to the next; `x` and `variance`: of the filter's state there."""
     friction = friction_on(p, d, row, x, variance)
@@ -119,13 +119,13 @@ def acting_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector, elas
     return Acting(row * d.period_s, d.command_A, first, x[COMMAND_BIAS], x[LOAD], load_slope, friction[0], friction[1])
 
 
-@kernel
+@inlined
 def near_standstill(first: float, last: float, deviation: float) -> bool:
     """Tell whether a speed's sign isn't sure over a row."""
     return first * last <= 0.0 or min(abs(first), abs(last)) < _SURE * deviation
 
 
-@kernel
+@inlined
 def _considered(d: Series, row: int, channel: int, doubtful: bool) -> tuple[bool, bool]:
     """Tell of which states a measurement is no evidence: the command's bias, and the zero of the jaw sensor.
 
@@ -142,7 +142,7 @@ def _considered(d: Series, row: int, channel: int, doubtful: bool) -> tuple[bool
     return sticks and channel != CURRENT, sticks
 
 
-@kernel
+@inlined
 def _measurements(
     p: Physics,
     d: Series,
@@ -188,7 +188,7 @@ def _measurements(
     return surprise
 
 
-@kernel
+@inlined
 def _friction(d: Series, row: int, was: tuple[bool, bool], x: Vector, covariance: Matrix) -> tuple[bool, bool]:
     """Begin or end the stretches where a mass may stick; return where it may, motor and jaw."""
     free_m, free_j = d.friction_free_m[row], d.friction_free_j[row]
@@ -201,7 +201,7 @@ def _friction(d: Series, row: int, was: tuple[bool, bool], x: Vector, covariance
     return free_m, free_j
 
 
-@kernel
+@inlined
 def _friction_noise(
     d: Series,
     free: tuple[bool, bool],
@@ -305,7 +305,7 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
         x[THETA_J], x[OMEGA_J] = plant.theta_j_rad, plant.omega_j_rad_per_s
 
 
-@kernel
+@inlined
 def is_slack(p: Physics, x: Vector) -> bool:
     """Tell whether the wire of a plant with a dead zone is in it."""
     return p.slack > 0.0 and abs(p.r_m * x[THETA_M] - p.r_j * x[THETA_J] - p.zero_stretch) < p.slack

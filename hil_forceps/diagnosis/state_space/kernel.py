@@ -5,3 +5,4 @@ from hil_forceps.rig.kernel import kernel_compiler
 _SOURCES = ("hil_forceps/model", "hil_forceps/diagnosis/state_space", "hil_forceps/rig/plant.py")
 
 kernel = kernel_compiler(_SOURCES)
+inlined = kernel_compiler(_SOURCES, inline=True)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.interval import interval_likelihood
-from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_BIAS,
     CURRENT_NOISE,
@@ -31,7 +31,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 
-@kernel
+@inlined
 def predicted(p: Physics, channel: int, x: Vector, current_A: float, before_A: float, period_s: float) -> float:
     """Return what a channel shows of state `x`; `current_A`: in the motor at the row, `before_A`: a row earlier.
 
@@ -49,7 +49,7 @@ def predicted(p: Physics, channel: int, x: Vector, current_A: float, before_A: f
     return shown
 
 
-@kernel
+@inlined
 def measured(d: Series, channel: int, row: int) -> float:
     """Return what a channel showed; NaN where it was not measured."""
     if channel == ENCODER:
@@ -83,7 +83,7 @@ def direction(channel: int, covariance: Matrix, out: Vector) -> float:
     return variance
 
 
-@kernel
+@inlined
 def evidence(d: Series, channel: int, row: int, shown: float, variance: float) -> tuple[float, float, float]:
     """Return log likelihood of a measurement, its score in what was predicted, and its information about that."""
     value = measured(d, channel, row)

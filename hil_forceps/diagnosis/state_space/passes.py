@@ -8,8 +8,18 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.advance import Regimes, regimes
 from hil_forceps.diagnosis.state_space.filter_pass import filter_run
-from hil_forceps.diagnosis.state_space.layout import CURRENT, Filtered, Series
+from hil_forceps.diagnosis.state_space.forcing_pass import COLUMNS_AT_ONCE, forced
+from hil_forceps.diagnosis.state_space.layout import (
+    CHANNELS,
+    CURRENT,
+    OMEGA_M,
+    PREDICTED_CURRENT,
+    THETA_M,
+    Filtered,
+    Series,
+)
 from hil_forceps.diagnosis.state_space.response_pass import response_run
+from hil_forceps.model.physics import Physics
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -69,6 +79,24 @@ class Direction(NamedTuple):
     per: float
 
 
+class Wave(NamedTuple):
+    """A torque on the motor that recurs with its angle: a direction that needs no step of the model for each."""
+
+    harmonic: float
+    cosine: bool
+    with_current: bool  # `amplitude` is a share of the current's torque, else in N m
+    amplitude: float
+
+    def torque_N_m(self, p: Physics, run: Passed) -> Vector:
+        """Return the torque from each row to the next, in the middle between them."""
+        course = run.filtered.course
+        phase = self.harmonic * (course[:, THETA_M] + 0.5 * run.series.period_s * course[:, OMEGA_M])
+        torque = self.amplitude * (np.cos(phase) if self.cosine else np.sin(phase))
+        if self.with_current:
+            torque[:-1] *= p.K_t * course[1:, PREDICTED_CURRENT]
+        return np.asarray(torque)
+
+
 class Gram(NamedTuple):
     """Of the answers J of the innovations r to m directions: JᵀJ, and Jᵀr."""
 
@@ -108,17 +136,26 @@ def pass_all(runs: Sequence[Filterable], theta: Vector, mapper: Mapper) -> Passe
     return Passes(theta, plants, tuple(mapper(one, runs)))
 
 
-def gram(passes: Passes, directions: Sequence[Direction], mapper: Mapper) -> Gram:
-    """Return how the innovations answer to some directions."""
+def gram(passes: Passes, directions: Sequence[Direction], mapper: Mapper, waves: Sequence[Wave] = ()) -> Gram:
+    """Return how the innovations answer to some directions, and behind them to `waves`."""
     plants = [(regimes(d.theta), d.per) for d in directions]
+    base = passes.plants.sliding
 
     def one(run: Passed) -> Gram:
-        answers = np.empty((run.filtered.residual.size, len(plants)), dtype=np.float32)
+        answers = np.empty((run.filtered.residual.size, len(plants) + len(waves)), dtype=np.float32)
         for at, (plant, per) in enumerate(plants):
-            answer = response_run(plant, passes.plants.sliding, run.series, run.filtered, per)
+            answer = response_run(plant, base, run.series, run.filtered, per)
             answer = np.where(run.counts, answer, 0.0).ravel()
             # A plant that goes out of bounds within a row says nothing: no information, instead of an infinite one.
             answers[:, at] = answer if np.max(np.abs(answer)) < _WILD else 0.0
+        for first in range(0, len(waves), COLUMNS_AT_ONCE):
+            some = waves[first : first + COLUMNS_AT_ONCE]
+            motor = np.column_stack([wave.torque_N_m(base, run) for wave in some])
+            nothing = np.zeros((motor.shape[0], CHANNELS, motor.shape[1]))
+            answer = forced(base, run.series, run.filtered, motor, np.zeros_like(motor), nothing)
+            answer[~run.counts] = 0.0
+            at = len(plants) + first
+            answers[:, at : at + len(some)] = answer.reshape(answers.shape[0], -1)
         return gram_of(answers, run.residual.ravel())
 
     return total(list(mapper(one, passes.runs)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.advance import Regimes, advance_in, steppers
 from hil_forceps.diagnosis.state_space.filter_pass import acting_on, beginning, first_plant, is_slack, noise_kept
-from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     COMMAND_BIAS,
@@ -52,7 +52,7 @@ Matrix = NDArray[np.float64]
 _COUPLED = COMMAND_BIAS + 1
 
 
-@kernel
+@inlined
 def _shown(p: Physics, channel: int, at: Vector, current_A: float, before_A: float, period_s: float) -> float:
     """Return what a channel shows of a row's prediction, without the nuisances that are alike for all parameters."""
     if channel == ENCODER:
@@ -67,7 +67,7 @@ def _shown(p: Physics, channel: int, at: Vector, current_A: float, before_A: flo
     return value
 
 
-@kernel
+@inlined
 def _change_shown(channel: int, gain: float, x: Vector) -> float:
     """Return what a channel shows of a change of the state."""
     if channel == ENCODER:
@@ -134,7 +134,7 @@ def response_pass(
         x[:] = after
 
 
-@kernel
+@inlined
 def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector) -> None:
     """Fill `after` with a change of the state a row on."""
     for i in range(PLANT_STATES):
@@ -147,7 +147,7 @@ def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector)
     after[LOAD] += period_s * x[LOAD_SLOPE]
 
 
-@kernel
+@inlined
 def answer_of_contact(f: Matrix, stiffness: float, period_s: float, before_rad: float | Vector, after: Vector) -> None:
     """Add to a change of the state a row on what a load that answers to the jaw's angle makes of it.
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.filter_pass import is_slack, noise_kept
-from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     COMMAND_BIAS,
@@ -33,6 +33,7 @@ from hil_forceps.model.physics import Physics
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
+COLUMNS_AT_ONCE = 32  # to spare memory
 _COUPLED = COMMAND_BIAS + 1
 
 
@@ -61,11 +62,14 @@ def forcing_pass(
         for place in range(CHANNELS):
             channel = (place + CURRENT) % CHANNELS
             _shown(channel, 1.0 + p.current_gain, x, change)
-            change += shown[row, channel]
-            out[row, channel] = -weight[row, channel] * change
+            for m in range(count):
+                change[m] += shown[row, channel, m]
+                out[row, channel, m] = -weight[row, channel] * change[m]
             for i in range(STATES):
-                if gain[row, channel, i] != 0.0:
-                    x[i] -= gain[row, channel, i] * change
+                per = gain[row, channel, i]
+                if per != 0.0:
+                    for m in range(count):
+                        x[i, m] -= per * change[m]
         if not (d.friction_free_m[row] and was_m):
             x[FRICTION_M] = 0.0
         if not (d.friction_free_j[row] and was_j):
@@ -74,33 +78,41 @@ def forcing_pass(
         f = slack if is_slack(p, course[row]) else taut
         _carried(f, x, motor[row], jaw[row], d.period_s, kept, after)
         answer_of_contact(f, d.contact_stiffness[row], d.period_s, x[THETA_J], after)
-        x[:] = after
+        x, after = after, x
 
 
-@kernel
+@inlined
 def _shown(channel: int, gain: float, x: Matrix, out: Vector) -> None:
     """Fill `out` with what a channel shows of changes of the state."""
-    if channel == CURRENT:
-        out[:] = gain * x[COMMAND_BIAS] + x[CURRENT_NOISE]
-    elif channel == JAW:
-        out[:] = x[THETA_J] + x[JAW_ZERO] + x[JAW_NOISE]
-    elif channel == LOAD_CELL:
-        out[:] = x[LOAD] + x[LOAD_NOISE]
-    else:
-        out[:] = x[THETA_M]
+    for m in range(out.size):
+        if channel == CURRENT:
+            out[m] = gain * x[COMMAND_BIAS, m] + x[CURRENT_NOISE, m]
+        elif channel == JAW:
+            out[m] = x[THETA_J, m] + x[JAW_ZERO, m] + x[JAW_NOISE, m]
+        elif channel == LOAD_CELL:
+            out[m] = x[LOAD, m] + x[LOAD_NOISE, m]
+        else:
+            out[m] = x[THETA_M, m]
 
 
-@kernel
+@inlined
 def _carried(f: Matrix, x: Matrix, motor: Vector, jaw: Vector, period_s: float, kept: Vector, after: Matrix) -> None:
     """Fill `after` with changes of the state a row on."""
+    count = motor.size
     for i in range(PLANT_STATES):
-        # Friction brakes, and so does a load: a torque is what takes from them.
-        after[i] = -f[i, FRICTION_M] * motor - f[i, FRICTION_J] * jaw
+        by_motor, by_jaw = f[i, FRICTION_M], f[i, FRICTION_J]
+        for m in range(count):
+            # Friction brakes, and so does a load: a torque is what takes from them.
+            after[i, m] = -by_motor * motor[m] - by_jaw * jaw[m]
         for j in range(_COUPLED):
-            after[i] += f[i, j] * x[j]
+            per = f[i, j]
+            for m in range(count):
+                after[i, m] += per * x[j, m]
     for i in range(PLANT_STATES, STATES):
-        after[i] = kept[i] * x[i]
-    after[LOAD] += period_s * x[LOAD_SLOPE]
+        for m in range(count):
+            after[i, m] = kept[i] * x[i, m]
+    for m in range(count):
+        after[LOAD, m] += period_s * x[LOAD_SLOPE, m]
 
 
 def forced(p: Physics, d: Series, f: Filtered, motor: Matrix, jaw: Matrix, shown: Matrix) -> Matrix:
