@@ -31,6 +31,7 @@ class Tested(NamedTuple):
 
     gains: Vector  # fall of χ² beyond the cost of more than one column
     sizes: list[Vector]  # of the columns
+    shifts: list[Vector]  # of the fitted parameters beside them, in units of their scales
     information: Vector  # of each column, beside the fitted parameters
     threshold: float
 
@@ -58,16 +59,20 @@ def score_test(found: Gram, prior: Prior, places: Sequence[Place], seed: int) ->
     fitted = prior.pull.size
     own = found.information[fitted:, fitted:]
     cross = found.information[:fitted, fitted:]
-    solved = inverted(found.information[:fitted, :fitted] + prior.precision) @ cross
+    inverse = inverted(found.information[:fitted, :fitted] + prior.precision)
+    solved = inverse @ cross
+    alone = -inverse @ (found.score[:fitted] + prior.pull)
     s = own - cross.T @ solved
     b = -(found.score[fitted:] - solved.T @ (found.score[:fitted] + prior.pull))
     good = np.isfinite(np.diag(own)) & (np.diag(s) > IDENTIFIABLE * np.diag(own)) & (np.diag(s) > 1e-12)
-    gains, sizes = [], []
+    gains, sizes, shifts = [], [], []
     for place in places:
         gain, size = _gain(s, b, place, good)
         gains.append(gain)
         sizes.append(size)
-    return Tested(np.array(gains), sizes, np.where(good, np.diag(s), 0.0), _threshold(s, places, good, seed))
+        shifts.append(alone - solved[:, place.first : place.stop] @ size)
+    threshold = _threshold(s, places, good, seed)
+    return Tested(np.array(gains), sizes, shifts, np.where(good, np.diag(s), 0.0), threshold)
 
 
 def _gain(s: Matrix, b: Vector, place: Place, good: NDArray[np.bool_]) -> tuple[float, Vector]:

@@ -1,6 +1,6 @@
 """Forward selection with refits, backward elimination, and the set of models that the data can't tell apart."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
 from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Prior, Tested, score_test
-from hil_forceps.diagnosis.inference.fit import Fit, directions_of, fit, inverted, penalised
+from hil_forceps.diagnosis.inference.fit import Fit, directions_of, fit, fit_from, inverted, moved, penalised
 from hil_forceps.diagnosis.inference.parameters import (
     Free,
     effect_parameters,
@@ -18,13 +18,16 @@ from hil_forceps.diagnosis.inference.parameters import (
     without_effect,
 )
 from hil_forceps.diagnosis.preparation.records import Record
-from hil_forceps.diagnosis.state_space.passes import Mapper, gram
+from hil_forceps.diagnosis.state_space.passes import Mapper, Passes, gram, pass_all
 
 Vector = NDArray[np.float64]
 
 MAX_EFFECTS = 6
 SHORTLIST = 6  # entries that are refitted at a step
 SHORTLIST_SHARE = 0.3  # of the best gain  # tuned: lag and damping beside a skew of d = 50
+SWITCHING_ROUNDS = 3
+SWITCHING_SETTLED = 0.3  # deviations of a parameter
+START_SHARES = (1.0, 0.3, 0.1)  # of what the score test finds
 SET_DROP = 8.0  # of twice the log likelihood: models within it are kept  # tuned: until calibrated by simulation
 
 
@@ -43,6 +46,7 @@ class Step(NamedTuple):
     places: tuple[Place, ...]
     tested: Tested
     tried: tuple[Candidate, ...]
+    joined: str = ""  # the entry that did
 
 
 class Found(NamedTuple):
@@ -52,6 +56,7 @@ class Found(NamedTuple):
     best: Candidate
     rivals: tuple[Candidate, ...]  # the best and all within `SET_DROP` of it
     steps: tuple[Step, ...]
+    explained: float = 0.0  # the fall of χ² from the baseline to the best
     not_looked_at: tuple[str, ...] = ()  # because the time was spent
 
 
@@ -77,6 +82,7 @@ def search(s: Search, theta: Vector) -> Found:
     tried: tuple[Candidate, ...]
     steps: list[Step] = []
     left_out: list[str] = []
+    explained = 0.0
     while len(best.effects) < MAX_EFFECTS:
         beside = f"beside {' + '.join(best.effects) or 'the known parameters'}"
         if s.spent():
@@ -90,24 +96,36 @@ def search(s: Search, theta: Vector) -> Found:
                 left_out.append(f"{place.effect_id} {beside}")
                 continue
             s.progress(f"fitting {place.effect_id} {beside}")
-            tried += (_refitted(s, best, place, tested.sizes[i]),)
-        steps.append(Step(best.effects, tuple(places), tested, tried))
+            tried += (_refitted(s, best, place, tested.sizes[i], tested.shifts[i]),)
         joined = sorted((c for c in tried if c.gain > tested.threshold), key=lambda c: -c.gain)
+        steps.append(Step(best.effects, tuple(places), tested, tried, joined[0].effects[-1] if joined else ""))
         if not joined:
             break
         rivals = tuple(c for c in joined if c.gain > joined[0].gain - SET_DROP)
         thinned = _thinned(s, joined[0], tested.threshold)
         if thinned is not joined[0]:
             rivals = (thinned, *(c for c in rivals if c is not joined[0]))
+        explained += thinned.gain
         s, best = _beside(s, thinned)
-    return Found(baseline, best, rivals, tuple(steps), tuple(left_out))
+    return Found(baseline, best, rivals, tuple(steps), explained, tuple(left_out))
 
 
 def _beside(s: Search, model: Candidate) -> tuple[Search, Candidate]:
-    """Return search and model with the friction of that model in the records, the same for all beside it."""
-    plant = model.fit.passes.plants.sliding
-    s = s._replace(runs=[run.with_friction_of(plant) for run in s.runs])
-    found = fit(s.runs, model.fit.passes.theta, model.fit.free, s.mapper)
+    """Return search and model with friction and switching of that model in the records, the same for all beside it.
+
+    What a pass decides hangs on its parameters: it decides, and the model is fitted to that, until neither moves on.
+    """
+    found = model.fit
+    for _ in range(SWITCHING_ROUNDS):
+        plant = found.passes.plants.sliding
+        runs = [run.with_friction_of(plant) for run in s.runs]
+        passes = pass_all(runs, found.passes.theta, s.mapper)
+        runs = [run.decided_by(passed.filtered) for run, passed in zip(runs, passes.runs, strict=True)]
+        s = s._replace(runs=runs)
+        before = found.values
+        found = fit(runs, found.passes.theta, found.free, s.mapper)
+        if np.all(np.abs(found.values - before) < SWITCHING_SETTLED * found.deviations):
+            break
     return s, model._replace(fit=found)
 
 
@@ -134,25 +152,32 @@ def _shortlist(places: Sequence[Place], tested: Tested) -> list[tuple[int, Place
     return list(chosen.values())[:SHORTLIST]
 
 
-def _refitted(s: Search, model: Candidate, place: Place, sizes: Vector) -> Candidate:
-    """Return a model with an entry added, from where the score test puts it."""
-    effects = {e: values_of(model.fit.passes.theta, e) for e in model.effects}
-    new = start_of(place.effect_id, estimate(place, [float(v) for v in sizes]))
-    if place.effect_id in effects:  # another channel of a skew
-        new = {k: v if v != 0.0 else effects[place.effect_id][k] for k, v in new.items()}
-    effects[place.effect_id] = new
-    return _fitted(s, model, effects)
+def _refitted(s: Search, model: Candidate, place: Place, sizes: Vector, shifts: Vector) -> Candidate:
+    """Return a model with an entry added, from where the score test puts it and the parameters beside it.
+
+    Where the plant is not linear that far, from nearer to the model.
+    """
+    base = model.fit
+    starts: list[tuple[Passes, list[str]]] = []
+    for share in START_SHARES:
+        theta = moved(base.passes.theta, base.free, share * shifts)
+        new = start_of(place.effect_id, estimate(place, [share * float(v) for v in sizes]))
+        if place.effect_id in model.effects:  # another channel of a skew
+            old = values_of(theta, place.effect_id)
+            new = {k: v if v != 0.0 else old[k] for k, v in new.items()}
+        passes = pass_all(s.runs, with_effect(theta, place.effect_id, new), s.mapper)
+        starts.append((passes, [*(e for e in model.effects if e != place.effect_id), place.effect_id]))
+        if penalised(passes, base.free, base.passes) > penalised(base.passes, base.free, passes):
+            return _fitted(s, model, *starts[-1])
+    return _fitted(s, model, *starts[0])
 
 
-def _fitted(s: Search, model: Candidate, effects: Mapping[str, Mapping[str, float]]) -> Candidate:
-    theta = model.fit.passes.theta
-    for gone in set(model.effects) - set(effects):
-        theta = without_effect(theta, gone)
+def _fitted(s: Search, model: Candidate, start: Passes, effects: Sequence[str]) -> Candidate:
+    """Return the fit of a model with `effects` from a start that holds them; its gain is that above `model`."""
     free = list(s.known)
-    for effect_id, values in effects.items():
-        theta = with_effect(theta, effect_id, values)
-        free += effect_parameters(effect_id, values)
-    found = fit(s.runs, theta, free, s.mapper)
+    for effect_id in effects:
+        free += effect_parameters(effect_id, values_of(start.theta, effect_id))
+    found = fit_from(s.runs, start, free, s.mapper)
     base = model.fit
     gain = 2.0 * (penalised(found.passes, found.free, base.passes) - penalised(base.passes, base.free, found.passes))
     cost = COST_PER_COLUMN * (len(free) - len(base.free) - 1)
@@ -174,7 +199,8 @@ def _thinned(s: Search, model: Candidate, threshold: float) -> Candidate:
         weakest = min(model.effects, key=lambda e: wald(model.fit, e))
         if wald(model.fit, weakest) >= threshold:
             break
-        theta = model.fit.passes.theta
-        kept = {e: values_of(theta, e) for e in model.effects if e != weakest}
-        model = _fitted(s, model, kept)
+        start = pass_all(s.runs, without_effect(model.fit.passes.theta, weakest), s.mapper)
+        gain = model.gain
+        model = _fitted(s, model, start, [e for e in model.effects if e != weakest])
+        model = model._replace(gain=gain + model.gain)
     return model

@@ -19,7 +19,7 @@ Matrix = NDArray[np.float64]
 
 MAX_STEPS = 8
 CONVERGED_CHI2 = 0.02  # that a step is to gain: no parameter is further than 0.14 deviations from its best
-STATIONARY_CHI2 = 1.0  # that a whole step did gain: rows that come and go as evidence move χ² by as much
+STATIONARY_CHI2 = 1.0  # that a step did gain: rows that come and go as evidence move χ² by as much
 MAX_HALVINGS = 4
 DIFFERENCE = 1e-4  # of a parameter's scale, for its answer: the plant is next to linear over it
 LARGEST_RATIO = 2.0  # by which a positive parameter may change in a step
@@ -68,18 +68,20 @@ def penalised(passes: Passes, free: Sequence[Free], other: Passes) -> float:
     total = 0.0
     for mine, its in zip(passes.runs, other.runs, strict=True):
         both = mine.counts & its.counts
-        total += float(mine.filtered.log_likelihood[both].sum())
+        total += float(mine.log_likelihood[both].sum())
     away, precision = prior_of(free, passes.theta)
     return total - 0.5 * float(away @ (precision * away))
 
 
-def fit(
-    runs: Sequence[Filterable], theta: Vector, free: Sequence[Free], mapper: Mapper, max_steps: int = MAX_STEPS
-) -> Fit:
+def fit(runs: Sequence[Filterable], theta: Vector, free: Sequence[Free], mapper: Mapper) -> Fit:
     """Return the fit from `theta` on."""
-    passes = pass_all(runs, theta, mapper)
+    return fit_from(runs, pass_all(runs, theta, mapper), free, mapper)
+
+
+def fit_from(runs: Sequence[Filterable], passes: Passes, free: Sequence[Free], mapper: Mapper) -> Fit:
+    """Return the fit from passes over its runs on."""
     inverse = np.eye(len(free))
-    for _ in range(max_steps):
+    for _ in range(MAX_STEPS):
         newton = _newton(passes, free, mapper)
         inverse = newton.inverse
         if newton.decrement < CONVERGED_CHI2:
@@ -87,8 +89,8 @@ def fit(
         stepped = _accepted(runs, passes, free, newton.step, mapper)
         if stepped is None:
             break
-        passes = stepped.passes
-        if stepped.whole and stepped.gain < STATIONARY_CHI2:
+        passes, gain = stepped
+        if gain < STATIONARY_CHI2:
             break
     return Fit(tuple(free), passes, inverse)
 
@@ -125,30 +127,24 @@ def inverted(curvature: Matrix) -> Matrix:
     return np.asarray(inverse / np.outer(root, root))
 
 
-class _Stepped(NamedTuple):
-    passes: Passes
-    gain: float  # of χ², on rows that are evidence before and after
-    whole: bool
-
-
 def _accepted(
     runs: Sequence[Filterable], passes: Passes, free: Sequence[Free], step: Vector, mapper: Mapper
-) -> _Stepped | None:
-    """Return the passes a step on, shortened until it is no worse; None where no step is better."""
+) -> tuple[Passes, float] | None:
+    """Return the passes a step on and what it gains of χ², shortened until no worse; None where no step is better."""
     factor = 1.0
     for _ in range(MAX_HALVINGS):
-        theta = _moved(passes.theta, free, factor * step)
+        theta = moved(passes.theta, free, factor * step)
         tried = pass_all(runs, theta, mapper)
         before, after = penalised(passes, free, tried), penalised(tried, free, passes)
-        # Variances that change with the parameters move it, too: by less than this near the best.
-        slack = 5.0 + 0.5 * len(free)
-        if np.isfinite(after) and after > before - slack:
-            return _Stepped(tried, 2.0 * (after - before), factor == 1.0)
+        # Variances that change with the parameters move it, too: near the best, by less than what is called stationary.
+        if np.isfinite(after) and after > before - 0.5 * STATIONARY_CHI2:
+            return tried, 2.0 * (after - before)
         factor *= 0.3
     return None
 
 
-def _moved(theta: Vector, free: Sequence[Free], step: Vector) -> Vector:
+def moved(theta: Vector, free: Sequence[Free], step: Vector) -> Vector:
+    """Return parameters a step on, within their bounds; `step` is in units of the scales."""
     changed = theta.copy()
     for f, s in zip(free, step, strict=True):
         old = theta[f.place]

@@ -104,8 +104,9 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, prior: Prior | None = No
         for answers in _answers(p, run, course, scale):
             columns[:, at : at + answers.shape[2]] = answers.reshape(columns.shape[0], -1)
             at += answers.shape[2]
-        columns[~run.counts.ravel()] = 0.0
-        return gram_of(columns, run.residual.ravel())
+        influence = run.influence.ravel()
+        columns *= influence[:, np.newaxis].astype(np.float32)
+        return gram_of(columns, influence * run.residual.ravel())
 
     summed = total(list(mapper(one, list(zip(found.passes.runs, courses, strict=True)))))
     tested = score_test(summed, prior or Prior.of(found.free, found.passes.theta), places, seed)

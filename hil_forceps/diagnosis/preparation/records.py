@@ -27,8 +27,11 @@ from hil_forceps.diagnosis.state_space.layout import (
     STATES,
     THETA_J,
     THETA_M,
+    Filtered,
     Noise,
     Series,
+    Switching,
+    undecided_switching,
 )
 from hil_forceps.model import parameters
 from hil_forceps.model.physics import Physics, jaw_level_N_m
@@ -61,7 +64,7 @@ class Record:
     settling_rows: int
 
     def with_friction_of(self, p: Physics) -> "Record":
-        """Return the record for plants whose dry friction is about that of `p`.
+        """Return the record for plants whose dry friction is about that of `p`, nothing decided yet.
 
         Where it is less than the load leaves open, it is no other than an error of the load, and rows where a mass may
         stick are evidence as any. Models that are compared must be so by records with the same friction.
@@ -71,7 +74,14 @@ class Record:
             motor if motor > self.load_open_sd_N_m * p.r_m / p.r_j else 0.0,
             jaw if jaw > self.load_open_sd_N_m else 0.0,
         )
-        return replace(self, series=self.series._replace(friction_level_N_m=levels))
+        undecided = undecided_switching(self.series.encoder_rad.size)
+        return replace(self, series=self.series._replace(friction_level_N_m=levels, switching=undecided))
+
+    def decided_by(self, filtered: Filtered) -> "Record":
+        """Return the record with what a pass over it decided, for all models that are compared with that pass's."""
+        return replace(
+            self, series=self.series._replace(switching=Switching(True, filtered.doubtful, filtered.surprised))
+        )
 
 
 def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None = None) -> Record:
@@ -139,6 +149,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
         prior.slope_variance,
         prior.jump_variance,
         (float(np.std(prior.course_N_m)) / 0.2) ** 2,
+        undecided_switching(n),
         noise.deviation**2,
         noise.correlation,
         noise.resolution,

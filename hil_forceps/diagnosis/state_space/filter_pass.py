@@ -204,6 +204,7 @@ def _friction(d: Series, row: int, was: tuple[bool, bool], x: Vector, covariance
 @inlined
 def _friction_noise(
     d: Series,
+    row: int,
     free: tuple[bool, bool],
     x: Vector,
     ahead: tuple[float, float],
@@ -226,7 +227,11 @@ def _friction_noise(
             freed(covariance, column, level, kept)
             continue
         deviation = math.sqrt(variance[speed])
-        if level > 0.0 and near_standstill(x[speed], ahead[mass], min(deviation, usual[mass])):
+        if d.switching.given:
+            doubts = d.switching.doubtful[row] & (1 + mass) != 0
+        else:
+            doubts = level > 0.0 and near_standstill(x[speed], ahead[mass], min(deviation, usual[mass]))
+        if doubts:
             doubtful += 1 + mass
             spread(covariance, f, column, level**2)
     return doubtful
@@ -275,7 +280,9 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
     usual = sliding_deviations(p, d, taut, jump, kept)
     for row in range(d.encoder_rad.size):
         _note_prediction(out.course, row, x, plant.current_A, before_A)
-        if _measurements(p, d, row, plant.current_A, before_A, x, covariance, taut, out):
+        surprised = _measurements(p, d, row, plant.current_A, before_A, x, covariance, taut, out)
+        out.surprised[row] = d.switching.surprised[row] if d.switching.given else surprised
+        if out.surprised[row]:
             covariance[LOAD_SLOPE, LOAD_SLOPE] += d.load_surprise_variance
         was = _friction(d, row, was, x, covariance)
         for i in range(STATES):
@@ -297,7 +304,7 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
         moved(f, covariance, kept, work)
         disturbed(covariance, d, row, f, jump, p.K_t)
         now, ahead = out.variance[row], (plant.omega_m_rad_per_s, plant.omega_j_rad_per_s)
-        out.doubtful[row] = _friction_noise(d, was, x, ahead, now, usual, f, kept[FRICTION_M], covariance)
+        out.doubtful[row] = _friction_noise(d, row, was, x, ahead, now, usual, f, kept[FRICTION_M], covariance)
         for i in range(4, STATES):
             x[i] *= kept[i]
         x[LOAD] += d.period_s * (x[LOAD_SLOPE] + elastic_slope)
@@ -330,6 +337,7 @@ def filter_run(plants: Regimes, d: Series) -> Filtered:
         np.zeros((n, COURSE)),
         np.zeros((n, STATES)),
         np.zeros(n, dtype=np.int64),
+        np.zeros(n, dtype=np.bool_),
     )
     filter_pass(plants, d, out)
     return out

@@ -36,6 +36,14 @@ class Noise(NamedTuple):
     resolution: Vector  # 3: steps that values come in, where these are coarser than the noise; else 0
 
 
+class Switching(NamedTuple):
+    """What a pass decided row by row; taken from one, the next decides nothing and is smooth in the parameters."""
+
+    given: bool  # else the pass decides
+    doubtful: NDArray[np.int64]  # n: a speed comes near zero though its mass was taken to slide; 1 motor, 2 jaw, 3 both
+    surprised: Mask  # n: an innovation that chance doesn't give opens the load's slope
+
+
 class Series(NamedTuple):
     """What the filter takes of one run; n rows, equally spaced."""
 
@@ -58,6 +66,7 @@ class Series(NamedTuple):
     load_slope_variance: Vector  # n [(N m/s)²]: of the change of slope at row k
     load_jump_variance: Vector  # n [(N m)²]: of a jump between row k and k + 1
     load_surprise_variance: float  # [(N m/s)²]: of the slope behind an innovation that chance doesn't give
+    switching: Switching
     noise_variance: Vector  # 3: jaw, load cell, current, all of it
     noise_correlation: Vector  # 3, from row to row; 0: white
     resolution: Vector  # 3: steps of values that are coarser than the noise; a value is an interval then
@@ -75,4 +84,10 @@ class Filtered(NamedTuple):
     gain: NDArray[np.float64]  # n × CHANNELS × STATES: how a measurement moves the state, per change of it
     course: Matrix  # n × COURSE
     variance: Matrix  # n × STATES: of the state behind the measurements
-    doubtful: NDArray[np.int64]  # n: the speed comes near zero though a mass was taken to slide; 1 motor, 2 jaw, 3 both
+    doubtful: NDArray[np.int64]  # n, as in `Switching`
+    surprised: Mask  # n
+
+
+def undecided_switching(rows: int) -> Switching:
+    """Return a switching that leaves all to the pass."""
+    return Switching(False, np.zeros(rows, dtype=np.int64), np.zeros(rows, dtype=np.bool_))

@@ -1,12 +1,9 @@
 """The verdict on identified runs, its words, and the numbers of the result."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy import stats
 
 from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEFT_OVER_CHANCE
-from hil_forceps.diagnosis.hypotheses.search import Candidate as Model
 from hil_forceps.diagnosis.hypotheses.search import Step
 from hil_forceps.diagnosis.identification import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, inverted
@@ -61,17 +58,11 @@ def unexplained(found: Identified) -> LackOfFit | None:
     Beside named effects a small share of what they explain may be left: the model's own step and its linear answers are
     not exact.
     """
-    room = UNEXPLAINED_SHARE * explained(found.found.best, found.found.steps)
+    room = UNEXPLAINED_SHARE * found.found.explained
     for left in (found.after, found.unseen):
         if left is not None and left.gain > max(LEFT_OVER_CHANCE * left.threshold, room):
             return left
     return None
-
-
-def explained(best: Model, steps: Sequence[Step]) -> float:
-    """Return the fall of χ² by the effects of the best model."""
-    gains = [max((c.gain for c in step.tried), default=0.0) for step in steps]
-    return float(sum(gains[: len(best.effects)]))
 
 
 def named_effects(found: Identified) -> tuple[NamedEffect, ...]:
@@ -154,18 +145,17 @@ def candidates(found: Identified) -> tuple[Candidate, ...]:
     tied = {model.effects[-1] for model in found.found.rivals if model.effects}
     for number, step in enumerate(found.found.steps):
         refitted = {model.effects[-1]: model for model in step.tried if model.effects}
-        named = found.found.best.effects[number] if number < len(found.found.best.effects) else None
         gains: dict[str, float] = {}
         for place, gain in zip(step.places, step.tested.gains, strict=True):
             gains[place.effect_id] = max(float(gain), gains.get(place.effect_id, 0.0))
         for effect_id, linear in gains.items():
             gain = refitted[effect_id].gain if effect_id in refitted else linear
             state = "weaker"
-            if effect_id == named:
+            if effect_id == step.joined and effect_id in found.found.best.effects:
                 state = "named"
             elif gain <= step.tested.threshold:
                 state = "below threshold" if linear > 0.0 else "not excited"
-            elif effect_id in tied and named is not None:
+            elif effect_id in tied and step.joined:
                 state = "tied"
             told.append(Candidate(effect_id, number, gain, step.tested.threshold, state))  # type: ignore[arg-type]
     return tuple(told)
