@@ -71,6 +71,7 @@ class EffectNumbers(NamedTuple):
     grip_level: float
     grip_mu: float
     grip_angle: float
+    jaw_viscous: float
 
 
 def effect_numbers(effects: Mapping[str, Mapping[str, float]]) -> EffectNumbers:

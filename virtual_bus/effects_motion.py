@@ -73,7 +73,7 @@ def released(
     if m.omega_j != 0.0:
         side_j = math.copysign(1.0, m.omega_j)
     elif side_j == 0.0 and not holds_j:
-        drive = jaw_drive(m.theta_j, memory, tension, u.load_N_m + u.load_slope * offset_s, p, e, env)
+        drive = jaw_drive(m.theta_j, m.omega_j, memory, tension, u.load_N_m + u.load_slope * offset_s, p, e, env)
         level = jaw_level(m.theta_j, p, e)
         side_j = side_of(drive, level, level)
     return Memory(

@@ -219,6 +219,7 @@ def jaw_load(theta_j: float, load_N_m: float, env: Environment) -> float:
 @kernel
 def jaw_drive(
     theta_j: float,
+    omega_j: float,
     memory: Memory,
     tension: float,
     load_N_m: float,
@@ -228,7 +229,7 @@ def jaw_drive(
 ) -> float:
     """Return all torque on the jaw but its dry friction, N m."""
     weight = wave(e.gravity_sine, e.gravity_cosine, theta_j)
-    held = e.coupling_stiffness * theta_j + e.coupling_torque
+    held = e.coupling_stiffness * theta_j + e.coupling_torque + e.jaw_viscous * omega_j
     if e.grip_level != 0.0 or e.grip_mu != 0.0:
         grip = slipped(memory.gripped, theta_j - memory.theta_j, e.grip_angle)
         held += (e.grip_level + e.grip_mu * p.jaw_pulley_radius_m * abs(tension)) * grip
@@ -254,7 +255,7 @@ def motion_rate(
         alpha_m = (torque - memory.side_m * motor_level(memory.side_m, omega_m, tension, p, e)) / p.motor_inertia_kg_m2
     if memory.side_j != 0.0:
         omega_j = m.omega_j
-        torque = jaw_drive(m.theta_j, memory, tension, u.load_N_m + u.load_slope * offset_s, p, e, env)
+        torque = jaw_drive(m.theta_j, m.omega_j, memory, tension, u.load_N_m + u.load_slope * offset_s, p, e, env)
         alpha_j = (torque - memory.side_j * jaw_level(m.theta_j, p, e)) / p.jaw_inertia_kg_m2
     if e.creep_share != 0.0:
         creep = (e.creep_share * tension / p.wire_stiffness_N_per_m - m.creep) / e.creep_time

@@ -40,6 +40,7 @@ def check_step(p: TruthParameters, e: EffectNumbers, current_limit_A: float, ste
     matrix[1, 0] -= pulled / e.loaded_angle / p.motor_inertia_kg_m2
     matrix[1, 1] -= (abs(e.viscous_asymmetry) + e.film_level / e.film_speed) / p.motor_inertia_kg_m2
     held = e.grip_level + e.grip_mu * p.jaw_pulley_radius_m * force
+    matrix[3, 3] -= e.jaw_viscous / p.jaw_inertia_kg_m2
     matrix[3, 2] -= (e.coupling_stiffness + held / e.grip_angle) / p.jaw_inertia_kg_m2
     ways = np.array([p.motor_pulley_radius_m, -p.jaw_pulley_radius_m])
     inertias = np.array([p.motor_inertia_kg_m2, p.jaw_inertia_kg_m2])

@@ -7,3 +7,4 @@ LEAST_GAIN_BESIDE = 18.0
 DETECTION_POWER = 0.8  # share of data sets in which an effect of the least detectable size is found
 # Times what chance leaves in curves: less is no misfit.
 LEFT_OVER_CHANCE = 2.0  # tuned: sets without effect, fine encoders and fast drives
+UNEXPLAINED_SHARE = 0.015  # of what is explained: what may be left beside named effects without doubting them

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
 from hil_forceps.diagnosis.hypotheses.search import Found, Search, search
 from hil_forceps.diagnosis.inference.fit import Fit, fit
+from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
 from hil_forceps.diagnosis.preparation.decoding import between_rows
@@ -106,5 +107,7 @@ def known_of(rig: Rig, records: Sequence[Record]) -> tuple[Free, ...]:
 def left_unseen(fitted: Fit, held_out: Sequence[Record], mapper: Mapper, seed: int) -> LackOfFit:
     """Return what a fit leaves in runs that it has never seen; its parameters are known as the fitted runs tell."""
     plant = fitted.passes.plants.sliding
-    passes = pass_all([run.with_friction_of(plant) for run in held_out], fitted.passes.theta, mapper)
+    runs = [run.with_friction_of(plant) for run in held_out]
+    passes = pass_all(runs, fitted.passes.theta, mapper)
+    passes = pass_all(with_likeliest_load_noises(runs, passes, mapper), fitted.passes.theta, mapper)
     return omnibus_test(fitted._replace(passes=passes), mapper, seed, Prior.by_fit(fitted.covariance))

@@ -10,7 +10,7 @@ from scipy import stats
 from hil_forceps.diagnosis.bursts import ROWS, Burst, burst_of
 from hil_forceps.diagnosis.choice import SET_DROP, Choice
 from hil_forceps.diagnosis.diagnose import Findings
-from hil_forceps.diagnosis.error_rates import DETECTION_POWER, FALSE_ALARMS
+from hil_forceps.diagnosis.error_rates import DETECTION_POWER, FALSE_ALARMS, UNEXPLAINED_SHARE
 from hil_forceps.diagnosis.experiment import Record
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import deviations
@@ -38,7 +38,6 @@ SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assu
 LEAST_SHIFT = 0.2  # of what was known: less is no shift, however well it is measured
 POWER_DEVIATIONS = float(stats.norm.ppf(DETECTION_POWER))
 ACCURACY_OF_ALL = 2e-5
-UNEXPLAINED_SHARE = 0.015  # of the misfit: what may be left beside named effects without doubting them
 UNSEEN_SHARE = 0.1  # the same in runs held out; deleted entries' neighbours left 0.2 and 0.47
 # The same where no loop keeps errors small: at a limit of the current they add up, the load's too, which is told of the
 # closed loop. The truth has ten times the χ² of its noise there (limit of d = 50), and the right model left 0.57.

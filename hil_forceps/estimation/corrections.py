@@ -204,7 +204,7 @@ def after(p: Physics, m: Memory, tuning: Tuning, dt_s: float, tau_w_N_m: float, 
     load = tau_w_N_m + (lever_m(p, theta_j) - p.r_j) * tension - gravity_N_m(p, theta_j) - coupling_N_m(p, theta_j)
     load -= (jaw_level_N_m(p, theta_j) - p.jaw_coulomb) * direction
     gripped = slide(m.gripped, theta_j - m.theta_j, p.grip_angle)
-    load -= grip_N_m(p, gripped, tension)
+    load -= grip_N_m(p, gripped, tension) + p.jaw_viscous * m.speed * p.r_m / p.r_j
     return Memory(
         m.first_ns, m.last_ns, m.theta_m, m.shown, m.current_A, m.speed, m.presliding, m.loaded, gripped,
         theta_j, m.lost_rad, loop, creep, stretched, tension, load, p.r_m * m.shown - p.r_j * theta_j,

@@ -109,6 +109,7 @@ def _slip(
             stretch = dead_zone(w.elongation_m - p.zero_stretch - creep, p.slack)
             slope += p.k * (1.0 + 3.0 * p.hardening * stretch * stretch) + p.damping / h
         gap = p.I_j * (end - speed) / h - w.lever_m * pull + gravity_N_m(p, angle) + coupling_N_m(p, angle) + load
+        gap += p.jaw_viscous * end
         stiffness = w.lever_m * w.lever_m * slope + p.coupling_stiffness
         if grips(p):
             way = h * end
@@ -116,7 +117,7 @@ def _slip(
             gap += grip_N_m(p, gripped, pull)
             stiffness += grip_N_m(p, 1.0 - (gripped if way > 0.0 else -gripped), pull) / p.grip_angle
             stiffness -= p.grip_mu * p.r_j * gripped * (1.0 if pull > 0.0 else -1.0) * w.lever_m * slope
-        change = gap / (p.I_j / h + stiffness * h)
+        change = gap / (p.I_j / h + p.jaw_viscous + stiffness * h)
         end -= change
         if abs(change) < 1e-12 * (1.0 + abs(end)):
             break
@@ -186,6 +187,7 @@ def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: boo
         if not known_load:
             friction = jaw_level_N_m(p, theta_j) * np.sign(omega_j) + grip_N_m(p, gripped, w.tension_N)
             inertia = p.I_j * c.jaw.acceleration_rad_per_s2[n]
+            friction += p.jaw_viscous * omega_j
             out[2, n] = (
                 w.lever_m * w.tension_N - friction - gravity_N_m(p, theta_j) - coupling_N_m(p, theta_j) - inertia
             )

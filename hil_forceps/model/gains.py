@@ -1,8 +1,8 @@
 """Exact response of the linear plant over one step, wire taut or slack: what the rollout adds its effects to.
 
-The linear plant is the paper's with the wire's damping. It is invariant to a turn of both pulleys together, so its
-response hangs on the linear stretch x = r_m θ_m − r_j θ_j and the two speeds; inputs are a torque on each pulley, held
-(mean) or a line through zero at the middle of the step (slope).
+The linear plant is the paper's with the wire's damping and the jaw's viscosity. It is invariant to a turn of both
+pulleys together, so its response hangs on the linear stretch x = r_m θ_m − r_j θ_j and the two speeds; inputs are a
+torque on each pulley, held (mean) or a line through zero at the middle of the step (slope).
 """
 
 import numpy as np
@@ -25,9 +25,18 @@ SIZE = 31
 
 @kernel
 def fill_gains(
-    row: Gains, r_m: float, r_j: float, I_m: float, I_j: float, D_m: float, k: float, c: float, step_s: float
+    row: Gains,
+    r_m: float,
+    r_j: float,
+    I_m: float,
+    I_j: float,
+    D_m: float,
+    D_j: float,
+    k: float,
+    c: float,
+    step_s: float,
 ) -> None:
-    """Fill `row` (`SIZE`) with the response over `step_s` of a plant with viscosity D_m, stiffness k, damping c."""
+    """Fill `row` (`SIZE`) with the response over `step_s` of a plant with viscosities D, stiffness k, damping c."""
     speed_unit = 1.0 / step_s
     motor_unit, jaw_unit = I_m * speed_unit * speed_unit, I_j * speed_unit * speed_unit
     # Time in steps, angles in radians, torques in I/step²: the entries are then as large as what happens in a step.
@@ -38,7 +47,7 @@ def fill_gains(
     joint[1, 0], joint[1, 2] = -stiff_m * r_m * r_m, stiff_m * r_m * r_j
     joint[1, 1], joint[1, 3] = -D_m * speed_unit / motor_unit - damp_m * r_m * r_m, damp_m * r_m * r_j
     joint[3, 0], joint[3, 2] = stiff_j * r_m * r_j, -stiff_j * r_j * r_j
-    joint[3, 1], joint[3, 3] = damp_j * r_m * r_j, -damp_j * r_j * r_j
+    joint[3, 1], joint[3, 3] = damp_j * r_m * r_j, -D_j * speed_unit / jaw_unit - damp_j * r_j * r_j
     joint[1, 4] = joint[3, 5] = 1.0
     joint[4, 6] = joint[5, 7] = 1.0
     after = expm(joint)
@@ -59,12 +68,12 @@ def fill_gains(
 def fill_all(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
     """Fill the table (4×`SIZE`): a step and a piece of it, taut and slack."""
     for base, length in ((0, step_s), (SHORT, step_s / PIECES)):
-        fill_gains(gains[base + TAUT], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.k, p.damping, length)
-        fill_gains(gains[base + SLACK], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, 0.0, 0.0, length)
+        fill_gains(gains[base + TAUT], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.jaw_viscous, p.k, p.damping, length)
+        fill_gains(gains[base + SLACK], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.jaw_viscous, 0.0, 0.0, length)
 
 
 @kernel
 def fill_multiples(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
     """Fill a table (n×`SIZE`) with the responses over one step, two, and so on, the wire taut."""
     for k in range(gains.shape[0]):
-        fill_gains(gains[k], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.k, p.damping, (k + 1) * step_s)
+        fill_gains(gains[k], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.jaw_viscous, p.k, p.damping, (k + 1) * step_s)

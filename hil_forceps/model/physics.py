@@ -81,6 +81,7 @@ class Physics(NamedTuple):
     grip_level: float
     grip_mu: float
     grip_angle: float
+    jaw_viscous: float
 
 
 class State(NamedTuple):

@@ -220,7 +220,7 @@ def _push(p: Physics, g: Gains, s: int, x: State, u: Torques) -> tuple[float, fl
     pull = g[s, STIFFNESS] * (p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad)
     pull += g[s, DAMPING] * (p.r_m * x.omega_m_rad_per_s - p.r_j * x.omega_j_rad_per_s)
     motor = u.motor - 0.5 * u.motor_slope - p.r_m * pull - g[s, VISCOSITY] * x.omega_m_rad_per_s
-    return motor, u.jaw - 0.5 * u.jaw_slope + p.r_j * pull
+    return motor, u.jaw - 0.5 * u.jaw_slope + p.r_j * pull - p.jaw_viscous * x.omega_j_rad_per_s
 
 
 @inlined

@@ -402,6 +402,15 @@ EFFECTS: tuple[Effect, ...] = (
         "P. R. Dahl 1968; sheath as a chain of such elements: Palli, Melchiorri, ICRA 2006",
         "reversals of the jaw under different loads, and a jaw sensor",
     ),
+    Effect(
+        "jaw_viscous_friction",
+        "jaw",
+        "viscous friction at the jaw: its bearing, guides and seals",
+        "F_j += D_j ω_j",
+        (_P("viscosity_N_m_s_per_rad", "N_m_s_per_rad", 0.0, 10.0, 0.0, 1e-5, "viscous friction of the jaw, D_j"),),
+        "joint damping of every multibody program; Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, 2006",
+        "fast motion of the jaw and a jaw sensor; a motor's viscous friction does not stretch the wire",
+    ),
 )
 
 EFFECT_IDS = tuple(effect.id for effect in EFFECTS)

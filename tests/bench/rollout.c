@@ -16,6 +16,7 @@ typedef struct {
     double delay, skew_theta_m, skew_current, skew_theta_j, skew_tau_w, encoder_sine, encoder_cosine, encoder_scale;
     double pulley_sine, pulley_cosine, pitch, limit, play, lever_sine, lever_cosine, coupling_stiffness, coupling_torque;
     double loaded_mu, loaded_angle, viscous_asymmetry, film_level, film_speed, grip_level, grip_mu, grip_angle;
+    double jaw_viscous;
 } physics;
 
 typedef struct {
@@ -200,7 +201,7 @@ static void push_of(const physics *p, const double *g, const state *x, torques u
     double pull = g[STIFFNESS] * (p->r_m * x->theta_m - p->r_j * x->theta_j);
     pull += g[DAMPING] * (p->r_m * x->omega_m - p->r_j * x->omega_j);
     push[0] = u.motor - 0.5 * u.motor_slope - p->r_m * pull - g[VISCOSITY] * x->omega_m;
-    push[1] = u.jaw - 0.5 * u.jaw_slope + p->r_j * pull;
+    push[1] = u.jaw - 0.5 * u.jaw_slope + p->r_j * pull - p->jaw_viscous * x->omega_j;
 }
 
 /* What a step can leave out: 2 where nothing but friction's level hangs on the state, 1 where the wire is the linear one. */

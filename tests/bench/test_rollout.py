@@ -49,7 +49,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "slack": ("wire_slack",),
     "timing": ("electrical_lag", "actuation_delay"),
     "transmission": ("transmission_play", "transmission_curve", "jaw_coupling", "loaded_presliding"),
-    "newest": ("viscous_asymmetry", "film_friction", "jaw_presliding"),
+    "newest": ("viscous_asymmetry", "film_friction", "jaw_presliding", "jaw_viscous_friction"),
     "ten": (
         "stribeck_friction", "presliding_friction", "load_dependent_friction", "jaw_gravity", "wire_hardening",
         "wire_hysteresis", "wire_creep", "cogging", "torque_ripple", "pulley_eccentricity",

@@ -50,6 +50,7 @@ SIZES: dict[str, dict[str, float]] = {
     "viscous_asymmetry": {},
     "film_friction": {"level_N_m": 1e-4},
     "jaw_presliding": {"level_N_m": 1e-4, "mu": 0.1},
+    "jaw_viscous_friction": {"viscosity_N_m_s_per_rad": 1e-4},
 }
 ELONGATION_SIZES: dict[str, dict[str, float]] = {
     "wire_slack": {"half_width_m": 1e-5},

@@ -76,7 +76,7 @@ def test_predicts_what_the_closed_loop_did(effect_id: str | None) -> None:
 
 SEEN = [
     "cogging", "load_dependent_friction", "presliding_friction", "jaw_gravity", "jaw_coupling", "loaded_presliding",
-    "viscous_asymmetry", "jaw_presliding",
+    "viscous_asymmetry", "jaw_presliding", "jaw_viscous_friction",
 ]  # fmt: skip
 
 

@@ -140,6 +140,7 @@ def jaw_residual_N_m(theta: Vector, c: Channels) -> Vector:
     weight += e["jaw_coupling.stiffness_N_m_per_rad"] * angle + e["jaw_coupling.torque_N_m"]
     grip = e["jaw_presliding.level_N_m"] + e["jaw_presliding.mu"] * P.jaw_pulley_radius_m * np.abs(c.tension_N)
     weight += grip * slid(np.diff(angle), e["jaw_presliding.angle_rad"])
+    weight += e["jaw_viscous_friction.viscosity_N_m_s_per_rad"] * c.omega_j_rad_per_s
     curve = e["transmission_curve.cosine"] * np.cos(angle) + e["transmission_curve.sine"] * np.sin(angle)
     lever = P.jaw_pulley_radius_m * (1.0 + curve)
     torque = lever * c.tension_N - level * np.sign(c.omega_j_rad_per_s) - weight - c.tau_w_N_m

@@ -127,7 +127,7 @@ def test_several_effects_at_once_are_the_same() -> None:
         "presliding_friction", "load_dependent_friction", "jaw_gravity", "wire_hardening", "wire_damping",
         "torque_ripple", "electrical_lag", "actuation_delay", "encoder_eccentricity", "pulley_eccentricity",
         "transmission_play", "transmission_curve", "jaw_coupling", "loaded_presliding", "viscous_asymmetry",
-        "jaw_presliding",
+        "jaw_presliding", "jaw_viscous_friction",
     )  # fmt: skip
     fine = compare({name: CASES[name] for name in names}, *STEPS[1])
     assert (fine.apart < USUAL * fine.effect).all()

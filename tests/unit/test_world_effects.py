@@ -82,6 +82,7 @@ ADDED: dict[str, Difference] = {
         0.0,
     ),
     "jaw_presliding": lambda m, z, i, t, f: (0.0, -(1e-5 + 0.02 * 1.4e-3 * abs(f)) * z.gripped),
+    "jaw_viscous_friction": lambda m, z, i, t, f: (0.0, -1e-5 * m.omega_j),
     "torque_constant_drift": lambda m, z, i, t, f: (1.35e-2 * i * -0.02 * (1.0 - math.exp(-t / 6.0)), 0.0),
     "cogging": lambda m, z, i, t, f: (1e-4 * (math.sin(6.0 * m.theta_m) + math.cos(6.0 * m.theta_m)), 0.0),
     "torque_ripple": lambda m, z, i, t, f: (

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.entries import Probe, Scene, probes, quantiles_of_speed
+from hil_forceps.diagnosis.entries import HARMONIC, Probe, Scene, probes, quantiles_of_speed
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
 from hil_forceps.diagnosis.state_space.layout import OMEGA_M, THETA_J, THETA_M
 from hil_forceps.diagnosis.state_space.passes import Direction, Passes, Wave
-from hil_forceps.rig.catalogue import EFFECT_IDS
+from hil_forceps.rig.catalogue import EFFECT_IDS, effect
 
 Vector = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def _place(probe: Probe, first: int, stop: int) -> Place:
 def _waves(probe: Probe) -> list[Wave]:
     with_current = WAVES[probe.effect_id]
     return [
-        Wave(probe.start["harmonic"], name.startswith("cosine"), with_current, probe.start[name])
+        Wave(probe.start[HARMONIC], name.startswith("cosine"), with_current, probe.start[name])
         for name in probe.amplitudes
     ]
 
@@ -97,6 +97,23 @@ def _directions(theta: Vector, probe: Probe) -> list[Direction]:
         start = start_of(probe.effect_id, shape | {k: share * probe.start[k] for k in names})
         found.append(Direction(with_effect(theta, probe.effect_id, start), 1.0 / share))
     return found
+
+
+def between(theta: Vector, place: Place, factor: float, first: int) -> tuple[Place, list[Direction]] | None:
+    """Return a place whose shape is `factor` times another's, and its columns; None where it has none, or can't.
+
+    `first`: the place of its columns among all. A harmonic stays what it is.
+    """
+    entry = effect(place.effect_id)
+    shapes = {p.name: p for p in entry.parameters if p.neutral is None and p.name != HARMONIC}
+    if not shapes or not place.amplitudes:
+        return None
+    shape = {k: v * factor if k in shapes else v for k, v in place.shape.items()}
+    if not all(p.minimum <= shape[name] <= p.maximum for name, p in shapes.items()):
+        return None
+    probe = Probe(place.effect_id, {**shape, **place.amplitudes}, tuple(place.amplitudes), place.one_sided)
+    columns = _directions(theta, probe)
+    return place._replace(shape=shape, first=first, stop=first + len(columns)), columns
 
 
 def estimate(place: Place, sizes: Sequence[float]) -> dict[str, float]:

@@ -6,9 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.error_rates import UNEXPLAINED_SHARE
 from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
 from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Prior, Tested, score_test
+from hil_forceps.diagnosis.hypotheses.shortlist import Start, best_starts
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, fit, fit_from, inverted, moved, penalised
+from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
 from hil_forceps.diagnosis.inference.parameters import (
     Free,
     effect_parameters,
@@ -23,8 +26,6 @@ from hil_forceps.diagnosis.state_space.passes import Mapper, Passes, gram, pass_
 Vector = NDArray[np.float64]
 
 MAX_EFFECTS = 6
-SHORTLIST = 6  # entries that are refitted at a step
-SHORTLIST_SHARE = 0.3  # of the best gain  # tuned: lag and damping beside a skew of d = 50
 SWITCHING_ROUNDS = 3
 SWITCHING_SETTLED = 0.3  # deviations of a parameter
 START_SHARES = (1.0, 0.3, 0.1)  # of what the score test finds
@@ -91,13 +92,15 @@ def search(s: Search, theta: Vector) -> Found:
         s.progress(f"scoring the catalogue {beside}")
         places, tested = _scored(s, best)
         tried = ()
-        for i, place in _shortlist(places, tested):
+        for start in best_starts(best.fit, places, tested, s.mapper):
             if s.spent():
-                left_out.append(f"{place.effect_id} {beside}")
+                left_out.append(f"{start.place.effect_id} {beside}")
                 continue
-            s.progress(f"fitting {place.effect_id} {beside}")
-            tried += (_refitted(s, best, place, tested.sizes[i], tested.shifts[i]),)
-        joined = sorted((c for c in tried if c.gain > tested.threshold), key=lambda c: -c.gain)
+            s.progress(f"fitting {start.place.effect_id} {beside}")
+            tried += (_refitted(s, best, start),)
+        # Of what is explained, a small share is the inexactness of the model's own step: it would be no entry's merit.
+        least = max(tested.threshold, UNEXPLAINED_SHARE * explained)
+        joined = sorted((c for c in tried if c.gain > least), key=lambda c: -c.gain)
         steps.append(Step(best.effects, tuple(places), tested, tried, joined[0].effects[-1] if joined else ""))
         if not joined:
             break
@@ -116,10 +119,13 @@ def _beside(s: Search, model: Candidate) -> tuple[Search, Candidate]:
     What a pass decides hangs on its parameters: it decides, and the model is fitted to that, until neither moves on.
     """
     found = model.fit
-    for _ in range(SWITCHING_ROUNDS):
+    for number in range(SWITCHING_ROUNDS):
         plant = found.passes.plants.sliding
         runs = [run.with_friction_of(plant) for run in s.runs]
         passes = pass_all(runs, found.passes.theta, s.mapper)
+        if number == 0:
+            runs = with_likeliest_load_noises(runs, passes, s.mapper)
+            passes = pass_all(runs, found.passes.theta, s.mapper)
         runs = [run.decided_by(passed.filtered) for run, passed in zip(runs, passes.runs, strict=True)]
         s = s._replace(runs=runs)
         before = found.values
@@ -138,30 +144,16 @@ def _scored(s: Search, model: Candidate) -> tuple[list[Place], Tested]:
     return places, score_test(found, Prior.of(free, passes.theta), places, s.seed)
 
 
-def _shortlist(places: Sequence[Place], tested: Tested) -> list[tuple[int, Place]]:
-    """Return the best place of each entry, the best entries first."""
-    order = np.argsort(-tested.gains)
-    top = float(tested.gains[order[0]])
-    chosen: dict[tuple[str, ...], tuple[int, Place]] = {}
-    for i in order:
-        gain, place = float(tested.gains[i]), places[i]
-        if top <= tested.threshold or gain < SHORTLIST_SHARE * top or gain < 0.5 * tested.threshold:
-            break
-        key = (place.effect_id, *(place.amplitudes if place.effect_id == "channel_skew" else ()))
-        chosen.setdefault(key, (int(i), place))
-    return list(chosen.values())[:SHORTLIST]
-
-
-def _refitted(s: Search, model: Candidate, place: Place, sizes: Vector, shifts: Vector) -> Candidate:
+def _refitted(s: Search, model: Candidate, start: Start) -> Candidate:
     """Return a model with an entry added, from where the score test puts it and the parameters beside it.
 
     Where the plant is not linear that far, from nearer to the model.
     """
-    base = model.fit
+    base, place = model.fit, start.place
     starts: list[tuple[Passes, list[str]]] = []
     for share in START_SHARES:
-        theta = moved(base.passes.theta, base.free, share * shifts)
-        new = start_of(place.effect_id, estimate(place, [share * float(v) for v in sizes]))
+        theta = moved(base.passes.theta, base.free, share * start.shifts)
+        new = start_of(place.effect_id, estimate(place, [share * float(v) for v in start.sizes]))
         if place.effect_id in model.effects:  # another channel of a skew
             old = values_of(theta, place.effect_id)
             new = {k: v if v != 0.0 else old[k] for k, v in new.items()}

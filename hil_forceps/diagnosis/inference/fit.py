@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
+from scipy import linalg, optimize
 
 from hil_forceps.diagnosis.inference.parameters import Free
 from hil_forceps.diagnosis.state_space.passes import Direction, Filterable, Gram, Mapper, Passes, gram, pass_all
@@ -105,9 +105,30 @@ def _newton(passes: Passes, free: Sequence[Free], mapper: Mapper) -> _Newton:
     found = _finite(gram(passes, directions_of(free, passes.theta), mapper))
     away, precision = prior_of(free, passes.theta)
     downhill = -found.score - precision * away
-    inverse = inverted(found.information + np.diag(precision))
-    step = inverse @ downhill
-    return _Newton(inverse, step, float(downhill @ step))
+    curvature = found.information + np.diag(precision)
+    step = bounded_step(curvature, downhill, *reach_of(free, passes.theta))
+    return _Newton(inverted(curvature), step, float(2.0 * downhill @ step - step @ curvature @ step))
+
+
+def bounded_step(curvature: Matrix, downhill: Vector, low: Vector, high: Vector) -> Vector:
+    """Return the Newton step within bounds: what reaches one stays there, and the others are best beside it."""
+    root, values, vectors = _decomposed(curvature)
+    square_root = np.sqrt(values)[:, np.newaxis] * vectors.T
+    target = vectors.T @ (downhill / root) / np.sqrt(values)
+    solved = optimize.lsq_linear(square_root, target, (low * root, high * root), method="bvls")
+    return np.asarray(solved.x / root)
+
+
+def reach_of(free: Sequence[Free], theta: Vector) -> tuple[Vector, Vector]:
+    """Return how far each parameter may go down and up in a step, in units of its scale."""
+    low, high = np.empty(len(free)), np.empty(len(free))
+    for i, f in enumerate(free):
+        old, least, most = theta[f.place], f.low, f.high
+        if f.low >= 0.0 and not f.amplitude and old > 0.0:
+            least = least if "coulomb" in f.name else max(least, old / LARGEST_RATIO)
+            most = min(most, max(LARGEST_RATIO * old, f.scale))
+        low[i], high[i] = (least - old) / f.scale, (most - old) / f.scale
+    return low, high
 
 
 def _finite(found: Gram) -> Gram:
@@ -118,13 +139,16 @@ def _finite(found: Gram) -> Gram:
 
 
 def inverted(curvature: Matrix) -> Matrix:
-    """Return the inverse of a symmetric matrix, scaled first; what it doesn't hold gets a wide but finite variance."""
+    """Return the inverse of a symmetric matrix; what it doesn't hold gets a wide but finite variance."""
+    root, values, vectors = _decomposed(curvature)
+    return np.asarray((vectors / values) @ vectors.T / np.outer(root, root))
+
+
+def _decomposed(curvature: Matrix) -> tuple[Vector, Vector, Matrix]:
+    """Return the root of a matrix's diagonal, and values and vectors of the matrix scaled by it."""
     root = np.sqrt(np.maximum(np.diag(curvature), 1e-12))
-    scaled = curvature / np.outer(root, root)
-    values, vectors = linalg.eigh(scaled)
-    values = np.maximum(values, 1e-11)
-    inverse = (vectors / values) @ vectors.T
-    return np.asarray(inverse / np.outer(root, root))
+    values, vectors = linalg.eigh(curvature / np.outer(root, root))
+    return root, np.maximum(values, 1e-11), vectors
 
 
 def _accepted(
@@ -146,11 +170,6 @@ def _accepted(
 def moved(theta: Vector, free: Sequence[Free], step: Vector) -> Vector:
     """Return parameters a step on, within their bounds; `step` is in units of the scales."""
     changed = theta.copy()
-    for f, s in zip(free, step, strict=True):
-        old = theta[f.place]
-        value = old + f.scale * float(s)
-        if f.low >= 0.0 and not f.amplitude and old > 0.0:
-            least = 0.0 if "coulomb" in f.name and value <= 0.0 else old / LARGEST_RATIO
-            value = min(max(value, least), max(LARGEST_RATIO * old, f.scale))
-        changed[f.place] = min(max(value, f.low), f.high)
+    for f, s in zip(free, np.clip(step, *reach_of(free, theta)), strict=True):
+        changed[f.place] = min(max(theta[f.place] + f.scale * float(s), f.low), f.high)
     return changed

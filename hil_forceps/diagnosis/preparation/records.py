@@ -45,6 +45,10 @@ Mask = NDArray[np.bool_]
 EDGE_SHARE = 0.03  # of a count: how sharp an edge is  # tuned: holds and four kinds of motion at 16384 counts
 IDEAL_SHARE = 2e-5  # of an angle's span: what an encoder without counts is taken to be off
 INTEGRATION_SHARE = 1e-4  # of the speed: what the model's step leaves over a row
+# The equations of model and world, each with its own steps, agree to 5e-4 of what an effect does; of the largest torque
+# that is some 1e-4. What a finer encoder sees beyond it is not told apart from a load that wanders off by as much.
+TORQUE_ACCURACY = 1e-4
+ACCURACY_TIME_S = 0.1
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
 FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left
 MAX_FADING_ROWS = 50
@@ -61,6 +65,7 @@ class Record:
     dwelling: Mask  # n: the encoder dwells
     load_open_sd_N_m: float  # what is left open of the load
     load_course_N_m: Vector  # n: smoothed
+    least_slope_variance: float  # [(N m/s)²]: what the equations leave open, as a wandering load
     settling_rows: int
 
     def with_friction_of(self, p: Physics) -> "Record":
@@ -76,6 +81,13 @@ class Record:
         )
         undecided = undecided_switching(self.series.encoder_rad.size)
         return replace(self, series=self.series._replace(friction_level_N_m=levels, switching=undecided))
+
+    def with_less_load_noise(self, share: float) -> "Record":
+        """Return the record with a share of the variance by which the load wanders; its breaks and jumps stay."""
+        variance = self.series.load_slope_variance
+        lowest = float(variance.min())
+        less = variance - lowest + max(share * lowest, self.least_slope_variance)
+        return replace(self, series=self.series._replace(load_slope_variance=less))
 
     def decided_by(self, filtered: Filtered) -> "Record":
         """Return the record with what a pass over it decided, for all models that are compared with that pass's."""
@@ -109,6 +121,8 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
             jump_variance=prior.jump_variance + touched.open_N_m**2 / 12.0,
             course_N_m=prior.course_N_m + touched.load_N_m,
         )
+    least = least_slope_variance(torque * plant.jaw_pulley_radius_m / plant.motor_pulley_radius_m, period_s)
+    prior = prior._replace(slope_variance=np.maximum(prior.slope_variance, least))
     count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
     step = count or 1e-4 * max(float(np.ptp(encoder)), 1e-6)
     # Edges that are softer than they are by a tenth of a count already pass for a delay.
@@ -164,9 +178,16 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
         dwells,
         prior.open_sd_N_m,
         prior.course_N_m,
+        least,
         min(n // 4, max(5, round(SETTLING_S / period_s))),
     )
     return found.with_friction_of(regimes(parameters.vector(rig)).sliding)
+
+
+def least_slope_variance(reach_N_m: float, period_s: float) -> float:
+    """Return the variance per row of a load's slope that wanders off by `TORQUE_ACCURACY` within `ACCURACY_TIME_S`."""
+    rows = ACCURACY_TIME_S / period_s
+    return float((TORQUE_ACCURACY * reach_N_m / period_s) ** 2 * 3.0 / rows**3)
 
 
 def _fading_rows(period_s: float, rig: Rig) -> int:

@@ -31,7 +31,9 @@ from hil_forceps.diagnosis.state_space.layout import (
     FRICTION_J,
     FRICTION_M,
     JAW_NOISE,
+    JAW_ZERO,
     LOAD,
+    LOAD_CELL,
     LOAD_NOISE,
     LOAD_SLOPE,
     OMEGA_J,
@@ -49,6 +51,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
 )
 from hil_forceps.diagnosis.state_space.measurement import (
+    corrected,
     corrected_but,
     current_direction,
     direction,
@@ -67,6 +70,7 @@ from hil_forceps.model.physics import Physics, State
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 SURPRISE = 4.5  # deviations of an innovation: 1 in 150 000 by chance
 _SURE = 3.0  # deviations: a speed's sign is known beyond
@@ -126,20 +130,27 @@ def near_standstill(first: float, last: float, deviation: float) -> bool:
 
 
 @inlined
-def _considered(d: Series, row: int, channel: int, doubtful: bool) -> tuple[bool, bool]:
-    """Tell of which states a measurement is no evidence: the command's bias, and the zero of the jaw sensor.
+def _considered(d: Series, row: int, channel: int, sticks: bool, calm: bool, out: Flags) -> bool:
+    """Mark the states of which a measurement is no evidence; tell whether there are any.
 
     Friction that holds a mass is the same for seconds, and wanders within its level by name only: what constants it
-    seems to tell would be its own mean. So they are considered there, not estimated (Schmidt's filter).
+    seems to tell would be its own mean. The same holds of the load, which its own sensor tells, until the wire is
+    calm again. So they are considered there, not estimated (Schmidt's filter).
     """
+    load = not calm and channel != LOAD_CELL and not math.isnan(d.load_N_m[row])
+    out[COMMAND_BIAS], out[JAW_ZERO] = sticks and channel != CURRENT, sticks
+    out[LOAD], out[LOAD_SLOPE] = load, load
+    return sticks or load
+
+
+@inlined
+def _sticks(d: Series, row: int, doubtful: bool) -> bool:
+    """Tell whether dry friction may hold a mass, or did so a row before."""
     level_m, level_j = d.friction_level_N_m
     before = max(row - 1, 0)
-    motor, jaw = (
-        d.friction_free_m[row] or d.friction_free_m[before],
-        d.friction_free_j[row] or d.friction_free_j[before],
-    )
-    sticks = doubtful or (motor and level_m > 0.0) or (jaw and level_j > 0.0)
-    return sticks and channel != CURRENT, sticks
+    motor = d.friction_free_m[row] or d.friction_free_m[before]
+    jaw = d.friction_free_j[row] or d.friction_free_j[before]
+    return doubtful or (motor and level_m > 0.0) or (jaw and level_j > 0.0)
 
 
 @inlined
@@ -152,6 +163,9 @@ def _measurements(
     x: Vector,
     covariance: Matrix,
     f: Matrix,
+    sticks: bool,
+    calm: bool,
+    considered: Flags,
     out: Filtered,
 ) -> bool:
     """Take a row's measurements in, one after the other; tell whether one of them was a surprise.
@@ -178,9 +192,10 @@ def _measurements(
         out.log_likelihood[row, channel] = log_likelihood
         for i in range(STATES):
             out.gain[row, channel, i] = along[i] * information
-        doubtful = row > 0 and out.doubtful[row - 1] > 0
-        considered = _considered(d, row, channel, doubtful)
-        corrected_but(considered, x, covariance, along, score, information, out.gain[row, channel])
+        if _considered(d, row, channel, sticks, calm, considered):
+            corrected_but(considered, x, covariance, along, score, information, out.gain[row, channel])
+        else:
+            corrected(x, covariance, along, score, information)
         if channel == CURRENT and abs(residual) > SURPRISE:
             error_A = residual / root / (1.0 + p.current_gain)
             spread(covariance, f, FRICTION_M, (p.K_t * error_A) ** 2)
@@ -255,7 +270,7 @@ def sliding_deviations(p: Physics, d: Series, f: Matrix, jump: Matrix, kept: Vec
             if channel != ENCODER:
                 noise = d.noise_variance[channel - 1] * (1.0 if d.noise_correlation[channel - 1] == 0.0 else 0.01)
             information = 1.0 / (variance + noise)
-            corrected_but((False, False), x, covariance, along, 0.0, information, along)
+            corrected(x, covariance, along, 0.0, information)
         settled[0], settled[1] = math.sqrt(covariance[OMEGA_M, OMEGA_M]), math.sqrt(covariance[OMEGA_J, OMEGA_J])
         moved(f, covariance, kept, work)
         disturbed(covariance, d, usual_row, f, jump, p.K_t)
@@ -277,10 +292,16 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
     plant = first_plant(d)
     before_A = plant.current_A
     was = (True, True)
+    considered, calm_rows = np.zeros(STATES, dtype=np.bool_), 0
     usual = sliding_deviations(p, d, taut, jump, kept)
     for row in range(d.encoder_rad.size):
         _note_prediction(out.course, row, x, plant.current_A, before_A)
-        surprised = _measurements(p, d, row, plant.current_A, before_A, x, covariance, taut, out)
+        sticks = _sticks(d, row, row > 0 and out.doubtful[row - 1] > 0)
+        calm_rows = 0 if sticks else calm_rows + 1
+        calm = calm_rows > d.fading_rows
+        surprised = _measurements(
+            p, d, row, plant.current_A, before_A, x, covariance, taut, sticks, calm, considered, out
+        )
         out.surprised[row] = d.switching.surprised[row] if d.switching.given else surprised
         if out.surprised[row]:
             covariance[LOAD_SLOPE, LOAD_SLOPE] += d.load_surprise_variance

@@ -29,6 +29,7 @@ from hil_forceps.model.physics import Physics, encoder_rad
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 @inlined
@@ -112,8 +113,19 @@ def current_direction(covariance: Matrix, gain: float, out: Vector) -> float:
 
 
 @kernel
+def corrected(x: Vector, covariance: Matrix, along: Vector, score: float, information: float) -> None:
+    """Change state and covariance by a measurement."""
+    for i in range(STATES):
+        x[i] += along[i] * score
+        weighed = along[i] * information
+        for j in range(i, STATES):
+            covariance[i, j] -= weighed * along[j]
+            covariance[j, i] = covariance[i, j]
+
+
+@kernel
 def corrected_but(
-    considered: tuple[bool, bool],
+    considered: Flags,
     x: Vector,
     covariance: Matrix,
     along: Vector,
@@ -123,18 +135,16 @@ def corrected_but(
 ) -> None:
     """Change state and covariance by a measurement, and set the gain of states that are only considered to 0.
 
-    `considered`: the command's bias, the zero of the jaw sensor. Their own mean and variance stay, while what they have
-    in common with other states changes as ever (Schmidt's suboptimal gain in Joseph's form).
+    Their means and what they have in common with each other stay, while what they have in common with other states
+    changes as ever (Schmidt's suboptimal gain in Joseph's form).
     """
-    bias, bias_variance = x[COMMAND_BIAS], covariance[COMMAND_BIAS, COMMAND_BIAS]
-    zero, zero_variance = x[JAW_ZERO], covariance[JAW_ZERO, JAW_ZERO]
     for i in range(STATES):
-        x[i] += along[i] * score
+        if considered[i]:
+            gain[i] = 0.0
+        else:
+            x[i] += along[i] * score
         weighed = along[i] * information
         for j in range(i, STATES):
-            covariance[i, j] -= weighed * along[j]
-            covariance[j, i] = covariance[i, j]
-    if considered[0]:
-        x[COMMAND_BIAS], covariance[COMMAND_BIAS, COMMAND_BIAS], gain[COMMAND_BIAS] = bias, bias_variance, 0.0
-    if considered[1]:
-        x[JAW_ZERO], covariance[JAW_ZERO, JAW_ZERO], gain[JAW_ZERO] = zero, zero_variance, 0.0
+            if not (considered[i] and considered[j]):
+                covariance[i, j] -= weighed * along[j]
+                covariance[j, i] = covariance[i, j]

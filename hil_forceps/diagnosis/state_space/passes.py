@@ -142,12 +142,13 @@ def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
 def pass_all(runs: Sequence[Filterable], theta: Vector, mapper: Mapper) -> Passes:
     """Filter runs with a vector of parameters (`model.parameters.NAMES`)."""
     plants = regimes(theta)
+    return Passes(theta, plants, tuple(mapper(lambda run: pass_one(run, plants), runs)))
 
-    def one(run: Filterable) -> Passed:
-        filtered = filter_run(plants, run.series)
-        return Passed(run.series, filtered, counting(run, run.series, filtered))
 
-    return Passes(theta, plants, tuple(mapper(one, runs)))
+def pass_one(run: Filterable, plants: Regimes) -> Passed:
+    """Filter a run with plants of a vector of parameters."""
+    filtered = filter_run(plants, run.series)
+    return Passed(run.series, filtered, counting(run, run.series, filtered))
 
 
 def gram(passes: Passes, directions: Sequence[Direction], mapper: Mapper, waves: Sequence[Wave] = ()) -> Gram:

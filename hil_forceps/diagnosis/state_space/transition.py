@@ -47,7 +47,7 @@ def transition(p: Physics, period_s: float, stiff: bool) -> Matrix:
     """Return F (STATES²): the state a row on for a change of the state; wire taut (`stiff`) or slack."""
     g = np.empty(SIZE)
     k, c = (p.k, p.damping) if stiff else (0.0, 0.0)
-    fill_gains(g, p.r_m, p.r_j, p.I_m, p.I_j, viscosity(p, 0.0), k, c, period_s)
+    fill_gains(g, p.r_m, p.r_j, p.I_m, p.I_j, viscosity(p, 0.0), p.jaw_viscous, k, c, period_s)
     f = np.zeros((STATES, STATES))
     starts = (MOTOR_WAY, MOTOR_SPEED, JAW_WAY, JAW_SPEED)
     for i in range(PLANT_STATES):

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import stats
 
-from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEFT_OVER_CHANCE
+from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEFT_OVER_CHANCE, UNEXPLAINED_SHARE
 from hil_forceps.diagnosis.hypotheses.search import Step
 from hil_forceps.diagnosis.identification import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, inverted
@@ -12,7 +12,6 @@ from hil_forceps.diagnosis.judge import (
     ACCURACY,
     LEAST_SHIFT,
     SHIFT_SD,
-    UNEXPLAINED_SHARE,
     Judgement,
     least_detectable,
     varies_over,

@@ -1,0 +1,36 @@
+"""How much a load wanders, by all channels: its own sensor alone takes a smooth load for a rougher one.
+
+A fine encoder sees torques that a load cell doesn't. Where the load's process noise is too large, the filter follows
+the encoder's rounding, and through the drive's law that passes for a delay of the current. It is only ever lessened:
+what a model doesn't explain would ask for more of it, and hide there.
+"""
+
+from collections.abc import Sequence
+
+from hil_forceps.diagnosis.preparation.records import Record
+from hil_forceps.diagnosis.state_space.passes import Mapper, Passed, Passes, pass_one
+
+LESS = 0.5  # a step
+LEAST_SHARE = 1.0 / 64.0  # of the variance that the load cell alone tells
+GAIN = 3.84  # of twice the log likelihood: what a parameter gains by chance in one of 20
+
+
+def with_likeliest_load_noises(records: Sequence[Record], passes: Passes, mapper: Mapper) -> list[Record]:
+    """Return records whose loads wander as is likeliest beside a model; `passes`: of these records with it."""
+    pairs = list(zip(records, passes.runs, strict=True))
+    return list(mapper(lambda pair: _with_likeliest(pair[0], pair[1], passes), pairs))
+
+
+def _with_likeliest(record: Record, passed: Passed, passes: Passes) -> Record:
+    share = LESS
+    while share >= LEAST_SHARE:
+        tried = record.with_less_load_noise(LESS)
+        if float(tried.series.load_slope_variance.min()) >= float(record.series.load_slope_variance.min()):
+            break
+        other = pass_one(tried, passes.plants)
+        both = passed.counts & other.counts
+        gain = 2.0 * float((other.log_likelihood - passed.log_likelihood)[both].sum())
+        if not gain > GAIN:
+            break
+        record, passed, share = tried, other, share * LESS
+    return record
