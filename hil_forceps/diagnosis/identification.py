@@ -28,8 +28,13 @@ from hil_forceps.diagnosis.state_space.layout import THETA_M, Noise
 from hil_forceps.diagnosis.state_space.passes import Mapper, Passed, pass_all
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
+from hil_forceps.rig.catalogue import EFFECTS
 
 Vector = NDArray[np.float64]
+
+
+# Without a load cell, what acts on the jaw is a load, as any: nothing tells it from one.
+LIKE_A_LOAD = frozenset(entry.id for entry in EFFECTS if entry.location == "jaw")
 
 
 class Identified(NamedTuple):
@@ -63,7 +68,8 @@ def identify(
     noise = sensor_noise([even.run for even in runs], rig)
     records, unseen_records, theta = records_of(runs, held_out, rig, noise, mapper)
     known = known_of(rig, records)
-    found = search(Search(records, known, mapper, without | frozenset(rig.effects), seed, progress, spent), theta)
+    without |= frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
+    found = search(Search(records, known, mapper, without, seed, progress, spent), theta)
     progress("looking at what is left")
     after = omnibus_test(found.best.fit, mapper, seed)
     before = omnibus_test(found.baseline, mapper, seed) if found.best.effects else after
@@ -95,6 +101,11 @@ def records_of(
 
     records = tuple(mapper(again, zip(every, passes.runs, strict=True)))
     return records[:count], records[count:], theta
+
+
+def load_measured(records: Sequence[Record]) -> bool:
+    """Tell whether any run has a load cell."""
+    return any(bool(np.isfinite(record.series.load_N_m).any()) for record in records)
 
 
 def known_of(rig: Rig, records: Sequence[Record]) -> tuple[Free, ...]:

@@ -1,7 +1,7 @@
 """The rollout of the model beside the same equations in C at -O3, and beside MuJoCo's RK4 on the same plant."""
 
 import ctypes
-import importlib.util
+import importlib
 import shutil
 import statistics
 import subprocess
@@ -173,7 +173,6 @@ MUJOCO = """
 """
 
 
-@pytest.mark.skipif(importlib.util.find_spec("mujoco") is None, reason="mujoco (extra `bench`) is not installed")
 def test_rollout_beside_mujoco() -> None:
     mujoco: Any = importlib.import_module("mujoco")
     p = RIG.plant()

@@ -10,7 +10,7 @@ import resource
 import sys
 import time
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
@@ -73,9 +73,25 @@ def _told(found: Identified, assumed: Rig, true: Rig) -> Outcome:
         "confidence": [round(effect.confidence, 3) for effect in verdict.effects],
         "sets": [list(ids) for ids in verdict.sets],
         "inside": inside,
+        "shows": {name: round(shows(found, name, values), 1) for name, values in true.effects.items()},
         "left": [round(found.after.gain, 1), round(found.after.threshold, 1)],
         "unseen": None if found.unseen is None else [round(found.unseen.gain, 1), round(found.unseen.threshold, 1)],
     }
+
+
+def shows(found: Identified, effect_id: str, values: Mapping[str, float]) -> float:
+    """Return d of an effect in the case's own runs: by the information that the filter has of its amplitudes there.
+
+    0 for an effect without amplitudes of its own.
+    """
+    step = found.found.steps[0]
+    largest = 0.0
+    for place in step.places:
+        if place.effect_id == effect_id and place.stop - place.first == len(place.amplitudes):
+            sizes = np.array([values[name] / unit for name, unit in place.amplitudes.items()])
+            information = step.tested.information[place.first : place.stop]
+            largest = max(largest, float(np.sqrt(sizes**2 @ information)))
+    return largest
 
 
 def counts(records: Iterable[Outcome]) -> list[str]:
@@ -94,6 +110,9 @@ def counts(records: Iterable[Outcome]) -> list[str]:
     for low, high, name in ((20.0, np.inf, "d ≥ 20"), (0.0, 20.0, "d = 8 and 12")):
         here = [r for r in single if low <= r["size"] < high]
         row(f"{name}: named first, or the truth in the set", here, [_found(r) for r in here])
+    for low, name in ((20.0, "d ≥ 20"), (8.0, "d ≥ 8")):
+        here = [r for r in single if min(r.get("shows", {"": 0.0}).values(), default=0.0) >= low]
+        row(f"{name} in the case's own runs: the same", here, [_found(r) for r in here])
     for kind in ("pair", "triple"):
         here = [r for r in done if r["kind"] == kind]
         row(

@@ -13,7 +13,6 @@ from tests.hidden_effects.generator import RIG
 from tests.hidden_effects.generator_scenarios import SCENARIOS
 from tests.hidden_effects.mujoco_world import NOTHING, STEP_S, Hidden, mujoco_run
 
-pytest.importorskip("mujoco")
 POOL = ThreadPoolExecutor(2)
 # Friction that the rig says and MuJoCo has none of would be found as such.
 SMOOTH = RIG.with_changes({"forceps.motor_coulomb_N_m": 0.0, "forceps.jaw_coulomb_N_m": 0.0})

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.error_rates import UNEXPLAINED_SHARE
 from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
 from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Prior, Tested, score_test
 from hil_forceps.diagnosis.hypotheses.shortlist import Start, best_starts
@@ -28,6 +27,11 @@ Vector = NDArray[np.float64]
 MAX_EFFECTS = 6
 SWITCHING_ROUNDS = 3
 SWITCHING_SETTLED = 0.3  # deviations of a parameter
+# Of what is explained: the model's step and the rows at which it switches are exact to 3 % of an amplitude, and
+# what such an error gains is no entry's merit.
+INEXACT_SHARE = 1e-3  # tuned: a current's limit of d = 2700
+EXCHANGES = 3  # of an entry
+EXCHANGE_SHARE = 0.7  # of the gain with which it joined
 START_SHARES = (1.0, 0.3, 0.1)  # of what the score test finds
 SET_DROP = 8.0  # of twice the log likelihood: models within it are kept  # tuned: until calibrated by simulation
 
@@ -38,6 +42,10 @@ class Candidate(NamedTuple):
     effects: tuple[str, ...]
     fit: Fit
     gain: float  # twice the log likelihood above the model it extends, less the cost of its parameters
+
+    def without_runs(self) -> "Candidate":
+        """Return the model without its passes over the runs."""
+        return self._replace(fit=self.fit._replace(passes=self.fit.passes._replace(runs=())))
 
 
 class Step(NamedTuple):
@@ -84,6 +92,7 @@ def search(s: Search, theta: Vector) -> Found:
     steps: list[Step] = []
     left_out: list[str] = []
     explained = 0.0
+    seen = {frozenset(best.effects)}
     while len(best.effects) < MAX_EFFECTS:
         beside = f"beside {' + '.join(best.effects) or 'the known parameters'}"
         if s.spent():
@@ -97,20 +106,33 @@ def search(s: Search, theta: Vector) -> Found:
                 left_out.append(f"{start.place.effect_id} {beside}")
                 continue
             s.progress(f"fitting {start.place.effect_id} {beside}")
-            tried += (_refitted(s, best, start),)
-        # Of what is explained, a small share is the inexactness of the model's own step: it would be no entry's merit.
-        least = max(tested.threshold, UNEXPLAINED_SHARE * explained)
+            tried = _with(tried, _refitted(s, best, start))
+        least = max(tested.threshold, INEXACT_SHARE * explained)
         joined = sorted((c for c in tried if c.gain > least), key=lambda c: -c.gain)
-        steps.append(Step(best.effects, tuple(places), tested, tried, joined[0].effects[-1] if joined else ""))
+        light = tuple(c.without_runs() for c in tried)
+        steps.append(Step(best.effects, tuple(places), tested, light, joined[0].effects[-1] if joined else ""))
         if not joined:
             break
         rivals = tuple(c for c in joined if c.gain > joined[0].gain - SET_DROP)
         thinned = _thinned(s, joined[0], tested.threshold)
         if thinned is not joined[0]:
             rivals = (thinned, *(c for c in rivals if c is not joined[0]))
+        if frozenset(thinned.effects) in seen:
+            break  # what joined took the place of what it had joined beside, and that the place of it
+        seen.add(frozenset(thinned.effects))
         explained += thinned.gain
         s, best = _beside(s, thinned)
+    if len(best.effects) > 1 and not s.spent():
+        s.progress("exchanging entries for their nearest rivals")
+        best, rivals = _exchanged(s, best, rivals, steps)
     return Found(baseline, best, rivals, tuple(steps), explained, tuple(left_out))
+
+
+def _with(tried: tuple[Candidate, ...], new: Candidate) -> tuple[Candidate, ...]:
+    """Return candidates with one more; passes over runs are kept of the best alone: they take most of the memory."""
+    if tried and new.gain <= max(c.gain for c in tried):
+        return (*tried, new.without_runs())
+    return (*(c.without_runs() for c in tried), new)
 
 
 def _beside(s: Search, model: Candidate) -> tuple[Search, Candidate]:
@@ -176,6 +198,35 @@ def _fitted(s: Search, model: Candidate, start: Passes, effects: Sequence[str]) 
     return Candidate(tuple(effects), found, gain - cost)
 
 
+def _exchanged(
+    s: Search, best: Candidate, rivals: tuple[Candidate, ...], steps: Sequence[Step]
+) -> tuple[Candidate, tuple[Candidate, ...]]:
+    """Return the best model and its rivals, with entries exchanged that were near when another joined.
+
+    What was less likely alone may be likelier beside what joined later.
+    """
+    every = {frozenset(c.effects): c for c in (*rivals, best)}
+    for step in steps:
+        if step.joined not in best.effects:
+            continue
+        joined = max(c.gain for c in step.tried if c.effects[-1] == step.joined)
+        near = [c for c in step.tried if c.gain > EXCHANGE_SHARE * joined and c.effects[-1] not in best.effects]
+        for other in sorted(near, key=lambda c: -c.gain)[:EXCHANGES]:
+            effect_id = other.effects[-1]
+            effects = [effect_id if e == step.joined else e for e in best.effects]
+            if frozenset(effects) in every or s.spent():
+                continue
+            theta = without_effect(best.fit.passes.theta, step.joined)
+            theta = with_effect(theta, effect_id, values_of(other.fit.passes.theta, effect_id))
+            found = _fitted(s, best, pass_all(s.runs, theta, s.mapper), effects)
+            every[frozenset(effects)] = found._replace(gain=best.gain + found.gain)
+    ranked = sorted(every.values(), key=lambda c: -c.gain)
+    kept = tuple(c for c in ranked if c.gain > ranked[0].gain - SET_DROP)
+    if ranked[0] is best:
+        return best, kept
+    return _beside(s, ranked[0])[1], kept
+
+
 def wald(found: Fit, effect_id: str) -> float:
     """Return the χ² by which an effect's amplitudes differ from none."""
     at = [i for i, f in enumerate(found.free) if f.amplitude and f.name.startswith(f"effects.{effect_id}.")]
@@ -186,13 +237,14 @@ def wald(found: Fit, effect_id: str) -> float:
 
 
 def _thinned(s: Search, model: Candidate, threshold: float) -> Candidate:
-    """Drop entries that don't pay any more beside those that joined."""
+    """Drop entries that don't pay any more beside those that joined: without them χ² rises by less than `threshold`."""
     while len(model.effects) > 1:
         weakest = min(model.effects, key=lambda e: wald(model.fit, e))
         if wald(model.fit, weakest) >= threshold:
             break
         start = pass_all(s.runs, without_effect(model.fit.passes.theta, weakest), s.mapper)
-        gain = model.gain
-        model = _fitted(s, model, start, [e for e in model.effects if e != weakest])
-        model = model._replace(gain=gain + model.gain)
+        fewer = _fitted(s, model, start, [e for e in model.effects if e != weakest])
+        if fewer.gain < -threshold:
+            break  # a size of none lies further off than its deviation here says
+        model = fewer._replace(gain=model.gain + fewer.gain)
     return model

@@ -1,6 +1,6 @@
 """Score all families of curves at once beside a model: what no entry explains still varies over something."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -92,7 +92,8 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, prior: Prior | None = No
     scale = scale_of(courses)
     directions = directions_of(found.free, found.passes.theta)
     plants = [(regimes(d.theta), d.per) for d in directions]
-    places = _families(courses[0], scale)
+    curves = curves_for(found.passes.runs)
+    places = _families(curves, courses[0], scale)
     count = places[-1].stop
 
     def one(item: tuple[Passed, Course]) -> Gram:
@@ -101,7 +102,7 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, prior: Prior | None = No
         for at, (plant, per) in enumerate(plants):
             columns[:, at] = response_run(plant, p, run.series, run.filtered, per).ravel()
         at = len(plants)
-        for answers in _answers(p, run, course, scale):
+        for answers in _answers(curves, p, run, course, scale):
             columns[:, at : at + answers.shape[2]] = answers.reshape(columns.shape[0], -1)
             at += answers.shape[2]
         influence = run.influence.ravel()
@@ -115,21 +116,29 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, prior: Prior | None = No
     return LackOfFit(float(tested.gains[order[0]]), tested.threshold, families)
 
 
-def _families(course: Course, scale: Scale) -> list[Place]:
+def curves_for(runs: Sequence[Passed]) -> tuple[Curve, ...]:
+    """Return the families for some runs: without a load cell, a torque on the jaw is a load as any."""
+    measured = any(bool(np.isfinite(run.series.load_N_m).any()) for run in runs)
+    return CURVES if measured else tuple(curve for curve in CURVES if curve.place != "jaw")
+
+
+def _families(curves: Sequence[Curve], course: Course, scale: Scale) -> list[Place]:
     places, at = [], 0
-    for curve in CURVES:
+    for curve in curves:
         count = len(curve.members(course, scale))
         places.append(Place(f"{curve.place}\n{curve.variable}", {}, {}, at, at + count, False))
         at += count
     return places
 
 
-def _answers(p: Physics, run: Passed, course: Course, scale: Scale) -> Iterator[NDArray[np.float64]]:
+def _answers(
+    curves: Sequence[Curve], p: Physics, run: Passed, course: Course, scale: Scale
+) -> Iterator[NDArray[np.float64]]:
     """Yield the answers (n × CHANNELS × m) to all curves of all families, some at a time to spare memory."""
     shows = course_of(run, p, before=True)
     members = [
         (curve.place, member)
-        for curve in CURVES
+        for curve in curves
         for member in curve.members(shows if curve.place in _CHANNEL else course, scale)
     ]
     n = course.time_s.size
