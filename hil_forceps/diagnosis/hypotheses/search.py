@@ -5,7 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
+from hil_forceps.diagnosis.error_rates import SETS_WITHOUT_TRUTH
 from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
 from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Prior, Tested, score_test
 from hil_forceps.diagnosis.hypotheses.shortlist import Start, best_starts
@@ -21,6 +23,7 @@ from hil_forceps.diagnosis.inference.parameters import (
 )
 from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.passes import Mapper, Passes, gram, pass_all
+from hil_forceps.rig.catalogue import EFFECT_IDS
 
 Vector = NDArray[np.float64]
 
@@ -33,7 +36,10 @@ INEXACT_SHARE = 1e-3  # tuned: a current's limit of d = 2700
 EXCHANGES = 3  # of an entry
 EXCHANGE_SHARE = 0.7  # of the gain with which it joined
 START_SHARES = (1.0, 0.3, 0.1)  # of what the score test finds
-SET_DROP = 8.0  # of twice the log likelihood: models within it are kept  # tuned: until calibrated by simulation
+# Of twice the log likelihood, 8.9: models within it are kept. Models δ deviations apart part by N(δ², 4δ²), so the true
+# one falls behind another by more than D with Φ(−√D) at most, whatever δ, and behind any of the catalogue with
+# `SETS_WITHOUT_TRUTH`.
+SET_DROP = float(stats.norm.isf(SETS_WITHOUT_TRUTH / len(EFFECT_IDS)) ** 2)
 
 
 class Candidate(NamedTuple):
