@@ -1,0 +1,77 @@
+"""Entries of the best model are exchanged for what was near; entries drop out only where χ² says so, too."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from hil_forceps.diagnosis.hypotheses import score_test
+from hil_forceps.diagnosis.hypotheses import search as searching
+from hil_forceps.diagnosis.hypotheses.search import Candidate, Search, Step
+from hil_forceps.diagnosis.inference.fit import Fit
+from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.passes import Passes
+from hil_forceps.model import parameters
+from tests.hidden_effects.generator import RIG
+
+THETA = parameters.vector(RIG)
+FIT = Fit((), Passes(THETA, regimes(THETA), ()), np.zeros((0, 0)))
+SEARCH = Search((), (), map, frozenset(), 0, lambda _: None, lambda: False)
+TESTED = score_test.Tested(np.zeros(0), [], [], np.zeros(0), 16.0)
+
+
+def candidate(effects: Sequence[str], gain: float) -> Candidate:
+    return Candidate(tuple(effects), FIT, gain)
+
+
+def fitting(monkeypatch: pytest.MonkeyPatch, gains: Mapping[frozenset[str], float]) -> list[frozenset[str]]:
+    """Let a refit gain what `gains` says of its effects; return those that were asked for."""
+    asked = []
+
+    def fitted(_: Search, __: Candidate, ___: Passes, effects: Sequence[str]) -> Candidate:
+        asked.append(frozenset(effects))
+        return candidate(effects, gains[frozenset(effects)])
+
+    monkeypatch.setattr(searching, "_fitted", fitted)
+    monkeypatch.setattr(searching, "pass_all", lambda *_: FIT.passes)
+    monkeypatch.setattr(searching, "_beside", lambda s, model: (s, model))
+    return asked
+
+
+TRIED = (
+    candidate(["wire_creep"], 300.0),
+    candidate(["wire_hysteresis"], 290.0),
+    candidate(["wire_damping"], 100.0),
+)
+STEPS = (
+    Step((), (), TESTED, TRIED, "wire_creep"),
+    Step(("wire_creep",), (), TESTED, (candidate(["wire_creep", "cogging"], 80.0),), "cogging"),
+)
+BEST = candidate(["wire_creep", "cogging"], 80.0)
+
+
+def test_what_was_near_and_is_likelier_beside_a_later_entry_takes_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = fitting(monkeypatch, {frozenset({"wire_hysteresis", "cogging"}): 5.0})
+    best, rivals = searching._exchanged(SEARCH, BEST, (BEST,), STEPS)
+    assert best.effects == ("wire_hysteresis", "cogging")
+    assert [c.effects for c in rivals] == [("wire_hysteresis", "cogging"), ("wire_creep", "cogging")]
+    assert rivals[0].gain == 85.0
+    assert asked == [frozenset({"wire_hysteresis", "cogging"})]  # what was far behind isn't tried
+
+
+def test_what_is_less_likely_by_far_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitting(monkeypatch, {frozenset({"wire_hysteresis", "cogging"}): -40.0})
+    best, rivals = searching._exchanged(SEARCH, BEST, (BEST,), STEPS)
+    assert best is BEST
+    assert rivals == (BEST,)
+
+
+@pytest.mark.parametrize(("without", "kept"), [(-10.0, False), (-290.0, True)], ids=["it doesn't pay", "it does"])
+def test_an_entry_drops_out_only_where_chi2_hardly_rises_without_it(
+    monkeypatch: pytest.MonkeyPatch, without: float, kept: bool
+) -> None:
+    fitting(monkeypatch, {frozenset({"cogging"}): without, frozenset({"wire_creep"}): without})
+    monkeypatch.setattr(searching, "wald", lambda *_: 3.0)  # by its own deviation it could be none
+    thinned = searching._thinned(SEARCH, BEST, 16.0)
+    assert len(thinned.effects) == (2 if kept else 1)
+    assert thinned.gain == (80.0 if kept else 80.0 + without)
