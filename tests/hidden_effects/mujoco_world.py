@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hil_forceps.rig import Rig
 from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator_scenarios import Scenario, course_of
+from virtual_bus.effects_plant import Environment
 
 Vector = NDArray[np.float64]
 
@@ -75,20 +76,17 @@ def mujoco_run(
     load = np.interp(middles_s, course.load.time_ns * 1e-9, course.load.torque_N_m)
     loads = np.interp(time_s, course.load.time_ns * 1e-9, course.load.torque_N_m)
     world = _World(rig, hidden, step_s, float(reference[0]), float(load[0]))
-    touched = course.environment
     delay = hidden.of("actuation_delay", "delay_s") / step_s
     commands = np.zeros((lead + rows) * steps + math.ceil(delay) + steps)
     drive = _Drive(rig, world.count(world.motor_rad))
     out = np.empty((4, lead + rows))
     for k in range(lead + rows):
-        beyond = max(0.0, world.jaw_rad - touched.angle_rad) if touched.stiffness_N_m_per_rad > 0.0 else 0.0
         shown = world.count(world.motor_rad)
-        out[:, k] = shown, world.current_A, world.jaw_rad, loads[k] + touched.stiffness_N_m_per_rad * beyond
+        out[:, k] = shown, world.current_A, world.jaw_rad, loads[k] + touched_N_m(course.environment, world.jaw_rad)
         first = k * steps + round(delay)
-        commands[first:] = drive.command_A(float(reference[k]), shown)
+        commands[first : first + steps] = drive.command_A(float(reference[k]), shown)
         for step in range(k * steps, (k + 1) * steps):
-            beyond = max(0.0, world.jaw_rad - touched.angle_rad) if touched.stiffness_N_m_per_rad > 0.0 else 0.0
-            world.step(float(commands[step]), float(load[step]) + touched.stiffness_N_m_per_rad * beyond)
+            world.step(float(commands[step]), float(load[step]) + touched_N_m(course.environment, world.jaw_rad))
     theta_m, current, theta_j, tau_w = out[:, lead:]
     noise = np.random.default_rng([seed, 0x4D4A]).standard_normal((3, rows))
     columns = {
@@ -100,6 +98,11 @@ def mujoco_run(
         "tau_w_N_m": tau_w + rig.noise.tau_w_N_m * noise[2],
     }
     return Run(name or f"{scenario.kind}_{seed}", columns)
+
+
+def touched_N_m(environment: Environment, jaw_rad: float) -> float:
+    """Return the torque of the spring that the jaw touches."""
+    return environment.stiffness_N_m_per_rad * max(0.0, jaw_rad - environment.angle_rad)
 
 
 class _World:

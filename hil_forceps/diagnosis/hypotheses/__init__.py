@@ -2,5 +2,6 @@
 
 places      where to look for each entry: shapes that cover what the runs contain
 score_test  what each place would gain, to first order, and what chance gives
-search      forward selection with refits, backward elimination; the set of models that the data can't tell apart
+shortlist   which entries are refitted, and from which place and shape
+search      forward selection with refits, backward elimination, exchange; the models that the data can't tell apart
 """

@@ -28,13 +28,13 @@ from hil_forceps.rig.catalogue import EFFECT_IDS
 Vector = NDArray[np.float64]
 
 MAX_EFFECTS = 6
-SWITCHING_ROUNDS = 3
-SWITCHING_SETTLED = 0.3  # deviations of a parameter
+SWITCHING_ROUNDS = 3  # of a pass that decides and a fit to what it decided
+SWITCHING_SETTLED = 0.3  # deviations of a parameter: a fit that moves less decides the same
 # Of what is explained: the model's step and the rows at which it switches are exact to 3 % of an amplitude, and
 # what such an error gains is no entry's merit.
 INEXACT_SHARE = 1e-3  # tuned: a current's limit of d = 2700
-EXCHANGES = 3  # of an entry
-EXCHANGE_SHARE = 0.7  # of the gain with which it joined
+EXCHANGES = 3  # of an entry that joined, for others tried at that step
+EXCHANGE_SHARE = 0.7  # of the gain with which it joined: what gained less was no near rival
 START_SHARES = (1.0, 0.3, 0.1)  # of what the score test finds
 # Of twice the log likelihood, 8.9: models within it are kept. Models δ deviations apart part by N(δ², 4δ²), so the true
 # one falls behind another by more than D with Φ(−√D) at most, whatever δ, and behind any of the catalogue with
@@ -112,29 +112,29 @@ def search(s: Search, theta: Vector) -> Found:
                 left_out.append(f"{start.place.effect_id} {beside}")
                 continue
             s.progress(f"fitting {start.place.effect_id} {beside}")
-            tried = _with(tried, _refitted(s, best, start))
+            tried = _with_one_more(tried, _refitted(s, best, start))
         least = max(tested.threshold, INEXACT_SHARE * explained)
         joined = sorted((c for c in tried if c.gain > least), key=lambda c: -c.gain)
         light = tuple(c.without_runs() for c in tried)
         steps.append(Step(best.effects, tuple(places), tested, light, joined[0].effects[-1] if joined else ""))
         if not joined:
             break
-        rivals = tuple(c for c in joined if c.gain > joined[0].gain - SET_DROP)
         thinned = _thinned(s, joined[0], tested.threshold)
-        if thinned is not joined[0]:
-            rivals = (thinned, *(c for c in rivals if c is not joined[0]))
         if frozenset(thinned.effects) in seen:
             break  # what joined took the place of what it had joined beside, and that the place of it
+        rivals = (thinned, *(c for c in joined[1:] if c.gain > joined[0].gain - SET_DROP))
         seen.add(frozenset(thinned.effects))
         explained += thinned.gain
         s, best = _beside(s, thinned)
     if len(best.effects) > 1 and not s.spent():
         s.progress("exchanging entries for their nearest rivals")
+        before = best.gain
         best, rivals = _exchanged(s, best, rivals, steps)
+        explained += best.gain - before
     return Found(baseline, best, rivals, tuple(steps), explained, tuple(left_out))
 
 
-def _with(tried: tuple[Candidate, ...], new: Candidate) -> tuple[Candidate, ...]:
+def _with_one_more(tried: tuple[Candidate, ...], new: Candidate) -> tuple[Candidate, ...]:
     """Return candidates with one more; passes over runs are kept of the best alone: they take most of the memory."""
     if tried and new.gain <= max(c.gain for c in tried):
         return (*tried, new.without_runs())

@@ -1,7 +1,7 @@
 """Fit parameters by prediction errors: Gauss-Newton on whitened innovations.
 
-Weights and gains of the filter are taken anew at each step and held within it, so that what is minimised is the sum of
-squares of innovations and not the size of their variances (Ljung, System Identification, 2nd ed., chapter 7).
+Weights and gains of the filter are taken anew at each step and held within it, so that what is minimised is Huber's
+loss of the innovations and not the size of their variances (Ljung, System Identification, 2nd ed., chapter 7).
 """
 
 from collections.abc import Sequence

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.passes import Mapper, Passed, Passes, pass_one
 
-LESS = 0.5  # a step
-LEAST_SHARE = 1.0 / 64.0  # of the variance that the load cell alone tells
-GAIN = 3.84  # of twice the log likelihood: what a parameter gains by chance in one of 20
+VARIANCE_FACTOR = 0.5  # of a step
+MAX_STEPS = 6  # down to 1/64 of the variance that the load cell alone tells
+LEAST_GAIN_CHI2 = 3.84  # of a step, in twice the log likelihood: a parameter gains it by chance in one of 20
 
 
 def with_likeliest_load_noises(records: Sequence[Record], passes: Passes, mapper: Mapper) -> list[Record]:
@@ -22,15 +22,14 @@ def with_likeliest_load_noises(records: Sequence[Record], passes: Passes, mapper
 
 
 def _with_likeliest(record: Record, passed: Passed, passes: Passes) -> Record:
-    share = LESS
-    while share >= LEAST_SHARE:
-        tried = record.with_less_load_noise(LESS)
+    for _ in range(MAX_STEPS):
+        tried = record.with_less_load_noise(VARIANCE_FACTOR)
         if float(tried.series.load_slope_variance.min()) >= float(record.series.load_slope_variance.min()):
             break
         other = pass_one(tried, passes.plants)
         both = passed.counts & other.counts
         gain = 2.0 * float((other.log_likelihood - passed.log_likelihood)[both].sum())
-        if not gain > GAIN:
+        if not gain > LEAST_GAIN_CHI2:
             break
-        record, passed, share = tried, other, share * LESS
+        record, passed = tried, other
     return record
