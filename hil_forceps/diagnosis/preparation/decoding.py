@@ -113,9 +113,11 @@ def _weigh(
 
 
 @kernel
-def _decode(v: _Drive, d: _Rows, angle: Vector, deviation: float, prior: Matrix, out: Decoded) -> None:
+def _decode(
+    v: _Drive, d: _Rows, angle: Vector, deviation: float, prior: Matrix, integral: float, out: Decoded
+) -> None:
     n = d.encoder.size
-    state, bias, open_variance = DriveState(0.0, math.nan, 0.0, d.current[0]), 0.0, v.law[LIMIT] ** 2
+    state, bias, open_variance = DriveState(integral, math.nan, 0.0, d.current[0]), 0.0, v.law[LIMIT] ** 2
     if v.law[KI] <= 0.0:
         open_variance = 0.0
     reach = REACH if v.quantum > 0.0 else 0
@@ -184,10 +186,12 @@ def decoded(
     period_s: float,
     rows: tuple[Vector, Vector, Vector],
     expected: Expected | None = None,
+    first_integral: float = 0.0,
 ) -> Decoded:
     """Return what a drive commanded; `rows`: its reference, count and measured current.
 
-    `expected`: the angle between rows; by default on the line between their counts.
+    `expected`: the angle between rows; by default on the line between their counts. `first_integral`: of the law at the
+    first row [rad s]; what it is off by is followed.
     """
     reference, encoder, current = rows
     n = encoder.size
@@ -199,7 +203,7 @@ def decoded(
     def decode(prior: Matrix) -> Decoded:
         zeros = [np.zeros(n) for _ in range(3)]
         out = Decoded(np.zeros(n * samples), zeros[0], zeros[1], np.zeros(n, dtype=np.bool_), zeros[2])
-        _decode(drive, given, expected.angle_rad, deviation, prior, out)
+        _decode(drive, given, expected.angle_rad, deviation, prior, first_integral, out)
         return out
 
     each = [decode(np.tile(kind, (n, 1))).log_likelihood for kind in np.eye(3)]

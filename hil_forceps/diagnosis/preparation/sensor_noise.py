@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 from scipy.ndimage import uniform_filter1d
 
-from hil_forceps.diagnosis.preparation.command import samples_in_a_row
+from hil_forceps.diagnosis.preparation.command import first_integral, samples_in_a_row
 from hil_forceps.diagnosis.preparation.resolution import resolution_of
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.model.drive_law import DriveState, law_current, law_vector
@@ -66,8 +66,9 @@ def _current_beside_law(run: Run, rig: Rig) -> Vector | None:
     columns = run.columns
     if rig.drive is None or not {"current_A", "theta_m_ref_rad"} <= columns.keys() or samples_in_a_row(run, rig) != 1:
         return None
-    start = DriveState(0.0, float("nan"), 0.0, float(columns["current_A"][0]))
-    command = law_current(law_vector(rig.drive), columns["theta_m_ref_rad"], columns["theta_m_rad"], start)
+    law, rows = law_vector(rig.drive), (columns["theta_m_ref_rad"], columns["theta_m_rad"], columns["current_A"])
+    start = DriveState(first_integral(law, rows, 1, 0.0).value_rad_s, float("nan"), 0.0, float(rows[2][0]))
+    command = law_current(law, rows[0], rows[1], start)
     return np.asarray(columns["current_A"][1:] - command[:-1])
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.experiment import Record as Rows
 from hil_forceps.diagnosis.heldout import Played
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import course_of
+from hil_forceps.diagnosis.preparation.command import first_integral
 from hil_forceps.diagnosis.preparation.decoding import on_lines
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.load_prior import posterior_draw
@@ -160,7 +161,9 @@ def _start(rig: Rig, m: Measured, passed: Passed, reference: Vector, counted: Ve
     """Return plant and drive at the first row that is simulated."""
     law, d, first = law_vector(rig.require_drive()), passed.series, m.record.settling_rows
     x = passed.filtered.course[first]
-    drive = DriveState(0.0, float("nan"), 0.0, float(d.command_A[0]))
+    columns = m.run.columns
+    rows = (columns["theta_m_ref_rad"], columns["theta_m_rad"], columns["current_A"])
+    drive = DriveState(first_integral(law, rows, d.samples, math.sqrt(d.noise_variance[2])).value_rad_s, float("nan"), 0.0, float(d.command_A[0]))
     for aim, angle in zip(reference, counted, strict=True):
         drive = drive_sample(law, drive, float(aim), float(angle))
     bias = float(passed.filtered.course[-1, COMMAND_BIAS])
