@@ -42,7 +42,7 @@ def scene_of(passes: Passes) -> Scene:
     reach = tuple(float(v) for v in (jaw.min(), jaw.max()) if abs(v) > 0.02 * np.ptp(jaw))
     stretch = max(float(np.ptp(p.r_m * c[:, THETA_M] - p.r_j * c[:, THETA_J])) for c in courses)
     return Scene(
-        max(run.series.encoder_rad.size * run.series.period_s for run in passes.runs),
+        max(run.series.begin_s + run.series.encoder_rad.size * run.series.period_s for run in passes.runs),
         max(float(np.ptp(a)) for a in angles),
         reach,
         quantiles_of_speed(np.concatenate([c[:, OMEGA_M] for c in courses])),

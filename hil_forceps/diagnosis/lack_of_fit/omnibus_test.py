@@ -77,7 +77,7 @@ def course_of(run: Passed, p: Physics, *, before: bool) -> Course:
         tension_N=p.k * stretch,
         load_N_m=c[:, LOAD],
         current_A=c[:, PREDICTED_CURRENT],
-        time_s=np.arange(c.shape[0], dtype=np.float64) * run.series.period_s,
+        time_s=run.series.begin_s + np.arange(c.shape[0], dtype=np.float64) * run.series.period_s,
         period_s=run.series.period_s,
     )
 

@@ -29,6 +29,8 @@ class EvenRun(NamedTuple):
 
     run: Run
     lost: Mask  # n: rows that were filled
+    begin_s: float = 0.0  # of an excerpt, after the run's first row
+    of: str = ""  # name of the run that it is an excerpt of
 
     @property
     def name(self) -> str:

@@ -98,7 +98,7 @@ class Record:
 
 def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None = None) -> Record:
     """Return a run with equally spaced rows as a record; `expected`: the motor's angle between rows, where known."""
-    run, lost = even
+    run, lost = even.run, even.lost
     columns, plant = run.columns, rig.plant()
     time_s, encoder = columns["time_s"], columns["theta_m_rad"]
     n = time_s.size
@@ -145,6 +145,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
     fading = _fading_rows(period_s, rig)
     series = Series(
         period_s,
+        even.begin_s,
         count,
         edge**2,
         np.where(lost, np.nan, encoder),

@@ -120,7 +120,8 @@ def acting_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector, elas
     friction = friction_on(p, d, row, x, variance)
     load_slope = x[LOAD_SLOPE] + elastic_slope
     first = row * d.samples
-    return Acting(row * d.period_s, d.command_A, first, x[COMMAND_BIAS], x[LOAD], load_slope, friction[0], friction[1])
+    time_s = d.begin_s + row * d.period_s
+    return Acting(time_s, d.command_A, first, x[COMMAND_BIAS], x[LOAD], load_slope, friction[0], friction[1])
 
 
 @inlined

@@ -48,6 +48,7 @@ class Series(NamedTuple):
     """What the filter takes of one run; n rows, equally spaced."""
 
     period_s: float  # of the rows
+    begin_s: float  # of the first row: what drifts does so since the start of a run
     count_rad: float  # of the encoder, 0 for an ideal one
     encoder_variance: Vector  # n [rad²]: of the edges of counts, or of an ideal encoder
     encoder_rad: Vector  # n

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.diagnose import Options, split_runs
 from hil_forceps.diagnosis.estimates import estimate_gains
-from hil_forceps.diagnosis.experiment import MAX_ROWS, require_rows
+from hil_forceps.diagnosis.experiment import require_rows
 from hil_forceps.diagnosis.experiment_design.next_experiment import propose
 from hil_forceps.diagnosis.heldout import Played, evidence, gains
 from hil_forceps.diagnosis.identification import Identified, identify
 from hil_forceps.diagnosis.judge import Judgement, balances, trends
 from hil_forceps.diagnosis.preparation.command import samples_in_a_row
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
+from hil_forceps.diagnosis.preparation.excerpts import excerpts
 from hil_forceps.diagnosis.result import AuditFinding, Detectable, Diagnosis, Gain, RunEvidence
 from hil_forceps.diagnosis.strokes import Strokes, floors_with_strokes, repetition
 from hil_forceps.diagnosis.validation.simulation import Measured, measured, play, unknown_load_rms
@@ -36,7 +37,7 @@ def even_runs(runs: Sequence[Run], rig: Rig) -> list[EvenRun] | None:
     if rig.drive is None or not all(needed <= run.columns.keys() for run in runs):
         return None
     found = [even for run in runs if (even := even_rows(run, rig)) is not None and samples_in_a_row(even.run, rig) > 0]
-    return found if len(found) == len(runs) and sum(even.lost.size for even in found) <= MAX_ROWS else None
+    return found if len(found) == len(runs) else None
 
 
 def conclude(
@@ -48,7 +49,11 @@ def conclude(
     """
     for even in runs:
         require_rows(even.name, int(np.count_nonzero(~even.lost)))
-    fitted, held_out = split_runs(runs, options.hold_out)
+    runs, left_out = excerpts(runs)
+    findings = (*findings, *left_out)
+    wanted = set(options.hold_out)
+    held = tuple(even.name for even in runs if even.of in wanted)
+    fitted, held_out = split_runs(runs, (*held, *sorted(wanted - {even.of for even in runs})))
     found = identify(
         fitted,
         held_out,

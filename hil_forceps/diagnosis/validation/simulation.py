@@ -48,7 +48,7 @@ class Measured(NamedTuple):
 def measured(even: EvenRun, record: Record) -> Measured:
     """Return a run with its record; rows before the filter has forgotten the start don't count, nor do lost ones."""
     run, columns = even.run, even.run.columns
-    time_s = columns["time_s"] - columns["time_s"][0]
+    time_s = even.begin_s + columns["time_s"] - columns["time_s"][0]
     channels: dict[str, Vector] = {
         name: columns[name] for name in ("theta_m_rad", "current_A", "theta_j_rad") if name in columns
     }

@@ -1,0 +1,53 @@
+"""Excerpts of long runs: time and memory are bounded, whatever their length."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil_forceps.diagnosis.preparation.even_rows import EvenRun
+from hil_forceps.diagnosis.result import AuditFinding
+from hil_forceps.runs.table import Run
+
+MOST_ROWS = 120_000  # of all runs together: some 1.2 GB
+EXCERPT_ROWS = 10_000  # long against all that a plant forgets, short enough for many of them
+
+
+def excerpts(runs: Sequence[EvenRun]) -> tuple[list[EvenRun], list[AuditFinding]]:
+    """Return runs, the longest in excerpts where all together are too long; and what was left out.
+
+    Excerpts are spread evenly over their run, from its beginning to its end, and named by the second they begin at.
+    """
+    most = _longest([even.lost.size for even in runs])
+    found: list[EvenRun] = []
+    said: list[AuditFinding] = []
+    for even in runs:
+        rows = even.lost.size
+        if rows <= most:
+            found.append(even)
+            continue
+        count = max(1, most // EXCERPT_ROWS)
+        length = min(most, EXCERPT_ROWS)
+        firsts = np.linspace(0, rows - length, count).astype(int)
+        found += [_excerpt(even, int(first), length) for first in firsts]
+        text = f"{count} excerpts of {length} rows each are used, {100.0 * count * length / rows:.2g} % of its {rows} rows"
+        said.append(AuditFinding("excerpts", "note", even.name, "", text))
+    return found, said
+
+
+def _longest(rows: Sequence[int]) -> int:
+    """Return how many rows of a run are used, so that all together are no more than `MOST_ROWS`."""
+    left, share = MOST_ROWS, 0
+    for place, count in enumerate(sorted(rows)):
+        share = left // (len(rows) - place)
+        if count > share:
+            return share
+        left -= count
+    return max(rows)
+
+
+def _excerpt(even: EvenRun, first: int, length: int) -> EvenRun:
+    part = slice(first, first + length)
+    columns = {name: values[part] for name, values in even.run.columns.items()}
+    begin_s = float(columns["time_s"][0] - even.run.columns["time_s"][0])
+    run = Run(f"{even.name} from {begin_s:.0f} s", columns, even.run.notes)
+    return EvenRun(run, even.lost[part], even.begin_s + begin_s, even.of or even.name)
