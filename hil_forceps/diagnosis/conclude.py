@@ -50,8 +50,6 @@ def diagnose(runs: Sequence[Run], rig: Rig, options: Options) -> Conclusion:
     if wrong := [finding.text for finding in findings if finding.severity == "problem"]:
         said = "These data cannot tell: they can't be right as they are."
         return Conclusion(Diagnosis("undetermined", said, data_audit=told, reasons=tuple(dict.fromkeys(wrong))), rig)
-    # A limit that clips for long cuts the filter off from the law; whole runs foretell it by their own commands.
-    clipped = any(finding.kind == "clipped" and finding.channel == "current_A" for finding in findings)
     even = even_runs(runs, rig)
     if even is not None:
         return Conclusion(*by_filter(even, rig, told, options))

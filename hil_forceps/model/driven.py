@@ -230,12 +230,14 @@ def simulate(
     *,
     bandwidth_Hz: float = DEFAULT_BANDWIDTH_HZ,
     still_rad_per_s: float = 0.0,
+    motion: Smooth | None = None,
 ) -> Channels:
     """Predict current, motor torque, and the jaw's angle or the load, from the measured motion of the motor.
 
     `theta`: `parameters.NAMES`. Angles are smoothed to `bandwidth_Hz` (`smoothing`). Below `still_rad_per_s` the
-    motor's dry friction goes through zero along a line: at rest a motion doesn't tell it. ValueError when neither
-    load nor jaw angle is there, or shapes don't fit.
+    motor's dry friction goes through zero along a line: at rest a motion doesn't tell it. `motion`: what the recorded
+    angle gives where the encoder has no error, if it is there already. ValueError when neither load nor jaw angle is
+    there, or shapes don't fit.
     """
     rows = inputs.time_s.shape[0]
     columns = (inputs.theta_m_rad, inputs.tau_w_N_m, inputs.theta_j_rad)
@@ -243,7 +245,11 @@ def simulate(
         raise ValueError("all columns must have the length of time_s")
     p = Physics(*theta.tolist())
     row_s = float(inputs.time_s[-1] - inputs.time_s[0]) / (rows - 1)
-    motor = smooth(motor_angle_rad(theta, inputs.theta_m_rad, row_s), row_s, bandwidth_Hz)
+    exact = p.skew_theta_m == p.encoder_scale == p.encoder_sine == p.encoder_cosine == 0.0
+    if exact and motion is not None:
+        motor = motion
+    else:
+        motor = smooth(motor_angle_rad(theta, inputs.theta_m_rad, row_s), row_s, bandwidth_Hz)
     if inputs.tau_w_N_m is not None:
         load = late(inputs.tau_w_N_m, -p.skew_tau_w / row_s, linear=True)
         ratio = p.r_m / p.r_j

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.diagnosis.evidence import Mapper, gram, pass_all
 from hil_forceps.diagnosis.identification import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, inverted
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
@@ -24,7 +25,6 @@ from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
 from hil_forceps.diagnosis.state_space.advance import STEPS
-from hil_forceps.diagnosis.state_space.passes import Mapper, gram, pass_all
 from hil_forceps.model import closed_loop, parameters
 from hil_forceps.model.closed_loop import Inputs
 from hil_forceps.model.drive_law import law_vector

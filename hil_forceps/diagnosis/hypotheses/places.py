@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.entries import HARMONIC, Probe, Scene, probes, quantiles_of_speed
+from hil_forceps.diagnosis.evidence import Direction, Passes, Wave
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
-from hil_forceps.diagnosis.state_space.layout import OMEGA_M, THETA_J, THETA_M
-from hil_forceps.diagnosis.state_space.passes import Direction, Passes, Wave
 from hil_forceps.rig.catalogue import EFFECT_IDS, effect
 
 Vector = NDArray[np.float64]
@@ -33,29 +32,28 @@ class Place(NamedTuple):
     one_sided: bool
 
 
-def scene_of(passes: Passes) -> Scene:
-    """Return what the runs contain."""
+def scene_of(passes: Passes, harmonics: tuple[tuple[float, ...], tuple[float, ...]] | None = None) -> Scene:
+    """Return what the runs contain; `harmonics`: of cogging and of ripple, the usual ones where they are whole."""
     p = passes.plants.sliding
-    courses = [run.filtered.course for run in passes.runs]
-    angles = [c[:, THETA_M] for c in courses]
-    jaw = np.concatenate([c[:, THETA_J] for c in courses])
+    courses = [run.course(passes.plants, before=False) for run in passes.runs]
+    jaw = np.concatenate([c.theta_j for c in courses])
     reach = tuple(float(v) for v in (jaw.min(), jaw.max()) if abs(v) > 0.02 * np.ptp(jaw))
-    stretch = max(float(np.ptp(p.r_m * c[:, THETA_M] - p.r_j * c[:, THETA_J])) for c in courses)
     return Scene(
-        max(run.series.begin_s + run.series.encoder_rad.size * run.series.period_s for run in passes.runs),
-        max(float(np.ptp(a)) for a in angles),
+        max(float(c.time_s[-1]) + c.period_s for c in courses),
+        max(float(np.ptp(c.theta_m)) for c in courses),
         reach,
-        quantiles_of_speed(np.concatenate([c[:, OMEGA_M] for c in courses])),
-        stretch,
-        max(float(np.abs(run.series.command_A).max()) for run in passes.runs),
-        (*HARMONICS, p.r_m / p.r_j),
-        (*HARMONICS, p.r_m / p.r_j),
+        quantiles_of_speed(np.concatenate([c.omega_m for c in courses])),
+        max(float(np.ptp(c.stretch_m)) for c in courses),
+        max(float(np.abs(c.current_A).max()) for c in courses),
+        *(harmonics or ((*HARMONICS, p.r_m / p.r_j),) * 2),
     )
 
 
-def places_of(passes: Passes, without: frozenset[str]) -> tuple[list[Place], list[Direction], list[Wave]]:
+def places_of(
+    passes: Passes, without: frozenset[str], harmonics: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+) -> tuple[list[Place], list[Direction], list[Wave]]:
     """Return the places to look at beside the pass's model, and what their columns are: directions, then waves."""
-    found = probes(scene_of(passes), without)
+    found = probes(scene_of(passes, harmonics), without)
     directions: list[Direction] = []
     waves: list[Wave] = []
     columns: list[tuple[Probe, int, int]] = []

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.error_rates import FALSE_ALARMS
+from hil_forceps.diagnosis.evidence import Gram
 from hil_forceps.diagnosis.hypotheses.places import Place
 from hil_forceps.diagnosis.inference.fit import inverted, prior_of
 from hil_forceps.diagnosis.inference.parameters import Free
-from hil_forceps.diagnosis.state_space.passes import Gram
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

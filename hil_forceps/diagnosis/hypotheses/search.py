@@ -1,18 +1,19 @@
 """Forward selection with refits, backward elimination, and the set of models that the data can't tell apart."""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from hil_forceps.diagnosis.error_rates import SETS_WITHOUT_TRUTH
+from hil_forceps.diagnosis.evidence import Mapper, Passes, gram, pass_all
+from hil_forceps.diagnosis.hypotheses.harmonics import telling_harmonics
 from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
 from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Prior, Tested, score_test
 from hil_forceps.diagnosis.hypotheses.shortlist import Start, best_starts
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, fit, fit_from, inverted, moved, penalised
-from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
 from hil_forceps.diagnosis.inference.parameters import (
     Free,
     effect_parameters,
@@ -21,18 +22,13 @@ from hil_forceps.diagnosis.inference.parameters import (
     with_effect,
     without_effect,
 )
-from hil_forceps.diagnosis.preparation.records import Record
-from hil_forceps.diagnosis.state_space.passes import Mapper, Passes, gram, pass_all
 from hil_forceps.rig.catalogue import EFFECT_IDS
 
 Vector = NDArray[np.float64]
 
 MAX_EFFECTS = 6
-SWITCHING_ROUNDS = 3  # of a pass that decides and a fit to what it decided
-SWITCHING_SETTLED = 0.3  # deviations of a parameter: a fit that moves less decides the same
-# Of what is explained: the model's step and the rows at which it switches are exact to 3 % of an amplitude, and
-# what such an error gains is no entry's merit.
-INEXACT_SHARE = 1e-3  # tuned: a current's limit of d = 2700
+ADAPTING_ROUNDS = 3  # of a pass that decides and a fit to what it decided
+ADAPTED = 0.3  # deviations of a parameter: a fit that moves less decides the same
 EXCHANGES = 3  # of an entry that joined, for others tried at that step
 EXCHANGE_SHARE = 0.7  # of the gain with which it joined: what gained less was no near rival
 START_SHARES = (1.0, 0.3, 0.1)  # of what the score test finds
@@ -75,16 +71,26 @@ class Found(NamedTuple):
     not_looked_at: tuple[str, ...] = ()  # because the time was spent
 
 
+class Adapt(Protocol):
+    """How runs are adapted to a model: what a pass with it decides, and the noise that it leaves."""
+
+    def __call__(self, runs: Sequence[Any], model: Fit, *, first: bool) -> Sequence[Any]:
+        """Return the runs (`Evidence`) adapted to a model; `first`: of several rounds."""
+
+
 class Search(NamedTuple):
     """What a search works on."""
 
-    runs: Sequence[Record]
+    runs: Sequence[Any]  # `Evidence`
     known: tuple[Free, ...]
     mapper: Mapper
     without: frozenset[str]
     seed: int
     progress: Callable[[str], None]
     spent: Callable[[], bool]  # whether the time that was allowed is spent
+    adapt: Adapt
+    least_share: float  # of what is explained, that a further entry must gain
+    geared: bool  # the motor's angle may be one behind a gear: harmonics need not be whole
 
 
 def search(s: Search, theta: Vector) -> Found:
@@ -113,7 +119,7 @@ def search(s: Search, theta: Vector) -> Found:
                 continue
             s.progress(f"fitting {start.place.effect_id} {beside}")
             tried = _with_one_more(tried, _refitted(s, best, start))
-        least = max(tested.threshold, INEXACT_SHARE * explained)
+        least = max(tested.threshold, s.least_share * explained)
         joined = sorted((c for c in tried if c.gain > least), key=lambda c: -c.gain)
         light = tuple(c.without_runs() for c in tried)
         steps.append(Step(best.effects, tuple(places), tested, light, joined[0].effects[-1] if joined else ""))
@@ -142,23 +148,17 @@ def _with_one_more(tried: tuple[Candidate, ...], new: Candidate) -> tuple[Candid
 
 
 def _beside(s: Search, model: Candidate) -> tuple[Search, Candidate]:
-    """Return search and model with friction and switching of that model in the records, the same for all beside it.
+    """Return search and model with the runs adapted to that model, the same for all that is compared beside it.
 
-    What a pass decides hangs on its parameters: it decides, and the model is fitted to that, until neither moves on.
+    What they decide hangs on its parameters: the model is fitted to that, and they decide anew, until neither moves on.
     """
     found = model.fit
-    for number in range(SWITCHING_ROUNDS):
-        plant = found.passes.plants.sliding
-        runs = [run.with_friction_of(plant) for run in s.runs]
-        passes = pass_all(runs, found.passes.theta, s.mapper)
-        if number == 0:
-            runs = with_likeliest_load_noises(runs, passes, s.mapper)
-            passes = pass_all(runs, found.passes.theta, s.mapper)
-        runs = [run.decided_by(passed.filtered) for run, passed in zip(runs, passes.runs, strict=True)]
+    for number in range(ADAPTING_ROUNDS):
+        runs = s.adapt(s.runs, found, first=number == 0)
         s = s._replace(runs=runs)
         before = found.values
         found = fit(runs, found.passes.theta, found.free, s.mapper)
-        if np.all(np.abs(found.values - before) < SWITCHING_SETTLED * found.deviations):
+        if np.all(np.abs(found.values - before) < ADAPTED * found.deviations):
             break
     return s, model._replace(fit=found)
 
@@ -167,7 +167,11 @@ def _scored(s: Search, model: Candidate) -> tuple[list[Place], Tested]:
     """Return all places beside a model, tested."""
     passes, free = model.fit.passes, model.fit.free
     taken = frozenset(model.effects) - {"channel_skew"}
-    places, directions, waves = places_of(passes, s.without | taken)
+    harmonics = None
+    if s.geared:
+        cogging = telling_harmonics(model.fit, s.mapper, with_current=False)
+        harmonics = (cogging, telling_harmonics(model.fit, s.mapper, with_current=True))
+    places, directions, waves = places_of(passes, s.without | taken, harmonics)
     found = gram(passes, [*directions_of(free, passes.theta), *directions], s.mapper, waves)
     return places, score_test(found, Prior.of(free, passes.theta), places, s.seed)
 

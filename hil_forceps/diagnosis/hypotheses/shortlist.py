@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.evidence import Direction, Mapper, gram
 from hil_forceps.diagnosis.hypotheses.places import Place, between
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, Tested, score_test
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of
-from hil_forceps.diagnosis.state_space.passes import Direction, Mapper, gram
 
 Vector = NDArray[np.float64]
 

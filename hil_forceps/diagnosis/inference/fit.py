@@ -1,4 +1,4 @@
-"""Fit parameters by prediction errors: Gauss-Newton on whitened innovations.
+"""Fit parameters by prediction errors: Gauss-Newton on whitened residuals.
 
 Weights and gains of the filter are taken anew at each step and held within it, so that what is minimised is Huber's
 loss of the innovations and not the size of their variances (Ljung, System Identification, 2nd ed., chapter 7).
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, optimize
 
+from hil_forceps.diagnosis.evidence import Direction, Evidence, Gram, Mapper, Passes, gram, pass_all
 from hil_forceps.diagnosis.inference.parameters import Free
-from hil_forceps.diagnosis.state_space.passes import Direction, Filterable, Gram, Mapper, Passes, gram, pass_all
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -73,12 +73,12 @@ def penalised(passes: Passes, free: Sequence[Free], other: Passes) -> float:
     return total - 0.5 * float(away @ (precision * away))
 
 
-def fit(runs: Sequence[Filterable], theta: Vector, free: Sequence[Free], mapper: Mapper) -> Fit:
+def fit(runs: Sequence[Evidence], theta: Vector, free: Sequence[Free], mapper: Mapper) -> Fit:
     """Return the fit from `theta` on."""
     return fit_from(runs, pass_all(runs, theta, mapper), free, mapper)
 
 
-def fit_from(runs: Sequence[Filterable], passes: Passes, free: Sequence[Free], mapper: Mapper) -> Fit:
+def fit_from(runs: Sequence[Evidence], passes: Passes, free: Sequence[Free], mapper: Mapper) -> Fit:
     """Return the fit from passes over its runs on."""
     inverse = np.eye(len(free))
     for _ in range(MAX_STEPS):
@@ -152,7 +152,7 @@ def _decomposed(curvature: Matrix) -> tuple[Vector, Vector, Matrix]:
 
 
 def _accepted(
-    runs: Sequence[Filterable], passes: Passes, free: Sequence[Free], step: Vector, mapper: Mapper
+    runs: Sequence[Evidence], passes: Passes, free: Sequence[Free], step: Vector, mapper: Mapper
 ) -> tuple[Passes, float] | None:
     """Return the passes a step on and what it gains of χ², shortened until no worse; None where no step is better."""
     factor = 1.0

@@ -7,8 +7,9 @@ what a model doesn't explain would ask for more of it, and hide there.
 
 from collections.abc import Sequence
 
+from hil_forceps.diagnosis.evidence import Mapper, Passes
 from hil_forceps.diagnosis.preparation.records import Record
-from hil_forceps.diagnosis.state_space.passes import Mapper, Passed, Passes, pass_one
+from hil_forceps.diagnosis.state_space.passes import Passed, pass_one
 
 VARIANCE_FACTOR = 0.5  # of a step
 MAX_STEPS = 6  # down to 1/64 of the variance that the load cell alone tells

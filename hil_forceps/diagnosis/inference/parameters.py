@@ -55,15 +55,21 @@ def unit_of(key: str) -> str:
     return next((unit for unit in UNITS if key.endswith(f"_{unit}")), "")
 
 
+def known(rig: Rig, name: str) -> Parameter:
+    """Return what a rig says of a parameter of the plant, by its dotted name."""
+    section, key = name.split(".")
+    found: Parameter = getattr(getattr(rig, section), key)
+    return found
+
+
 def known_parameters(rig: Rig, torque_N_m: float, *, jaw_measured: bool) -> tuple[Free, ...]:
     """Return the rig's parameters with their priors; `torque_N_m`: the largest that the motor gives."""
     found = []
     for name in parameters.PLANT_NAMES:
-        section, key = name.split(".")
-        known: Parameter = getattr(getattr(rig, section), key)
-        if name in (GAUGE if jaw_measured else (*GAUGE, *GAUGE_WITHOUT_JAW)) and known.value is not None:
+        told = known(rig, name)
+        if name in (GAUGE if jaw_measured else (*GAUGE, *GAUGE_WITHOUT_JAW)) and told.value is not None:
             continue
-        found.append(_known(name, known, torque_N_m))
+        found.append(_known(name, told, torque_N_m))
     return tuple(free for free in found if free.scale > 0.0)
 
 

@@ -96,7 +96,7 @@ class FirstIntegral(NamedTuple):
 
 
 def first_integral(law: Vector, rows: tuple[Vector, Vector, Vector], samples: int, noise_A: float) -> FirstIntegral:
-    """Return where the integral began; what limits do hangs on it. The filter has the rest, as a bias of the command."""
+    """Return where the integral began: what limits do hangs on it. What is left is a bias of the command."""
     count = rows[0].size
     if law[KI] <= 0.0:
         return FirstIntegral(0.0, 0.0, count)

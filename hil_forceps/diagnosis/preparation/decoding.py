@@ -113,9 +113,7 @@ def _weigh(
 
 
 @kernel
-def _decode(
-    v: _Drive, d: _Rows, angle: Vector, deviation: float, prior: Matrix, integral: float, out: Decoded
-) -> None:
+def _decode(v: _Drive, d: _Rows, angle: Vector, deviation: float, prior: Matrix, integral: float, out: Decoded) -> None:
     n = d.encoder.size
     state, bias, open_variance = DriveState(integral, math.nan, 0.0, d.current[0]), 0.0, v.law[LIMIT] ** 2
     if v.law[KI] <= 0.0:

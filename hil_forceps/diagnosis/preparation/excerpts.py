@@ -29,7 +29,9 @@ def excerpts(runs: Sequence[EvenRun]) -> tuple[list[EvenRun], list[AuditFinding]
         length = min(most, EXCERPT_ROWS)
         firsts = np.linspace(0, rows - length, count).astype(int)
         found += [_excerpt(even, int(first), length) for first in firsts]
-        text = f"{count} excerpts of {length} rows each are used, {100.0 * count * length / rows:.2g} % of its {rows} rows"
+        text = (
+            f"{count} excerpts of {length} rows each are used, {100.0 * count * length / rows:.2g} % of its {rows} rows"
+        )
         said.append(AuditFinding("excerpts", "note", even.name, "", text))
     return found, said
 

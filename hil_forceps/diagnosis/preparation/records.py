@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.preparation.decoding import Expected
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun, opened
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
 from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick, may_stick_by_sensor
-from hil_forceps.diagnosis.state_space.advance import friction_at_rest_N_m, regimes
+from hil_forceps.diagnosis.state_space.advance import Regimes, friction_at_rest_N_m, regimes
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_BIAS,
     CURRENT_NOISE,
@@ -33,6 +33,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Switching,
     undecided_switching,
 )
+from hil_forceps.diagnosis.state_space.passes import Passed, pass_one
 from hil_forceps.model import parameters
 from hil_forceps.model.physics import Physics, jaw_level_N_m
 from hil_forceps.model.two_inertia import poles_per_s
@@ -67,6 +68,21 @@ class Record:
     load_course_N_m: Vector  # n: smoothed
     least_slope_variance: float  # [(N m/s)²]: what the equations leave open, as a wandering load
     settling_rows: int
+
+    @property
+    def load_measured(self) -> bool:
+        """Whether it has a load cell."""
+        return bool(np.isfinite(self.series.load_N_m).any())
+
+    @property
+    def jaw_measured(self) -> bool:
+        """Whether it has a sensor at the jaw."""
+        return bool(np.isfinite(self.series.jaw_rad).any())
+
+    def passed(self, theta: Vector, plants: Regimes) -> Passed:
+        """Return a pass of the filter with the plants of parameters `theta`."""
+        del theta
+        return pass_one(self, plants)
 
     def with_friction_of(self, p: Physics) -> "Record":
         """Return the record for plants whose dry friction is about that of `p`, nothing decided yet.

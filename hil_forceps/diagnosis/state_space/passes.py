@@ -1,19 +1,30 @@
-"""Passes over a set of runs, reduced to what inference needs: a Gram matrix and scores."""
+"""A run as the filter passes over it: its innovations as evidence of the parameters, and how they answer."""
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.evidence import HUBER, WILD, Columns, Direction, Wave, huber_weight
 from hil_forceps.diagnosis.state_space.advance import Regimes, regimes
 from hil_forceps.diagnosis.state_space.filter_pass import filter_run
 from hil_forceps.diagnosis.state_space.forcing_pass import COLUMNS_AT_ONCE, forced
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     CURRENT,
+    ENCODER,
+    JAW,
+    LOAD,
+    OMEGA_J,
     OMEGA_M,
     PREDICTED_CURRENT,
+    PREDICTED_OMEGA_J,
+    PREDICTED_OMEGA_M,
+    PREDICTED_THETA_J,
+    PREDICTED_THETA_M,
+    THETA_J,
     THETA_M,
     Filtered,
     Series,
@@ -25,13 +36,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Deviations: 1 in 370 by chance. A load that bends within a row or a mass that stops for one are not in the model; what
-# is seldom and large is to say little (Huber, Robust Statistics, 1981).
-HUBER = 3.0
-_WILD = 1e15  # in deviations; its square is still a number in single precision
-_ROWS_AT_ONCE = 16384
-
-Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+CHANNEL_OF = {"theta_m_rad": ENCODER, "theta_j_rad": JAW, "current_A": CURRENT}
 
 
 class Filterable(Protocol):
@@ -62,6 +67,11 @@ class Passed(NamedTuple):
     counts: Mask  # n × CHANNELS: what is evidence of the parameters
 
     @property
+    def load_measured(self) -> bool:
+        """Whether the run has a load cell."""
+        return bool(np.isfinite(self.series.load_N_m).any())
+
+    @property
     def residual(self) -> Matrix:
         """Whitened innovations (n × CHANNELS), 0 where they don't count."""
         return np.where(self.counts, self.filtered.residual, 0.0)
@@ -69,7 +79,7 @@ class Passed(NamedTuple):
     @property
     def influence(self) -> Matrix:
         """Root of Huber's weights (n × CHANNELS), 0 where nothing counts; with it, squares are his loss."""
-        return np.where(self.counts, np.sqrt(HUBER / np.maximum(np.abs(self.filtered.residual), HUBER)), 0.0)
+        return np.where(self.counts, huber_weight(self.filtered.residual), 0.0)
 
     @property
     def log_likelihood(self) -> Matrix:
@@ -77,45 +87,76 @@ class Passed(NamedTuple):
         beyond = np.maximum(np.abs(self.filtered.residual) - HUBER, 0.0)
         return np.asarray(self.filtered.log_likelihood + 0.5 * beyond**2)
 
+    def answers(self, base: Regimes, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
+        """Return how the innovations answer to directions and behind them to waves (n·CHANNELS × columns)."""
+        influence = self.influence
+        answers = np.empty((influence.size, len(directions) + len(waves)), dtype=np.float32)
+        for at, direction in enumerate(directions):
+            answer = response_run(regimes(direction.theta), base.sliding, self.series, self.filtered, direction.per)
+            answer = np.where(self.counts, influence * answer, 0.0).ravel()
+            # A plant that goes out of bounds within a row says nothing: no information, instead of an infinite one.
+            answers[:, at] = answer if np.max(np.abs(answer)) < WILD else 0.0
+        for first in range(0, len(waves), COLUMNS_AT_ONCE):
+            some = waves[first : first + COLUMNS_AT_ONCE]
+            torques = [("motor", self._torque_N_m(wave, base.sliding)) for wave in some]
+            at = len(directions) + first
+            answers[:, at : at + len(some)] = self.curves(base, torques)
+        return answers
 
-class Passes(NamedTuple):
-    """A set of runs filtered with the same parameters."""
-
-    theta: Vector
-    plants: Regimes
-    runs: tuple[Passed, ...]
-
-
-class Direction(NamedTuple):
-    """Parameters beside those of a pass, and by what the difference they make is multiplied."""
-
-    theta: Vector
-    per: float
-
-
-class Wave(NamedTuple):
-    """A torque on the motor that recurs with its angle: a direction that needs no step of the model for each."""
-
-    harmonic: float
-    cosine: bool
-    with_current: bool  # `amplitude` is a share of the current's torque, else in N m
-    amplitude: float
-
-    def torque_N_m(self, p: Physics, run: Passed) -> Vector:
-        """Return the torque from each row to the next, in the middle between them."""
-        course = run.filtered.course
-        phase = self.harmonic * (course[:, THETA_M] + 0.5 * run.series.period_s * course[:, OMEGA_M])
-        torque = self.amplitude * (np.cos(phase) if self.cosine else np.sin(phase))
-        if self.with_current:
+    def _torque_N_m(self, wave: Wave, p: Physics) -> Vector:
+        """Return a wave's torque from each row to the next, in the middle between them."""
+        course = self.filtered.course
+        phase = wave.harmonic * (course[:, THETA_M] + 0.5 * self.series.period_s * course[:, OMEGA_M])
+        torque = wave.amplitude * (np.cos(phase) if wave.cosine else np.sin(phase))
+        if wave.with_current:
             torque[:-1] *= p.K_t * course[1:, PREDICTED_CURRENT]
         return np.asarray(torque)
 
+    def curves(self, base: Regimes, columns: Sequence[tuple[str, Vector]]) -> Columns:
+        """Return how the innovations answer to courses of torques, of a wire's force, of errors of sensors."""
+        p, n = base.sliding, self.series.encoder_rad.size
+        influence = self.influence[:, :, np.newaxis]
+        answers = np.empty((n * CHANNELS, len(columns)), dtype=np.float32)
+        for first in range(0, len(columns), COLUMNS_AT_ONCE):
+            some = columns[first : first + COLUMNS_AT_ONCE]
+            motor, jaw = np.zeros((n, len(some))), np.zeros((n, len(some)))
+            shown = np.zeros((n, CHANNELS, len(some)))
+            for at, (place, unit) in enumerate(some):
+                if place == "motor":
+                    motor[:, at] = unit
+                elif place == "jaw":
+                    jaw[:, at] = unit
+                elif place == "wire":
+                    motor[:, at], jaw[:, at] = -p.r_m * unit, p.r_j * unit
+                else:
+                    shown[:, CHANNEL_OF[place], at] = unit
+            answer = influence * forced(p, self.series, self.filtered, motor, jaw, shown)
+            answers[:, first : first + len(some)] = answer.reshape(n * CHANNELS, -1)
+        return answers
 
-class Gram(NamedTuple):
-    """Of the answers J of the innovations r to m directions: JᵀJ, and Jᵀr."""
+    def course(self, base: Regimes, *, before: bool) -> Course:
+        """Return what happened, by the filter: what was known up to each row, or `before` its measurements.
 
-    information: Matrix
-    score: Vector
+        What acts behind a row may hang on its measurements; an error of its sensors may not, for they hold its
+        innovation.
+        """
+        p, c = base.sliding, self.filtered.course
+        angles = (PREDICTED_THETA_M, PREDICTED_OMEGA_M, PREDICTED_THETA_J, PREDICTED_OMEGA_J)
+        after = (THETA_M, OMEGA_M, THETA_J, OMEGA_J)
+        theta_m, omega_m, theta_j, omega_j = (c[:, i] for i in (angles if before else after))
+        stretch = p.r_m * theta_m - p.r_j * theta_j
+        return Course(
+            theta_m=theta_m,
+            omega_m=omega_m,
+            theta_j=theta_j,
+            omega_j=omega_j,
+            stretch_m=stretch,
+            tension_N=p.k * stretch,
+            load_N_m=c[:, LOAD],
+            current_A=c[:, PREDICTED_CURRENT],
+            time_s=self.series.begin_s + np.arange(c.shape[0], dtype=np.float64) * self.series.period_s,
+            period_s=self.series.period_s,
+        )
 
 
 def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
@@ -139,55 +180,7 @@ def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
     return np.asarray(counts)
 
 
-def pass_all(runs: Sequence[Filterable], theta: Vector, mapper: Mapper) -> Passes:
-    """Filter runs with a vector of parameters (`model.parameters.NAMES`)."""
-    plants = regimes(theta)
-    return Passes(theta, plants, tuple(mapper(lambda run: pass_one(run, plants), runs)))
-
-
 def pass_one(run: Filterable, plants: Regimes) -> Passed:
     """Filter a run with plants of a vector of parameters."""
     filtered = filter_run(plants, run.series)
     return Passed(run.series, filtered, counting(run, run.series, filtered))
-
-
-def gram(passes: Passes, directions: Sequence[Direction], mapper: Mapper, waves: Sequence[Wave] = ()) -> Gram:
-    """Return how the innovations answer to some directions, and behind them to `waves`."""
-    plants = [(regimes(d.theta), d.per) for d in directions]
-    base = passes.plants.sliding
-
-    def one(run: Passed) -> Gram:
-        influence = run.influence
-        answers = np.empty((run.filtered.residual.size, len(plants) + len(waves)), dtype=np.float32)
-        for at, (plant, per) in enumerate(plants):
-            answer = response_run(plant, base, run.series, run.filtered, per)
-            answer = np.where(run.counts, influence * answer, 0.0).ravel()
-            # A plant that goes out of bounds within a row says nothing: no information, instead of an infinite one.
-            answers[:, at] = answer if np.max(np.abs(answer)) < _WILD else 0.0
-        for first in range(0, len(waves), COLUMNS_AT_ONCE):
-            some = waves[first : first + COLUMNS_AT_ONCE]
-            motor = np.column_stack([wave.torque_N_m(base, run) for wave in some])
-            nothing = np.zeros((motor.shape[0], CHANNELS, motor.shape[1]))
-            answer = forced(base, run.series, run.filtered, motor, np.zeros_like(motor), nothing)
-            answer *= influence[:, :, np.newaxis]
-            at = len(plants) + first
-            answers[:, at : at + len(some)] = answer.reshape(answers.shape[0], -1)
-        return gram_of(answers, (influence * run.residual).ravel())
-
-    return total(list(mapper(one, passes.runs)))
-
-
-def gram_of(columns: NDArray[np.float32], residual: Vector) -> Gram:
-    """Return the Gram matrix of columns, summed in double precision: what is left beside parameters is a difference."""
-    size = columns.shape[1]
-    information, score = np.zeros((size, size)), np.zeros(size)
-    for first in range(0, columns.shape[0], _ROWS_AT_ONCE):
-        part = columns[first : first + _ROWS_AT_ONCE].astype(np.float64)
-        information += part.T @ part
-        score += part.T @ residual[first : first + _ROWS_AT_ONCE]
-    return Gram(information, score)
-
-
-def total(parts: Sequence[Gram]) -> Gram:
-    """Return the sum over runs."""
-    return Gram(np.sum([g.information for g in parts], axis=0), np.sum([g.score for g in parts], axis=0))

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.experiment import Record as Rows
 from hil_forceps.diagnosis.heldout import Played
-from hil_forceps.diagnosis.lack_of_fit.omnibus_test import course_of
 from hil_forceps.diagnosis.preparation.command import first_integral
 from hil_forceps.diagnosis.preparation.decoding import on_lines
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
@@ -22,7 +22,7 @@ from hil_forceps.diagnosis.preparation.load_prior import posterior_draw
 from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.advance import STEPS
 from hil_forceps.diagnosis.state_space.layout import COMMAND_BIAS, JAW_ZERO, LOAD, THETA_J, THETA_M, Noise
-from hil_forceps.diagnosis.state_space.passes import Mapper, Passed, pass_all
+from hil_forceps.diagnosis.state_space.passes import Passed
 from hil_forceps.model import closed_loop
 from hil_forceps.model.closed_loop import Channels, Inputs, Start
 from hil_forceps.model.drive_law import KI, DriveState, drive_sample, law_vector, quantise
@@ -73,11 +73,10 @@ def measured(even: EvenRun, record: Record) -> Measured:
 
 def play(runs: Sequence[Measured], rig: Rig, theta: Vector, mapper: Mapper) -> Played:
     """Simulate runs with a vector of parameters."""
-    p = Physics(*theta.tolist())
     passes = pass_all([m.record for m in runs], theta, mapper)
     pairs = list(zip(runs, passes.runs, strict=True))
     channels = list(mapper(lambda pair: simulated(pair[0], pair[1], rig, theta, _load_of(*pair)), pairs))
-    return Played(channels, [course_of(run, p, before=False) for run in passes.runs])
+    return Played(channels, [run.course(passes.plants, before=False) for run in passes.runs])
 
 
 def unknown_load_rms(runs: Sequence[Measured], rig: Rig, theta: Vector, noise: Noise, seed: int) -> dict[str, float]:
@@ -163,7 +162,12 @@ def _start(rig: Rig, m: Measured, passed: Passed, reference: Vector, counted: Ve
     x = passed.filtered.course[first]
     columns = m.run.columns
     rows = (columns["theta_m_ref_rad"], columns["theta_m_rad"], columns["current_A"])
-    drive = DriveState(first_integral(law, rows, d.samples, math.sqrt(d.noise_variance[2])).value_rad_s, float("nan"), 0.0, float(d.command_A[0]))
+    drive = DriveState(
+        first_integral(law, rows, d.samples, math.sqrt(d.noise_variance[2])).value_rad_s,
+        float("nan"),
+        0.0,
+        float(d.command_A[0]),
+    )
     for aim, angle in zip(reference, counted, strict=True):
         drive = drive_sample(law, drive, float(aim), float(angle))
     bias = float(passed.filtered.course[-1, COMMAND_BIAS])

@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from hil_forceps.diagnosis.evidence import gram, pass_all
 from hil_forceps.diagnosis.identification import known_of
 from hil_forceps.diagnosis.inference.fit import directions_of, inverted, moved, penalised, prior_of
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import record_of
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
 from hil_forceps.diagnosis.state_space.layout import JAW_ZERO
-from hil_forceps.diagnosis.state_space.passes import gram, pass_all
 from hil_forceps.model import parameters
 from tests.hidden_effects.drawn_cases import draw, make
 

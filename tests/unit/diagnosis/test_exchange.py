@@ -5,18 +5,20 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
+from hil_forceps.diagnosis.evidence import Passes
 from hil_forceps.diagnosis.hypotheses import score_test
 from hil_forceps.diagnosis.hypotheses import search as searching
 from hil_forceps.diagnosis.hypotheses.search import Candidate, Search, Step
 from hil_forceps.diagnosis.inference.fit import Fit
 from hil_forceps.diagnosis.state_space.advance import regimes
-from hil_forceps.diagnosis.state_space.passes import Passes
 from hil_forceps.model import parameters
 from tests.hidden_effects.generator import RIG
 
 THETA = parameters.vector(RIG)
 FIT = Fit((), Passes(THETA, regimes(THETA), ()), np.zeros((0, 0)))
-SEARCH = Search((), (), map, frozenset(), 0, lambda _: None, lambda: False)
+SEARCH = Search(
+    (), (), map, frozenset(), 0, lambda _: None, lambda: False, lambda runs, *_, **__: runs, 0.0, geared=False
+)
 TESTED = score_test.Tested(np.zeros(0), [], [], np.zeros(0), 16.0)
 
 

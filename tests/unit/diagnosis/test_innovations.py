@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from hil_forceps.diagnosis.evidence import Passes, gram, pass_all
 from hil_forceps.diagnosis.inference.fit import directions_of, fit
 from hil_forceps.diagnosis.state_space.advance import regimes
 from hil_forceps.diagnosis.state_space.layout import CURRENT, ENCODER, JAW, LOAD_CELL
-from hil_forceps.diagnosis.state_space.passes import Passes, gram, pass_all
 from hil_forceps.diagnosis.state_space.response_pass import response_run
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig

@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
+from hil_forceps.diagnosis.evidence import HUBER, Direction, Passes, Wave, pass_all
 from hil_forceps.diagnosis.hypotheses.places import places_of
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
 from hil_forceps.diagnosis.state_space.advance import regimes
-from hil_forceps.diagnosis.state_space.forcing_pass import forced
-from hil_forceps.diagnosis.state_space.layout import CHANNELS
-from hil_forceps.diagnosis.state_space.passes import HUBER, Matrix, Passed, Passes, Wave, pass_all
-from hil_forceps.diagnosis.state_space.response_pass import response_run
+from hil_forceps.diagnosis.state_space.passes import Matrix, Passed
 from hil_forceps.model import parameters
 from tests.hidden_effects.generator import RIG
 from tests.unit.diagnosis.runs_of_a_forceps import POOL, STICKING, records_of, runs_of
@@ -73,17 +71,14 @@ def test_given_decisions_hold_for_other_parameters_until_friction_is_another(sti
 )
 def test_a_wave_answers_as_the_model_with_that_effect_does(wave: Wave) -> None:
     passes = pass_all(records_of(runs_of(RIG, ("multisine",), 7500), RIG), parameters.vector(RIG), POOL.map)
-    run, base = passes.runs[0], passes.plants.sliding
+    run = passes.runs[0]
     effect_id, unit = ("torque_ripple", "") if wave.with_current else ("cogging", "_N_m")
     share = 1e-2
     name = ("cosine" if wave.cosine else "sine") + unit
     theta = with_effect(
         passes.theta, effect_id, start_of(effect_id, {"harmonic": wave.harmonic, name: share * wave.amplitude})
     )
-    exact = response_run(regimes(theta), base, run.series, run.filtered, 1.0 / share)[run.counts]
-    motor = wave.torque_N_m(base, run)[:, np.newaxis]
-    nothing = np.zeros((motor.shape[0], CHANNELS, 1))
-    answer = forced(base, run.series, run.filtered, motor, np.zeros_like(motor), nothing)[:, :, 0][run.counts]
+    exact, answer = run.answers(passes.plants, [Direction(theta, 1.0 / share)], [wave]).T
     # A torque held over a row instead of one that follows the angle within it: some percent at these speeds.
     assert np.linalg.norm(answer - exact) < 0.08 * np.linalg.norm(exact)
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import pytest
 
 from hil_forceps.diagnosis.hypotheses.search import Found, Search, search
+from hil_forceps.diagnosis.identification import INEXACT_SHARE, adapting
 from hil_forceps.diagnosis.inference.parameters import values_of
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
@@ -18,7 +19,18 @@ HELD = "held_for_a_test"
 
 def found_in(rig: Rig, effects: Mapping[str, Mapping[str, float]], kinds: tuple[str, ...], seed: int) -> Found:
     runs = runs_of(true_rig(rig, effects, {}), kinds, seed)
-    wanted = Search(records_of(runs, rig), known_of(rig), POOL.map, frozenset(), 0, lambda _: None, lambda: False)
+    wanted = Search(
+        records_of(runs, rig),
+        known_of(rig),
+        POOL.map,
+        frozenset(),
+        0,
+        lambda _: None,
+        lambda: False,
+        adapting(POOL.map),
+        INEXACT_SHARE,
+        geared=False,
+    )
     return search(wanted, parameters.vector(rig))
 
 

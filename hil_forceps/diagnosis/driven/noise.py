@@ -1,0 +1,81 @@
+"""The noise of driven runs: what neither a model explains nor the catalogue beside it, taken for autoregressive.
+
+What an entry would explain must not pass for noise: on a real instrument it is most of what is left.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.driven.passed import DrivenPassed, DrivenRun
+from hil_forceps.diagnosis.driven.whitening import Whitening, whitening
+from hil_forceps.diagnosis.evidence import Gram, Mapper, gram_of, total
+from hil_forceps.diagnosis.hypotheses.places import places_of
+from hil_forceps.diagnosis.inference.fit import Fit, directions_of, inverted, prior_of
+
+Vector = NDArray[np.float64]
+
+ROUNDS = 2  # of the weights of the regression, which are those of the noise
+
+
+@dataclass(frozen=True, slots=True)
+class Adapting:
+    """Adapts runs to a model: the noise beside it, and what the noise of their motion does with it."""
+
+    without: frozenset[str]
+    mapper: Mapper
+
+    def __call__(self, runs: Sequence[DrivenRun], model: Fit, *, first: bool) -> list[DrivenRun]:
+        """Return the runs adapted; the noise in the first round alone."""
+        white = noise_beside(model, self.without, self.mapper) if first else runs[0].white
+        theta = model.passes.theta
+        return list(self.mapper(lambda run: run.adapted(theta, white), runs))
+
+
+def noise_beside(model: Fit, without: frozenset[str], mapper: Mapper) -> dict[str, Whitening]:
+    """Return the filter of each channel for what neither a model nor a regression on the catalogue explains."""
+    passes = model.passes
+    known = directions_of(model.free, passes.theta)
+    _, places, _ = places_of(passes, without)
+    directions = [*known, *places]
+    changes = list(mapper(lambda run: run.changes(passes.plants, directions), passes.runs))
+    away, precision = prior_of(model.free, passes.theta)
+    pull = np.concatenate((precision * away, np.zeros(len(places))))
+    precision = np.concatenate((precision, np.zeros(len(places))))
+    runs = list(passes.runs)
+    white: dict[str, Whitening] = runs[0].run.white
+    for _ in range(ROUNDS):
+
+        def one(pair: tuple[DrivenPassed, list[dict[str, Vector]]]) -> Gram:
+            run, changed = pair
+            return gram_of(run.columns(changed), (run.influence * run.residual).ravel())
+
+        found = total(list(mapper(one, list(zip(runs, changes, strict=True)))))
+        good = np.isfinite(np.diag(found.information)) & np.isfinite(found.score)
+        information = np.where(np.outer(good, good), found.information, 0.0)
+        # Each column costs what chance gives it, as a prior: else many of them explain noise.
+        curvature = information + np.diag(precision + 1e-9 * np.diag(information) + 1e-12)
+        sizes = -inverted(curvature) @ (np.where(good, found.score, 0.0) + pull)
+        left = [_left(run, changed, sizes) for run, changed in zip(passes.runs, changes, strict=True)]
+        white = {name: _of_channel(name, passes.runs, left) for name in white}
+        runs = [run.with_filters(white) for run in passes.runs]
+    return white
+
+
+def _left(run: DrivenPassed, changes: Sequence[dict[str, Vector]], sizes: Vector) -> dict[str, Vector]:
+    found = {}
+    for name, values in run.raw.items():
+        explained = sum(float(s) * c.get(name, 0.0) for s, c in zip(sizes, changes, strict=True) if s != 0.0)
+        left = values - explained
+        counted = run.run.model.rows.rows.weights > 0.0
+        found[name] = left - (float(np.mean(left[counted])) if counted.any() else 0.0)
+    return found
+
+
+def _of_channel(name: str, runs: Sequence[DrivenPassed], left: Sequence[dict[str, Vector]]) -> Whitening:
+    there = [
+        (one[name], run.run.model.rows.rows.weights > 0.0) for run, one in zip(runs, left, strict=True) if name in one
+    ]
+    return whitening([values for values, _ in there], [mask for _, mask in there])

@@ -1,0 +1,163 @@
+"""A run that is driven by its motion beside a model, as the search takes it (`evidence.Passed`)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.driven.simulation import DrivenModel
+from hil_forceps.diagnosis.driven.whitening import Whitening, behind_rows_that_count
+from hil_forceps.diagnosis.evidence import HUBER, WILD, Columns, Direction, Wave, huber_weight
+from hil_forceps.diagnosis.state_space.advance import Regimes
+from hil_forceps.model.driven import Channels
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrivenRun:
+    """A run whose motion drives the model (`evidence.Evidence`)."""
+
+    model: DrivenModel
+    zero_sd: dict[str, float]  # of each channel's sensor, from run to run
+    white: dict[str, Whitening]
+    offset: dict[str, Vector]  # of each channel: what the noise of what drives does
+
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+        return self.model.rows.rows.name
+
+    @property
+    def load_measured(self) -> bool:
+        """Whether it has a load cell."""
+        return self.model.rows.theta_j_rad is None
+
+    @property
+    def jaw_measured(self) -> bool:
+        """Whether the jaw's angle is known."""
+        return self.model.rows.jaw_rad is not None
+
+    def passed(self, theta: Vector, plants: Regimes) -> "DrivenPassed":
+        """Return it beside a model."""
+        del plants
+        rows = self.model.rows.rows
+        shown = self.model.simulated(theta, calm=True)
+        said = self.model.channels(shown)
+        raw = {name: values - said[name] - self.offset[name] for name, values in rows.channels.items()}
+        return _passed(self, shown, raw)
+
+    def adapted(self, theta: Vector, white: dict[str, Whitening]) -> "DrivenRun":
+        """Return the run with other filters, and with what the noise of what drives does beside a model."""
+        noisy, calm = (self.model.channels(self.model.simulated(theta, calm=calm)) for calm in (False, True))
+        return replace(self, white=white, offset={name: noisy[name] - calm[name] for name in noisy})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrivenPassed:
+    """It beside a model; a zero of each channel is fitted to what is left, and everything else beside that."""
+
+    run: DrivenRun
+    shown: Channels
+    raw: dict[str, Vector]  # residuals of the channels
+    zeros: dict[str, float]
+    counts: Mask  # n × channels
+    whitened: Matrix  # n × channels
+    projections: tuple[tuple[Vector, float], ...]  # of each channel: the zero's weighted column, and its variance
+
+    @property
+    def load_measured(self) -> bool:
+        """Whether the run has a load cell."""
+        return self.run.load_measured
+
+    @property
+    def residual(self) -> Matrix:
+        """Whitened residuals, 0 where they don't count."""
+        return np.where(self.counts, self.whitened, 0.0)
+
+    @property
+    def influence(self) -> Matrix:
+        """Root of Huber's weights, 0 where nothing counts."""
+        return np.where(self.counts, huber_weight(self.whitened), 0.0)
+
+    @property
+    def log_likelihood(self) -> Matrix:
+        """Log likelihood by Huber's loss; the first row that counts has that of the zeros, too."""
+        beyond = np.maximum(np.abs(self.whitened) - HUBER, 0.0)
+        found = -0.5 * (self.whitened**2 - beyond**2)
+        for place, name in enumerate(self.raw):
+            row = int(np.argmax(self.counts[:, place]))
+            found[row, place] -= 0.5 * (self.zeros[name] / self.run.zero_sd[name]) ** 2
+        return np.asarray(found)
+
+    def course(self, base: Regimes, *, before: bool) -> Course:
+        """Return what happened in the run; nothing of it hangs on what is compared."""
+        del base, before
+        return self.run.model.course(self.shown)
+
+    def answers(self, base: Regimes, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
+        """Return how the residuals answer to directions and behind them to waves (n·channels × columns)."""
+        model, found = self.run.model, self.changes(base, directions)
+        course = self.course(base, before=False)
+        for wave in waves:
+            phase = wave.harmonic * course.theta_m
+            torque = wave.amplitude * (np.cos(phase) if wave.cosine else np.sin(phase))
+            if wave.with_current:  # a sensor of torque shows it as any other
+                torque = torque * base.sliding.K_t * course.current_A * ("current_A" in self.raw)
+            found.append(model.static_answer(base.sliding, "motor", torque))
+        return self.columns(found)
+
+    def curves(self, base: Regimes, columns: Sequence[tuple[str, Vector]]) -> Columns:
+        """Return how they answer to courses of a torque, a wire's force, an error of a sensor."""
+        return self.columns([self.run.model.static_answer(base.sliding, *column) for column in columns])
+
+    def with_filters(self, white: dict[str, Whitening]) -> "DrivenPassed":
+        """Return the same with other filters."""
+        return _passed(replace(self.run, white=white), self.shown, self.raw)
+
+    def changes(self, base: Regimes, directions: Sequence[Direction]) -> list[dict[str, Vector]]:
+        """Return the changes of what is predicted in some directions."""
+        del base
+        model, said = self.run.model, self.run.model.channels(self.shown)
+        found = []
+        for direction in directions:
+            other = model.channels(model.simulated(direction.theta, calm=True))
+            found.append({name: direction.per * (other[name] - said[name]) for name in said})
+        return found
+
+    def columns(self, changes: Sequence[dict[str, Vector]]) -> Columns:
+        """Return the answers of the residuals to changes of what is predicted."""
+        influence, n = self.influence, self.counts.shape[0]
+        found = np.zeros((n, len(self.raw), len(changes)), dtype=np.float32)
+        for place, name in enumerate(self.raw):
+            change = np.column_stack([c.get(name, np.zeros(n)) for c in changes])
+            with np.errstate(over="ignore", invalid="ignore"):
+                white = -influence[:, place, np.newaxis] * self.run.white[name].of(change)
+                wild = ~np.isfinite(white).all(axis=0) | (np.abs(white).max(axis=0) > WILD)
+            white[:, wild] = 0.0
+            column, variance = self.projections[place]
+            found[:, place] = white - variance * np.outer(column, column @ white)
+        return found.reshape(n * len(self.raw), -1)
+
+
+def _passed(run: DrivenRun, shown: Channels, raw: dict[str, Vector]) -> DrivenPassed:
+    mask = behind_rows_that_count(run.model.rows.rows.weights > 0.0)
+    zeros, whitened, projections = {}, [], []
+    for name, values in raw.items():
+        white, sd = run.white[name], run.zero_sd[name]
+        column, left, zero = white.of(np.ones(values.size)), white.of(values), 0.0
+        for _ in range(3):  # weights hang on the zero
+            weight = np.where(mask, huber_weight(left - zero * column), 0.0) ** 2
+            variance = 1.0 / (float(weight @ column**2) + 1.0 / sd**2)
+            zero = variance * float((weight * column) @ left)
+        zeros[name] = zero
+        whitened.append(left - zero * column)
+        projections.append((np.sqrt(weight) * column, variance))
+    counts = np.repeat(mask[:, np.newaxis], len(raw), axis=1)
+    finite = [np.isfinite(w).all() for w in whitened]
+    stacked = np.column_stack([w if good else np.full(w.size, WILD) for w, good in zip(whitened, finite, strict=True)])
+    return DrivenPassed(run, shown, raw, zeros, counts, stacked, tuple(projections))

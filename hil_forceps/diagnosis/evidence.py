@@ -1,0 +1,139 @@
+"""Evidence of parameters: runs that a model is held to, reduced to what inference needs, a Gram matrix and scores."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.course import Course
+from hil_forceps.diagnosis.state_space.advance import Regimes, regimes
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Columns = NDArray[np.float32]
+
+# Deviations: 1 in 370 by chance. A load that bends within a row or a mass that stops for one are not in the model; what
+# is seldom and large is to say little (Huber, Robust Statistics, 1981).
+HUBER = 3.0
+WILD = 1e15  # in deviations; its square is still a number in single precision
+_ROWS_AT_ONCE = 16384
+
+Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+
+
+class Direction(NamedTuple):
+    """Parameters beside those of a pass, and by what the difference they make is multiplied."""
+
+    theta: Vector
+    per: float
+
+
+class Wave(NamedTuple):
+    """A torque on the motor that recurs with its angle: a direction that needs no step of the model for each."""
+
+    harmonic: float
+    cosine: bool
+    with_current: bool  # `amplitude` is a share of the current's torque, else in N m
+    amplitude: float
+
+
+class Passed(Protocol):
+    """A run beside a model with some parameters; n rows with m channels."""
+
+    @property
+    def load_measured(self) -> bool:
+        """Whether the run has a load cell."""
+
+    @property
+    def counts(self) -> Mask:
+        """What is evidence of the parameters (n × m)."""
+
+    @property
+    def residual(self) -> Matrix:
+        """Whitened residuals (n × m), 0 where they don't count."""
+
+    @property
+    def influence(self) -> Matrix:
+        """Root of Huber's weights (n × m), 0 where nothing counts; with it, squares are his loss."""
+
+    @property
+    def log_likelihood(self) -> Matrix:
+        """Log likelihood (n × m) by Huber's loss: beyond `HUBER` deviations, a line."""
+
+    def answers(self, base: Regimes, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
+        """Return how the residuals answer to directions and behind them to waves (n·m × columns), by influence."""
+
+    def curves(self, base: Regimes, columns: Sequence[tuple[str, Vector]]) -> Columns:
+        """Return how they answer to courses (place, n) of a torque [N m], a wire's force [N], an error of a sensor."""
+
+    def course(self, base: Regimes, *, before: bool) -> Course:
+        """Return what happened in the run, by what was known up to each row, or `before` its measurements."""
+
+
+class Evidence(Protocol):
+    """A run that a model can be held to."""
+
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+
+    @property
+    def load_measured(self) -> bool:
+        """Whether it has a load cell."""
+
+    def passed(self, theta: Vector, plants: Regimes) -> Passed:
+        """Return it beside a model."""
+
+
+class Passes(NamedTuple):
+    """A set of runs beside a model with the same parameters."""
+
+    theta: Vector
+    plants: Regimes
+    runs: tuple[Any, ...]  # `Passed`
+
+
+class Gram(NamedTuple):
+    """Of the answers J of the residuals r to m directions: JᵀJ, and Jᵀr."""
+
+    information: Matrix
+    score: Vector
+
+
+def pass_all(runs: Sequence[Evidence], theta: Vector, mapper: Mapper) -> Passes:
+    """Hold a model with a vector of parameters (`model.parameters.NAMES`) to runs."""
+    plants = regimes(theta)
+    return Passes(theta, plants, tuple(mapper(lambda run: run.passed(theta, plants), runs)))
+
+
+def gram(passes: Passes, directions: Sequence[Direction], mapper: Mapper, waves: Sequence[Wave] = ()) -> Gram:
+    """Return how the residuals answer to some directions, and behind them to `waves`."""
+
+    def one(run: Passed) -> Gram:
+        columns = run.answers(passes.plants, directions, waves)
+        return gram_of(columns, (run.influence * run.residual).ravel())
+
+    return total(list(mapper(one, passes.runs)))
+
+
+def huber_weight(residual: Matrix) -> Matrix:
+    """Return the root of Huber's weights."""
+    return np.asarray(np.sqrt(HUBER / np.maximum(np.abs(residual), HUBER)))
+
+
+def gram_of(columns: NDArray[np.float32], residual: Vector) -> Gram:
+    """Return the Gram matrix of columns, summed in double precision: what is left beside parameters is a difference."""
+    size = columns.shape[1]
+    information, score = np.zeros((size, size)), np.zeros(size)
+    for first in range(0, columns.shape[0], _ROWS_AT_ONCE):
+        part = columns[first : first + _ROWS_AT_ONCE].astype(np.float64)
+        information += part.T @ part
+        score += part.T @ residual[first : first + _ROWS_AT_ONCE]
+    return Gram(information, score)
+
+
+def total(parts: Sequence[Gram]) -> Gram:
+    """Return the sum over runs."""
+    return Gram(np.sum([g.information for g in parts], axis=0), np.sum([g.score for g in parts], axis=0))

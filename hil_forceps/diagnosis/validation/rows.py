@@ -1,0 +1,21 @@
+"""Rows of a run as validation, figures and estimates take them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+
+class Rows(NamedTuple):
+    """A run on equally spaced rows; n each."""
+
+    name: str
+    period_s: float
+    time_s: Vector
+    reference_rad: Vector  # what the motor follows; of a driven run its angle as measured
+    channels: dict[str, Vector]  # that are compared
+    tau_w_N_m: Vector | None  # the load's course
+    weights: Vector  # 1 where a row counts, else 0
+    driven: bool = False  # by the motion as measured
