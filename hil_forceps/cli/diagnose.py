@@ -90,7 +90,7 @@ def diagnose(
     ):
         # What computes and what draws take a second each to load: here, beside each other.
         from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs  # noqa: PLC0415
-        from hil_forceps.diagnosis.diagnose import Options  # noqa: PLC0415
+        from hil_forceps.diagnosis.options import Options  # noqa: PLC0415
         from hil_forceps.diagnosis.validation.conclusion import even_runs  # noqa: PLC0415
 
         keep_pages()

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.reading import bar, read_sources, show_audit
-from hil_forceps.diagnosis.audit import audit
+from hil_forceps.diagnosis.audit.audit import audit
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.csv_table import write_csv

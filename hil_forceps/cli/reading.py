@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
-from hil_forceps.diagnosis.audit import Finding, Severity
+from hil_forceps.diagnosis.audit.audit import Finding, Severity
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.readers import read_run
 from hil_forceps.runs.table import Run

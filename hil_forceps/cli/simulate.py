@@ -13,7 +13,7 @@ from rich.table import Table
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.reading import bar, read_sources
-from hil_forceps.diagnosis.beside import Beside, simulate_beside
+from hil_forceps.diagnosis.validation.beside import Beside, simulate_beside
 from hil_forceps.report.beside import SHOWN, beside_figure
 from hil_forceps.report.save import save_figure
 from hil_forceps.rig import load_rig

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future
 from typing import Any
 
-from hil_forceps.diagnosis.mapper import Mapper
+from hil_forceps.diagnosis.evidence import Mapper
 
 
 class _Shared:

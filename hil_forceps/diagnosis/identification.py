@@ -9,7 +9,7 @@ unseen   = the same beside the found model in runs that it has never seen
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +47,8 @@ class Identified(NamedTuple):
     """What the runs say."""
 
     noise: Noise
-    records: tuple[Record, ...]  # of the runs that were fitted
-    held_out: tuple[Record, ...]
+    records: tuple[Any, ...]  # `Evidence`: of the runs that were fitted
+    held_out: tuple[Any, ...]
     found: Found
     before: LackOfFit  # beside the known parameters, in the runs fitted
     after: LackOfFit  # beside the best model

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil_forceps.diagnosis.estimates import estimate, measured
+from hil_forceps.diagnosis.validation.estimates import estimate, measured
 from hil_forceps.diagnosis.experiment import Record, prepare
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS, effect

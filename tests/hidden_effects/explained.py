@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.diagnose import Findings
+from hil_forceps.diagnosis.options import Findings
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig

@@ -12,9 +12,9 @@ from hil_forceps.diagnosis.conclude import silent
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import sum_of_squares
-from hil_forceps.diagnosis.heldout import floors_of, gains, play
+from hil_forceps.diagnosis.validation.heldout import floors_of, gains, play
 from hil_forceps.diagnosis.judge import burst_beside, judge
-from hil_forceps.diagnosis.leftover import Leftover
+from hil_forceps.diagnosis.lack_of_fit.curves import Leftover
 from hil_forceps.diagnosis.result import TWO_SIDED_95
 from hil_forceps.rig import Rig
 from tests.hidden_effects.cases import NOISES, REST, RIGS, SCENARIO_SETS, Spec, drawn_effect, drawn_shifts

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hil_forceps.diagnosis.audit import Finding, audit
+from hil_forceps.diagnosis.audit.audit import Finding, audit
 from hil_forceps.model.closed_loop import Inputs, law_vector, rest, simulate
 from hil_forceps.model.linear_loop import DriveParameters, make_loop, rest_state, rollout
 from hil_forceps.model.parameters import NAMES, index, vector

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.audit import Finding, audit
+from hil_forceps.diagnosis.audit.audit import Finding, audit
 from hil_forceps.runs.surgical_tool import read_surgical_tool
 from hil_forceps.runs.table import Run
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.cli.main import main
-from hil_forceps.diagnosis.beside import simulate_beside
+from hil_forceps.diagnosis.validation.beside import simulate_beside
 from hil_forceps.model import closed_loop
 from hil_forceps.model.closed_loop import law_vector
 from hil_forceps.model.parameters import vector

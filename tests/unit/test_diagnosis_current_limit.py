@@ -8,11 +8,11 @@ import pytest
 
 from hil_forceps.diagnosis.anew import refresher
 from hil_forceps.diagnosis.current_limit import NARROW, deepest_limits
-from hil_forceps.diagnosis.diagnose import Options, fit_baseline, without_load_noise
+from hil_forceps.diagnosis.options import Options, fit_baseline, without_load_noise
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.fit import fit
-from hil_forceps.diagnosis.heldout import play
+from hil_forceps.diagnosis.validation.heldout import play
 from hil_forceps.diagnosis.predict import LIMIT, ClosedLoop
 from hil_forceps.diagnosis.spectrum import Whitener
 from hil_forceps.model import parameters

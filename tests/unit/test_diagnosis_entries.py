@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hil_forceps.diagnosis.entries import Probe, Scene, probes
+from hil_forceps.diagnosis.hypotheses.entries import Probe, Scene, probes
 
 REACH = (-0.6, 1.2)
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.conclude import diagnose
-from hil_forceps.diagnosis.diagnose import Options
-from hil_forceps.diagnosis.estimates import GAINS, compared, estimate, estimate_gains
+from hil_forceps.diagnosis.options import Options
+from hil_forceps.diagnosis.validation.estimates import GAINS, compared, estimate, estimate_gains
 from hil_forceps.diagnosis.experiment import Record, prepare
 from hil_forceps.estimation import batch
 from hil_forceps.estimation.registry import make_estimator

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.anew import refresher
 from hil_forceps.diagnosis.assemble import assemble
-from hil_forceps.diagnosis.beside import simulate_beside
+from hil_forceps.diagnosis.validation.beside import simulate_beside
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.predict import REFERENCES, ClosedLoop, Reference, between_rows
 from hil_forceps.diagnosis.shaking import counted_between

@@ -24,7 +24,7 @@ from hil_forceps.diagnosis.fit import (
     hold_beside,
     hold_nuisances,
 )
-from hil_forceps.diagnosis.mapper import Mapper
+from hil_forceps.diagnosis.evidence import Mapper
 from hil_forceps.diagnosis.problem import EDGE_SD, Nuisance, Outputs, Problem
 from hil_forceps.diagnosis.spectrum import Whitener, make_layout, transform, white_noise, whitening
 from hil_forceps.diagnosis.unknowns import Unknown, Unknowns

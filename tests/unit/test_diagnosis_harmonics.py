@@ -6,7 +6,7 @@ import pytest
 
 from hil_forceps.diagnosis import choice
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
-from hil_forceps.diagnosis.entries import LEAST_OF_MANY, Probe, free_parameters
+from hil_forceps.diagnosis.hypotheses.entries import LEAST_OF_MANY, Probe, free_parameters
 from hil_forceps.diagnosis.extension import Model
 from hil_forceps.diagnosis.judge import judge
 from hil_forceps.diagnosis.result import Estimate

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from hil_forceps.diagnosis.ladder import step_gains
+from hil_forceps.diagnosis.driven.ladder import step_gains
 
 
 def test_gain_of_a_step_is_its_share_of_what_the_noise_leaves() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
 from hil_forceps.diagnosis.error_rates import UNEXPLAINED_SHARE
 from hil_forceps.diagnosis.judge import BOTH_OVER_CHANCE, FITTED_OVER_CHANCE, LEAST_SHARE, judge
-from hil_forceps.diagnosis.leftover import Leftover, memory_over_way
+from hil_forceps.diagnosis.lack_of_fit.curves import Leftover, memory_over_way
 from tests.hidden_effects.generator import RIG, generate, true_rig
 from tests.hidden_effects.generator_scenarios import SCENARIOS
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from hil_forceps.diagnosis import diagnose
-from hil_forceps.diagnosis.diagnose import Options, fit_baseline, without_load_noise
+from hil_forceps.diagnosis.options import Options, fit_baseline, without_load_noise
 from hil_forceps.diagnosis.experiment import Record, prepare, with_load_course
 from hil_forceps.diagnosis.linear import Response
 from hil_forceps.diagnosis.load_noise import beside_straight, load_noise

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hil_forceps.diagnosis.diagnose import Options, fit_baseline
-from hil_forceps.diagnosis.entries import Probe
+from hil_forceps.diagnosis.options import Options, fit_baseline
+from hil_forceps.diagnosis.hypotheses.entries import Probe
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.probing import LARGEST, sized_columns
 from hil_forceps.diagnosis.score import score

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.assemble import assemble
-from hil_forceps.diagnosis.diagnose import Options, without_load_noise
+from hil_forceps.diagnosis.options import Options, without_load_noise
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.fit import fit
 from hil_forceps.diagnosis.problem import Problem

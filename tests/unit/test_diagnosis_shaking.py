@@ -5,8 +5,8 @@ import pytest
 
 from hil_forceps.diagnosis import shaking
 from hil_forceps.diagnosis.anew import refresher
-from hil_forceps.diagnosis.diagnose import Options, fit_baseline, without_load_noise
-from hil_forceps.diagnosis.entries import Probe
+from hil_forceps.diagnosis.options import Options, fit_baseline, without_load_noise
+from hil_forceps.diagnosis.hypotheses.entries import Probe
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.extension import extend
 from hil_forceps.diagnosis.fit import fit, hold

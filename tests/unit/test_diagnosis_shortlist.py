@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil_forceps.diagnosis.entries import Probe
+from hil_forceps.diagnosis.hypotheses.entries import Probe
 from hil_forceps.diagnosis.look import Scan
 from hil_forceps.diagnosis.score import Group, Scores
 from hil_forceps.diagnosis.shortlist import LARGE_GAIN, LARGE_SHARE, aliases, shortlists, to_try, with_aliases

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.anew import courses_of
-from hil_forceps.diagnosis.diagnose import Options, fit_baseline
-from hil_forceps.diagnosis.entries import Probe
+from hil_forceps.diagnosis.options import Options, fit_baseline
+from hil_forceps.diagnosis.hypotheses.entries import Probe
 from hil_forceps.diagnosis.experiment import prepare
-from hil_forceps.diagnosis.heldout import floors_of
+from hil_forceps.diagnosis.validation.heldout import floors_of
 from hil_forceps.diagnosis.linear import columns, responses
 from hil_forceps.diagnosis.predict import ClosedLoop
 from hil_forceps.diagnosis.probing import probe_columns

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.experiment import Record
-from hil_forceps.diagnosis.strokes import floors_with_strokes, period_rows, strokes_of
+from hil_forceps.diagnosis.validation.strokes import floors_with_strokes, period_rows, strokes_of
 
 Vector = NDArray[np.float64]
 ROW_S = 0.01

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.anew import refresher
 from hil_forceps.diagnosis.assemble import assemble
-from hil_forceps.diagnosis.diagnose import Options, without_load_noise
+from hil_forceps.diagnosis.options import Options, without_load_noise
 from hil_forceps.diagnosis.experiment import prepare
 from hil_forceps.diagnosis.fit import chi2_of, fit
 from hil_forceps.diagnosis.problem import Problem

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hil_forceps.cli.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.gate import Gate, GateVerdict
-from hil_forceps.diagnosis.menu import Bounds, bounds_of, menu, trajectory_of, within
+from hil_forceps.diagnosis.experiment_design.menu import Bounds, bounds_of, menu, trajectory_of, within
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import Limits
 from tests.hidden_effects.generator import RIG

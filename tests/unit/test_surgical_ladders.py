@@ -11,7 +11,7 @@ import pytest
 
 from hil_forceps.cli.threads import over_threads
 from hil_forceps.diagnosis.conclude import diagnose
-from hil_forceps.diagnosis.diagnose import Options
+from hil_forceps.diagnosis.options import Options
 from hil_forceps.rig import load_rig
 from hil_forceps.runs.surgical_tool import read_surgical_tool
 from tests.unit.test_surgical_replay import DATA, SETS

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.driven.simulation import DrivenModel
-from hil_forceps.diagnosis.driven.whitening import Whitening, behind_rows_that_count
-from hil_forceps.diagnosis.evidence import HUBER, WILD, Columns, Direction, Wave, huber_weight
+from hil_forceps.diagnosis.driven.whitening import Whitening
+from hil_forceps.diagnosis.evidence import WILD, Columns, Direction, Wave
 from hil_forceps.diagnosis.state_space.advance import Regimes
 from hil_forceps.model.driven import Channels
 
@@ -36,6 +36,11 @@ class DrivenRun:
     def load_measured(self) -> bool:
         """Whether it has a load cell."""
         return self.model.rows.theta_j_rad is None
+
+    @property
+    def mask(self) -> Mask:
+        """Rows that count."""
+        return np.asarray(self.model.rows.rows.weights > 0.0)
 
     @property
     def jaw_measured(self) -> bool:
@@ -81,14 +86,13 @@ class DrivenPassed:
 
     @property
     def influence(self) -> Matrix:
-        """Root of Huber's weights, 0 where nothing counts."""
-        return np.where(self.counts, huber_weight(self.whitened), 0.0)
+        """1 where a row counts: what a model lacks shows where a motion turns, in rows that are rare and large."""
+        return self.counts.astype(np.float64)
 
     @property
     def log_likelihood(self) -> Matrix:
-        """Log likelihood by Huber's loss; the first row that counts has that of the zeros, too."""
-        beyond = np.maximum(np.abs(self.whitened) - HUBER, 0.0)
-        found = -0.5 * (self.whitened**2 - beyond**2)
+        """Log likelihood; the first row that counts has that of the zeros, too."""
+        found = -0.5 * self.whitened**2
         for place, name in enumerate(self.raw):
             row = int(np.argmax(self.counts[:, place]))
             found[row, place] -= 0.5 * (self.zeros[name] / self.run.zero_sd[name]) ** 2
@@ -131,12 +135,12 @@ class DrivenPassed:
 
     def columns(self, changes: Sequence[dict[str, Vector]]) -> Columns:
         """Return the answers of the residuals to changes of what is predicted."""
-        influence, n = self.influence, self.counts.shape[0]
+        n = self.counts.shape[0]
         found = np.zeros((n, len(self.raw), len(changes)), dtype=np.float32)
         for place, name in enumerate(self.raw):
             change = np.column_stack([c.get(name, np.zeros(n)) for c in changes])
             with np.errstate(over="ignore", invalid="ignore"):
-                white = -influence[:, place, np.newaxis] * self.run.white[name].of(change)
+                white = -self.run.white[name].of(change, self.run.mask)
                 wild = ~np.isfinite(white).all(axis=0) | (np.abs(white).max(axis=0) > WILD)
             white[:, wild] = 0.0
             column, variance = self.projections[place]
@@ -145,18 +149,16 @@ class DrivenPassed:
 
 
 def _passed(run: DrivenRun, shown: Channels, raw: dict[str, Vector]) -> DrivenPassed:
-    mask = behind_rows_that_count(run.model.rows.rows.weights > 0.0)
+    mask = run.mask
     zeros, whitened, projections = {}, [], []
     for name, values in raw.items():
         white, sd = run.white[name], run.zero_sd[name]
-        column, left, zero = white.of(np.ones(values.size)), white.of(values), 0.0
-        for _ in range(3):  # weights hang on the zero
-            weight = np.where(mask, huber_weight(left - zero * column), 0.0) ** 2
-            variance = 1.0 / (float(weight @ column**2) + 1.0 / sd**2)
-            zero = variance * float((weight * column) @ left)
+        column, left = white.of(np.column_stack((np.ones(values.size), values)), mask).T
+        variance = 1.0 / (float(column @ column) + 1.0 / sd**2)
+        zero = variance * float(column @ left)
         zeros[name] = zero
         whitened.append(left - zero * column)
-        projections.append((np.sqrt(weight) * column, variance))
+        projections.append((column, variance))
     counts = np.repeat(mask[:, np.newaxis], len(raw), axis=1)
     finite = [np.isfinite(w).all() for w in whitened]
     stacked = np.column_stack([w if good else np.full(w.size, WILD) for w, good in zip(whitened, finite, strict=True)])

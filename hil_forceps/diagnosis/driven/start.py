@@ -7,7 +7,7 @@ import numpy as np
 from hil_forceps.diagnosis.driven.passed import DrivenRun
 from hil_forceps.diagnosis.driven.rows import DrivenRows
 from hil_forceps.diagnosis.driven.simulation import driven_models
-from hil_forceps.diagnosis.driven.whitening import Whitening
+from hil_forceps.diagnosis.driven.whitening import white
 
 ZERO_SHARE = 0.02  # of the jaw's range: zero of its sensor from run to run
 LEAST_ZERO_RAD = 2e-3
@@ -23,11 +23,7 @@ def driven_runs(rows: Sequence[DrivenRows]) -> list[DrivenRun]:
     found = []
     for model in driven_models(rows):
         channels = model.rows.rows.channels
-        first = {name: _flat(max(model.rows.noise[name], 1e-3 * float(np.ptp(v)))) for name, v in channels.items()}
+        first = {name: white(max(model.rows.noise[name], 1e-3 * float(np.ptp(v)))) for name, v in channels.items()}
         nothing = {name: np.zeros(values.size) for name, values in channels.items()}
         found.append(DrivenRun(model, {name: zeros[name] for name in channels}, first, nothing))
     return found
-
-
-def _flat(deviation: float) -> Whitening:
-    return Whitening(np.array([1.0 / deviation]))

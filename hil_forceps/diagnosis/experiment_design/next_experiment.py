@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.evidence import Mapper, gram, pass_all
+from hil_forceps.diagnosis.experiment_design.menu import Experiment, bounds_of, menu, trajectory_of
 from hil_forceps.diagnosis.identification import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, inverted
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
-from hil_forceps.diagnosis.menu import Experiment, bounds_of, menu, trajectory_of
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.result import Detectable, NextExperiment

@@ -6,7 +6,7 @@ As close as the turns that were run tell them apart; those that explain most bes
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.evidence import Mapper, Passed, Wave, gram_of, total
+from hil_forceps.diagnosis.evidence import Gram, Mapper, Passed, Wave, gram_of, total
 from hil_forceps.diagnosis.hypotheses.places import Place
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, score_test
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of
@@ -29,7 +29,7 @@ def telling_harmonics(model: Fit, mapper: Mapper, *, with_current: bool) -> tupl
     looked_at = np.arange(1.0, HIGHEST + 0.5 * step, step)
     known = directions_of(model.free, passes.theta)
 
-    def one(run: Passed) -> tuple[Vector, ...]:
+    def one(run: Passed) -> list[Gram]:
         answers = run.answers(passes.plants, known)
         residual = (run.influence * run.residual).ravel()
         found = []
@@ -37,7 +37,7 @@ def telling_harmonics(model: Fit, mapper: Mapper, *, with_current: bool) -> tupl
             some = looked_at[first : first + AT_ONCE]
             waves = [Wave(float(h), cosine, with_current, 1.0) for h in some for cosine in (False, True)]
             found.append(gram_of(np.hstack((answers, run.answers(passes.plants, [], waves))), residual))
-        return tuple(found)
+        return found
 
     gains = []
     for grams in zip(*mapper(one, passes.runs), strict=True):

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.entries import HARMONIC, Probe, Scene, probes, quantiles_of_speed
 from hil_forceps.diagnosis.evidence import Direction, Passes, Wave
+from hil_forceps.diagnosis.hypotheses.entries import HARMONIC, Probe, Scene, probes, quantiles_of_speed
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
 from hil_forceps.rig.catalogue import EFFECT_IDS, effect
 

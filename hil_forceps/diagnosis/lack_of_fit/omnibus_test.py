@@ -11,7 +11,7 @@ from hil_forceps.diagnosis.evidence import Gram, Mapper, Passed, gram_of, total
 from hil_forceps.diagnosis.hypotheses.places import Place
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, score_test
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of
-from hil_forceps.diagnosis.leftover import Curve, Scale, all_curves, scale_of
+from hil_forceps.diagnosis.lack_of_fit.curves import Curve, Scale, all_curves, scale_of
 
 Vector = NDArray[np.float64]
 

@@ -7,25 +7,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
-from hil_forceps.diagnosis.diagnose import Options, split_runs
-from hil_forceps.diagnosis.estimates import estimate_gains
-from hil_forceps.diagnosis.experiment import require_rows
 from hil_forceps.diagnosis.experiment_design.next_experiment import propose
-from hil_forceps.diagnosis.heldout import Played, evidence, gains
 from hil_forceps.diagnosis.identification import Identified, identify
-from hil_forceps.diagnosis.judge import Judgement, balances, trends
+from hil_forceps.diagnosis.options import Options, split_runs
 from hil_forceps.diagnosis.preparation.command import samples_in_a_row
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
 from hil_forceps.diagnosis.result import AuditFinding, Detectable, Diagnosis, Gain, RunEvidence
-from hil_forceps.diagnosis.strokes import Strokes, floors_with_strokes, repetition
+from hil_forceps.diagnosis.validation.estimates import estimate_gains
+from hil_forceps.diagnosis.validation.heldout import Played, evidence, gains
+from hil_forceps.diagnosis.validation.numbers import balances, trends
 from hil_forceps.diagnosis.validation.simulation import Measured, measured, play, unknown_load_rms
-from hil_forceps.diagnosis.validation.verdict import candidates, detectable, judge
+from hil_forceps.diagnosis.validation.strokes import Strokes, floors_with_strokes, repetition
+from hil_forceps.diagnosis.validation.verdict import Judgement, candidates, detectable, judge
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
+
+FEWEST_ROWS = 50
 
 
 def even_runs(runs: Sequence[Run], rig: Rig) -> list[EvenRun] | None:
@@ -48,7 +50,9 @@ def conclude(
     `findings`: of the audit. UserError for a run of too few rows.
     """
     for even in runs:
-        require_rows(even.name, int(np.count_nonzero(~even.lost)))
+        rows = int(np.count_nonzero(~even.lost))
+        if rows < FEWEST_ROWS:
+            raise UserError(f"{even.name}: {rows} rows are too few to diagnose; at least {FEWEST_ROWS} are needed")
     runs, left_out = excerpts(runs)
     findings = (*findings, *left_out)
     wanted = set(options.hold_out)

@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
-from hil_forceps.diagnosis.experiment import Record as Rows
-from hil_forceps.diagnosis.heldout import Played
 from hil_forceps.diagnosis.preparation.command import first_integral
 from hil_forceps.diagnosis.preparation.decoding import on_lines
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
@@ -23,6 +21,8 @@ from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.advance import STEPS
 from hil_forceps.diagnosis.state_space.layout import COMMAND_BIAS, JAW_ZERO, LOAD, THETA_J, THETA_M, Noise
 from hil_forceps.diagnosis.state_space.passes import Passed
+from hil_forceps.diagnosis.validation.heldout import Played
+from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.model import closed_loop
 from hil_forceps.model.closed_loop import Channels, Inputs, Start
 from hil_forceps.model.drive_law import KI, DriveState, drive_sample, law_vector, quantise
@@ -56,18 +56,7 @@ def measured(even: EvenRun, record: Record) -> Measured:
     weights[: record.settling_rows] = 0.0
     load = record.load_course_N_m if "tau_w_N_m" in columns else None
     reference = columns["theta_m_ref_rad"]
-    rows = Rows(
-        run.name,
-        "closed_loop",
-        record.series.period_s,
-        time_s,
-        reference,
-        channels,
-        load,
-        np.empty(0, dtype=np.intp),
-        weights,
-        evenly_logged=True,
-    )
+    rows = Rows(run.name, record.series.period_s, time_s, reference, channels, load, weights)
     return Measured(run, record, rows)
 
 

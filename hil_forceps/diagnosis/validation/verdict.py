@@ -1,5 +1,7 @@
 """The verdict on identified runs, its words, and the numbers of the result."""
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy import stats
 
@@ -7,21 +9,29 @@ from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEFT_OVER_CHANCE, UN
 from hil_forceps.diagnosis.hypotheses.search import Step
 from hil_forceps.diagnosis.identification import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, inverted
-from hil_forceps.diagnosis.inference.parameters import Free
-from hil_forceps.diagnosis.judge import (
-    ACCURACY,
-    LEAST_SHIFT,
-    SHIFT_SD,
-    Judgement,
-    least_detectable,
-    varies_over,
-)
+from hil_forceps.diagnosis.inference.parameters import Free, known
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit
-from hil_forceps.diagnosis.result import TWO_SIDED_95, Candidate, Detectable, Estimate, NamedEffect, Shift
-from hil_forceps.diagnosis.starting import known
+from hil_forceps.diagnosis.result import TWO_SIDED_95, Candidate, Detectable, Estimate, NamedEffect, Shift, Verdict
+from hil_forceps.diagnosis.validation.numbers import least_detectable, varies_over
 from hil_forceps.model.parameters import index
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import effect
+
+SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assumed: 1 in 1000 by chance
+LEAST_SHIFT = 0.2  # of what was known: less is no shift, however well it is measured
+ACCURACY = 1e-3  # of an effect's parameter: what the simulation's steps leave, however well the data show it
+
+
+class Judgement(NamedTuple):
+    """The verdict and why."""
+
+    verdict: Verdict
+    sentence: str
+    effects: tuple[NamedEffect, ...]
+    sets: tuple[tuple[str, ...], ...]
+    shifts: dict[str, Shift]
+    varies_over: tuple[str, ...]
+    reasons: tuple[str, ...]
 
 
 def judge(found: Identified, rig: Rig) -> Judgement:

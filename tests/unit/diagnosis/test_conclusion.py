@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.conclude import Conclusion, diagnose
-from hil_forceps.diagnosis.diagnose import Options
+from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.preparation.even_rows import even_rows
 from hil_forceps.diagnosis.result import to_json
 from hil_forceps.runs.table import Run

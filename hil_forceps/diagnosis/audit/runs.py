@@ -1,0 +1,110 @@
+"""Audit of what the runs excite, and of the runs among each other: the same one twice, one of another rig."""
+
+from collections.abc import Iterator, Sequence
+from hashlib import blake2b
+
+import numpy as np
+
+from hil_forceps.diagnosis.audit.balance import jaw_ratio
+from hil_forceps.diagnosis.audit.finding import Finding, View
+
+_MOVES_QUANTA = 5.0
+_MOVES_RAD = 1e-3
+_LOAD_SD = 10.0
+_RATIO_SPREAD = 0.1
+_HEAD_ROWS = 500
+_WINDOW_S = 0.02
+
+
+def audit_excitation(view: View) -> Iterator[Finding]:
+    """Yield what one run lets anyone learn: travel, speed, reversals, load and its directions."""
+    theta = view.piece("theta_m_rad")
+    travel = float(np.ptp(theta))
+    still = max(_MOVES_QUANTA * view.quanta["theta_m_rad"], 5.0 * view.noise_sd["theta_m_rad"], _MOVES_RAD)
+    rows = min(max(round(_WINDOW_S / view.interval_s), 1), len(theta) - 1)
+    step = theta[rows:] - theta[:-rows]
+    noise = max(2.0 * view.quanta["theta_m_rad"], 4.0 * view.noise_sd["theta_m_rad"], 1e-3 * travel)
+    direction = np.sign(step) * (np.abs(step) > noise)
+    moving = direction[direction != 0]
+    reversals = float(np.count_nonzero(np.diff(moving)))
+    figures = {
+        "travel_rad": travel,
+        "moving_share": float(np.mean(direction != 0)) if direction.size else 0.0,
+        "top_speed_rad_per_s": float(np.max(np.abs(step))) / (rows * view.interval_s),
+        "reversals": reversals,
+        "duration_s": float(view.time_s[-1] - view.time_s[0]),
+    }
+    if travel < still:
+        text = f"nothing moves: theta_m_rad travels {travel:.3g} rad; friction and inertia can't be told from this run"
+        yield view.finding("excitation", "theta_m_rad", "warning", text, figures)
+        return
+    load = _load_text(view, figures)
+    turns = travel / (2.0 * np.pi)
+    text = f"{travel:.3g} rad ({turns:.2g} turns) travelled, {reversals:.0f} reversals, {load}"
+    yield view.finding("excitation", "", "note", text, figures)
+    if moving.size and np.all(moving == moving[0]):
+        text = "theta_m_rad moves in one direction only: friction and load can't be told apart"
+        yield view.finding("one_direction", "theta_m_rad", "warning", text, figures)
+
+
+def _load_text(view: View, figures: dict[str, float]) -> str:
+    if "tau_w_N_m" not in view.columns:
+        return "load not measured"
+    load = view.columns["tau_w_N_m"]
+    noise = max(_LOAD_SD * view.noise_sd["tau_w_N_m"], 2.0 * view.quanta["tau_w_N_m"])
+    low, high = float(np.min(load)), float(np.max(load))
+    figures |= {"load_min_N_m": low, "load_max_N_m": high}
+    if high - low <= noise and max(abs(low), abs(high)) <= noise:
+        return "no load"
+    sides = "both ways" if low < -noise and high > noise else "one way"
+    return f"load from {low:.3g} to {high:.3g} N m, {sides}"
+
+
+def audit_together(views: Sequence[View]) -> Iterator[Finding]:
+    """Yield what the runs say of each other."""
+    yield from _duplicates(views)
+    ratios = {}
+    for view in views:
+        if "theta_j_rad" in view.columns and not view.is_constant["theta_m_rad"]:
+            ratio, share = jaw_ratio(view)
+            if share > 0.9:
+                ratios[view.name] = ratio
+    if len(ratios) > 2:
+        usual = float(np.median(list(ratios.values())))
+        for name, ratio in ratios.items():
+            if abs(ratio / usual - 1.0) > _RATIO_SPREAD:
+                text = f"theta_j_rad moves {ratio:.4g} times as far as theta_m_rad, {usual:.4g} times in the other runs"
+                yield Finding("odd_run", name, "theta_j_rad", "problem", text, {"ratio": ratio, "usual": usual})
+    loads = [view.columns["tau_w_N_m"] for view in views if "tau_w_N_m" in view.columns]
+    if not loads:
+        text = "tau_w_N_m was measured in no run: the load is unknown, and stiffness and jaw friction hardly show"
+        yield Finding("no_load_cell", "", "tau_w_N_m", "note", text)
+    if not any("theta_j_rad" in view.columns for view in views):
+        text = "theta_j_rad was measured in no run: what the wire does shows in the motor's torque only"
+        yield Finding("no_jaw_sensor", "", "theta_j_rad", "note", text)
+
+
+def _duplicates(views: Sequence[View]) -> Iterator[Finding]:
+    whole: dict[bytes, str] = {}
+    heads: dict[bytes, str] = {}
+    for view in views:
+        columns = (view.columns["theta_m_rad"], view.columns[view.torque_channel])
+        if any(np.ptp(column[:_HEAD_ROWS]) == 0.0 for column in columns):
+            continue  # standing still at the beginning is no likeness
+        key = _digest(columns, len(view))
+        head = _digest(columns, _HEAD_ROWS)
+        if key in whole:
+            text = f"the same data as run {whole[key]}: counted twice it would make everything look twice as sure"
+            yield view.finding("duplicate", "", "problem", text)
+        elif head in heads:
+            text = f"begins with the same {_HEAD_ROWS} rows as run {heads[head]}: two cuts of one recording"
+            yield view.finding("duplicate", "", "warning", text)
+        whole.setdefault(key, view.name)
+        heads.setdefault(head, view.name)
+
+
+def _digest(columns: tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...], rows: int) -> bytes:
+    digest = blake2b(digest_size=16)
+    for column in columns:
+        digest.update(np.ascontiguousarray(column[:rows]).tobytes())
+    return digest.digest()

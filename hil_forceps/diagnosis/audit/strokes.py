@@ -1,0 +1,117 @@
+"""Audit of what strokes there and back tell, all runs together: counts and play of a gear, zeros of the torques.
+
+In the middle of a stroke friction pushes the torque up one way and down the other, and play puts an encoder ahead one
+way and behind the other; the mean of both ways is without either.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from hil_forceps.diagnosis.audit.finding import Finding, View
+from hil_forceps.runs.table import Column
+
+_SPEED_SHARE = 0.3  # of the top speed: faster than that counts as moving
+_WINDOW_S = 0.1  # of the speed
+_ENDS = 0.02  # of the rows: the ends of a stroke are where it spends least
+_FEWEST_ROWS = 30  # each way, in the middle third of the stroke
+_SURELY = 3.0  # deviations
+_LEAST_SCALE = 0.01  # a wrong scale smaller than this is for the diagnosis
+_TO_DEVIATION = 1.4826  # of a Gaussian, from the median distance
+_MEDIAN = 1.2533  # standard error of a median over that of a mean
+_FEWEST_LOADS = 4  # runs
+_SURE_SLOPE = 10.0  # standard errors
+_LEAST_ZERO = 0.02  # of the channel's range over the runs
+
+
+class Middle(NamedTuple):
+    """Rows in the middle third of a stroke."""
+
+    forth: NDArray[np.bool_]
+    back: NDArray[np.bool_]
+
+    def mean(self, values: Column) -> float:
+        """Return the mean of both ways."""
+        return 0.5 * (float(np.mean(values[self.forth])) + float(np.mean(values[self.back])))
+
+    def width(self, values: Column) -> float:
+        """Return how much more it is forth than back."""
+        return float(np.mean(values[self.forth])) - float(np.mean(values[self.back]))
+
+
+def audit_strokes(views: Sequence[View], *, law_known: bool) -> Iterator[Finding]:
+    """Yield what is found; zeros of the current only where the drive's law doesn't tell them better."""
+    middles = [(view, middle) for view in views if (middle := _middle(view)) is not None]
+    yield from _gear([pair for pair in middles if "theta_drive_rad" in pair[0].columns])
+    if not law_known:
+        for channel in ("tau_m_N_m", "current_A"):
+            yield from _zero([p for p in middles if {channel, "tau_w_N_m"} <= p[0].columns.keys()], channel)
+
+
+def _middle(view: View) -> Middle | None:
+    angle = view.piece("theta_m_rad")
+    rows = 2 * round(0.5 * _WINDOW_S / view.interval_s) + 1
+    if view.is_constant["theta_m_rad"] or len(angle) < max(4 * rows, _FEWEST_ROWS) or rows < 5:
+        return None
+    speed = savgol_filter(angle, rows, 2, deriv=1)
+    moving = _SPEED_SHARE * float(np.quantile(np.abs(speed), 0.99))
+    low, high = np.quantile(angle, (_ENDS, 1.0 - _ENDS))
+    third = (high - low) / 3.0
+    inside = (angle > low + third) & (angle < high - third)
+    found = Middle(inside & (speed > moving), inside & (speed < -moving))
+    return found if min(found.forth.sum(), found.back.sum()) >= _FEWEST_ROWS else None
+
+
+def _gear(pairs: Sequence[tuple[View, Middle]]) -> Iterator[Finding]:
+    """Compare the travel of the encoder before a gear, less its play, with that of the one behind it."""
+    if not pairs:
+        return
+    ratios, widths = [], []
+    for view, middle in pairs:
+        before, behind = view.piece("theta_drive_rad"), view.piece("theta_m_rad")
+        widths.append(abs(middle.width(before - behind)))
+        ratios.append((float(np.ptp(before)) - widths[-1]) / float(np.ptp(behind)))
+    ratio = float(np.median(ratios))
+    spread = _TO_DEVIATION * float(np.median(np.abs(np.array(ratios) - ratio)))
+    if len(ratios) < _FEWEST_LOADS:
+        spread = max(spread, _LEAST_SCALE)  # one or two runs don't tell how much they differ
+    error = _MEDIAN * spread / float(np.sqrt(len(ratios)))
+    figures = {"ratio": ratio, "spread": spread, "standard_error": error}
+    told = f"theta_drive_rad travels {ratio:.4f} ± {2.0 * error:.4f} times as far as theta_m_rad, play apart"
+    if abs(ratio - 1.0) > max(_SURELY * error, _LEAST_SCALE):
+        text = f"{told}: its counts per turn, or the gear's ratio, must be {ratio:.4f} times what they were taken for"
+        yield Finding("gear_counts", "", "theta_drive_rad", "warning", text, figures)
+    else:
+        yield Finding("gear_counts", "", "theta_drive_rad", "note", f"{told}: counts and gear fit", figures)
+    low, high = min(widths), max(widths)
+    text = f"theta_drive_rad is ahead of theta_m_rad by {low:.3g} to {high:.3g} rad more forth than back: play, wind-up"
+    yield Finding("gear_play", "", "theta_drive_rad", "note", text, {"least_rad": low, "most_rad": high})
+
+
+def _zero(pairs: Sequence[tuple[View, Middle]], channel: str) -> Iterator[Finding]:
+    """Draw a line through torque over load, both ways in the mean, a point a run, down to no load."""
+    if len(pairs) < _FEWEST_LOADS:
+        return
+    loads = np.array([middle.mean(view.piece("tau_w_N_m")) for view, middle in pairs])
+    torques = np.array([middle.mean(view.piece(channel)) for view, middle in pairs])
+    if not float(np.ptp(loads)) > 0.0:
+        return
+    columns = np.column_stack((loads, np.ones(loads.size)))
+    inverse = np.linalg.inv(columns.T @ columns)
+    slope, zero = (float(each) for each in inverse @ columns.T @ torques)
+    left = torques - columns @ np.array([slope, zero])
+    variance = float(left @ left) / max(loads.size - 2, 1)
+    slope_se, zero_se = (float(np.sqrt(variance * inverse[k, k])) for k in range(2))
+    if abs(slope) < _SURE_SLOPE * slope_se:
+        return
+    if abs(zero) > max(_SURELY * zero_se, _LEAST_ZERO * float(np.ptp(torques))):
+        unit = "A" if channel == "current_A" else "N m"
+        text = (
+            f"{channel} is {zero:.3g} ± {2.0 * zero_se:.2g} {unit} at no load, both ways in the mean: a zero of this "
+            f"sensor, or of the load cell ({-zero / slope:.3g} N m), or a weight or spring at the jaw"
+        )
+        figures = {"zero": zero, "standard_error": zero_se, "load_zero_N_m": -zero / slope}
+        yield Finding("zero", "", channel, "warning", text, figures)

@@ -1,0 +1,94 @@
+"""Identify a forceps from runs whose drive isn't known, driven by the motion as measured."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hil_forceps.diagnosis.driven.jaw_zero import without_jaw_zero
+from hil_forceps.diagnosis.driven.noise import Adapting
+from hil_forceps.diagnosis.driven.passed import DrivenRun
+from hil_forceps.diagnosis.driven.rows import driven_rows
+from hil_forceps.diagnosis.driven.start import driven_runs
+from hil_forceps.diagnosis.driven.starting import K_T, completed
+from hil_forceps.diagnosis.evidence import Mapper, pass_all
+from hil_forceps.diagnosis.hypotheses.score_test import Prior
+from hil_forceps.diagnosis.hypotheses.search import Search, search
+from hil_forceps.diagnosis.identification import LIKE_A_LOAD, Identified
+from hil_forceps.diagnosis.inference.fit import Fit
+from hil_forceps.diagnosis.inference.parameters import Free, known, known_parameters
+from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
+from hil_forceps.diagnosis.result import AuditFinding
+from hil_forceps.diagnosis.state_space.layout import Noise
+from hil_forceps.model import parameters
+from hil_forceps.rig import Rig
+from hil_forceps.runs.table import Run
+
+# What is left of other causes is no noise, and some entry follows a little of it (0.7 % by a weight on an axis that
+# lies flat, for the worse in the runs held out).
+LEAST_SHARE = 0.01  # of what is explained, that a further entry must gain
+GAUGES = frozenset({"encoder_scale"})  # other radii give the same
+
+
+class DrivenIdentified(NamedTuple):
+    """What the runs say."""
+
+    found: Identified
+    rig: Rig  # with a starting value for all that it doesn't know
+    notes: tuple[AuditFinding, ...]
+
+
+def identify_driven(
+    runs: Sequence[Run],
+    held_out: Sequence[Run],
+    rig: Rig,
+    *,
+    mapper: Mapper,
+    without: frozenset[str] = frozenset(),
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+    spent: Callable[[], bool] = lambda: False,
+) -> DrivenIdentified:
+    """Return what runs say of a rig; UserError where a run can't serve, or nothing bounds an unknown parameter."""
+    progress("smoothing the runs")
+    rows, notes = driven_rows(runs)
+    held, more = driven_rows(held_out)
+    rows, held, zeros = without_jaw_zero(rows, held)
+    notes += [*more, *(AuditFinding("preparation", "note", "", "", zero) for zero in zeros)]
+    rig = completed(rows, rig)
+    fitted, unused = driven_runs(rows), driven_runs(held) if held else []
+    without |= frozenset(rig.effects) | GAUGES
+    without |= frozenset() if any(run.load_measured for run in fitted) else LIKE_A_LOAD
+    free = known_of(rig, fitted)
+    adapt = Adapting(without, mapper)
+    found = search(
+        Search(fitted, free, mapper, without, seed, progress, spent, adapt, LEAST_SHARE, geared=True),
+        parameters.vector(rig),
+    )
+    progress("looking at what is left")
+    after = omnibus_test(found.best.fit, mapper, seed)
+    before = omnibus_test(found.baseline, mapper, seed) if found.best.effects else after
+    unseen = left_unseen(found.best.fit, unused, mapper, seed) if unused else None
+    runs_of_best = tuple(passed.run for passed in found.best.fit.passes.runs)
+    nothing = Noise(np.zeros(3), np.zeros(3), np.zeros(3))  # of the filter's sensors: there is no filter
+    whole = Identified(nothing, runs_of_best, tuple(unused), found, before, after, unseen)
+    return DrivenIdentified(whole, rig, tuple(notes))
+
+
+def known_of(rig: Rig, runs: Sequence[DrivenRun]) -> tuple[Free, ...]:
+    """Return the rig's parameters that are fitted: those that it doesn't know exactly, and that a channel shows."""
+    channel = runs[0].model.rows.torque_channel
+    seen = max(float(np.sqrt(np.mean(run.model.rows.rows.channels[channel] ** 2))) for run in runs)
+    seen *= float(rig.plant().torque_constant_N_m_per_A) if channel == "current_A" else 1.0
+    every = known_parameters(rig, seen, jaw_measured=all(run.jaw_measured for run in runs))
+    # Without a wire, friction of the jaw is friction of the motor: what has no deviation is held.
+    told = [free for free in every if known(rig, free.name).sd != 0.0]
+    return tuple(free for free in told if channel == "current_A" or free.name != K_T)
+
+
+def left_unseen(fitted: Fit, held_out: Sequence[DrivenRun], mapper: Mapper, seed: int) -> LackOfFit:
+    """Return what a fit leaves in runs that it has never seen, beside noise as in those that it was fitted to."""
+    theta, white = fitted.passes.theta, fitted.passes.runs[0].run.white
+    runs = list(mapper(lambda run: run.adapted(theta, white), held_out))
+    passes = pass_all(runs, theta, mapper)
+    return omnibus_test(fitted._replace(passes=passes), mapper, seed, Prior.by_fit(fitted.covariance))

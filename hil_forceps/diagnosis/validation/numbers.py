@@ -1,0 +1,72 @@
+"""Numbers of the result: what these data would show, how badly balances fail, over what the residual varies."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from scipy import stats
+
+from hil_forceps.diagnosis.error_rates import DETECTION_POWER
+from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit
+from hil_forceps.diagnosis.result import Balance, Detectable, Trend
+from hil_forceps.rig.catalogue import EFFECTS, Location, effect
+
+POWER_DEVIATIONS = float(stats.norm.ppf(DETECTION_POWER))
+
+_PLACES: Mapping[str, tuple[Location, str]] = {
+    "motor": ("motor", "theta_m_rad"),
+    "wire": ("wire", "theta_j_rad"),
+    "jaw": ("jaw", "theta_j_rad"),
+    "theta_m_rad": ("sensor", "theta_m_rad"),
+    "theta_j_rad": ("sensor", "theta_j_rad"),
+    "current_A": ("timing", "current_A"),
+}
+
+
+def least_detectable(amplitudes: Iterable[tuple[str, str, float, float]], threshold: float) -> dict[str, Detectable]:
+    """Return the smallest detectable amplitude of each entry, in the catalogue's order.
+
+    `amplitudes`: entry, parameter, a size of it, and its information at that size; `threshold`: of the score test.
+    """
+    needed = float(np.sqrt(threshold)) + POWER_DEVIATIONS
+    least: dict[str, Detectable] = {}
+    for effect_id, name, size, information in amplitudes:
+        if information <= 1e-6:
+            continue
+        value = abs(size) * needed / float(np.sqrt(information))
+        parameter = next(p for p in effect(effect_id).parameters if p.name == name)
+        held = least.get(effect_id)
+        if value <= parameter.maximum and (held is None or value < held.value):
+            least[effect_id] = Detectable(name, value, parameter.unit)
+    return {entry.id: least[entry.id] for entry in EFFECTS if entry.id in least}
+
+
+def balances(before: LackOfFit, after: LackOfFit) -> tuple[Balance, ...]:
+    """Return how badly each balance fails: the best curve at each place, over what chance allows; 1 is that."""
+    found = []
+    for place, (location, channel) in _PLACES.items():
+        first = [gain for p, _, gain in before.families if p == place]
+        second = [gain for p, _, gain in after.families if p == place]
+        if first:
+            found.append(
+                Balance(
+                    location,
+                    channel,
+                    float(np.sqrt(max(*first, 0.0) / before.threshold)),
+                    float(np.sqrt(max(*second, 0.0) / after.threshold)),
+                )
+            )
+    return tuple(found)
+
+
+def trends(channels: Sequence[str], before: LackOfFit, after: LackOfFit) -> tuple[Trend, ...]:
+    """Return over what the residual varies, before and after: each family's gain over what chance allows."""
+    later = {(place, variable): gain for place, variable, gain in after.families}
+    return tuple(
+        Trend(place, variable, gain / before.threshold, later.get((place, variable), 0.0) / after.threshold)
+        for place, variable, gain in before.families[: 2 * len(channels) + 4]
+    )
+
+
+def varies_over(left: LackOfFit) -> tuple[str, ...]:
+    """Return the variables over which what is left varies most, with their places."""
+    return tuple(dict.fromkeys(f"{p}: {v}" for p, v, gain in left.families[:4] if gain > left.threshold))
