@@ -9,11 +9,11 @@ from hil_forceps.bench.session import Plan, feedback_period_s, host_config, run_
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.cli.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.trajectories import Trajectory
-from hil_forceps.diagnosis import choice
-from hil_forceps.diagnosis.diagnose import Findings, Options, investigate
-from hil_forceps.diagnosis.experiment_design.next_experiment import MOST_RIVALS
-from hil_forceps.diagnosis.judge import detectable
-from hil_forceps.diagnosis.next_experiment import propose
+from hil_forceps.diagnosis.experiment_design.next_experiment import MOST_RIVALS, propose
+from hil_forceps.diagnosis.hypotheses import search
+from hil_forceps.diagnosis.identification import Identified, identify
+from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
+from hil_forceps.diagnosis.validation.verdict import detectable
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from hil_forceps.runs.readers import read_run
@@ -35,8 +35,15 @@ BELOW = 1.5  # how many times less than predicted may be reached
 ABOVE = 2.0  # and more: predicted is what four of five cases reach, not their mean
 
 
-def investigated(runs: list[Run], rig: Rig) -> Findings:
-    return investigate(runs, rig, Options(without=frozenset(EFFECT_IDS) - LOOKED_FOR, hold_out=("held",)))
+def identified(runs: list[Run], held: Run, rig: Rig) -> Identified:
+    without = frozenset(EFFECT_IDS) - LOOKED_FOR
+    return identify([evenly(run, rig) for run in runs], [evenly(held, rig)], rig, mapper=map, without=without)
+
+
+def evenly(run: Run, rig: Rig) -> EvenRun:
+    found = even_rows(run, rig)
+    assert found is not None
+    return found
 
 
 def on_the_bench(rig: Rig, trajectory: Trajectory, out: Path) -> Run:
@@ -59,27 +66,25 @@ def on_the_bench(rig: Rig, trajectory: Trajectory, out: Path) -> Run:
     return run
 
 
-def apart(found: Findings) -> float:
+def apart(found: Identified) -> float:
     """Return how much less the eccentric pulley leaves than the growing spool, in χ²."""
-    much = found.choice.inflation  # which scores are divided by
-    gain = {c.id: c.score * much.get(c.id, 1.0) for c in found.choice.candidates if c.step == 0}
-    # Its second parameter costs it 2 in the score.
+    gain = {model.effects[-1]: model.gain for model in found.found.steps[0].tried}
+    # Its second parameter costs it 2 in the gain.
     return gain["pulley_eccentricity"] + 2.0 - gain["spool_radius_change"]
 
 
 @pytest.mark.long
 @pytest.mark.timeout(900)
 def test_the_experiment_separates_as_predicted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choice, "MAX_EFFECTS", 1)  # which one it is, is asked; not what might come on top
+    monkeypatch.setattr(search, "MAX_EFFECTS", 1)  # which one it is, is asked; not what might come on top
     case = make_case(
         {"pulley_eccentricity": {"cosine": 0.0, "sine": 0.004}}, 8, scenarios=(("trapezoid",), ()), rig=LIMITED
     )
     held = Run("held", case.fit[0].columns)
-    first = investigated([case.fit[0], held], LIMITED)
-    models = {rival.model.effects: rival.model for rival in first.choice.rivals}
+    first = identified([case.fit[0]], held, LIMITED)
+    models = {rival.effects: rival for rival in first.found.rivals}
     assert set(models) == {(effect_id,) for effect_id in TIED}
-    proposal = propose(first, detectable(first))
-    assert proposal is not None
+    proposal = propose(first, LIMITED, [case.fit[0]], detectable(first.found.steps[0]), map)
     assert len(models) <= MOST_RIVALS
     assert {name for ids in proposal.result.separates for name in ids} == TIED
     predicted = proposal.result.predicted_separation
@@ -87,8 +92,8 @@ def test_the_experiment_separates_as_predicted(tmp_path: Path, monkeypatch: pyte
     path = tmp_path / "next_experiment.csv"
     write_trajectory(proposal.trajectory, path)
     made = on_the_bench(case.true, read_trajectory(path), tmp_path)
-    second = investigated([case.fit[0], made, held], LIMITED)
+    second = identified([case.fit[0], made], held, LIMITED)
 
-    assert [rival.model.effects for rival in second.choice.rivals] == [("pulley_eccentricity",)]
+    assert [rival.effects for rival in second.found.rivals] == [("pulley_eccentricity",)]
     achieved = (apart(second) - apart(first)) ** 0.5
     assert predicted / BELOW < achieved < predicted * ABOVE

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from hil_forceps.diagnosis.driven.smoothing import smoothed_as_noise_asks, white_deviation
+from hil_forceps.diagnosis.preparation.sensor_noise import autoregressive_noise
 from hil_forceps.diagnosis.result import AuditFinding
 from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.rig.errors import UserError
@@ -33,6 +34,7 @@ STILL_SHARE = 0.03  # of the top speed: below it friction may be anything up to 
 TOP_QUANTILE = 0.99
 AFTER_GAP_S = 0.05
 UNEVEN = 0.02  # of a row: stamps that vary by more are interpolated
+DRIVING = ("theta_m_rad", "tau_w_N_m", "theta_j_rad")
 CHANNELS = ("theta_m_rad", "current_A", "tau_m_N_m", "theta_j_rad", "tau_w_N_m")
 
 
@@ -69,17 +71,28 @@ def driven_rows(runs: Sequence[Run]) -> tuple[list[DrivenRows], list[AuditFindin
         raise UserError(f"{short[0]}: too few rows to diagnose; at least {FEWEST_ROWS} are needed")
     periods = [float(np.median(np.diff(run.columns["time_s"]))) for run in runs]
     count = sum(float(np.ptp(run.columns["time_s"])) / period for run, period in zip(runs, periods, strict=True))
+    slow = {name: _slow_noise(runs, name) for name in DRIVING}
     notes, found = [], []
     for run, period_s in zip(runs, periods, strict=True):
         factor = max(1, round(1.0 / (HIGHEST_RATE_Hz * period_s)), int(np.ceil(count / MOST_ROWS)))
-        found.append(_rows(run, period_s, factor))
+        found.append(_rows(run, period_s, factor, slow))
         corner_Hz = PASS_SHARE / (factor * period_s)
         text = f"all channels low-passed at {corner_Hz:.3g} Hz, one row in {factor} used"
         notes.append(AuditFinding("preparation", "note", run.name, "", text))
     return found, notes
 
 
-def _rows(run: Run, period_s: float, factor: int) -> DrivenRows:
+def _slow_noise(runs: Sequence[Run], name: str) -> float:
+    """Return the deviation of white noise that is as strong as a channel's where it is slow."""
+    told = [(run, run.columns[name]) for run in runs if name in run.columns]
+    if not told:
+        return 0.0
+    deviation, correlation = autoregressive_noise(told)
+    coloured = deviation * float(np.sqrt((1.0 + correlation) / (1.0 - correlation)))
+    return max(coloured, white_deviation([values for _, values in told]))
+
+
+def _rows(run: Run, period_s: float, factor: int, slow_noise: dict[str, float]) -> DrivenRows:
     columns = {name: run.columns[name] for name in CHANNELS if name in run.columns}
     columns, missing = _on_even_rows(run.columns["time_s"], period_s, columns)
     if "current_A" in columns:
@@ -97,7 +110,7 @@ def _rows(run: Run, period_s: float, factor: int) -> DrivenRows:
 
     load_known = "tau_w_N_m" in columns
     driving = [name for name in ("theta_m_rad", "tau_w_N_m" if load_known else "theta_j_rad") if name in columns]
-    calm = {name: slow(smoothed_as_noise_asks(columns[name], jumps)) for name in driving}
+    calm = {name: slow(smoothed_as_noise_asks(columns[name], jumps, slow_noise[name])) for name in driving}
     passed = float(np.sqrt(2.0 * PASS_SHARE / factor))
     noise = {name: passed * white_deviation([values]) for name, values in columns.items()}
     columns = {name: slow(values) for name, values in columns.items()}

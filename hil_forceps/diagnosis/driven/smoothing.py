@@ -31,9 +31,11 @@ def white_deviation(pieces: Sequence[Vector]) -> float:
     return max(by_differences, quantum / np.sqrt(12.0)) if counted else by_differences
 
 
-def smoothed_as_noise_asks(values: Vector, jumps: NDArray[np.intp]) -> Vector:
-    """Return values without their noise; the rows after which they jump are kept apart."""
-    deviation = white_deviation([values])
+def smoothed_as_noise_asks(values: Vector, jumps: NDArray[np.intp], deviation: float) -> Vector:
+    """Return values without their noise; the rows after which they jump are kept apart.
+
+    `deviation`: of white noise that is as strong as theirs where it is slow.
+    """
     if deviation <= 0.0:
         return values
     pieces = np.split(values, jumps + 1)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.evidence import Gram, Mapper, Passed, Wave, gram_of, total
-from hil_forceps.diagnosis.hypotheses.places import Place
+from hil_forceps.diagnosis.hypotheses.places import Harmonics, Place
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, score_test
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of
 
@@ -20,8 +20,14 @@ KEPT = 3
 AT_ONCE = 50
 
 
-def telling_harmonics(model: Fit, mapper: Mapper, *, with_current: bool) -> tuple[float, ...]:
-    """Return the harmonics whose torque explains most beside a model."""
+def telling_harmonics(model: Fit, mapper: Mapper) -> Harmonics:
+    """Return the harmonics of torques, and of torques in proportion to the current, that explain most."""
+    cogging, looks = _best(model, mapper, with_current=False)
+    ripple, _ = _best(model, mapper, with_current=True)
+    return Harmonics(cogging, ripple, max(1, looks // KEPT))
+
+
+def _best(model: Fit, mapper: Mapper, *, with_current: bool) -> tuple[tuple[float, ...], int]:
     passes = model.passes
     courses = [run.course(passes.plants, before=False) for run in passes.runs]
     turns = max(float(np.ptp(c.theta_m)) for c in courses) / (2.0 * np.pi)
@@ -45,4 +51,4 @@ def telling_harmonics(model: Fit, mapper: Mapper, *, with_current: bool) -> tupl
         places = [Place("", {}, {}, 2 * i, 2 * i + 2, False) for i in range(count)]
         gains.append(score_test(total(list(grams)), Prior.of(model.free, passes.theta), places).gains)
     best = np.argsort(-np.concatenate(gains))[:KEPT]
-    return tuple(sorted(float(looked_at[i]) for i in best))
+    return tuple(sorted(float(looked_at[i]) for i in best)), looked_at.size

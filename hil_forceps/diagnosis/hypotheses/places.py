@@ -1,5 +1,6 @@
 """Where to look for each entry of the catalogue, from the course of the filtered state."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -30,14 +31,29 @@ class Place(NamedTuple):
     first: int
     stop: int
     one_sided: bool
+    looks: int = 1  # of how many it was chosen as one of the best: chance gives the best of many more
+
+    @property
+    def cost(self) -> float:
+        """What its gain is lessened by for that (Bonferroni, in χ²)."""
+        return 2.0 * math.log(self.looks)
 
 
-def scene_of(passes: Passes, harmonics: tuple[tuple[float, ...], tuple[float, ...]] | None = None) -> Scene:
+class Harmonics(NamedTuple):
+    """Harmonics that are looked at, and of how many each was chosen."""
+
+    cogging: tuple[float, ...]
+    ripple: tuple[float, ...]
+    looks: int
+
+
+def scene_of(passes: Passes, harmonics: Harmonics | None = None) -> Scene:
     """Return what the runs contain; `harmonics`: of cogging and of ripple, the usual ones where they are whole."""
     p = passes.plants.sliding
     courses = [run.course(passes.plants, before=False) for run in passes.runs]
     jaw = np.concatenate([c.theta_j for c in courses])
     reach = tuple(float(v) for v in (jaw.min(), jaw.max()) if abs(v) > 0.02 * np.ptp(jaw))
+    usual = (*HARMONICS, p.r_m / p.r_j)
     return Scene(
         max(float(c.time_s[-1]) + c.period_s for c in courses),
         max(float(np.ptp(c.theta_m)) for c in courses),
@@ -45,12 +61,13 @@ def scene_of(passes: Passes, harmonics: tuple[tuple[float, ...], tuple[float, ..
         quantiles_of_speed(np.concatenate([c.omega_m for c in courses])),
         max(float(np.ptp(c.stretch_m)) for c in courses),
         max(float(np.abs(c.current_A).max()) for c in courses),
-        *(harmonics or ((*HARMONICS, p.r_m / p.r_j),) * 2),
+        harmonics.cogging if harmonics else usual,
+        harmonics.ripple if harmonics else usual,
     )
 
 
 def places_of(
-    passes: Passes, without: frozenset[str], harmonics: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    passes: Passes, without: frozenset[str], harmonics: Harmonics | None = None
 ) -> tuple[list[Place], list[Direction], list[Wave]]:
     """Return the places to look at beside the pass's model, and what their columns are: directions, then waves."""
     found = probes(scene_of(passes, harmonics), without)
@@ -68,13 +85,16 @@ def places_of(
             waves += _waves(probe)
             columns.append((probe, at, at + 2))
     columns.sort(key=lambda column: EFFECT_IDS.index(column[0].effect_id))
-    return [_place(*column) for column in columns], directions, waves
+    looks = harmonics.looks if harmonics else 1
+    return [_place(*column, looks) for column in columns], directions, waves
 
 
-def _place(probe: Probe, first: int, stop: int) -> Place:
+def _place(probe: Probe, first: int, stop: int, looks: int) -> Place:
     shape = {k: v for k, v in probe.start.items() if k not in probe.amplitudes}
     amplitudes = {k: probe.start[k] for k in probe.amplitudes}
-    return Place(probe.effect_id, shape, amplitudes, first, stop, probe.one_sided)
+    return Place(
+        probe.effect_id, shape, amplitudes, first, stop, probe.one_sided, looks if probe.effect_id in WAVES else 1
+    )
 
 
 def _waves(probe: Probe) -> list[Wave]:

@@ -88,7 +88,7 @@ def _gain(s: Matrix, b: Vector, place: Place, good: NDArray[np.bool_]) -> tuple[
     if place.one_sided and size[0] <= 0.0:
         return 0.0, sizes
     sizes[chosen - place.first] = size
-    return float(b[chosen] @ size) - COST_PER_COLUMN * (chosen.size - 1), sizes
+    return float(b[chosen] @ size) - COST_PER_COLUMN * (chosen.size - 1) - place.cost, sizes
 
 
 def _threshold(s: Matrix, places: Sequence[Place], good: NDArray[np.bool_], seed: int) -> float:

@@ -118,7 +118,8 @@ def search(s: Search, theta: Vector) -> Found:
                 left_out.append(f"{start.place.effect_id} {beside}")
                 continue
             s.progress(f"fitting {start.place.effect_id} {beside}")
-            tried = _with_one_more(tried, _refitted(s, best, start))
+            refitted = _refitted(s, best, start)
+            tried = _with_one_more(tried, refitted._replace(gain=refitted.gain - start.place.cost))
         least = max(tested.threshold, s.least_share * explained)
         joined = sorted((c for c in tried if c.gain > least), key=lambda c: -c.gain)
         light = tuple(c.without_runs() for c in tried)
@@ -169,8 +170,7 @@ def _scored(s: Search, model: Candidate) -> tuple[list[Place], Tested]:
     taken = frozenset(model.effects) - {"channel_skew"}
     harmonics = None
     if s.geared:
-        cogging = telling_harmonics(model.fit, s.mapper, with_current=False)
-        harmonics = (cogging, telling_harmonics(model.fit, s.mapper, with_current=True))
+        harmonics = telling_harmonics(model.fit, s.mapper)
     places, directions, waves = places_of(passes, s.without | taken, harmonics)
     found = gram(passes, [*directions_of(free, passes.theta), *directions], s.mapper, waves)
     return places, score_test(found, Prior.of(free, passes.theta), places, s.seed)

@@ -48,7 +48,7 @@ def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
     deviation, correlation, resolution = np.zeros(3), np.zeros(3), np.zeros(3)
     for channel, (name, course) in enumerate(zip(COLUMNS, courses, strict=True)):
         told = [(run, values) for run in runs if (values := course(run)) is not None]
-        deviation[channel], correlation[channel] = _autoregressive(told) if told else (known[channel], 0.0)
+        deviation[channel], correlation[channel] = autoregressive_noise(told) if told else (known[channel], 0.0)
         step = resolution_of([run.columns[name] for run in runs if name in run.columns])
         if deviation[channel] < step:  # the same value again and again is no new evidence
             before = math.sqrt(max(deviation[channel] ** 2 - step**2 / 12.0, 0.0))
@@ -72,7 +72,7 @@ def _current_beside_law(run: Run, rig: Rig) -> Vector | None:
     return np.asarray(columns["current_A"][1:] - command[:-1])
 
 
-def _autoregressive(told: Sequence[tuple[Run, Vector]]) -> tuple[float, float]:
+def autoregressive_noise(told: Sequence[tuple[Run, Vector]]) -> tuple[float, float]:
     """Return deviation and correlation from row to row; the correlation is 0 where the noise is white to chance."""
     near, far = (_difference_variance(told, spacing) for spacing in (NEAR, FAR))
     if near <= 0.0:

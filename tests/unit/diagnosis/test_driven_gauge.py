@@ -6,14 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil_forceps.diagnosis.experiment import Calm, Record
-from hil_forceps.diagnosis.gauge import K, with_scale
-from hil_forceps.diagnosis.jaw_zero import jaw_zero_rad, without_jaw_zero
+from hil_forceps.diagnosis.driven.gauge import K, with_scale
+from hil_forceps.diagnosis.driven.jaw_zero import jaw_zero_rad, without_jaw_zero
+from hil_forceps.diagnosis.driven.rows import Calm, DrivenRows
+from hil_forceps.diagnosis.driven.starting import R_J, R_M
 from hil_forceps.diagnosis.result import Estimate, Shift
-from hil_forceps.diagnosis.starting import R_J, R_M
+from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.rig import load_rig
 
-RIG = load_rig(Path(__file__).parents[2] / "configs" / "paper.yaml")
+RIG = load_rig(Path(__file__).parents[3] / "configs" / "paper.yaml")
 UNKNOWN = RIG.with_changes(
     {
         R_M: {"value": 2e-3, "sd": 1e-3, "min": 1e-3, "max": 8e-3},
@@ -46,17 +47,16 @@ def test_a_rig_that_knows_a_radius_or_fits_none_is_left_alone() -> None:
     assert with_scale(assumed, UNKNOWN) == (assumed, ())
 
 
-def record_of(zero: float, level: float, *, driving: bool = False) -> Record:
+def record_of(zero: float, level: float, *, driving: bool = False) -> DrivenRows:
     time = np.arange(500, dtype=np.float64) * 0.01
     theta = np.asarray(0.5 * np.sin(3.0 * time))
     jaw = np.asarray(0.9 * theta - 1.3 * level - 0.02 * np.sign(np.cos(3.0 * time)) + zero)
     torque = {"tau_m_N_m": np.zeros(500)}
     load = None if driving else np.full(500, level)
     channels = torque if driving else torque | {"theta_j_rad": jaw}
-    rows = np.empty(0, np.intp)
     other = jaw if driving else None
-    calm = Calm(theta, load, other)
-    return Record("a", "driven", 0.01, time, theta, channels, load, rows, np.ones(500), True, other, calm=calm)
+    rows = Rows("a", 0.01, time, theta, channels, load, np.ones(500), driven=True)
+    return DrivenRows(rows, other, Calm(theta, load, other), {})
 
 
 def test_a_far_zero_of_the_jaw_is_taken_out_of_every_run_and_said() -> None:
@@ -68,7 +68,7 @@ def test_a_far_zero_of_the_jaw_is_taken_out_of_every_run_and_said() -> None:
     assert len(held) == 1
     for record in (*found, *held):
         assert jaw_zero_rad([record]) == pytest.approx(0.0, abs=0.2)
-    moved = records[1].channels["theta_j_rad"] - found[1].channels["theta_j_rad"]
+    moved = records[1].rows.channels["theta_j_rad"] - found[1].rows.channels["theta_j_rad"]
     assert moved == pytest.approx(np.full(500, 1.27), abs=1e-3)
 
 
@@ -81,5 +81,5 @@ def test_a_jaw_that_drives_loses_its_zero_too_and_a_near_zero_stays() -> None:
     assert notes
     near = [record_of(0.01, level) for level in (0.0, 0.02)]
     assert without_jaw_zero(near, []) == (near, [], ())
-    none = [near[0]._replace(channels={"tau_m_N_m": np.zeros(500)})]
+    none = [near[0]._replace(rows=near[0].rows._replace(channels={"tau_m_N_m": np.zeros(500)}))]
     assert without_jaw_zero(none, []) == (none, [], ())

@@ -7,15 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil_forceps.diagnosis import choice, experiment_driven
-from hil_forceps.diagnosis.assemble import assemble
 from hil_forceps.diagnosis.conclude import Conclusion, diagnose, silent
-from hil_forceps.diagnosis.diagnose import Options, fit_baseline, investigate
-from hil_forceps.diagnosis.fit import fit
-from hil_forceps.diagnosis.judge import judge
-from hil_forceps.diagnosis.spectrum import white_noise, whitening
-from hil_forceps.diagnosis.starting import completed, guess
-from hil_forceps.diagnosis.unknowns import GAUGE
+from hil_forceps.diagnosis.driven import rows as driven_rows_of
+from hil_forceps.diagnosis.driven.identification import identify_driven, known_of
+from hil_forceps.diagnosis.driven.rows import driven_rows
+from hil_forceps.diagnosis.driven.start import driven_runs
+from hil_forceps.diagnosis.driven.starting import completed, guess
+from hil_forceps.diagnosis.driven.whitening import ORDER, rows_before, whitening
+from hil_forceps.diagnosis.hypotheses import search
+from hil_forceps.diagnosis.inference.fit import fit
+from hil_forceps.diagnosis.inference.parameters import GAUGE
+from hil_forceps.diagnosis.options import Options
+from hil_forceps.diagnosis.validation.verdict import judge
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
@@ -23,8 +26,9 @@ from hil_forceps.runs.readers import read_run
 from hil_forceps.runs.table import Run
 from tests.hidden_effects.cases import SCENARIO_SETS
 from tests.hidden_effects.generator import COLOURED, WHITE, Case, NoiseKind, make_case
+from tests.unit.diagnosis.runs_of_a_forceps import POOL
 
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[3]
 DATA = Path(os.environ.get("HIL_FORCEPS_DATA", REPOSITORY.parent / "shared" / "data"))
 SCENARIOS = (("multisine", "trapezoid"), ("teleoperation",))
 UNKNOWN = {
@@ -46,7 +50,6 @@ def concluded(case: Case) -> Conclusion:
     return diagnose(case.runs, without_drive(case), Options(hold_out=tuple(run.name for run in case.held_out)))
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect_id", "values"),
     [
@@ -58,7 +61,7 @@ def concluded(case: Case) -> Conclusion:
 def test_a_hidden_effect_is_the_first_that_is_named(
     effect_id: str, values: dict[str, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(choice, "MAX_EFFECTS", 1)  # the first of the whole catalogue; what it then finds is not asked
+    monkeypatch.setattr(search, "MAX_EFFECTS", 1)  # the first of the whole catalogue; what it then finds is not asked
     found = concluded(hidden({effect_id: values})).diagnosis
     assert next(c.id for c in found.candidates if c.state == "named") == effect_id
     first, second = found.ladder[0].rmse, found.ladder[1].rmse
@@ -66,13 +69,12 @@ def test_a_hidden_effect_is_the_first_that_is_named(
     assert min(second[name] / first[name] for name in first) < 0.7
 
 
-@pytest.mark.long
 def test_nothing_hidden_leaves_little_unexplained() -> None:
     case = hidden({})
     found = concluded(case).diagnosis
     assert set(found.noise_sd) == {"current_A", "theta_j_rad"}
     # The sensors' white noise, as far as it passes the low pass: its share of the band is twice the corner.
-    white = case.assumed.noise.current_A * np.sqrt(2.0 * experiment_driven.PASS_SHARE)
+    white = case.assumed.noise.current_A * np.sqrt(2.0 * driven_rows_of.PASS_SHARE)
     for rung in found.ladder:
         assert rung.rmse["current_A"] < 1.3 * white
 
@@ -81,16 +83,16 @@ def test_nothing_hidden_leaves_little_unexplained() -> None:
 def test_nothing_hidden_is_named_and_the_jaw_keeps_its_inertia(noise: NoiseKind) -> None:
     """Noise of what drives is in the residual: with sensitivities that it drives, too, inertia came out at a fifth."""
     case = make_case({}, 1, scenarios=SCENARIO_SETS["work"], noise=noise)
-    found = investigate(case.runs, without_drive(case), Options(hold_out=tuple(run.name for run in case.held_out)))
-    assert judge(found).verdict == "consistent"
-    fitted = found.baseline.problem.theta(found.baseline.fit.u)[parameters.index("forceps.jaw_inertia_kg_m2")]
+    found = identify_driven(case.fit, case.held_out, without_drive(case), mapper=POOL.map).found
+    assert judge(found, without_drive(case)).verdict == "consistent"
+    fitted = found.found.baseline.passes.theta[parameters.index("forceps.jaw_inertia_kg_m2")]
     assert fitted == pytest.approx(case.true.plant().jaw_inertia_kg_m2, rel=0.25)
 
 
 def test_starting_values_come_from_the_balances() -> None:
     case = hidden({})
-    records, notes = experiment_driven.prepare_driven(case.fit)
-    assert all("one row in 4 used" in note for note in notes)
+    records, notes = driven_rows(case.fit)
+    assert all("one row in 8 used" in note.text for note in notes)
     plant = case.true.plant()
     found = guess(records)
     assert found.ratio == pytest.approx(plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m, rel=0.01)
@@ -100,31 +102,30 @@ def test_starting_values_come_from_the_balances() -> None:
     assert rig.torque_constant_N_m_per_A == pytest.approx(plant.torque_constant_N_m_per_A, rel=0.05)
 
 
-def test_what_is_unknown_is_fitted_and_reported_as_unknown() -> None:
+def test_what_is_unknown_is_fitted_and_no_channel_holds_a_length() -> None:
     case = hidden({})
-    rig = without_drive(case).with_changes(UNKNOWN)
-    records, _ = experiment_driven.prepare_driven(case.fit)
-    _, _, baseline, _ = fit_baseline(records, completed(records, rig), Options(), tuple(UNKNOWN))
-    items = {item.name: item for item in baseline.problem.shared.items}
-    # One radius is held: no channel holds a length.
-    assert {name for name, item in items.items() if item.assumed is None} == set(UNKNOWN) - {GAUGE}
-    values = baseline.problem.shared.values(baseline.fit.u[: len(items)])
-    fitted = dict(zip(items, values, strict=True))
-    stiffness = case.true.plant().wire_stiffness_N_per_m
-    assert fitted["forceps.wire_stiffness_N_per_m"] == pytest.approx(stiffness, rel=0.1)
+    records, _ = driven_rows(case.fit)
+    rig = completed(records, without_drive(case).with_changes(UNKNOWN))
+    runs = driven_runs(records)
+    free = known_of(rig, runs)
+    names = {f.name for f in free}
+    assert set(UNKNOWN) - names == set(GAUGE)
+    fitted = fit(runs, parameters.vector(rig), free, POOL.map)
+    stiffness = fitted.passes.theta[parameters.index("forceps.wire_stiffness_N_per_m")]
+    assert stiffness == pytest.approx(case.true.plant().wire_stiffness_N_per_m, rel=0.1)
 
 
 def test_what_nothing_bounds_is_refused() -> None:
     case = hidden({})
-    records, _ = experiment_driven.prepare_driven(case.fit)
+    records, _ = driven_rows(case.fit)
     with pytest.raises(UserError, match="no bounds"):
         completed(records, without_drive(case).with_changes({"forceps.wire_stiffness_N_per_m": "unknown"}))
 
 
 def test_the_load_may_be_missing_where_the_jaw_is_seen() -> None:
     case = make_case({}, 1, scenarios=SCENARIOS, drop=("tau_w_N_m", "theta_m_ref_rad"))
-    records, _ = experiment_driven.prepare_driven(case.fit)
-    assert all(list(record.channels) == ["current_A"] and record.theta_j_rad is not None for record in records)
+    records, _ = driven_rows(case.fit)
+    assert all(list(r.rows.channels) == ["current_A"] and r.theta_j_rad is not None for r in records)
     assert not silent(case.runs, case.assumed)
 
 
@@ -134,19 +135,40 @@ def test_rows_at_rest_near_jumps_and_in_gaps_do_not_count() -> None:
     load = np.where(time_s < 1.2, 0.0, 1e-3)
     kept = (time_s < 0.6) | (time_s > 0.7)
     columns = {"time_s": time_s, "theta_m_rad": angle, "current_A": 0.01 * np.ones(4000), "tau_w_N_m": load}
-    (record,), _ = experiment_driven.prepare_driven([Run("a", {name: v[kept] for name, v in columns.items()})])
-    counted = record.time_s[record.weights > 0.0]
-    assert counted.size > 300
+    (record,), _ = driven_rows([Run("a", {name: v[kept] for name, v in columns.items()})])
+    counted = record.rows.time_s[record.rows.weights > 0.0]
+    assert counted.size > 150
     assert not np.any((counted > 0.6) & (counted < 0.7))
     assert not np.any((counted > 1.17) & (counted < 1.23))
     assert not np.any(counted > 2.1)
 
 
 def test_many_long_runs_are_thinned_out_to_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiment_driven, "MAX_ROWS", 2000)
-    records, notes = experiment_driven.prepare_driven(hidden({}).fit)
-    assert sum(record.time_s.size for record in records) < 2100
+    monkeypatch.setattr(driven_rows_of, "MOST_ROWS", 2000)
+    records, notes = driven_rows(hidden({}).fit)
+    assert sum(record.rows.time_s.size for record in records) < 2100
     assert len(notes) == len(records)
+
+
+def test_whitening_makes_an_autoregression_white_from_the_first_row_behind_a_gap_on() -> None:
+    rng = np.random.default_rng(1)
+    n = 20_000
+    noise, values = rng.standard_normal(n), np.zeros(n)
+    for k in range(2, n):
+        values[k] = 1.5 * values[k - 1] - 0.7 * values[k - 2] + 0.3 * noise[k]
+    mask = np.ones(n, dtype=np.bool_)
+    mask[:50] = False
+    mask[rng.integers(100, n, 400)] = False
+    hidden_values = np.where(mask, values, 1e3)  # what doesn't count has no say
+    found = whitening([hidden_values], [mask]).of(hidden_values[:, np.newaxis], mask)[:, 0]
+    assert not found[~mask].any()
+    before = rows_before(mask)
+    for first, last in ((0, 0), (1, 1), (2, ORDER - 1), (ORDER, ORDER)):
+        here = found[mask & (before >= first) & (before <= last)]
+        assert here.size > 100
+        assert float(np.mean(here**2)) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / here.size))
+    whole = found[mask & (before == ORDER)]
+    assert abs(float(np.mean(whole[1:] * whole[:-1]))) < 0.03
 
 
 def needed(path: Path) -> Path:
@@ -158,22 +180,21 @@ def needed(path: Path) -> Path:
 @pytest.mark.shared_data
 def test_emps_has_the_published_parameters() -> None:
     runs = read_run(needed(DATA / "emps" / "DATA_EMPS.mat"))
-    rig = load_rig(REPOSITORY / "configs" / "emps.yaml")
-    records, _ = experiment_driven.prepare_driven(runs)
-    problem = assemble(records, completed(records, rig), map).problem
-    # As published: least squares, every frequency alike.
-    alike = whitening(problem.layout, white_noise(problem.layout, np.full(len(problem.layout.band_Hz), 5e-5)))
-    found = fit(problem, np.zeros(problem.size), alike)
-    items = problem.shared.items
-    values = dict(zip((i.name for i in items), problem.shared.values(found.u[: len(items)]), strict=True))
+    records, _ = driven_rows(runs)
+    rig = completed(records, load_rig(REPOSITORY / "configs" / "emps.yaml"))
+    # As published: least squares, every frequency alike, which is what runs have before a model was fitted.
+    made = driven_runs(records)
+    found = fit(made, parameters.vector(rig), known_of(rig, made), POOL.map)
+    values = {f.name: v for f, v in zip(found.free, found.values, strict=True)}
     per_metre = 5e-3**2
     assert values["forceps.motor_inertia_kg_m2"] / per_metre == pytest.approx(95.1089, rel=0.02)
     assert values["forceps.motor_viscous_N_m_s_per_rad"] / per_metre == pytest.approx(203.5, rel=0.02)
     assert values["forceps.motor_coulomb_N_m"] / 5e-3 == pytest.approx(20.394, rel=0.03)
-    assert problem.nuisances(found.u)[0].integral_rad_s / 5e-3 == pytest.approx(-3.165, rel=0.05)
-    here = records[0].weights > 0.0
-    measured = records[0].channels["tau_m_N_m"][here]
-    left = measured - found.outputs[0]["tau_m_N_m"][here]
+    passed = found.passes.runs[0]
+    assert passed.zeros["tau_m_N_m"] / 5e-3 == pytest.approx(-3.165, rel=0.05)
+    here = records[0].rows.weights > 0.0
+    measured = records[0].rows.channels["tau_m_N_m"][here]
+    left = passed.raw["tau_m_N_m"][here] - passed.zeros["tau_m_N_m"]
     assert np.linalg.norm(left) / np.linalg.norm(measured) < 0.0408
 
 
@@ -181,7 +202,7 @@ def test_emps_has_the_published_parameters() -> None:
 def test_the_surgical_tool_starts_from_its_own_balances() -> None:
     path = needed(DATA / "surgical_tool" / "Tool_4_Maryland_L_4.zip")
     runs = [run for run in read_run(path) if run.name in ("02", "25", "48")]
-    records, _ = experiment_driven.prepare_driven(runs)
+    records, _ = driven_rows(runs)
     found = guess(records)
     assert 0.5 < found.ratio < 2.0
     assert found.give_rad_per_N_m > 0.0

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.conclude import diagnose
 from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.validation.estimates import GAINS, compared, estimate, estimate_gains
-from hil_forceps.diagnosis.experiment import Record, prepare
+from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.estimation import batch
 from hil_forceps.estimation.registry import make_estimator
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from hil_forceps.runs.table import Run
-from tests.hidden_effects.estimates import ALGORITHMS, PAGE, Errors, Row, errors, lines, sized
+from tests.hidden_effects.estimates import ALGORITHMS, PAGE, Errors, Row, compared_rows, errors, lines, sized
 from tests.hidden_effects.generator import RIG, generate, true_rig
 from tests.hidden_effects.generator_scenarios import SCENARIOS
 from tests.hidden_effects.generator_sizes import Effects
@@ -29,9 +29,8 @@ def run_of(effects: Effects, scenario: str = "multisine", seed: int = 1) -> Run:
     return generate(true_rig(RIG, effects, {}), replace(SCENARIOS[scenario], duration_s=SHORT_S), seed)
 
 
-def record_of(effects: Effects, scenario: str = "multisine") -> Record:
-    records, _ = prepare([run_of(effects, scenario)], RIG)
-    return records[0]
+def record_of(effects: Effects, scenario: str = "multisine") -> Rows:
+    return compared_rows(run_of(effects, scenario))
 
 
 def rig_of(effects: Effects) -> Rig:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.experiment import Record
+from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.diagnosis.validation.strokes import floors_with_strokes, period_rows, strokes_of
 
 Vector = NDArray[np.float64]
@@ -12,12 +12,11 @@ ROW_S = 0.01
 ROWS = 2000
 TIME: Vector = np.arange(ROWS, dtype=np.float64) * ROW_S
 NOISE = {"tau_m_N_m": 2e-3, "theta_j_rad": 5e-4}
-NO_ROWS = np.empty(0, np.intp)
 
 
 def record_of(
     period_s: float = 2.374, name: str = "a", weights: Vector | None = None, motion: Vector | None = None
-) -> Record:
+) -> Rows:
     """A stroke with a crooked answer to it; motion and load differ a little from stroke to stroke."""
     rng = np.random.default_rng(3)
     phase = 2.0 * np.pi * TIME / period_s
@@ -31,7 +30,7 @@ def record_of(
         "theta_j_rad": jaw + NOISE["theta_j_rad"] * rng.standard_normal(ROWS),
     }
     ones = np.ones(ROWS) if weights is None else weights
-    return Record(name, "driven", ROW_S, TIME, theta, channels, load, NO_ROWS, ones, True)
+    return Rows(name, ROW_S, TIME, theta, channels, load, ones, driven=True)
 
 
 @pytest.mark.parametrize("period_s", [1.0, 2.374, 6.1])
