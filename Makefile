@@ -7,7 +7,7 @@ TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install bench test test-long lint types layers unit system targets targets-short targets-quick fuzz hidden-effects hidden-effects-smooth real-data benchmark wheel clean
+.PHONY: install bench test test-long lint types layers unit system targets targets-short targets-quick fuzz hidden-effects real-data benchmark wheel clean
 
 install:
 	@tools/install.sh $(VENV)
@@ -75,12 +75,7 @@ hidden-effects: install
 	$(PY) -m tests.hidden_effects.drawn_campaign --out $(OUT)/drawn-effects --jobs 2
 	$(PY) -m tests.hidden_effects.drawn_campaign --out $(OUT)/drawn-effects --counts
 
-# The campaign of release 0.1: no dry friction, one drive.
-hidden-effects-smooth: install
-	$(PY) -m tests.hidden_effects.campaign --out $(OUT)/hidden-effects --jobs 2 --resume
-	$(PY) -m tests.hidden_effects.tally $(OUT)/hidden-effects --markdown docs/diagnosis.md --figures docs/figures
-
-# The ladders of the surgical tool, where its data are beside this folder or at HIL_FORCEPS_DATA; some 15 minutes.
+# The ladders of the surgical tool, where its data are beside this folder or at HIL_FORCEPS_DATA; some 6 minutes.
 real-data: install
 	$(PY) -m pytest -m campaign tests/unit
 

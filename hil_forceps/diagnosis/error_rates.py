@@ -8,4 +8,5 @@ DETECTION_POWER = 0.8  # share of data sets in which an effect of the least dete
 # Times what chance leaves in curves: less is no misfit.
 LEFT_OVER_CHANCE = 2.0  # tuned: sets without effect, fine encoders and fast drives
 UNEXPLAINED_SHARE = 0.015  # of what is explained: what may be left beside named effects without doubting them
+UNEXPLAINED_SHARE_DRIVEN = 0.1  # the same of runs that are driven by their motion  # tuned: two jaws of an instrument
 SETS_WITHOUT_TRUTH = 0.05  # share of data sets whose set of models doesn't hold the true one, at most

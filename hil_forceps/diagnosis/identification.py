@@ -38,6 +38,7 @@ Vector = NDArray[np.float64]
 LIKE_A_LOAD = frozenset(entry.id for entry in EFFECTS if entry.location == "jaw")
 
 
+MOST_EFFECTS = 6
 # Of what is explained: the model's step and the rows at which it switches are exact to 3 % of an amplitude, and
 # what such an error gains is no entry's merit.
 INEXACT_SHARE = 1e-3  # tuned: a current's limit of d = 2700
@@ -75,10 +76,20 @@ def identify(
     records, unseen_records, theta = records_of(runs, held_out, rig, noise, mapper)
     known = known_of(rig, records)
     without |= frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
-    adapt = adapting(mapper)
-    found = search(
-        Search(records, known, mapper, without, seed, progress, spent, adapt, INEXACT_SHARE, geared=False), theta
+    how = Search(
+        records,
+        known,
+        mapper,
+        without,
+        seed,
+        progress,
+        spent,
+        adapting(mapper),
+        INEXACT_SHARE,
+        geared=False,
+        most_effects=MOST_EFFECTS,
     )
+    found = search(how, theta)
     progress("looking at what is left")
     after = omnibus_test(found.best.fit, mapper, seed)
     before = omnibus_test(found.baseline, mapper, seed) if found.best.effects else after

@@ -9,8 +9,8 @@ from hil_forceps.bench.session import Plan, feedback_period_s, host_config, run_
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.cli.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.diagnosis import identification
 from hil_forceps.diagnosis.experiment_design.next_experiment import MOST_RIVALS, propose
-from hil_forceps.diagnosis.hypotheses import search
 from hil_forceps.diagnosis.identification import Identified, identify
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.diagnosis.validation.verdict import detectable
@@ -76,7 +76,7 @@ def apart(found: Identified) -> float:
 @pytest.mark.long
 @pytest.mark.timeout(900)
 def test_the_experiment_separates_as_predicted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(search, "MAX_EFFECTS", 1)  # which one it is, is asked; not what might come on top
+    monkeypatch.setattr(identification, "MOST_EFFECTS", 1)  # which one it is, is asked; not what might come on top
     case = make_case(
         {"pulley_eccentricity": {"cosine": 0.0, "sine": 0.004}}, 8, scenarios=(("trapezoid",), ()), rig=LIMITED
     )

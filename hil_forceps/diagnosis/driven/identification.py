@@ -27,6 +27,7 @@ from hil_forceps.runs.table import Run
 # What is left of other causes is no noise, and some entry follows a little of it (0.7 % by a weight on an axis that
 # lies flat, for the worse in the runs held out).
 LEAST_SHARE = 0.01  # of what is explained, that a further entry must gain
+MOST_EFFECTS = 8  # a real instrument has many
 GAUGES = frozenset({"encoder_scale"})  # other radii give the same
 
 
@@ -61,10 +62,10 @@ def identify_driven(
     without |= frozenset() if any(run.load_measured for run in fitted) else LIKE_A_LOAD
     free = known_of(rig, fitted)
     adapt = Adapting(without, mapper)
-    found = search(
-        Search(fitted, free, mapper, without, seed, progress, spent, adapt, LEAST_SHARE, geared=True),
-        parameters.vector(rig),
+    how = Search(
+        fitted, free, mapper, without, seed, progress, spent, adapt, LEAST_SHARE, geared=True, most_effects=MOST_EFFECTS
     )
+    found = search(how, parameters.vector(rig))
     progress("looking at what is left")
     after = omnibus_test(found.best.fit, mapper, seed)
     before = omnibus_test(found.baseline, mapper, seed) if found.best.effects else after

@@ -92,9 +92,8 @@ def places_of(
 def _place(probe: Probe, first: int, stop: int, looks: int) -> Place:
     shape = {k: v for k, v in probe.start.items() if k not in probe.amplitudes}
     amplitudes = {k: probe.start[k] for k in probe.amplitudes}
-    return Place(
-        probe.effect_id, shape, amplitudes, first, stop, probe.one_sided, looks if probe.effect_id in WAVES else 1
-    )
+    looks = looks if probe.effect_id in WAVES else 1
+    return Place(probe.effect_id, shape, amplitudes, first, stop, probe.one_sided, looks)
 
 
 def _waves(probe: Probe) -> list[Wave]:

@@ -26,7 +26,6 @@ from hil_forceps.rig.catalogue import EFFECT_IDS
 
 Vector = NDArray[np.float64]
 
-MAX_EFFECTS = 6
 ADAPTING_ROUNDS = 3  # of a pass that decides and a fit to what it decided
 ADAPTED = 0.3  # deviations of a parameter: a fit that moves less decides the same
 EXCHANGES = 3  # of an entry that joined, for others tried at that step
@@ -91,6 +90,7 @@ class Search(NamedTuple):
     adapt: Adapt
     least_share: float  # of what is explained, that a further entry must gain
     geared: bool  # the motor's angle may be one behind a gear: harmonics need not be whole
+    most_effects: int
 
 
 def search(s: Search, theta: Vector) -> Found:
@@ -105,7 +105,7 @@ def search(s: Search, theta: Vector) -> Found:
     left_out: list[str] = []
     explained = 0.0
     seen = {frozenset(best.effects)}
-    while len(best.effects) < MAX_EFFECTS:
+    while len(best.effects) < s.most_effects:
         beside = f"beside {' + '.join(best.effects) or 'the known parameters'}"
         if s.spent():
             left_out.append(f"the catalogue {beside}")

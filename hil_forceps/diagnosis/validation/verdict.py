@@ -34,25 +34,31 @@ class Judgement(NamedTuple):
     reasons: tuple[str, ...]
 
 
-def judge(found: Identified, rig: Rig) -> Judgement:
-    """Return the verdict."""
+def judge(found: Identified, rig: Rig, room: float = UNEXPLAINED_SHARE) -> Judgement:
+    """Return the verdict; `room`: share of what is explained that may be left beside named effects."""
     best = found.found.best
     shifts = parameter_shifts(best.fit, rig)
     sets = tuple(model.effects for model in found.found.rivals if model.effects)
-    if (left := unexplained(found)) is not None:
+    if (left := unexplained(found, room)) is not None:
         place, variable, _ = left.families[0]
         said = f"Something is there that no entry of the catalogue explains; at {place}, it varies over {variable}."
         where = "" if left is found.after else " in the runs held out"
         nearest = " + ".join(best.effects)
-        reasons = (f"the nearest of the catalogue, {nearest}, leaves too much unexplained{where}",) if nearest else ()
-        return Judgement("unnamed", said, (), sets, shifts, varies_over(left), reasons)
+        nearby = (f"the nearest of the catalogue, {nearest}, leaves too much unexplained{where}",) if nearest else ()
+        return Judgement("unnamed", said, (), sets, shifts, varies_over(left), nearby)
     cut_short = tuple(f"the time was spent before a look at {what}" for what in found.found.not_looked_at)
     if best.effects:
         named = named_effects(found)
         said = f"The data show: {' and '.join(effect(e.id).summary for e in named)}."
         said += " Other entries explain them as well." if len(sets) > 1 else ""
         tied = "these data can't tell " + " from ".join(" + ".join(ids) for ids in sets) + " apart"
-        return Judgement("effects", said, named, sets, shifts, (), ((tied,) if len(sets) > 1 else ()) + cut_short)
+        reasons = (*((tied,) if len(sets) > 1 else ()), *cut_short)
+        over: tuple[str, ...] = ()
+        if found.after.gain > LEFT_OVER_CHANCE * found.after.threshold:
+            share = found.after.gain / (found.after.gain + found.found.explained)
+            reasons += (f"beside the named entries something is left: {share:.1g} of the misfit that they explain",)
+            over = varies_over(found.after)
+        return Judgement("effects", said, named, sets, shifts, over, reasons)
     if cut_short:
         return Judgement("undetermined", f"No answer yet: {cut_short[0]}.", (), (), shifts, (), cut_short)
     if shifts and moved(best.fit, rig) > float(stats.chi2.isf(FALSE_ALARMS, len(_assumed(best.fit, rig)))):
@@ -61,13 +67,13 @@ def judge(found: Identified, rig: Rig) -> Judgement:
     return Judgement("consistent", "The simulation agrees with the data to within their noise.", (), (), {}, (), ())
 
 
-def unexplained(found: Identified) -> LackOfFit | None:
+def unexplained(found: Identified, share: float) -> LackOfFit | None:
     """Return what is left beyond doubt, in the fitted runs or in those held out.
 
     Beside named effects a small share of what they explain may be left: the model's own step and its linear answers are
     not exact.
     """
-    room = UNEXPLAINED_SHARE * found.found.explained
+    room = share * found.found.explained
     for left in (found.after, found.unseen):
         if left is not None and left.gain > max(LEFT_OVER_CHANCE * left.threshold, room):
             return left

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.conclude import Conclusion, diagnose, silent
+from hil_forceps.diagnosis.driven import identification
 from hil_forceps.diagnosis.driven import rows as driven_rows_of
 from hil_forceps.diagnosis.driven.identification import identify_driven, known_of
 from hil_forceps.diagnosis.driven.rows import driven_rows
 from hil_forceps.diagnosis.driven.start import driven_runs
 from hil_forceps.diagnosis.driven.starting import completed, guess
 from hil_forceps.diagnosis.driven.whitening import ORDER, rows_before, whitening
-from hil_forceps.diagnosis.hypotheses import search
 from hil_forceps.diagnosis.inference.fit import fit
 from hil_forceps.diagnosis.inference.parameters import GAUGE
 from hil_forceps.diagnosis.options import Options
@@ -61,7 +61,7 @@ def concluded(case: Case) -> Conclusion:
 def test_a_hidden_effect_is_the_first_that_is_named(
     effect_id: str, values: dict[str, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(search, "MAX_EFFECTS", 1)  # the first of the whole catalogue; what it then finds is not asked
+    monkeypatch.setattr(identification, "MOST_EFFECTS", 1)  # what the search then finds is not asked
     found = concluded(hidden({effect_id: values})).diagnosis
     assert next(c.id for c in found.candidates if c.state == "named") == effect_id
     first, second = found.ladder[0].rmse, found.ladder[1].rmse

@@ -17,7 +17,17 @@ from tests.hidden_effects.generator import RIG
 THETA = parameters.vector(RIG)
 FIT = Fit((), Passes(THETA, regimes(THETA), ()), np.zeros((0, 0)))
 SEARCH = Search(
-    (), (), map, frozenset(), 0, lambda _: None, lambda: False, lambda runs, *_, **__: runs, 0.0, geared=False
+    runs=(),
+    known=(),
+    mapper=map,
+    without=frozenset(),
+    seed=0,
+    progress=lambda _: None,
+    spent=lambda: False,
+    adapt=lambda runs, *_, **__: runs,
+    least_share=0.0,
+    geared=False,
+    most_effects=6,
 )
 TESTED = score_test.Tested(np.zeros(0), [], [], np.zeros(0), 16.0)
 

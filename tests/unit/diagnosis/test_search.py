@@ -30,6 +30,7 @@ def found_in(rig: Rig, effects: Mapping[str, Mapping[str, float]], kinds: tuple[
         adapting(POOL.map),
         INEXACT_SHARE,
         geared=False,
+        most_effects=6,
     )
     return search(wanted, parameters.vector(rig))
 
