@@ -24,8 +24,8 @@ Mask = NDArray[np.bool_]
 
 FEWEST_ROWS = 50
 MOST_ROWS = 30_000  # of all runs together: a simulation of them takes a tenth of a second
-HIGHEST_RATE_Hz = 130.0  # of rows: what a balance of torques tells lies far below its half
-PASS_SHARE = 0.4  # of the rate of rows: the corner of the low pass
+HIGHEST_RATE_Hz = 180.0  # of rows: what a balance of torques tells lies far below its half
+PASS_SHARE = 0.3  # of the rate of rows: the corner of the low pass
 ORDER = 4
 SETTLING_S = 0.15  # at both ends of a run: the low pass and the state of friction
 AROUND_JUMP_S = 0.04  # longer than the low pass answers
