@@ -15,6 +15,7 @@ Plain data. The mind's model and the simulated world implement each entry on the
 Times of drifts count from the first row of a run (in the world: from the start of the load profile or of the run).
 """
 
+import math
 from typing import Literal, NamedTuple
 
 Location = Literal["motor", "wire", "jaw", "sensor", "timing"]
@@ -30,6 +31,7 @@ class EffectParameter(NamedTuple):
     neutral: float | None  # the value that switches the effect off; None: a shape, meaningless while it is off
     typical: float  # a size to begin from: visible, not large
     meaning: str
+    plausible: float = math.inf  # the largest that hardware has; what fits beyond only acts like it
 
 
 class Effect(NamedTuple):
@@ -51,13 +53,21 @@ def _time_constant(typical: float) -> EffectParameter:
     return _P("time_constant_s", "s", 1e-2, 1e4, None, typical, "time constant")
 
 
-def _wave(unit: str, limit: float, typical: float) -> tuple[EffectParameter, EffectParameter]:
+def _wave(
+    unit: str, limit: float, typical: float, plausible: float = math.inf
+) -> tuple[EffectParameter, EffectParameter]:
     suffix = f"_{unit}" if unit else ""
     return (
-        _P(f"sine{suffix}", unit, -limit, limit, 0.0, typical, "amplitude of the sine"),
-        _P(f"cosine{suffix}", unit, -limit, limit, 0.0, typical, "amplitude of the cosine"),
+        _P(f"sine{suffix}", unit, -limit, limit, 0.0, typical, "amplitude of the sine", plausible),
+        _P(f"cosine{suffix}", unit, -limit, limit, 0.0, typical, "amplitude of the cosine", plausible),
     )
 
+
+# Steel cables on steel and in sheaths have μ of 0.05 to 0.3, dry ones up to 0.6; a lubricant is up to four times as
+# viscous cold as warm; magnets lose 0.1 % of K_t a kelvin. Cables creep by some percent of their stretch, fibre ropes by
+# up to a third. Ripple beyond a fifth, and a radius that is off by more than a tenth, are no sound motor or pulley.
+_RUBBING, _WARMING, _MAGNET, _CREEPING, _RIPPLING, _ROUND, _BENT_LEVER = 0.6, 3.0, 0.2, 0.35, 0.2, 0.1, 0.3
+_SCALED = 0.1  # a sensor's gain
 
 _HARMONIC = _P("harmonic", "", 1.0, 200.0, None, 6.0, "periods in a turn of the motor pulley")
 
@@ -91,7 +101,7 @@ EFFECTS: tuple[Effect, ...] = (
         "motor",
         "friction that grows with the tension of the wire (pulleys, guides, sheath)",
         "F_m += μ r_m |f| sgn ω_m",
-        (_P("mu", "", 0.0, 2.0, 0.0, 0.02, "friction torque over tension times radius, μ"),),
+        (_P("mu", "", 0.0, 2.0, 0.0, 0.02, "friction torque over tension times radius, μ", _RUBBING),),
         "capstan law: L. Euler 1769; Kaneko, Yamashita, Tanie, ICAR 1991 (tendon-sheath)",
         "motion in both directions under different loads",
     ),
@@ -109,7 +119,7 @@ EFFECTS: tuple[Effect, ...] = (
         "motor",
         "viscous friction of the motor changes as it warms up",
         "D(t) = D_m (1 + c (1 − exp(−t/T)))",
-        (_P("relative_change", "", -0.95, 5.0, 0.0, 0.1, "final change over D_m, c"), _time_constant(6.0)),
+        (_P("relative_change", "", -0.95, 5.0, 0.0, 0.1, "final change over D_m, c", _WARMING), _time_constant(6.0)),
         "viscosity of a lubricant over temperature: Simoni et al., IROS 2015",
         "the same motion early and late in a run",
     ),
@@ -170,7 +180,7 @@ EFFECTS: tuple[Effect, ...] = (
         "slow visco-elastic stretch under load that recovers",
         "ẋ_c = (s f/k − x_c)/T",
         (
-            _P("share", "", 0.0, 5.0, 0.0, 0.02, "slow stretch over elastic stretch in the end, s"),
+            _P("share", "", 0.0, 5.0, 0.0, 0.02, "slow stretch over elastic stretch in the end, s", _CREEPING),
             _time_constant(2.0),
         ),
         "standard linear solid: C. Zener 1948",
@@ -199,7 +209,7 @@ EFFECTS: tuple[Effect, ...] = (
         "motor",
         "the torque constant changes as the motor warms",
         "K_t(t) = K_t (1 + c (1 − exp(−t/T)))",
-        (_P("relative_change", "", -0.9, 1.0, 0.0, -0.02, "final change over K_t, c"), _time_constant(6.0)),
+        (_P("relative_change", "", -0.9, 1.0, 0.0, -0.02, "final change over K_t, c", _MAGNET), _time_constant(6.0)),
         "temperature coefficient of magnets: Sebastian, IEEE TIA 31(2), 1995",
         "the same load early and late in a run",
     ),
@@ -217,7 +227,7 @@ EFFECTS: tuple[Effect, ...] = (
         "motor",
         "torque periodic in the motor's angle, in proportion to the current",
         "ripple = S sin(h θ_m) + C cos(h θ_m)",
-        (*_wave("", 0.9, 0.02), _HARMONIC),
+        (*_wave("", 0.9, 0.02, _RIPPLING), _HARMONIC),
         "Jahns, Soong, IEEE TIE 43(2), 1996",
         "motion over several periods under load",
     ),
@@ -235,7 +245,7 @@ EFFECTS: tuple[Effect, ...] = (
         "sensor",
         "gain of the current sensor",
         "i_meas = (1 + g) i",
-        (_P("relative_error", "", -0.9, 2.0, 0.0, 0.02, "g"),),
+        (_P("relative_error", "", -0.9, 2.0, 0.0, 0.02, "g", _SCALED),),
         "sensor calibration",
         "the drive's law; without it this can't be told from K_t",
     ),
@@ -294,7 +304,7 @@ EFFECTS: tuple[Effect, ...] = (
         "sensor",
         "scale error of the encoder",
         "θ_enc = (1 + s) θ_m",
-        (_P("relative_error", "", -0.5, 0.5, 0.0, 2e-3, "s"),),
+        (_P("relative_error", "", -0.5, 0.5, 0.0, 2e-3, "s", _SCALED),),
         "sensor calibration",
         "a jaw sensor and known radii",
     ),
@@ -303,7 +313,7 @@ EFFECTS: tuple[Effect, ...] = (
         "wire",
         "the effective radius of the motor pulley varies round it",
         "r(θ_m) = r_m (1 + E_c cos θ_m + E_s sin θ_m)",
-        _wave("", 0.5, 0.01),
+        _wave("", 0.5, 0.01, _ROUND),
         "mounting error of a pulley",
         "a jaw sensor, motion over a good part of a turn",
     ),
@@ -340,7 +350,7 @@ EFFECTS: tuple[Effect, ...] = (
         "jaw",
         "the ratio depends on the jaw's angle: the wire pulls at a lever or an uneven pulley",
         "r_j(θ_j) = r_j (1 + E_c cos θ_j + E_s sin θ_j)",
-        _wave("", 0.5, 0.01),
+        _wave("", 0.5, 0.01, _BENT_LEVER),
         "lever arm l cos(θ − φ) of a wire at a lever; mounting error of a pulley",
         "a jaw sensor, motion over its range, several loads",
     ),
@@ -362,7 +372,7 @@ EFFECTS: tuple[Effect, ...] = (
         "friction that grows with the tension of the wire and builds up over a way",
         "F_m += μ r_m |f| z,  ż = ω_m (1 − z sgn ω_m)/δ",
         (
-            _P("mu", "", 0.0, 2.0, 0.0, 0.02, "friction torque over tension times radius once it slides, μ"),
+            _P("mu", "", 0.0, 2.0, 0.0, 0.02, "friction torque over tension times radius once it slides, μ", _RUBBING),
             _P("angle_rad", "rad", 1e-5, 2.0, None, 0.02, "angle over which it builds up, δ"),
         ),
         "sheath as a chain of Dahl elements: Palli, Melchiorri, ICRA 2006; Do et al., Mechatronics 24(1), 2014",
@@ -396,7 +406,7 @@ EFFECTS: tuple[Effect, ...] = (
         "F_j += (L + μ r_j |f|) z,  ż = ω_j (1 − z sgn ω_j)/δ",
         (
             _P("level_N_m", "N_m", 0.0, 0.1, 0.0, 1e-5, "friction without tension once it slides, L"),
-            _P("mu", "", 0.0, 0.9, 0.0, 0.02, "friction torque over tension times radius once it slides, μ"),
+            _P("mu", "", 0.0, 0.9, 0.0, 0.02, "friction torque over tension times radius once it slides, μ", _RUBBING),
             _P("angle_rad", "rad", 1e-5, 2.0, None, 0.02, "angle over which it builds up, δ"),
         ),
         "P. R. Dahl 1968; sheath as a chain of such elements: Palli, Melchiorri, ICRA 2006",

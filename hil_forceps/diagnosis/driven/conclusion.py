@@ -9,7 +9,7 @@ from hil_forceps.diagnosis.driven.identification import DrivenIdentified, identi
 from hil_forceps.diagnosis.driven.ladder import ladder
 from hil_forceps.diagnosis.driven.passed import DrivenRun
 from hil_forceps.diagnosis.driven.play import play
-from hil_forceps.diagnosis.error_rates import UNEXPLAINED_SHARE_DRIVEN
+from hil_forceps.diagnosis.error_rates import UNEXPLAINED_SHARE_DRIVEN, UNSEEN_SHARE_DRIVEN
 from hil_forceps.diagnosis.options import Options, split_runs
 from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Gain, RunEvidence, Rung
 from hil_forceps.diagnosis.validation.heldout import Played, evidence, gains
@@ -45,7 +45,7 @@ def conclude_driven(
         progress=options.progress,
         spent=options.spent,
     )
-    verdict = judge(identified.found, rig, UNEXPLAINED_SHARE_DRIVEN)
+    verdict = judge(identified.found, rig, (UNEXPLAINED_SHARE_DRIVEN, UNSEEN_SHARE_DRIVEN))
     options.progress("simulating the models beside the runs")
     return _told(identified, rig, findings, verdict, options)
 

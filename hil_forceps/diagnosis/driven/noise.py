@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.driven.passed import DrivenPassed, DrivenRun
-from hil_forceps.diagnosis.driven.whitening import Whitening, whitening
+from hil_forceps.diagnosis.driven.whitening import Whitening, white, whitening
 from hil_forceps.diagnosis.evidence import Gram, Mapper, gram_of, total
 from hil_forceps.diagnosis.hypotheses.places import places_of
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, inverted, prior_of
@@ -29,9 +29,9 @@ class Adapting:
 
     def __call__(self, runs: Sequence[DrivenRun], model: Fit, *, first: bool) -> list[DrivenRun]:
         """Return the runs adapted; the noise in the first round alone."""
-        white = noise_beside(model, self.without, self.mapper) if first else runs[0].white
+        filters = noise_beside(model, self.without, self.mapper) if first else runs[0].white
         theta = model.passes.theta
-        return list(self.mapper(lambda run: run.adapted(theta, white), runs))
+        return list(self.mapper(lambda run: run.adapted(theta, filters), runs))
 
 
 def noise_beside(model: Fit, without: frozenset[str], mapper: Mapper) -> dict[str, Whitening]:
@@ -44,8 +44,9 @@ def noise_beside(model: Fit, without: frozenset[str], mapper: Mapper) -> dict[st
     away, precision = prior_of(model.free, passes.theta)
     pull = np.concatenate((precision * away, np.zeros(len(places))))
     precision = np.concatenate((precision, np.zeros(len(places))))
-    runs = list(passes.runs)
-    white: dict[str, Whitening] = runs[0].run.white
+    # Weighed by the noise so far, a misfit that is slow would stay noise for good: the first weights are even.
+    filters = _even(passes.runs)
+    runs = [run.with_filters(filters) for run in passes.runs]
     for _ in range(ROUNDS):
 
         def one(pair: tuple[DrivenPassed, list[dict[str, Vector]]]) -> Gram:
@@ -59,9 +60,20 @@ def noise_beside(model: Fit, without: frozenset[str], mapper: Mapper) -> dict[st
         curvature = information + np.diag(precision + 1e-9 * np.diag(information) + 1e-12)
         sizes = -inverted(curvature) @ (np.where(good, found.score, 0.0) + pull)
         left = [_left(run, changed, sizes) for run, changed in zip(passes.runs, changes, strict=True)]
-        white = {name: _of_channel(name, passes.runs, left) for name in white}
-        runs = [run.with_filters(white) for run in passes.runs]
-    return white
+        filters = {name: _of_channel(name, passes.runs, left) for name in filters}
+        runs = [run.with_filters(filters) for run in passes.runs]
+    return filters
+
+
+def _even(runs: Sequence[DrivenPassed]) -> dict[str, Whitening]:
+    """Return filters of noise that is white, as strong as what is left of each channel."""
+    found = {}
+    for name in dict.fromkeys(name for run in runs for name in run.raw):
+        squares = [
+            float(np.mean((run.raw[name] - run.zeros[name])[run.run.mask] ** 2)) for run in runs if name in run.raw
+        ]
+        found[name] = white(max(float(np.sqrt(np.mean(squares))), 1e-300))
+    return found
 
 
 def _left(run: DrivenPassed, changes: Sequence[dict[str, Vector]], sizes: Vector) -> dict[str, Vector]:

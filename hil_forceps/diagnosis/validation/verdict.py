@@ -1,5 +1,6 @@
 """The verdict on identified runs, its words, and the numbers of the result."""
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -34,8 +35,8 @@ class Judgement(NamedTuple):
     reasons: tuple[str, ...]
 
 
-def judge(found: Identified, rig: Rig, room: float = UNEXPLAINED_SHARE) -> Judgement:
-    """Return the verdict; `room`: share of what is explained that may be left beside named effects."""
+def judge(found: Identified, rig: Rig, room: tuple[float, float] = (UNEXPLAINED_SHARE, UNEXPLAINED_SHARE)) -> Judgement:
+    """Return the verdict; `room`: shares of what is explained that may be left in fitted and in held-out runs."""
     best = found.found.best
     shifts = parameter_shifts(best.fit, rig)
     sets = tuple(model.effects for model in found.found.rivals if model.effects)
@@ -49,10 +50,13 @@ def judge(found: Identified, rig: Rig, room: float = UNEXPLAINED_SHARE) -> Judge
     cut_short = tuple(f"the time was spent before a look at {what}" for what in found.found.not_looked_at)
     if best.effects:
         named = named_effects(found)
-        said = f"The data show: {' and '.join(effect(e.id).summary for e in named)}."
+        acting = {e.id for e in named if plausibility(e.id, e.parameters) < 1.0}
+        words = [("what acts like " if e.id in acting else "") + effect(e.id).summary for e in named]
+        said = f"The data show: {' and '.join(words)}."
         said += " Other entries explain them as well." if len(sets) > 1 else ""
         tied = "these data can't tell " + " from ".join(" + ".join(ids) for ids in sets) + " apart"
         reasons = (*((tied,) if len(sets) > 1 else ()), *cut_short)
+        reasons = (*reasons, *_implausible(named))
         over: tuple[str, ...] = ()
         if found.after.gain > LEFT_OVER_CHANCE * found.after.threshold:
             share = found.after.gain / (found.after.gain + found.found.explained)
@@ -67,15 +71,16 @@ def judge(found: Identified, rig: Rig, room: float = UNEXPLAINED_SHARE) -> Judge
     return Judgement("consistent", "The simulation agrees with the data to within their noise.", (), (), {}, (), ())
 
 
-def unexplained(found: Identified, share: float) -> LackOfFit | None:
+def unexplained(found: Identified, room: tuple[float, float]) -> LackOfFit | None:
     """Return what is left beyond doubt, in the fitted runs or in those held out.
 
     Beside named effects a small share of what they explain may be left: the model's own step and its linear answers are
     not exact.
     """
-    room = share * found.found.explained
-    for left in (found.after, found.unseen):
-        if left is not None and left.gain > max(LEFT_OVER_CHANCE * left.threshold, room):
+    for left, share in zip((found.after, found.unseen), room, strict=True):
+        if left is None or left.gain < LEFT_OVER_CHANCE * left.threshold:
+            continue
+        if left.gain > share * found.found.explained:
             return left
     return None
 
@@ -94,8 +99,26 @@ def named_effects(found: Identified) -> tuple[NamedEffect, ...]:
             if p.neutral is None and p.name not in parameters:  # a shape that is not fitted: a whole harmonic
                 held = float(best.fit.passes.theta[index(f"effects.{effect_id}.{p.name}")])
                 parameters[p.name] = Estimate(held, held, held, p.unit)
-        named.append(NamedEffect(effect_id, effect(effect_id).location, confidence(found, effect_id), parameters))
+        sure = confidence(found, effect_id) * plausibility(effect_id, parameters)
+        named.append(NamedEffect(effect_id, effect(effect_id).location, sure, parameters))
     return tuple(named)
+
+
+def plausibility(effect_id: str, parameters: Mapping[str, Estimate]) -> float:
+    """Return how far an effect's size bears out its name: 1 as far as hardware has it, 0.25 at twice that.
+
+    As of a prior with so long a tail: what lies far outside acts like the entry, and is likelier something else.
+    """
+    beyond = [abs(parameters[p.name].value) / p.plausible for p in effect(effect_id).parameters if p.name in parameters]
+    return min(1.0, max(beyond, default=1.0) ** -2) if max(beyond, default=0.0) > 0.0 else 1.0
+
+
+def _implausible(named: Sequence[NamedEffect]) -> tuple[str, ...]:
+    return tuple(
+        f"{e.id} is larger than hardware has it: what is there acts like it, and may be something else"
+        for e in named
+        if plausibility(e.id, e.parameters) < 1.0
+    )
 
 
 def confidence(found: Identified, effect_id: str) -> float:
