@@ -64,8 +64,8 @@ def _wave(
 
 
 # Steel cables on steel and in sheaths have μ of 0.05 to 0.3, dry ones up to 0.6; a lubricant is up to four times as
-# viscous cold as warm; magnets lose 0.1 % of K_t a kelvin. Cables creep by some percent of their stretch, fibre ropes by
-# up to a third. Ripple beyond a fifth, and a radius that is off by more than a tenth, are no sound motor or pulley.
+# viscous cold as warm; magnets lose 0.1 % of K_t a kelvin. Cables creep by some percent of their stretch, fibre ropes
+# by up to a third. Ripple beyond a fifth, and a radius that is off by more than a tenth, are no sound motor or pulley.
 _RUBBING, _WARMING, _MAGNET, _CREEPING, _RIPPLING, _ROUND, _BENT_LEVER = 0.6, 3.0, 0.2, 0.35, 0.2, 0.1, 0.3
 _SCALED = 0.1  # a sensor's gain
 
