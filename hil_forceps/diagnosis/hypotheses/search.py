@@ -121,12 +121,12 @@ def search(s: Search, theta: Vector) -> Found:
             refitted = _refitted(s, best, start)
             tried = _with_one_more(tried, refitted._replace(gain=refitted.gain - start.place.cost))
         least = max(tested.threshold, s.least_share * explained)
-        joined = sorted((c for c in tried if c.gain > least), key=lambda c: -c.gain)
+        joined = _ranked([c for c in tried if c.gain > least], s.least_share)
         light = tuple(c.without_runs() for c in tried)
         steps.append(Step(best.effects, tuple(places), tested, light, joined[0].effects[-1] if joined else ""))
         if not joined:
             break
-        thinned = _thinned(s, joined[0], tested.threshold)
+        thinned = _thinned(s, _with_runs(s, joined[0]), tested.threshold)
         if frozenset(thinned.effects) in seen:
             break  # what joined took the place of what it had joined beside, and that the place of it
         rivals = (thinned, *(c for c in joined[1:] if c.gain > joined[0].gain - SET_DROP))
@@ -139,6 +139,25 @@ def search(s: Search, theta: Vector) -> Found:
         best, rivals = _exchanged(s, best, rivals, steps)
         explained += best.gain - before
     return Found(baseline, best, rivals, tuple(steps), explained, tuple(left_out))
+
+
+def _ranked(models: Sequence[Candidate], least_share: float) -> list[Candidate]:
+    """Return models by their gain; but first the one with fewest parameters of those that are hardly behind the best.
+
+    What a model with another parameter gains beyond it is no merit as long as it is less than what the search asks of a
+    further entry.
+    """
+    ranked = sorted(models, key=lambda c: -c.gain)
+    near = [c for c in ranked if c.gain > (1.0 - least_share) * ranked[0].gain]
+    near.sort(key=lambda c: len(c.fit.free))
+    return near[:1] + [c for c in ranked if c is not near[0]] if near else ranked
+
+
+def _with_runs(s: Search, model: Candidate) -> Candidate:
+    """Return a model with its passes over the runs."""
+    if model.fit.passes.runs:
+        return model
+    return model._replace(fit=model.fit._replace(passes=pass_all(s.runs, model.fit.passes.theta, s.mapper)))
 
 
 def _with_one_more(tried: tuple[Candidate, ...], new: Candidate) -> tuple[Candidate, ...]:
@@ -230,11 +249,11 @@ def _exchanged(
             theta = with_effect(theta, effect_id, values_of(other.fit.passes.theta, effect_id))
             found = _fitted(s, best, pass_all(s.runs, theta, s.mapper), effects)
             every[frozenset(effects)] = found._replace(gain=best.gain + found.gain)
-    ranked = sorted(every.values(), key=lambda c: -c.gain)
+    ranked = _ranked(list(every.values()), s.least_share)
     kept = tuple(c for c in ranked if c.gain > ranked[0].gain - SET_DROP)
     if ranked[0] is best:
         return best, kept
-    return _beside(s, ranked[0])[1], kept
+    return _beside(s, _with_runs(s, ranked[0]))[1], kept
 
 
 def wald(found: Fit, effect_id: str) -> float:

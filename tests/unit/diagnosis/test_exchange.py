@@ -10,6 +10,7 @@ from hil_forceps.diagnosis.hypotheses import score_test
 from hil_forceps.diagnosis.hypotheses import search as searching
 from hil_forceps.diagnosis.hypotheses.search import Candidate, Search, Step
 from hil_forceps.diagnosis.inference.fit import Fit
+from hil_forceps.diagnosis.inference.parameters import Free
 from hil_forceps.diagnosis.state_space.advance import regimes
 from hil_forceps.model import parameters
 from tests.hidden_effects.generator import RIG
@@ -87,3 +88,19 @@ def test_an_entry_drops_out_only_where_chi2_hardly_rises_without_it(
     thinned = searching._thinned(SEARCH, BEST, 16.0)
     assert len(thinned.effects) == (2 if kept else 1)
     assert thinned.gain == (80.0 if kept else 80.0 + without)
+
+
+def free(count: int) -> Fit:
+    parameters_of = tuple(Free(f"p{i}", 0.0, 1.0, -1.0, 1.0, False, True) for i in range(count))
+    return FIT._replace(free=parameters_of)
+
+
+@pytest.mark.parametrize(("behind", "first"), [(9.0, "load_dependent_friction"), (11.0, "loaded_presliding")])
+def test_of_models_that_are_hardly_apart_the_one_with_fewest_parameters_is_first(behind: float, first: str) -> None:
+    more = Candidate(("loaded_presliding",), free(10), 1000.0)
+    fewer = Candidate(("load_dependent_friction",), free(9), 1000.0 - behind)
+    far = Candidate(("cogging",), free(2), 500.0)
+    ranked = searching._ranked([far, fewer, more], 0.01)
+    assert ranked[0].effects == (first,)
+    assert len(ranked) == 3
+    assert ranked[-1] is far
