@@ -121,7 +121,7 @@ def search(s: Search, theta: Vector) -> Found:
             refitted = _refitted(s, best, start)
             tried = _with_one_more(tried, refitted._replace(gain=refitted.gain - start.place.cost))
         least = max(tested.threshold, s.least_share * explained)
-        joined = _ranked([c for c in tried if c.gain > least], s.least_share)
+        joined = _ranked([c for c in tried if c.gain > least], s.least_share if s.geared else 0.0)
         light = tuple(c.without_runs() for c in tried)
         steps.append(Step(best.effects, tuple(places), tested, light, joined[0].effects[-1] if joined else ""))
         if not joined:
@@ -249,7 +249,7 @@ def _exchanged(
             theta = with_effect(theta, effect_id, values_of(other.fit.passes.theta, effect_id))
             found = _fitted(s, best, pass_all(s.runs, theta, s.mapper), effects)
             every[frozenset(effects)] = found._replace(gain=best.gain + found.gain)
-    ranked = _ranked(list(every.values()), s.least_share)
+    ranked = _ranked(list(every.values()), s.least_share if s.geared else 0.0)
     kept = tuple(c for c in ranked if c.gain > ranked[0].gain - SET_DROP)
     if ranked[0] is best:
         return best, kept
