@@ -56,11 +56,11 @@ class Passed(Protocol):
 
     @property
     def influence(self) -> Matrix:
-        """Root of Huber's weights (n × m), 0 where nothing counts; with it, squares are his loss."""
+        """Root of the weights of the loss (n × m), 0 where nothing counts."""
 
     @property
     def log_likelihood(self) -> Matrix:
-        """Log likelihood (n × m) by Huber's loss: beyond `HUBER` deviations, a line."""
+        """Log likelihood (n × m), by the loss that `influence` is of."""
 
     def answers(self, base: Regimes, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
         """Return how the residuals answer to directions and behind them to waves (n·m × columns), by influence."""

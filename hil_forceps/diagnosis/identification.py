@@ -86,6 +86,7 @@ def identify(
         spent,
         adapting(mapper),
         INEXACT_SHARE,
+        tied_share=0.0,
         geared=False,
         most_effects=MOST_EFFECTS,
     )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEAST_GAIN_BESIDE
+from hil_forceps.diagnosis.error_rates import FALSE_ALARMS
 from hil_forceps.diagnosis.result import Diagnosis, RunEvidence
 from hil_forceps.report.diagnosis_evidence import (
     balances_figure,
@@ -61,7 +61,7 @@ def panels(diagnosis: Diagnosis) -> list[Panel]:
         caption = (
             "How far the misfit falls when an entry of the catalogue joins the model, per step of the choice; "
             f"the mark is what is asked: what chance gives in {percent(FALSE_ALARMS)} of data sets, the whole "
-            f"catalogue together, and beside an effect no less than {LEAST_GAIN_BESIDE:g}."
+            "catalogue together."
         )
         found.append(Panel("candidates", caption, lambda: candidates_figure(diagnosis)))
     if diagnosis.ladder:

@@ -13,15 +13,9 @@ from hil_forceps.diagnosis.error_rates import UNEXPLAINED_SHARE_DRIVEN, UNSEEN_S
 from hil_forceps.diagnosis.options import Options, split_runs
 from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Gain, RunEvidence, Rung
 from hil_forceps.diagnosis.validation.heldout import Played, evidence, gains
-from hil_forceps.diagnosis.validation.numbers import balances, trends
-from hil_forceps.diagnosis.validation.strokes import Strokes, floors_with_strokes, repetition
-from hil_forceps.diagnosis.validation.verdict import (
-    Judgement,
-    candidates,
-    detectable,
-    judge,
-    parameter_shifts,
-)
+from hil_forceps.diagnosis.validation.strokes import Strokes, floors_with_strokes
+from hil_forceps.diagnosis.validation.told import Beside, diagnosis_of
+from hil_forceps.diagnosis.validation.verdict import Judgement, judge, parameter_shifts
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.runs.table import Run
@@ -68,7 +62,7 @@ def _told(
         if not runs:
             continue
         played = [play(runs, theta, mapper) for theta in (nominal, before, after)]
-        rows = [run.model.rows.rows for run in runs]
+        rows = [run.rows for run in runs]
         own, strokes = floors_with_strokes(rows, _noise(runs, played[2]))
         repeated += strokes
         floors = floors or own
@@ -83,26 +77,9 @@ def _told(
     # What the extended rig holds, then, where nothing is named.
     shifts = parameter_shifts(baseline, rig) if verdict.verdict == "unnamed" else verdict.shifts
     shifts, scale = with_scale(shifts, identified.rig)
-    diagnosis = Diagnosis(
-        verdict.verdict,
-        verdict.sentence,
-        verdict.effects,
-        verdict.sets,
-        shifts,
-        gained,
-        tuple(run.name for run in found.held_out),
-        (*findings, *identified.notes, *map(repetition, repeated)),
-        detectable(found.found.steps[0]) if found.found.steps else {},
-        None,
-        verdict.varies_over,
-        (*verdict.reasons, *scale),
-        candidates(found),
-        balances(found.before, found.after),
-        trends(tuple(floors), found.before, found.after),
-        floors,
-        tuple(evidences),
-        rungs,
-    )
+    beside = Beside(evidences, gained, floors, repeated)
+    told_of = (*findings, *identified.notes)
+    diagnosis = diagnosis_of(found, verdict, beside, told_of, shifts, scale, rungs)
     options.to_draw(diagnosis)
     return diagnosis, extended
 
@@ -110,9 +87,9 @@ def _told(
 def _noise(runs: Sequence[DrivenRun], played: Played) -> dict[str, float]:
     """Return the rms of each channel's noise: its sensor's behind the low pass, no more than a model leaves."""
     found: dict[str, float] = {}
-    for name in dict.fromkeys(name for run in runs for name in run.model.rows.rows.channels):
+    for name in dict.fromkeys(name for run in runs for name in run.rows.channels):
         there = [(run, shown) for run, shown in zip(runs, played.channels, strict=True) if name in shown]
         sensor = float(np.sqrt(np.mean([run.model.rows.noise[name] ** 2 for run, _ in there])))
-        left = [np.mean((run.model.rows.rows.channels[name] - shown[name])[run.mask] ** 2) for run, shown in there]
+        left = [np.mean((run.rows.channels[name] - shown[name])[run.mask] ** 2) for run, shown in there]
         found[name] = min(sensor, float(np.sqrt(np.mean(left))))
     return found

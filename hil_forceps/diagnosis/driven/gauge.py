@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hil_forceps.diagnosis.driven.starting import R_J, R_M
+from hil_forceps.diagnosis.driven.starting_values import R_J, R_M
 from hil_forceps.diagnosis.inference.parameters import known
 from hil_forceps.diagnosis.result import Estimate, Shift
 from hil_forceps.rig import Rig

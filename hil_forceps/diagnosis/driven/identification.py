@@ -9,8 +9,8 @@ from hil_forceps.diagnosis.driven.jaw_zero import without_jaw_zero
 from hil_forceps.diagnosis.driven.noise import Adapting
 from hil_forceps.diagnosis.driven.passed import DrivenRun
 from hil_forceps.diagnosis.driven.rows import driven_rows
-from hil_forceps.diagnosis.driven.start import driven_runs
-from hil_forceps.diagnosis.driven.starting import K_T, completed
+from hil_forceps.diagnosis.driven.runs import driven_runs
+from hil_forceps.diagnosis.driven.starting_values import K_T, completed
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
 from hil_forceps.diagnosis.hypotheses.search import Search, search
@@ -61,9 +61,19 @@ def identify_driven(
     without |= frozenset(rig.effects) | GAUGES
     without |= frozenset() if any(run.load_measured for run in fitted) else LIKE_A_LOAD
     free = known_of(rig, fitted)
-    adapt = Adapting(without, mapper)
     how = Search(
-        fitted, free, mapper, without, seed, progress, spent, adapt, LEAST_SHARE, geared=True, most_effects=MOST_EFFECTS
+        fitted,
+        free,
+        mapper,
+        without,
+        seed,
+        progress,
+        spent,
+        Adapting(without, mapper),
+        LEAST_SHARE,
+        tied_share=LEAST_SHARE,  # a further parameter is to gain no less than a further entry
+        geared=True,
+        most_effects=MOST_EFFECTS,
     )
     found = search(how, parameters.vector(rig))
     progress("looking at what is left")
@@ -79,7 +89,7 @@ def identify_driven(
 def known_of(rig: Rig, runs: Sequence[DrivenRun]) -> tuple[Free, ...]:
     """Return the rig's parameters that are fitted: those that it doesn't know exactly, and that a channel shows."""
     channel = runs[0].model.rows.torque_channel
-    seen = max(float(np.sqrt(np.mean(run.model.rows.rows.channels[channel] ** 2))) for run in runs)
+    seen = max(float(np.sqrt(np.mean(run.rows.channels[channel] ** 2))) for run in runs)
     seen *= float(rig.plant().torque_constant_N_m_per_A) if channel == "current_A" else 1.0
     every = known_parameters(rig, seen, jaw_measured=all(run.jaw_measured for run in runs))
     # Without a wire, friction of the jaw is friction of the motor: what has no deviation is held.

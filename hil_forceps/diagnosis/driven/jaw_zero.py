@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil_forceps.diagnosis.driven.rows import DrivenRows
+from hil_forceps.diagnosis.driven.rows import DrivenRows, angle_balance
 
 FAR_SHARE = 0.1  # of the jaw's range: a zero nearer than this is left for the fit
 
@@ -29,19 +29,11 @@ def without_jaw_zero(
 
 def jaw_zero_rad(records: Sequence[DrivenRows]) -> float | None:
     """Return the jaw's angle at the motor's zero without load, by least squares; None where no jaw was measured."""
-    rows, right = [], []
-    for record in records:
-        jaw = record.jaw_rad
-        if jaw is None:
-            continue
-        here = record.rows.weights > 0.0
-        load = record.rows.tau_w_N_m if record.rows.tau_w_N_m is not None else np.zeros(jaw.size)
-        way = np.sign(np.gradient(record.rows.reference_rad))
-        rows.append(np.column_stack((record.rows.reference_rad, load, way, np.ones(jaw.size)))[here])
-        right.append(jaw[here])
-    if not rows or sum(len(part) for part in rows) < 4:
+    columns, jaw = angle_balance(records)
+    if jaw.size < 4:
         return None
-    return float(np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=1e-9)[0][-1])
+    with_zero = np.column_stack((columns, np.ones(jaw.size)))
+    return float(np.linalg.lstsq(with_zero, jaw, rcond=1e-9)[0][-1])
 
 
 def _moved(record: DrivenRows, zero: float) -> DrivenRows:
@@ -49,7 +41,7 @@ def _moved(record: DrivenRows, zero: float) -> DrivenRows:
     if "theta_j_rad" in channels:
         channels["theta_j_rad"] = channels["theta_j_rad"] - zero
     driving = None if record.theta_j_rad is None else record.theta_j_rad - zero
-    calm = record.calm
-    if calm.theta_j_rad is not None:
-        calm = calm._replace(theta_j_rad=calm.theta_j_rad - zero)
-    return record._replace(rows=record.rows._replace(channels=channels), theta_j_rad=driving, calm=calm)
+    smoothed = record.smoothed
+    if smoothed.theta_j_rad is not None:
+        smoothed = smoothed._replace(theta_j_rad=smoothed.theta_j_rad - zero)
+    return record._replace(rows=record.rows._replace(channels=channels), theta_j_rad=driving, smoothed=smoothed)

@@ -36,7 +36,7 @@ def ladder(
         played = play(shown, step.passes.theta, mapper)
         squares: dict[str, list[float]] = {}
         for run, channels in zip(shown, played.channels, strict=True):
-            for name, measured in run.model.rows.rows.channels.items():
+            for name, measured in run.rows.channels.items():
                 squares.setdefault(name, []).append(float(np.mean((measured - channels[name])[run.mask] ** 2)))
         rmse = {name: float(np.sqrt(np.mean(each))) for name, each in squares.items()}
         gain = step_gains(rungs[0].rmse, rungs[-1].rmse, rmse, floors) if rungs else {}

@@ -56,7 +56,7 @@ def noise_beside(model: Fit, without: frozenset[str], mapper: Mapper) -> dict[st
         found = total(list(mapper(one, list(zip(runs, changes, strict=True)))))
         good = np.isfinite(np.diag(found.information)) & np.isfinite(found.score)
         information = np.where(np.outer(good, good), found.information, 0.0)
-        # Each column costs what chance gives it, as a prior: else many of them explain noise.
+        # A little of each column's own information: what runs don't show stays at none.
         curvature = information + np.diag(precision + 1e-9 * np.diag(information) + 1e-12)
         sizes = -inverted(curvature) @ (np.where(good, found.score, 0.0) + pull)
         left = [_left(run, changed, sizes) for run, changed in zip(passes.runs, changes, strict=True)]
@@ -81,13 +81,11 @@ def _left(run: DrivenPassed, changes: Sequence[dict[str, Vector]], sizes: Vector
     for name, values in run.raw.items():
         explained = sum(float(s) * c.get(name, 0.0) for s, c in zip(sizes, changes, strict=True) if s != 0.0)
         left = values - explained
-        counted = run.run.model.rows.rows.weights > 0.0
+        counted = run.run.mask
         found[name] = left - (float(np.mean(left[counted])) if counted.any() else 0.0)
     return found
 
 
 def _of_channel(name: str, runs: Sequence[DrivenPassed], left: Sequence[dict[str, Vector]]) -> Whitening:
-    there = [
-        (one[name], run.run.model.rows.rows.weights > 0.0) for run, one in zip(runs, left, strict=True) if name in one
-    ]
+    there = [(one[name], run.run.mask) for run, one in zip(runs, left, strict=True) if name in one]
     return whitening([values for values, _ in there], [mask for _, mask in there])

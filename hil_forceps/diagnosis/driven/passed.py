@@ -11,6 +11,7 @@ from hil_forceps.diagnosis.driven.simulation import DrivenModel
 from hil_forceps.diagnosis.driven.whitening import Whitening
 from hil_forceps.diagnosis.evidence import WILD, Columns, Direction, Wave
 from hil_forceps.diagnosis.state_space.advance import Regimes
+from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.model.driven import Channels
 
 Vector = NDArray[np.float64]
@@ -30,7 +31,12 @@ class DrivenRun:
     @property
     def name(self) -> str:
         """Name of the run."""
-        return self.model.rows.rows.name
+        return self.rows.name
+
+    @property
+    def rows(self) -> Rows:
+        """Its rows, as validation takes them."""
+        return self.model.rows.rows
 
     @property
     def load_measured(self) -> bool:
@@ -40,7 +46,7 @@ class DrivenRun:
     @property
     def mask(self) -> Mask:
         """Rows that count."""
-        return np.asarray(self.model.rows.rows.weights > 0.0)
+        return np.asarray(self.rows.weights > 0.0)
 
     @property
     def jaw_measured(self) -> bool:
@@ -50,16 +56,16 @@ class DrivenRun:
     def passed(self, theta: Vector, plants: Regimes) -> "DrivenPassed":
         """Return it beside a model."""
         del plants
-        rows = self.model.rows.rows
-        shown = self.model.simulated(theta, calm=True)
+        rows = self.rows
+        shown = self.model.simulated(theta, smoothed=True)
         said = self.model.channels(shown)
         raw = {name: values - said[name] - self.offset[name] for name, values in rows.channels.items()}
         return _passed(self, shown, raw)
 
     def adapted(self, theta: Vector, white: dict[str, Whitening]) -> "DrivenRun":
         """Return the run with other filters, and with what the noise of what drives does beside a model."""
-        noisy, calm = (self.model.channels(self.model.simulated(theta, calm=calm)) for calm in (False, True))
-        return replace(self, white=white, offset={name: noisy[name] - calm[name] for name in noisy})
+        noisy, plain = (self.model.channels(self.model.simulated(theta, smoothed=how)) for how in (False, True))
+        return replace(self, white=white, offset={name: noisy[name] - plain[name] for name in noisy})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,7 +135,7 @@ class DrivenPassed:
         model, said = self.run.model, self.run.model.channels(self.shown)
         found = []
         for direction in directions:
-            other = model.channels(model.simulated(direction.theta, calm=True))
+            other = model.channels(model.simulated(direction.theta, smoothed=True))
             found.append({name: direction.per * (other[name] - said[name]) for name in said})
         return found
 

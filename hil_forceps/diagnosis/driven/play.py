@@ -19,7 +19,7 @@ def play(runs: Sequence[DrivenRun], theta: Vector, mapper: Mapper) -> Played:
 
 
 def _channels(passed: DrivenPassed) -> dict[str, Vector]:
-    rows = passed.run.model.rows.rows
+    rows = passed.run.rows
     said = {name: values - passed.raw[name] + passed.zeros[name] for name, values in rows.channels.items()}
     span = {name: max(float(np.ptp(values)), 1e-12) for name, values in rows.channels.items()}
     # A simulation that goes further has left the run.

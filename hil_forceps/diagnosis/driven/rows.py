@@ -15,14 +15,12 @@ from scipy.signal import butter, sosfiltfilt
 from hil_forceps.diagnosis.driven.smoothing import smoothed_as_noise_asks, white_deviation
 from hil_forceps.diagnosis.preparation.sensor_noise import autoregressive_noise
 from hil_forceps.diagnosis.result import AuditFinding
-from hil_forceps.diagnosis.validation.rows import Rows
-from hil_forceps.rig.errors import UserError
+from hil_forceps.diagnosis.validation.rows import Rows, require_rows
 from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FEWEST_ROWS = 50
 MOST_ROWS = 30_000  # of all runs together: a simulation of them takes a tenth of a second
 HIGHEST_RATE_Hz = 180.0  # of rows: what a balance of torques tells lies far below its half
 PASS_SHARE = 0.3  # of the rate of rows: the corner of the low pass
@@ -38,7 +36,7 @@ DRIVING = ("theta_m_rad", "tau_w_N_m", "theta_j_rad")
 CHANNELS = ("theta_m_rad", "current_A", "tau_m_N_m", "theta_j_rad", "tau_w_N_m")
 
 
-class Calm(NamedTuple):
+class Smoothed(NamedTuple):
     """What drives a run, without its noise."""
 
     motor_rad: Vector
@@ -51,7 +49,7 @@ class DrivenRows(NamedTuple):
 
     rows: Rows
     theta_j_rad: Vector | None  # without a measured load it drives, too
-    calm: Calm
+    smoothed: Smoothed
     noise: dict[str, float]  # of each channel [rms]: what its sensor's is behind the low pass
 
     @property
@@ -65,10 +63,26 @@ class DrivenRows(NamedTuple):
         return self.rows.channels.get("theta_j_rad", self.theta_j_rad)
 
 
+def angle_balance(runs: Sequence[DrivenRows]) -> tuple[NDArray[np.float64], Vector]:
+    """Return θ_m, −τ_w and sgn ω (n × 3) and θ_j (n) of all rows that count of runs with a jaw's angle.
+
+    Friction at the jaw stretches the wire one way and the other; left out, it would be taken for load.
+    """
+    rows, right = [np.empty((0, 3))], [np.empty(0)]
+    for run in runs:
+        jaw, angle, load = run.jaw_rad, run.rows.reference_rad, run.rows.tau_w_N_m
+        if jaw is not None:
+            here = run.rows.weights > 0.0
+            loads = np.zeros(jaw.size) if load is None else load
+            rows.append(np.column_stack((angle, -loads, np.sign(np.gradient(angle))))[here])
+            right.append(jaw[here])
+    return np.concatenate(rows), np.concatenate(right)
+
+
 def driven_rows(runs: Sequence[Run]) -> tuple[list[DrivenRows], list[AuditFinding]]:
     """Make rows of the runs, and notes on what was left out; UserError when a run can't serve at all."""
-    if short := [run.name for run in runs if len(run) < FEWEST_ROWS]:
-        raise UserError(f"{short[0]}: too few rows to diagnose; at least {FEWEST_ROWS} are needed")
+    for run in runs:
+        require_rows(run.name, len(run))
     periods = [float(np.median(np.diff(run.columns["time_s"]))) for run in runs]
     count = sum(float(np.ptp(run.columns["time_s"])) / period for run, period in zip(runs, periods, strict=True))
     slow = {name: _slow_noise(runs, name) for name in DRIVING}
@@ -110,7 +124,7 @@ def _rows(run: Run, period_s: float, factor: int, slow_noise: dict[str, float]) 
 
     load_known = "tau_w_N_m" in columns
     driving = [name for name in ("theta_m_rad", "tau_w_N_m" if load_known else "theta_j_rad") if name in columns]
-    calm = {name: slow(smoothed_as_noise_asks(columns[name], jumps, slow_noise[name])) for name in driving}
+    smoothed = {name: slow(smoothed_as_noise_asks(columns[name], jumps, slow_noise[name])) for name in driving}
     passed = float(np.sqrt(2.0 * PASS_SHARE / factor))
     noise = {name: passed * white_deviation([values]) for name, values in columns.items()}
     columns = {name: slow(values) for name, values in columns.items()}
@@ -126,7 +140,8 @@ def _rows(run: Run, period_s: float, factor: int, slow_noise: dict[str, float]) 
         weights[max(row - reach, 0) : row + reach + 2] = 0.0
     time_s = step_s * np.arange(n, dtype=np.float64)
     rows = Rows(run.name, step_s, time_s, angle, columns, load, weights, driven=True)
-    return DrivenRows(rows, jaw, Calm(calm["theta_m_rad"], calm.get("tau_w_N_m"), calm.get("theta_j_rad")), noise)
+    without_noise = Smoothed(smoothed["theta_m_rad"], smoothed.get("tau_w_N_m"), smoothed.get("theta_j_rad"))
+    return DrivenRows(rows, jaw, without_noise, noise)
 
 
 def _on_even_rows(time_s: Vector, period_s: float, columns: dict[str, Vector]) -> tuple[dict[str, Vector], Mask]:

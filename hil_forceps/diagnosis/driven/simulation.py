@@ -34,19 +34,17 @@ class DrivenModel(NamedTuple):
 
     rows: DrivenRows
     substeps: int  # of a row
-    noisy: Inputs
-    calm: Inputs  # the same without noise
+    measured: Inputs
+    smoothed: Inputs  # the same without noise
     motion: Smooth  # of the motor without noise, as an encoder without error shows it
 
-    def simulated(self, theta: Vector, *, calm: bool) -> driven.Channels:
+    def simulated(self, theta: Vector, *, smoothed: bool) -> driven.Channels:
         """Return what the model says at each row; sensors' zeros are none of its."""
         rows = self.rows.rows
         bandwidth = BANDWIDTH_SHARE * self.substeps / rows.period_s
         still = still_rad_per_s(rows.reference_rad, rows.period_s)
-        if calm:
-            fine = driven.simulate(theta, self.calm, bandwidth_Hz=bandwidth, still_rad_per_s=still, motion=self.motion)
-        else:
-            fine = driven.simulate(theta, self.noisy, bandwidth_Hz=bandwidth, still_rad_per_s=still)
+        given, motion = (self.smoothed, self.motion) if smoothed else (self.measured, None)
+        fine = driven.simulate(theta, given, bandwidth_Hz=bandwidth, still_rad_per_s=still, motion=motion)
         return driven.Channels(*(values[:: self.substeps] for values in fine))
 
     def channels(self, shown: driven.Channels) -> dict[str, Vector]:
@@ -56,11 +54,11 @@ class DrivenModel(NamedTuple):
 
     def course(self, shown: driven.Channels) -> Course:
         """Return what the run went through, without noise."""
-        rows, calm = self.rows.rows, self.rows.calm
-        load = calm.tau_w_N_m if calm.tau_w_N_m is not None else np.zeros(rows.time_s.size)
+        rows, smoothed = self.rows.rows, self.rows.smoothed
+        load = smoothed.tau_w_N_m if smoothed.tau_w_N_m is not None else np.zeros(rows.time_s.size)
         return Course(
-            calm.motor_rad,
-            np.gradient(calm.motor_rad, rows.period_s),
+            smoothed.motor_rad,
+            np.gradient(smoothed.motor_rad, rows.period_s),
             shown.theta_j_rad,
             np.gradient(shown.theta_j_rad, rows.period_s),
             shown.elongation_m,
@@ -103,13 +101,15 @@ def driven_models(runs: Sequence[DrivenRows]) -> list[DrivenModel]:
     substeps = max(1, min(wanted, MOST_STEPS // count))
     found = []
     for run in runs:
-        rows, calm = run.rows, run.calm
-        noisy = _inputs(rows.time_s, rows.period_s, substeps, rows.reference_rad, rows.tau_w_N_m, run.theta_j_rad)
-        quiet = _inputs(rows.time_s, rows.period_s, substeps, calm.motor_rad, calm.tau_w_N_m, calm.theta_j_rad)
-        step_s = rows.period_s / substeps
-        found.append(
-            DrivenModel(run, substeps, noisy, quiet, smooth(quiet.theta_m_rad, step_s, BANDWIDTH_SHARE / step_s))
+        rows, without = run.rows, run.smoothed
+        given = (
+            (rows.reference_rad, rows.tau_w_N_m, run.theta_j_rad),
+            (without.motor_rad, without.tau_w_N_m, without.theta_j_rad),
         )
+        measured, smoothed = (_inputs(rows.time_s, rows.period_s, substeps, *columns) for columns in given)
+        step_s = rows.period_s / substeps
+        motion = smooth(smoothed.theta_m_rad, step_s, BANDWIDTH_SHARE / step_s)
+        found.append(DrivenModel(run, substeps, measured, smoothed, motion))
     return found
 
 

@@ -21,12 +21,11 @@ STRIBECK_QUANTILES = (0.03, 0.1, 0.3, 0.7)  # of the speed while moving
 HUMPS = (0.45, 0.15, 0.05)  # of how far the jaw goes to either side, the narrowest last
 NARROW_RAD, NARROWER = 0.1, 5.0  # where the jaw turns round and round, humps of this, each so many times narrower
 HARMONIC = "harmonic"
-WHOLE_HARMONICS, LEAST_OF_MANY = (1.0, 2.0), 2.5
 LIMIT_SHARES = (0.9985, 0.995, 0.98, 0.85, 0.6)  # of the largest current
 
 
 class Scene(NamedTuple):
-    """What the runs contain, as far as shapes and sizes depend on it; all from the simulation at the baseline."""
+    """What the runs contain, as far as shapes and sizes depend on it."""
 
     duration_s: float
     angle_range_rad: float
@@ -36,7 +35,6 @@ class Scene(NamedTuple):
     current_max_A: float
     harmonics_cogging: tuple[float, ...]
     harmonics_ripple: tuple[float, ...]
-    limits_A: tuple[float, ...] = ()  # of the current, that the simulation itself asks for
 
 
 class Probe(NamedTuple):
@@ -63,7 +61,7 @@ def probes(scene: Scene, without: frozenset[str] = frozenset()) -> list[Probe]:
 def _with_shape(entry: Effect, shape: Mapping[str, float], scene: Scene) -> list[Probe]:
     if entry.id == "current_saturation":
         # Its parameter is no amplitude: the limit is lowered a little below what the runs reach.
-        limits = (*scene.limits_A, *(share * scene.current_max_A for share in LIMIT_SHARES))
+        limits = [share * scene.current_max_A for share in LIMIT_SHARES]
         return [Probe(entry.id, {"limit_A": limit}, (), True) for limit in limits]
     sizes = {p.name: _size(entry, p.typical, scene) for p in entry.parameters if p.neutral is not None}
     if entry.id == "channel_skew":  # each channel is a place of its own
@@ -132,26 +130,6 @@ def _shapes(entry: Effect, scene: Scene) -> list[dict[str, float]]:
         return [{}]
     name, values = looked_at[entry.id]
     return [{name: value} for value in values]
-
-
-def free_parameters(entry: Effect, probe: Probe, *, geared: bool) -> dict[str, float]:
-    """Return the parameters to fit when this place is refined, and what each is at least.
-
-    All are, but for channels without skew and whole harmonics.
-
-    Once or twice in a turn repeats what goes round with the motor itself, and then it is once or twice to the last
-    digit; a harmonic of r_m/r_j, free to be found, is a weight at the jaw. Of more, a gear can make any number, but
-    none turns into one of those that are whole. `geared`: the angle is one behind a gear, and none is.
-    """
-    if entry.id == "channel_skew":
-        return {p.name: p.minimum for p in entry.parameters if p.name in probe.amplitudes}
-    least = {p.name: p.minimum for p in entry.parameters}
-    if HARMONIC in least and not geared:
-        if probe.start[HARMONIC] in WHOLE_HARMONICS:
-            del least[HARMONIC]
-        elif probe.start[HARMONIC] > LEAST_OF_MANY:
-            least[HARMONIC] = LEAST_OF_MANY
-    return least
 
 
 def quantiles_of_speed(omega: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, ...]:

@@ -89,6 +89,7 @@ class Search(NamedTuple):
     spent: Callable[[], bool]  # whether the time that was allowed is spent
     adapt: Adapt
     least_share: float  # of what is explained, that a further entry must gain
+    tied_share: float  # of the best gain: models that are no further behind are taken for equally good
     geared: bool  # the motor's angle may be one behind a gear: harmonics need not be whole
     most_effects: int
 
@@ -121,7 +122,7 @@ def search(s: Search, theta: Vector) -> Found:
             refitted = _refitted(s, best, start)
             tried = _with_one_more(tried, refitted._replace(gain=refitted.gain - start.place.cost))
         least = max(tested.threshold, s.least_share * explained)
-        joined = _ranked([c for c in tried if c.gain > least], s.least_share if s.geared else 0.0)
+        joined = _ranked([c for c in tried if c.gain > least], s.tied_share)
         light = tuple(c.without_runs() for c in tried)
         steps.append(Step(best.effects, tuple(places), tested, light, joined[0].effects[-1] if joined else ""))
         if not joined:
@@ -141,14 +142,10 @@ def search(s: Search, theta: Vector) -> Found:
     return Found(baseline, best, rivals, tuple(steps), explained, tuple(left_out))
 
 
-def _ranked(models: Sequence[Candidate], least_share: float) -> list[Candidate]:
-    """Return models by their gain; but first the one with fewest parameters of those that are hardly behind the best.
-
-    What a model with another parameter gains beyond it is no merit as long as it is less than what the search asks of a
-    further entry.
-    """
+def _ranked(models: Sequence[Candidate], tied_share: float) -> list[Candidate]:
+    """Return models by their gain; but first, of those that are taken for as good as the best, the simplest."""
     ranked = sorted(models, key=lambda c: -c.gain)
-    near = [c for c in ranked if c.gain > (1.0 - least_share) * ranked[0].gain]
+    near = [c for c in ranked if c.gain > (1.0 - tied_share) * ranked[0].gain]
     near.sort(key=lambda c: len(c.fit.free))
     return near[:1] + [c for c in ranked if c is not near[0]] if near else ranked
 
@@ -249,7 +246,7 @@ def _exchanged(
             theta = with_effect(theta, effect_id, values_of(other.fit.passes.theta, effect_id))
             found = _fitted(s, best, pass_all(s.runs, theta, s.mapper), effects)
             every[frozenset(effects)] = found._replace(gain=best.gain + found.gain)
-    ranked = _ranked(list(every.values()), s.least_share if s.geared else 0.0)
+    ranked = _ranked(list(every.values()), s.tied_share)
     kept = tuple(c for c in ranked if c.gain > ranked[0].gain - SET_DROP)
     if ranked[0] is best:
         return best, kept

@@ -1,9 +1,10 @@
 """From a run's columns to what the filter takes of it (`state_space.layout.Series`).
 
 even_rows    runs on equally spaced rows; lost ones are filled, and marked
+excerpts     parts of runs that are too long, spread over them
 sensor_noise deviation, correlation and resolution of the sensors' noise
 resolution   the step that recorded values come in
-command      what the drive commanded: its law on the recorded angles, or the measured current
+command      what the drive commanded: its law on the recorded angles
 decoding     what a drive counted and followed between rows
 contact      whether the load is that of something which the jaw touches
 load_prior   how much the load may change from row to row: stationary, with breaks of slope and jumps

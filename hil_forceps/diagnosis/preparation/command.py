@@ -116,11 +116,3 @@ def first_integral(law: Vector, rows: tuple[Vector, Vector, Vector], samples: in
         integral += float(np.median((shown - command)[told])) / law[KI]
     deviation_A = MEDIAN_DEVIATION * noise_A / math.sqrt(told.size) if told.size else float(law[LIMIT])
     return FirstIntegral(integral, deviation_A, forgotten)
-
-
-def by_measurement(current_A: Vector, noise_variance: float) -> Command:
-    """Return the measured current as the command: the drive's law isn't known."""
-    # A row's current is the one commanded a row earlier.
-    command = np.concatenate((current_A[1:], current_A[-1:]))
-    n = command.size
-    return Command(command, 1, np.full(n, noise_variance), 0.0, np.zeros(n), np.full(n, np.nan))

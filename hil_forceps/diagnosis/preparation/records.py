@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.preparation.command import Command, by_law, by_measurement
+from hil_forceps.diagnosis.preparation.command import Command, by_law
 from hil_forceps.diagnosis.preparation.contact import contact
 from hil_forceps.diagnosis.preparation.decoding import Expected
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun, opened
@@ -121,9 +121,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
     period_s = float(time_s[-1] - time_s[0]) / (n - 1)
     missing = np.full(n, np.nan)
     jaw, load = columns.get("theta_j_rad", missing), columns.get("tau_w_N_m", missing)
-    command = _command(run, rig, noise, period_s, expected)
-    if "theta_m_ref_rad" in columns and rig.drive is not None:
-        command = opened(command, rig, columns["theta_m_ref_rad"], lost)
+    command = opened(_command(run, rig, noise, period_s, expected), rig, columns["theta_m_ref_rad"], lost)
     torque = plant.torque_constant_N_m_per_A * float(np.ptp(command.current_A))
     touched = _touched(encoder, jaw, load, rig, noise)
     outside = load if touched is None else load - touched.load_N_m
@@ -224,13 +222,7 @@ def _ringing(jump_variance: Vector, fading_rows: int) -> Mask:
 
 def _command(run: Run, rig: Rig, noise: Noise, period_s: float, expected: Expected | None) -> Command:
     columns = run.columns
-    if "current_A" in columns:
-        current = columns["current_A"]
-    else:
-        current = columns["tau_m_N_m"] / rig.plant().torque_constant_N_m_per_A
-    if rig.drive is None or "theta_m_ref_rad" not in columns or "current_A" not in columns:
-        return by_measurement(current, float(noise.deviation[2]) ** 2)
-    rows = (columns["theta_m_ref_rad"], columns["theta_m_rad"], current)
+    rows = (columns["theta_m_ref_rad"], columns["theta_m_rad"], columns["current_A"])
     return by_law(rig, float(noise.deviation[2]), rows, period_s, expected)
 
 

@@ -13,7 +13,7 @@ covariance     its way from row to row
 filter_pass    one pass: innovations, their weights, gains, the course of the state
 response_pass  how the innovations answer to other parameters, along that course and with those gains
 forcing_pass   how they answer to torques and errors of sensors that are given row by row, many at once
-passes         all of these for a set of runs, reduced to a Gram matrix
+passes         a run as the filter passes over it: what is evidence, and how it answers
 
 Sources: Särkkä and Svensson, Bayesian Filtering and Smoothing (2nd ed., 2023), chapters 7 and 16; R. E. Curry,
 Estimation and Control with Quantized Measurements (1970), for counts; Gouriéroux et al., Generalised residuals, J.

@@ -1,6 +1,6 @@
 """From runs of a drive whose law is known to the whole result, by the filter."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,21 +13,19 @@ from hil_forceps.diagnosis.options import Options, split_runs
 from hil_forceps.diagnosis.preparation.command import samples_in_a_row
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
-from hil_forceps.diagnosis.result import AuditFinding, Detectable, Diagnosis, Gain, RunEvidence
+from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Gain, RunEvidence
 from hil_forceps.diagnosis.validation.estimates import estimate_gains
 from hil_forceps.diagnosis.validation.heldout import Played, evidence, gains
-from hil_forceps.diagnosis.validation.numbers import balances, trends
+from hil_forceps.diagnosis.validation.rows import require_rows
 from hil_forceps.diagnosis.validation.simulation import Measured, measured, play, unknown_load_rms
-from hil_forceps.diagnosis.validation.strokes import Strokes, floors_with_strokes, repetition
-from hil_forceps.diagnosis.validation.verdict import Judgement, candidates, detectable, judge
+from hil_forceps.diagnosis.validation.strokes import Strokes, floors_with_strokes
+from hil_forceps.diagnosis.validation.told import Beside, diagnosis_of
+from hil_forceps.diagnosis.validation.verdict import Judgement, detectable, judge
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
-from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
-
-FEWEST_ROWS = 50
 
 
 def even_runs(runs: Sequence[Run], rig: Rig) -> list[EvenRun] | None:
@@ -50,9 +48,7 @@ def conclude(
     `findings`: of the audit. UserError for a run of too few rows.
     """
     for even in runs:
-        rows = int(np.count_nonzero(~even.lost))
-        if rows < FEWEST_ROWS:
-            raise UserError(f"{even.name}: {rows} rows are too few to diagnose; at least {FEWEST_ROWS} are needed")
+        require_rows(even.name, int(np.count_nonzero(~even.lost)))
     runs, left_out = excerpts(runs)
     findings = (*findings, *left_out)
     wanted = set(options.hold_out)
@@ -71,7 +67,7 @@ def conclude(
     verdict = judge(found, rig)
     least = detectable(found.found.steps[0]) if found.found.steps else {}
     options.progress("simulating the models beside the runs")
-    diagnosis, extended = _told(fitted, held_out, rig, findings, found, verdict, least, options)
+    diagnosis, extended = _told(fitted, held_out, rig, findings, found, verdict, options)
     if options.spent():
         return diagnosis, extended, None
     options.progress("looking for the next experiment")
@@ -86,7 +82,6 @@ def _told(
     findings: Sequence[AuditFinding],
     found: Identified,
     verdict: Judgement,
-    least: Mapping[str, Detectable],
     options: Options,
 ) -> tuple[Diagnosis, Rig]:
     best, baseline = found.found.best.fit, found.found.baseline
@@ -114,25 +109,8 @@ def _told(
         evidences += evidence(rows, held, *played, estimated)
         if held:
             gained = gains(rows, played[1], played[2], own, options.seed) | estimate_gain
-    diagnosis = Diagnosis(
-        verdict.verdict,
-        verdict.sentence,
-        verdict.effects,
-        verdict.sets,
-        verdict.shifts,
-        gained,
-        tuple(even.name for even in held_out),
-        (*findings, *map(repetition, repeated)),
-        least,
-        None,
-        verdict.varies_over,
-        verdict.reasons,
-        candidates(found),
-        balances(found.before, found.after),
-        trends(tuple(floors), found.before, found.after),
-        floors,
-        tuple(evidences),
-    )
+    beside = Beside(evidences, gained, floors, repeated)
+    diagnosis = diagnosis_of(found, verdict, beside, findings, verdict.shifts)
     options.to_draw(diagnosis)
     return diagnosis, extended
 

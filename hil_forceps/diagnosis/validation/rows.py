@@ -5,7 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.rig.errors import UserError
+
 Vector = NDArray[np.float64]
+
+FEWEST_ROWS = 50  # of a run that is diagnosed
 
 
 class Rows(NamedTuple):
@@ -19,3 +23,9 @@ class Rows(NamedTuple):
     tau_w_N_m: Vector | None  # the load's course
     weights: Vector  # 1 where a row counts, else 0
     driven: bool = False  # by the motion as measured
+
+
+def require_rows(name: str, rows: int) -> None:
+    """UserError where a run has too few rows to be diagnosed."""
+    if rows < FEWEST_ROWS:
+        raise UserError(f"{name}: {rows} rows are too few to diagnose; at least {FEWEST_ROWS} are needed")

@@ -12,8 +12,8 @@ from hil_forceps.diagnosis.driven import identification
 from hil_forceps.diagnosis.driven import rows as driven_rows_of
 from hil_forceps.diagnosis.driven.identification import identify_driven, known_of
 from hil_forceps.diagnosis.driven.rows import driven_rows
-from hil_forceps.diagnosis.driven.start import driven_runs
-from hil_forceps.diagnosis.driven.starting import completed, guess
+from hil_forceps.diagnosis.driven.runs import driven_runs
+from hil_forceps.diagnosis.driven.starting_values import completed, guess
 from hil_forceps.diagnosis.driven.whitening import ORDER, rows_before, whitening
 from hil_forceps.diagnosis.inference.fit import fit
 from hil_forceps.diagnosis.inference.parameters import GAUGE

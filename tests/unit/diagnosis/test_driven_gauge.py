@@ -8,8 +8,8 @@ import pytest
 
 from hil_forceps.diagnosis.driven.gauge import K, with_scale
 from hil_forceps.diagnosis.driven.jaw_zero import jaw_zero_rad, without_jaw_zero
-from hil_forceps.diagnosis.driven.rows import Calm, DrivenRows
-from hil_forceps.diagnosis.driven.starting import R_J, R_M
+from hil_forceps.diagnosis.driven.rows import DrivenRows, Smoothed
+from hil_forceps.diagnosis.driven.starting_values import R_J, R_M
 from hil_forceps.diagnosis.result import Estimate, Shift
 from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.rig import load_rig
@@ -56,7 +56,7 @@ def record_of(zero: float, level: float, *, driving: bool = False) -> DrivenRows
     channels = torque if driving else torque | {"theta_j_rad": jaw}
     other = jaw if driving else None
     rows = Rows("a", 0.01, time, theta, channels, load, np.ones(500), driven=True)
-    return DrivenRows(rows, other, Calm(theta, load, other), {})
+    return DrivenRows(rows, other, Smoothed(theta, load, other), {})
 
 
 def test_a_far_zero_of_the_jaw_is_taken_out_of_every_run_and_said() -> None:
@@ -76,8 +76,8 @@ def test_a_jaw_that_drives_loses_its_zero_too_and_a_near_zero_stays() -> None:
     found, _, notes = without_jaw_zero([record_of(-2.0, 0.0, driving=True)], [])
     assert found[0].theta_j_rad is not None
     assert abs(float(np.mean(found[0].theta_j_rad))) < 0.1
-    assert found[0].calm is not None
-    assert found[0].calm.theta_j_rad == pytest.approx(found[0].theta_j_rad)
+    assert found[0].smoothed is not None
+    assert found[0].smoothed.theta_j_rad == pytest.approx(found[0].theta_j_rad)
     assert notes
     near = [record_of(0.01, level) for level in (0.0, 0.02)]
     assert without_jaw_zero(near, []) == (near, [], ())

@@ -27,6 +27,7 @@ SEARCH = Search(
     spent=lambda: False,
     adapt=lambda runs, *_, **__: runs,
     least_share=0.0,
+    tied_share=0.0,
     geared=False,
     most_effects=6,
 )

@@ -29,6 +29,7 @@ def found_in(rig: Rig, effects: Mapping[str, Mapping[str, float]], kinds: tuple[
         lambda: False,
         adapting(POOL.map),
         INEXACT_SHARE,
+        tied_share=0.0,
         geared=False,
         most_effects=6,
     )

@@ -1,4 +1,4 @@
-"""Runs and rig made ready: zeros between encoders taken out, starting values for what the rig doesn't know."""
+"""Runs as the search takes them, with what is known of their sensors' zeros."""
 
 from collections.abc import Sequence
 

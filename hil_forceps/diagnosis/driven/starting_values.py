@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.driven.rows import DrivenRows
+from hil_forceps.diagnosis.driven.rows import DrivenRows, angle_balance
 from hil_forceps.diagnosis.inference.parameters import known
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
@@ -24,7 +24,6 @@ Vector = NDArray[np.float64]
 
 WIDEST_SD = 10.0  # of the starting value
 NARROWEST_SD = 0.5
-LEAST_LOAD_SHARE = 0.05  # of the motor's torque: a smaller load tells no ratio
 
 R_M, R_J = "forceps.motor_pulley_radius_m", "forceps.jaw_pulley_radius_m"
 K_T = "motor.torque_constant_N_m_per_A"
@@ -119,32 +118,20 @@ def _torque_balance(records: Sequence[DrivenRows]) -> tuple[float, float, float,
         here = record.rows.weights > 0.0
         rows.append(columns[here])
         right.append(record.rows.channels[record.torque_channel][here])
-    found = _least_squares(*_centred(rows, right))
+    found = _least_squares(*_centred(np.concatenate(rows), np.concatenate(right)))
     return float(found[0]), float(found[1]), float(found[2]), float(found[3])
 
 
 def _angles(records: Sequence[DrivenRows]) -> tuple[float, float]:
-    rows, right = [], []
-    for record in records:
-        jaw = record.jaw_rad
-        if jaw is None:
-            continue
-        here = record.rows.weights > 0.0
-        # Without a load cell the motor's torque stands for the load, up to a factor.
-        load = record.rows.tau_w_N_m if record.rows.tau_w_N_m is not None else np.zeros(jaw.size)
-        # Friction at the jaw stretches the wire one way and the other; left out, it would be taken for load.
-        way = np.sign(np.gradient(record.rows.reference_rad))
-        rows.append(np.column_stack((record.rows.reference_rad, -load, way))[here])
-        right.append(jaw[here])
-    if not rows:
+    columns, jaw = angle_balance(records)
+    if not jaw.size:
         return math.nan, math.nan
-    found = _least_squares(*_centred(rows, right))
+    found = _least_squares(*_centred(columns, jaw))
     return float(found[0]), float(found[1])
 
 
-def _centred(rows: Sequence[NDArray[np.float64]], right: Sequence[Vector]) -> tuple[NDArray[np.float64], Vector]:
+def _centred(columns: NDArray[np.float64], values: Vector) -> tuple[NDArray[np.float64], Vector]:
     """Return all runs with one zero: levels of load that differ from run to run tell more than what varies within."""
-    columns, values = np.concatenate(rows), np.concatenate(right)
     return columns - columns.mean(axis=0), np.asarray(values - values.mean())
 
 
