@@ -169,9 +169,6 @@ def test_a_clipped_current_gets_no_other_name(call: Any, good: list[Run]) -> Non
 
 @pytest.mark.long
 @pytest.mark.slow
-@pytest.mark.xfail(
-    reason="three runs of 3 s with gaps: a weight at the jaw is named with confidence 0.56 (decisions/0009)"
-)
 def test_gaps_are_told_and_do_not_become_a_cause(call: Any, good: list[Run]) -> None:
     kept = np.r_[0:900, 1000:2000, 2010:3000]
     gappy = [Run(run.name, {name: values[kept] for name, values in run.columns.items()}) for run in good]

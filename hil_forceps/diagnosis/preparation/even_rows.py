@@ -1,7 +1,8 @@
 """Runs on equally spaced rows: lost ones are filled, and marked, for the drive's law goes on through them.
 
-What is filled is no measurement. It only keeps the law's memory: how far its command and its integral may be off there
-is what a count more or less, and the way of the reference over the gap, make of them.
+At a gap that is too long for that a run is cut; each piece begins anew. What is filled is no measurement. It only
+keeps the law's memory: how far its command and its integral may be off there is what a count more or less, and the way
+of the reference over the gap, make of them.
 """
 
 import math
@@ -21,6 +22,7 @@ Mask = NDArray[np.bool_]
 UNEVEN = 0.02  # of a row: stamps that vary by more are no equally spaced rows
 MOST_LOST = 0.1  # of the rows
 LONGEST_GAP = 20  # rows: over a longer one the law's memory is worth nothing
+FEWEST_ROWS = 50  # of a run, or of a piece of one, that is diagnosed
 MEMORY_ROWS = 4  # of a wrong count, in the filter of the derivative
 
 
@@ -29,8 +31,8 @@ class EvenRun(NamedTuple):
 
     run: Run
     lost: Mask  # n: rows that were filled
-    begin_s: float = 0.0  # of an excerpt, after the run's first row
-    of: str = ""  # name of the run that it is an excerpt of
+    begin_s: float = 0.0  # of a part, after the run's first row
+    of: str = ""  # name of the run that it is a part of
 
     @property
     def name(self) -> str:
@@ -41,6 +43,40 @@ class EvenRun(NamedTuple):
     def whole(cls, run: Run) -> "EvenRun":
         """Return a run whose rows are equally spaced already, none of them lost."""
         return cls(run, np.zeros(len(run), dtype=np.bool_))
+
+    def part(self, first: int, behind: int) -> "EvenRun":
+        """Return the rows from `first` to `behind`, named by the second they begin at."""
+        rows = slice(first, behind)
+        columns = {name: values[rows] for name, values in self.run.columns.items()}
+        begin_s = self.begin_s + float(columns["time_s"][0] - self.run.columns["time_s"][0])
+        of = self.of or self.name
+        return EvenRun(Run(f"{of} from {begin_s:.2f} s", columns, self.run.notes), self.lost[rows], begin_s, of)
+
+
+def even_pieces(run: Run, rig: Rig) -> list[EvenRun]:
+    """Return a run on equally spaced rows, in pieces where gaps are too long to be filled.
+
+    Pieces of fewer than `FEWEST_ROWS` rows are left out. Empty where a piece's stamps vary, or too many rows are lost.
+    """
+    time_s = run.columns["time_s"]
+    if time_s.size < 2:
+        return []
+    intervals = np.diff(time_s)
+    edges = np.flatnonzero(intervals > (LONGEST_GAP + 0.5) * float(np.median(intervals))) + 1
+    if not edges.size:
+        even = even_rows(run, rig)
+        return [even] if even is not None else []
+    found = []
+    for first, behind in zip((0, *edges), (*edges, time_s.size), strict=True):
+        if behind - first < FEWEST_ROWS:
+            continue
+        begin_s = float(time_s[first] - time_s[0])
+        columns = {name: values[first:behind] for name, values in run.columns.items()}
+        even = even_rows(Run(f"{run.name} from {begin_s:.2f} s", columns, run.notes), rig)
+        if even is None:
+            return []
+        found.append(even._replace(begin_s=begin_s, of=run.name))
+    return found
 
 
 def even_rows(run: Run, rig: Rig) -> EvenRun | None:

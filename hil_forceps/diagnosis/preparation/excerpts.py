@@ -6,7 +6,6 @@ import numpy as np
 
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.result import AuditFinding
-from hil_forceps.runs.table import Run
 
 MOST_ROWS = 120_000  # of all runs together: some 1.2 GB
 EXCERPT_ROWS = 10_000  # long against all that a plant forgets, short enough for many of them
@@ -28,7 +27,7 @@ def excerpts(runs: Sequence[EvenRun]) -> tuple[list[EvenRun], list[AuditFinding]
         count = max(1, most // EXCERPT_ROWS)
         length = min(most, EXCERPT_ROWS)
         firsts = np.linspace(0, rows - length, count).astype(int)
-        found += [_excerpt(even, int(first), length) for first in firsts]
+        found += [even.part(int(first), int(first) + length) for first in firsts]
         text = (
             f"{count} excerpts of {length} rows each are used, {100.0 * count * length / rows:.2g} % of its {rows} rows"
         )
@@ -45,11 +44,3 @@ def _longest(rows: Sequence[int]) -> int:
             return share
         left -= count
     return max(rows)
-
-
-def _excerpt(even: EvenRun, first: int, length: int) -> EvenRun:
-    part = slice(first, first + length)
-    columns = {name: values[part] for name, values in even.run.columns.items()}
-    begin_s = float(columns["time_s"][0] - even.run.columns["time_s"][0])
-    run = Run(f"{even.name} from {begin_s:.0f} s", columns, even.run.notes)
-    return EvenRun(run, even.lost[part], even.begin_s + begin_s, even.of or even.name)

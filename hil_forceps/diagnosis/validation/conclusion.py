@@ -1,5 +1,6 @@
 """From runs of a drive whose law is known to the whole result, by the filter."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from hil_forceps.diagnosis.experiment_design.next_experiment import propose
 from hil_forceps.diagnosis.identification import Identified, identify
 from hil_forceps.diagnosis.options import Options, split_runs
 from hil_forceps.diagnosis.preparation.command import samples_in_a_row
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
+from hil_forceps.diagnosis.preparation.even_rows import FEWEST_ROWS, LONGEST_GAP, EvenRun, even_pieces
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
 from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Gain, RunEvidence
 from hil_forceps.diagnosis.validation.estimates import estimate_gains
@@ -36,8 +37,13 @@ def even_runs(runs: Sequence[Run], rig: Rig) -> list[EvenRun] | None:
     needed = {"theta_m_ref_rad", "theta_m_rad", "current_A"}
     if rig.drive is None or not all(needed <= run.columns.keys() for run in runs):
         return None
-    found = [even for run in runs if (even := even_rows(run, rig)) is not None and samples_in_a_row(even.run, rig) > 0]
-    return found if len(found) == len(runs) else None
+    found: list[EvenRun] = []
+    for run in runs:
+        pieces = even_pieces(run, rig)
+        if not pieces or any(samples_in_a_row(piece.run, rig) == 0 for piece in pieces):
+            return None
+        found += pieces
+    return found
 
 
 def conclude(
@@ -49,8 +55,9 @@ def conclude(
     """
     for even in runs:
         require_rows(even.name, int(np.count_nonzero(~even.lost)))
+    cut = _cut_at_gaps(runs)
     runs, left_out = excerpts(runs)
-    findings = (*findings, *left_out)
+    findings = (*findings, *cut, *left_out)
     wanted = set(options.hold_out)
     held = tuple(even.name for even in runs if even.of in wanted)
     fitted, held_out = split_runs(runs, (*held, *sorted(wanted - {even.of for even in runs})))
@@ -73,6 +80,12 @@ def conclude(
     options.progress("looking for the next experiment")
     proposal = propose(found, rig, [even.run for even in fitted], least, options.mapper)
     return replace(diagnosis, next_experiment=proposal.result), extended, proposal.trajectory
+
+
+def _cut_at_gaps(runs: Sequence[EvenRun]) -> list[AuditFinding]:
+    pieces = Counter(even.of for even in runs if even.of)
+    said = f"; each begins anew behind a gap of more than {LONGEST_GAP} rows, those below {FEWEST_ROWS} are left out"
+    return [AuditFinding("pieces", "note", name, "", f"{n} pieces are used{said}") for name, n in pieces.items()]
 
 
 def _told(
