@@ -21,7 +21,7 @@ from hil_forceps.cli.trajectory_file import write_trajectory
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.result import Diagnosis, Rung, to_json
 from hil_forceps.report.diagnosis import begun, draughtsman, write_figures, write_report
-from hil_forceps.rig import load_rig
+from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.loading import dump_rig
@@ -52,7 +52,7 @@ def diagnose(
     Parameters
     ----------
     runs
-        Measured runs: CSV, Parquet, recordings (.mcap), bus logs, surgical-tool text or zip, EMPS .mat.
+        Measured runs: CSV, Parquet, recordings (.mcap), bus logs, surgical-tool text or zip, EPOS Studio, EMPS .mat.
     rig
         The rig file to simulate with.
     out
@@ -79,7 +79,7 @@ def diagnose(
     if budget is not None and not budget > 0.0:
         raise UserError(f"--budget {budget}: must be more than 0 seconds")
     known = load_rig(rig)
-    read = _read(runs)
+    read = _read(runs, known)
     make_folder(out)
     console = Console(stderr=True)
     threads = jobs or os.cpu_count() or 1
@@ -136,8 +136,8 @@ def _leave_trajectory(trajectory: Trajectory | None, path: Path) -> None:
         write_trajectory(trajectory, path)
 
 
-def _read(paths: Sequence[Path]) -> list[Run]:
-    read = [run for path in paths for run in read_run(path)]
+def _read(paths: Sequence[Path], rig: Rig) -> list[Run]:
+    read = [run for path in paths for run in read_run(path, rig=rig)]
     if not read:
         raise UserError("no runs were given")
     names = [run.name for run in read]

@@ -27,7 +27,7 @@ def import_(
     """Write runs in the project's own format, one file each, SI units in the columns' names; audit them.
 
     Reads CSV, Parquet, recordings (.mcap), bus logs (.log .asc .blf .trc), the surgical-tool text format (folder, zip
-    or text) and EMPS (.mat), told by content.
+    or text), EPOS Studio's text and EMPS (.mat), told by content.
 
     Parameters
     ----------
@@ -38,7 +38,8 @@ def import_(
     form
         CSV, or Parquet (needs pyarrow).
     rig
-        Rig file to audit against; without it only what needs no rig is looked at.
+        Rig file to audit against, and to take from what recordings don't say (rated torque, constant load); without it
+        only what needs no rig is looked at.
     """
     if out is None:
         raise UserError("import: --out DIR is missing; name the folder for the runs")
@@ -46,7 +47,7 @@ def import_(
     if form == "parquet":
         require_parquet()
     with telling_when_compiling(), bar() as progress:
-        found = read_sources(source, progress)
+        found = read_sources(source, progress, known)
         make_folder(out)
         paths = _paths(found, out, form)
         task = progress.add_task("writing", total=len(found))

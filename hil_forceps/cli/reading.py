@@ -11,6 +11,7 @@ from rich.progress import Progress, TaskID
 from rich.table import Table
 
 from hil_forceps.diagnosis.audit.audit import Finding, Severity
+from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs.readers import read_run
 from hil_forceps.runs.table import Run
@@ -25,7 +26,7 @@ WHERE_TO_GET = (
 _STYLES: dict[Severity, str] = {"problem": "bold red", "warning": "yellow", "note": "dim"}
 
 
-def read_sources(sources: Sequence[Path], progress: Progress) -> list[tuple[Path, Run]]:
+def read_sources(sources: Sequence[Path], progress: Progress, rig: Rig | None = None) -> list[tuple[Path, Run]]:
     """Return every run of every source with its source; UserError with the problems of all of them."""
     missing = [source for source in sources if not source.exists()]
     if missing or not sources:
@@ -36,7 +37,7 @@ def read_sources(sources: Sequence[Path], progress: Progress) -> list[tuple[Path
     for source in sources:
         task = progress.add_task(f"reading {source.name}", total=None)
         try:
-            found += [(source, run) for run in read_run(source, _teller(progress, task))]
+            found += [(source, run) for run in read_run(source, _teller(progress, task), rig)]
         except UserError as error:
             problems += error.problems
         progress.remove_task(task)

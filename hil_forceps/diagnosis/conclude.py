@@ -1,6 +1,7 @@
 """The one call: runs and a rig in, a whole diagnosis out, and the rig with what was found in it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,11 +10,12 @@ from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.audit.audit import audit
 from hil_forceps.diagnosis.driven.conclusion import conclude_driven
 from hil_forceps.diagnosis.options import Options
-from hil_forceps.diagnosis.result import Diagnosis
+from hil_forceps.diagnosis.result import AuditFinding, Diagnosis
 from hil_forceps.diagnosis.validation.conclusion import conclude as by_filter
 from hil_forceps.diagnosis.validation.conclusion import even_runs
 from hil_forceps.rig import Rig
-from hil_forceps.runs.table import Run
+from hil_forceps.rig.catalogue import EFFECTS
+from hil_forceps.runs.table import ANGLE_FROM_SPEED, Run
 
 FEWEST_QUANTA = 20  # an angle that moves over fewer counts has not moved
 
@@ -37,6 +39,11 @@ def diagnose(runs: Sequence[Run], rig: Rig, options: Options) -> Conclusion:
     if wrong := [finding.text for finding in findings if finding.severity == "problem"]:
         said = "These data cannot tell: they can't be right as they are."
         return Conclusion(Diagnosis("undetermined", said, data_audit=told, reasons=tuple(dict.fromkeys(wrong))), rig)
+    if any(ANGLE_FROM_SPEED in run.notes for run in runs):
+        by_angle = sorted(effect.id for effect in EFFECTS if effect.by_angle)
+        options = replace(options, without=options.without | frozenset(by_angle))
+        left_out = f"no angle has a zero that holds from run to run: {', '.join(by_angle)} are left out"
+        told = (*told, AuditFinding("angle", "note", "", "theta_m_rad", left_out))
     even = even_runs(runs, rig)
     if even is not None:
         return Conclusion(*by_filter(even, rig, told, options))

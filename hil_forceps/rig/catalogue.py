@@ -44,6 +44,7 @@ class Effect(NamedTuple):
     parameters: tuple[EffectParameter, ...]
     source: str
     shown_by: str  # what data can show it
+    by_angle: bool = False  # hangs on where an angle's zero is
 
 
 _P = EffectParameter
@@ -134,6 +135,7 @@ EFFECTS: tuple[Effect, ...] = (
         ),
         "Armstrong-Hélouvry, Dupont, Canudas de Wit 1994, position-dependent friction",
         "motion of the jaw over its range, both directions",
+        by_angle=True,
     ),
     Effect(
         "jaw_gravity",
@@ -143,6 +145,7 @@ EFFECTS: tuple[Effect, ...] = (
         _wave("N_m", 0.1, 1e-5),
         "rigid body under gravity",
         "the jaw over a wide range of angles; the forceps in another orientation",
+        by_angle=True,
     ),
     Effect(
         "wire_slack",
@@ -221,6 +224,7 @@ EFFECTS: tuple[Effect, ...] = (
         (*_wave("N_m", 1.0, 1e-4), _HARMONIC),
         "Hanselman, Brushless Permanent Magnet Motor Design, 2003",
         "slow motion over several periods",
+        by_angle=True,
     ),
     Effect(
         "torque_ripple",
@@ -230,6 +234,7 @@ EFFECTS: tuple[Effect, ...] = (
         (*_wave("", 0.9, 0.02, _RIPPLING), _HARMONIC),
         "Jahns, Soong, IEEE TIE 43(2), 1996",
         "motion over several periods under load",
+        by_angle=True,
     ),
     Effect(
         "current_offset",
@@ -298,6 +303,7 @@ EFFECTS: tuple[Effect, ...] = (
         _wave("rad", 0.5, 2e-3),
         "mounting error of an encoder disc",
         "several turns of the motor, or a jaw sensor",
+        by_angle=True,
     ),
     Effect(
         "encoder_scale",
@@ -316,6 +322,7 @@ EFFECTS: tuple[Effect, ...] = (
         _wave("", 0.5, 0.01, _ROUND),
         "mounting error of a pulley",
         "a jaw sensor, motion over a good part of a turn",
+        by_angle=True,
     ),
     Effect(
         "spool_radius_change",
@@ -325,6 +332,7 @@ EFFECTS: tuple[Effect, ...] = (
         (_P("pitch_m_per_turn", "m_per_turn", -5e-3, 5e-3, 0.0, 2e-5, "p"),),
         "wire wound on itself",
         "a jaw sensor, motion over a good part of a turn",
+        by_angle=True,
     ),
     Effect(
         "current_saturation",
@@ -353,6 +361,7 @@ EFFECTS: tuple[Effect, ...] = (
         _wave("", 0.5, 0.01, _BENT_LEVER),
         "lever arm l cos(θ − φ) of a wire at a lever; mounting error of a pulley",
         "a jaw sensor, motion over its range, several loads",
+        by_angle=True,
     ),
     Effect(
         "jaw_coupling",
@@ -365,6 +374,7 @@ EFFECTS: tuple[Effect, ...] = (
         ),
         "coupled tendon-driven joints: Tsai, Robot Analysis, 1999 (chapter 10); Hooke's law",
         "the jaw over a wide range of angles, at one load",
+        by_angle=True,
     ),
     Effect(
         "loaded_presliding",

@@ -22,6 +22,7 @@ from hil_forceps.rig.sections import (
     Limits,
     Motor,
     Noise,
+    Recording,
     Section,
 )
 from hil_forceps.rig.translation import problems_of
@@ -38,6 +39,7 @@ __all__ = [
     "Motor",
     "Noise",
     "Parameter",
+    "Recording",
     "Rig",
     "rig_from_data",
     "validate",
@@ -52,6 +54,7 @@ class Rig(Section):
     encoder: Encoder
     drive: DriveLaw | None = None
     noise: Noise = Noise()
+    recording: Recording = Recording()
     effects: Effects = Field(default_factory=dict)
     bench: BenchSettings = BenchSettings()
     limits: Limits = Limits()

@@ -180,6 +180,17 @@ class Limits(Section):
     )
 
 
+class Recording(Section):
+    """What recordings of this rig don't say themselves."""
+
+    rated_torque_N_m: Annotated[Number, Quantity("N_m", 0.0, 1e3, open_low=True)] | None = Field(
+        default=None, description="the motor's rated torque, which drives give torque in percent of (CiA 402, 6076h)"
+    )
+    constant_load_N_m: Annotated[Number, Quantity("N_m", -10.0, 10.0)] | None = Field(
+        default=None, description="load on the jaw in runs without a load cell, where it is known and constant"
+    )
+
+
 class EstimatorSettings(Section):
     """Tuning of the estimators."""
 

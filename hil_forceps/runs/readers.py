@@ -5,14 +5,19 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.runs import surgical_files
 from hil_forceps.runs.bus_frames import LOG_SUFFIXES
 from hil_forceps.runs.csv_table import Progress, read_csv
+from hil_forceps.runs.epos_studio import MARK, read_epos_studio
 from hil_forceps.runs.surgical_tool import COLUMN_COUNT, iter_surgical_tool, jaw_side, parse_table, to_run
 from hil_forceps.runs.table import Run
 
 _SNIFFED_BYTES = 4096
+EPOS_STUDIO = ".epos"  # in a file that is called .csv
 _MAGIC = {
     b"\x89MCAP0\r\n": ".mcap",
     b"PAR1": ".parquet",
@@ -26,19 +31,31 @@ _CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]{3,8}#")
 _NEEDS_MAGIC = frozenset({".mcap", ".parquet", ".zip", ".blf", ".mat"})
 
 
-def read_run(path: str | Path, progress: Progress | None = None) -> list[Run]:
-    """Return every run in a file or folder, at least one.
+def read_run(path: str | Path, progress: Progress | None = None, rig: Rig | None = None) -> list[Run]:
+    """Return every run in a file or folder, at least one; with a rig, what its recordings don't say is added.
 
     A file is a CSV, a Parquet file, a recording of the service (MCAP), a bus log (candump, ASC, BLF, TRC), a text of
-    the surgical tool or a zip of them, or an EMPS `.mat`. A folder is a data set of the surgical tool, or holds any
-    of these; its bus logs are read only when nothing else in it is a run, for the service writes both of one run.
-    `progress` is told bytes read and bytes in all, of each CSV. Raises UserError, with the place in the file where
-    there is one, for whatever can't be used.
+    the surgical tool or a zip of them, a recording of EPOS Studio, or an EMPS `.mat`. A folder is a data set of the
+    surgical tool, or holds any of these; its bus logs are read only when nothing else in it is a run, for the service
+    writes both of one run. `progress` is told bytes read and bytes in all, of each CSV. Raises UserError, with the
+    place in the file where there is one, for whatever can't be used.
     """
-    path = Path(path)
+    found = _read(Path(path), progress, rig)
+    load_N_m = None if rig is None else rig.recording.constant_load_N_m
+    return found if load_N_m is None else [_with_load(run, load_N_m) for run in found]
+
+
+def _with_load(run: Run, load_N_m: float) -> Run:
+    if "tau_w_N_m" in run.columns:
+        return run
+    columns = {**run.columns, "tau_w_N_m": np.full(len(run), load_N_m)}
+    return Run(run.name, columns, (*run.notes, f"load: {load_N_m:g} N m throughout, as the rig says"))
+
+
+def _read(path: Path, progress: Progress | None, rig: Rig | None) -> list[Run]:
     try:
         if path.is_dir():
-            return _folder(path, progress)
+            return _folder(path, progress, rig)
         if not path.is_file():
             raise UserError(f"{path}: {'neither file nor folder' if path.exists() else 'no such file or folder'}")
         with path.open("rb") as file:
@@ -50,6 +67,8 @@ def read_run(path: str | Path, progress: Progress | None = None) -> list[Run]:
     kind = kind_of(path, head)
     if kind == ".csv":
         return [read_csv(path, progress)]
+    if kind == EPOS_STUDIO:
+        return [read_epos_studio(path, rig)]
     reader = _READERS.get(kind)
     if reader is None:
         raise UserError(f"{path}: {kind} files are not read; give CSV, Parquet, MCAP, a bus log or a MATLAB 5 file")
@@ -68,6 +87,8 @@ def kind_of(path: Path, head: bytes) -> str:
         return suffix
     if _CANDUMP.match(head):
         return ".log"
+    if MARK in head:
+        return EPOS_STUDIO
     return ".txt" if _is_surgical(head) else ".csv"
 
 
@@ -128,21 +149,21 @@ _READERS: dict[str, Callable[[Path], list[Run]]] = {
 RUN_SUFFIXES = frozenset({".csv", *_READERS})
 
 
-def _folder(path: Path, progress: Progress | None) -> list[Run]:
+def _folder(path: Path, progress: Progress | None, rig: Rig | None) -> list[Run]:
     files = sorted(file for file in path.iterdir() if file.suffix.lower() in RUN_SUFFIXES and file.is_file())
     plain = [file for file in files if file.suffix.lower() not in LOG_SUFFIXES | {".txt"}]
     if plain:
-        return _all(plain, progress)
+        return _all(plain, progress, rig)
     logs = [file for file in files if file.suffix.lower() in LOG_SUFFIXES]
-    return _all(logs, progress) if logs else list(iter_surgical_tool(path))
+    return _all(logs, progress, rig) if logs else list(iter_surgical_tool(path))
 
 
-def _all(files: Iterable[Path], progress: Progress | None) -> list[Run]:
+def _all(files: Iterable[Path], progress: Progress | None, rig: Rig | None) -> list[Run]:
     runs: list[Run] = []
     problems: list[str] = []
     for file in files:
         try:
-            runs += read_run(file, progress)
+            runs += _read(file, progress, rig)
         except UserError as error:
             problems += error.problems
     if problems:

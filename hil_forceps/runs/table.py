@@ -23,6 +23,9 @@ KNOWN_COLUMNS = (
     "tau_m_N_m",
 )
 
+# A note of runs whose angle has no zero of its own: what hangs on the angle can't be carried from run to run.
+ANGLE_FROM_SPEED = "no position was recorded: theta_m_rad is the integral of the speed and begins at 0 in each run"
+
 GAP_IN_INTERVALS = 1.5  # an interval longer than this many usual ones is a gap: at least one sample is missing
 JITTER_WORTH_TELLING = 0.01  # of the usual interval; printed stamps of three decimals stay below it
 
