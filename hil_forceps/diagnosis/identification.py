@@ -148,7 +148,7 @@ def known_of(rig: Rig, records: Sequence[Record]) -> tuple[Free, ...]:
     """Return the rig's parameters that are fitted to records."""
     torque_N_m = rig.plant().torque_constant_N_m_per_A * max(float(np.ptp(r.series.command_A)) for r in records)
     jaw_measured = any(record.jaw_measured for record in records)
-    return known_parameters(rig, torque_N_m, jaw_measured=jaw_measured)
+    return known_parameters(rig, torque_N_m, jaw_measured=jaw_measured, torque_measured=load_measured(records))
 
 
 def left_unseen(fitted: Fit, held_out: Sequence[Record], mapper: Mapper, seed: int) -> LackOfFit:

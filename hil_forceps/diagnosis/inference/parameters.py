@@ -21,6 +21,8 @@ WIDEST = 10.0  # times what the rig says, either way
 # without the jaw's angle the other, too.
 GAUGE = ("forceps.motor_pulley_radius_m",)
 GAUGE_WITHOUT_JAW = ("forceps.jaw_pulley_radius_m",)
+# Nor does any channel hold a torque where no load and no torque was measured: all of them times s give the same data.
+GAUGE_WITHOUT_TORQUE = ("motor.torque_constant_N_m_per_A",)
 UNITS = ("N_m_s_per_rad", "N_m_per_A", "N_per_m", "kg_m2", "N_m", "m")  # the first that a key ends in is its own
 HELD = frozenset({"channel_skew"})  # of these only what is on is fitted
 
@@ -62,14 +64,22 @@ def known(rig: Rig, name: str) -> Parameter:
     return found
 
 
-def known_parameters(rig: Rig, torque_N_m: float, *, jaw_measured: bool) -> tuple[Free, ...]:
-    """Return the rig's parameters with their priors; `torque_N_m`: the largest that the motor gives."""
+def known_parameters(
+    rig: Rig, torque_N_m: float, *, jaw_measured: bool, torque_measured: bool = True
+) -> tuple[Free, ...]:
+    """Return the rig's parameters with their priors; `torque_N_m`: the largest that the motor gives.
+
+    `torque_measured`: a load cell, or the motor's torque itself, says how large torques are.
+    """
+    gauge = GAUGE + (() if jaw_measured else GAUGE_WITHOUT_JAW) + (() if torque_measured else GAUGE_WITHOUT_TORQUE)
     found = []
     for name in parameters.PLANT_NAMES:
         told = known(rig, name)
-        if name in (GAUGE if jaw_measured else (*GAUGE, *GAUGE_WITHOUT_JAW)) and told.value is not None:
+        if name in gauge and told.value is not None:
             continue
-        found.append(_known(name, told, torque_N_m))
+        free = _known(name, told, torque_N_m)
+        # Beside a torque constant that is held, what the rig says of other torques holds up to a factor.
+        found.append(free if torque_measured or "radius" in name else free._replace(prior=False))
     return tuple(free for free in found if free.scale > 0.0)
 
 

@@ -33,7 +33,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Switching,
     undecided_switching,
 )
-from hil_forceps.diagnosis.state_space.passes import Passed, pass_one
+from hil_forceps.diagnosis.state_space.passes import FADING_TIME_CONSTANTS, Passed, pass_one
 from hil_forceps.model import parameters
 from hil_forceps.model.physics import Physics, jaw_level_N_m
 from hil_forceps.model.two_inertia import poles_per_s
@@ -51,8 +51,8 @@ INTEGRATION_SHARE = 1e-4  # of the speed: what the model's step leaves over a ro
 TORQUE_ACCURACY = 1e-4
 ACCURACY_TIME_S = 0.1
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
-FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left
 MAX_FADING_ROWS = 50
+MOST_TOUCHED = 0.8  # of the rows
 JAW_ZERO_SD_RAD = 0.01  # of the jaw sensor, from run to run
 
 
@@ -62,7 +62,7 @@ class Record:
 
     name: str
     series: Series
-    ringing: Mask  # n: the wire still rings from a jump of the load, whose instant within a row isn't known
+    ringing: Mask  # n: the wire still rings from a jump of the load, or the load follows the jaw in a way unknown
     dwelling: Mask  # n: the encoder dwells
     load_open_sd_N_m: float  # what is left open of the load
     load_course_N_m: Vector  # n: smoothed
@@ -124,10 +124,13 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
     command = opened(_command(run, rig, noise, period_s, expected), rig, columns["theta_m_ref_rad"], lost)
     torque = plant.torque_constant_N_m_per_A * float(np.ptp(command.current_A))
     touched = _touched(encoder, jaw, load, rig, noise)
-    outside = load if touched is None else load - touched.load_N_m
-    prior = _load_prior(
-        outside, noise, period_s, float(np.std(load)), torque * plant.jaw_pulley_radius_m / plant.motor_pulley_radius_m
-    )
+    told, told_noise, grasped = load, noise, np.zeros(n, dtype=np.bool_)
+    if not np.isfinite(load).any() and np.isfinite(jaw).all():
+        told, told_noise = _load_by_stretch(encoder, jaw, rig, noise)
+        grasped = _grasped(encoder, jaw, told, rig, told_noise)
+    outside = told if touched is None else told - touched.load_N_m
+    reach = torque * plant.jaw_pulley_radius_m / plant.motor_pulley_radius_m
+    prior = _load_prior(outside, told_noise, period_s, float(np.std(told)), reach)
     if touched is not None:
         # Where in a row it begins isn't known: a jump of the load by what the jaw moves in a row, and a bend.
         prior = prior._replace(
@@ -189,7 +192,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
     found = Record(
         run.name,
         series,
-        _ringing(prior.jump_variance, fading),
+        _ringing(prior.jump_variance, fading) | grasped,
         dwells,
         prior.open_sd_N_m,
         prior.course_N_m,
@@ -278,6 +281,31 @@ def _load_prior(load: Vector, noise: Noise, period_s: float, whole_sd_N_m: float
     # Any load that the motor could hold, within some tenths of a second.
     slope = (reach_N_m / 0.2) ** 2 * (period_s / 0.2)
     return LoadPrior(np.full(n, slope), np.zeros(n), np.zeros(n), reach_N_m)
+
+
+def _load_by_stretch(encoder: Vector, jaw: Vector, rig: Rig, noise: Noise) -> tuple[Vector, Noise]:
+    """Return a load that no cell measures by the stretch of the wire, and its noise.
+
+    It only tells how such a load changes: the filter doesn't take it for a measurement.
+    """
+    p = rig.plant()
+    stiffness = p.wire_stiffness_N_per_m * p.jaw_pulley_radius_m**2
+    ratio = p.motor_pulley_radius_m / p.jaw_pulley_radius_m
+    count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
+    deviation = noise.deviation.copy()
+    deviation[1] = stiffness * math.hypot(float(noise.deviation[0]), ratio * count / math.sqrt(12.0))
+    return stiffness * (ratio * encoder - jaw), noise._replace(deviation=deviation)
+
+
+def _grasped(encoder: Vector, jaw: Vector, load: Vector, rig: Rig, noise: Noise) -> Mask:
+    """Return the rows at which the jaw touches something by a load that the stretch tells (n).
+
+    How stiff that is, isn't known without a cell; what wanders in place of it would pass for a softer wire.
+    """
+    found = _touched(encoder, jaw, load, rig, noise)
+    touches = np.zeros(load.size, dtype=np.bool_) if found is None else found.stiffness_N_m_per_rad > 0.0
+    # Where pulleys are not quite as the rig has them, such a load follows the angle everywhere: that is no contact.
+    return touches if np.mean(touches) < MOST_TOUCHED else np.zeros_like(touches)
 
 
 def _start(

@@ -1,5 +1,6 @@
 """A run as the filter passes over it: its innovations as evidence of the parameters, and how they answer."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
@@ -17,6 +18,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     ENCODER,
     JAW,
     LOAD,
+    LOAD_CELL,
     OMEGA_J,
     OMEGA_M,
     PREDICTED_CURRENT,
@@ -35,6 +37,9 @@ from hil_forceps.model.physics import Physics
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+FADING_TIME_CONSTANTS = 6.0  # exp(−6) is left of what dies away
+MAX_MEMORY_ROWS = 200  # a load that is forgotten more slowly wanders little, and is little off
 
 CHANNEL_OF = {"theta_m_rad": ENCODER, "theta_j_rad": JAW, "current_A": CURRENT}
 
@@ -166,18 +171,43 @@ def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
     mass or did so a moment ago, where the encoder dwells, and behind a jump of the load at an unknown instant.
     """
     counts = f.log_likelihood != 0.0
-    held = (f.doubtful > 0) | run.dwelling
+    held = f.doubtful > 0
     for level, free in zip(d.friction_level_N_m, (d.friction_free_m, d.friction_free_j), strict=True):
         if level > 0.0:
             held = held | free
-    # What friction did is Gaussian by name only, until the wire's slowest mode has died away.
-    held[1:] = held[:-1].copy()
-    for row in np.flatnonzero(held[:-1] & ~held[1:]):
-        held[row + 1 : row + 1 + d.fading_rows] = True
-    counts[:, :CURRENT] &= ~held[:, np.newaxis]
+    # What friction did is Gaussian by name only, until the wire's slowest mode has died away. And a mass breaks away
+    # where the load has just moved that way: until the filter has caught up with it, it is off in that direction.
+    silent = _drawn_out(held, max(d.fading_rows, load_memory_rows(d))) | _drawn_out(run.dwelling, d.fading_rows)
+    counts[:, :CURRENT] &= ~silent[:, np.newaxis]
     counts[run.ringing, :CURRENT] = False
     counts[: run.settling_rows] = False
     return np.asarray(counts)
+
+
+def _drawn_out(held: Mask, rows: int) -> Mask:
+    """Return a mask a row later, and for some rows behind each stretch."""
+    later = np.zeros_like(held)
+    later[0], later[1:] = held[0], held[:-1]
+    for row in np.flatnonzero(later[:-1] & ~later[1:]):
+        later[row + 1 : row + 1 + rows] = True
+    return later
+
+
+def load_memory_rows(d: Series) -> int:
+    """Return the rows after which the filter has forgotten how its load was off; 0 without a load cell.
+
+    The load by its cell alone: an integrated random walk in white noise has poles of (q/R)^¼ (1 ± i)/√2 a row, with q
+    the variance of the slope's change over a row, times the period, and R the noise of the cell.
+    """
+    if not np.isfinite(d.load_N_m).any():
+        return 0
+    correlation = float(d.noise_correlation[LOAD_CELL - 1])
+    noise = float(d.noise_variance[LOAD_CELL - 1]) * (1.0 + correlation) / (1.0 - correlation)
+    wander = float(np.median(d.load_slope_variance)) * d.period_s**2
+    if not noise > 0.0:
+        return 0
+    per_row = (wander / noise) ** 0.25 / math.sqrt(2.0)
+    return min(MAX_MEMORY_ROWS, math.ceil(FADING_TIME_CONSTANTS / per_row)) if per_row > 0.0 else MAX_MEMORY_ROWS
 
 
 def pass_one(run: Filterable, plants: Regimes) -> Passed:
