@@ -33,7 +33,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Switching,
     undecided_switching,
 )
-from hil_forceps.diagnosis.state_space.passes import FADING_TIME_CONSTANTS, Passed, pass_one
+from hil_forceps.diagnosis.state_space.passes import Passed, pass_one
 from hil_forceps.model import parameters
 from hil_forceps.model.physics import Physics, jaw_level_N_m
 from hil_forceps.model.two_inertia import poles_per_s
@@ -51,6 +51,7 @@ INTEGRATION_SHARE = 1e-4  # of the speed: what the model's step leaves over a ro
 TORQUE_ACCURACY = 1e-4
 ACCURACY_TIME_S = 0.1
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
+FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left
 MAX_FADING_ROWS = 50
 MOST_TOUCHED = 0.8  # of the rows
 JAW_ZERO_SD_RAD = 0.01  # of the jaw sensor, from run to run

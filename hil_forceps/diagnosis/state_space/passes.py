@@ -38,8 +38,10 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FADING_TIME_CONSTANTS = 6.0  # exp(−6) is left of what dies away
-MAX_MEMORY_ROWS = 200  # a load that is forgotten more slowly wanders little, and is little off
+LOAD_TIME_CONSTANTS = (
+    3.0  # exp(−3) is left of an error of the load that is 1 to 2 % of friction; more rows cost evidence
+)
+MAX_MEMORY_ROWS = 100  # a load that is forgotten more slowly wanders little, and is little off
 
 CHANNEL_OF = {"theta_m_rad": ENCODER, "theta_j_rad": JAW, "current_A": CURRENT}
 
@@ -207,7 +209,7 @@ def load_memory_rows(d: Series) -> int:
     if not noise > 0.0:
         return 0
     per_row = (wander / noise) ** 0.25 / math.sqrt(2.0)
-    return min(MAX_MEMORY_ROWS, math.ceil(FADING_TIME_CONSTANTS / per_row)) if per_row > 0.0 else MAX_MEMORY_ROWS
+    return min(MAX_MEMORY_ROWS, math.ceil(LOAD_TIME_CONSTANTS / per_row)) if per_row > 0.0 else MAX_MEMORY_ROWS
 
 
 def pass_one(run: Filterable, plants: Regimes) -> Passed:
