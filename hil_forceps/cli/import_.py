@@ -38,8 +38,8 @@ def import_(
     form
         CSV, or Parquet (needs pyarrow).
     rig
-        Rig file to audit against, and to take from what recordings don't say (rated torque, constant load); without it
-        only what needs no rig is looked at.
+        Rig file to audit against; without it only what needs no rig is looked at. Its section `recording:` says what a
+        file doesn't hold: the rated torque, a constant load.
     """
     if out is None:
         raise UserError("import: --out DIR is missing; name the folder for the runs")

@@ -42,7 +42,7 @@ def diagnose(runs: Sequence[Run], rig: Rig, options: Options) -> Conclusion:
     if any(ANGLE_FROM_SPEED in run.notes for run in runs):
         by_angle = sorted(effect.id for effect in EFFECTS if effect.by_angle)
         options = replace(options, without=options.without | frozenset(by_angle))
-        left_out = f"no angle has a zero that holds from run to run: {', '.join(by_angle)} are left out"
+        left_out = f"each run's angle has a zero of its own: {', '.join(by_angle)} are left out"
         told = (*told, AuditFinding("angle", "note", "", "theta_m_rad", left_out))
     even = even_runs(runs, rig)
     if even is not None:

@@ -75,9 +75,8 @@ def _make(estimator_id: str, rig: Rig, sample_time_s: float, over_wire: bool) ->
 
 
 def _sensors(rig: Rig, over_wire: bool) -> kalman_model.Sensors:
-    counts = rig.encoder.counts_per_rev
     return kalman_model.Sensors(
-        encoder_quantum_rad=0.0 if counts is None else 2.0 * math.pi / counts,
+        encoder_quantum_rad=rig.encoder.quantum_rad,
         transport_quantum_rad=WIRE_ANGLE_RAD if over_wire else 0.0,
         current_noise_A=rig.noise.current_A,
         transport_quantum_A=WIRE_CURRENT_A if over_wire else 0.0,

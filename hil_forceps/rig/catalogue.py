@@ -44,7 +44,7 @@ class Effect(NamedTuple):
     parameters: tuple[EffectParameter, ...]
     source: str
     shown_by: str  # what data can show it
-    by_angle: bool = False  # hangs on where an angle's zero is
+    by_angle: bool = False  # depends on where the angle's zero is
 
 
 _P = EffectParameter

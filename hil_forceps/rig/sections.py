@@ -4,6 +4,7 @@ Every key has its unit and range of sense in its `Quantity` and its meaning in i
 generated from them.
 """
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import (
@@ -80,6 +81,11 @@ class Encoder(Section):
     ] = Field(
         description=f"counts of a revolution after quadrature; `{IDEAL}`: no quantisation but the wire's 2⁻²⁴ turn"
     )
+
+    @property
+    def quantum_rad(self) -> float:
+        """Angle of a count; 0 for an ideal encoder."""
+        return 0.0 if self.counts_per_rev is None else 2.0 * math.pi / self.counts_per_rev
 
     @field_serializer("counts_per_rev")
     def _write_counts(self, counts: int | None) -> int | str:

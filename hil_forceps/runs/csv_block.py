@@ -79,6 +79,15 @@ def _slow(path: Path, line: int, text: str, layout: Layout) -> Table:
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(layout.positions))
 
 
+def finite_number(cell: str) -> float | None:
+    """Return the number in a cell; None where there is none, or one that is not finite."""
+    try:
+        number = float(cell)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
+
 def _numbers(path: Path, line: int, cells: list[str], layout: Layout) -> list[float]:
     names = layout.names
     if len(cells) != len(names):
@@ -89,11 +98,8 @@ def _numbers(path: Path, line: int, cells: list[str], layout: Layout) -> list[fl
     numbers = []
     for position in layout.positions:
         cell = cells[position]
-        try:
-            number = float(cell)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
+        number = finite_number(cell)
+        if number is None:
             where = f"{path}:{line}: column {position + 1} ({names[position]})"
             raise UserError(f"{where}: {cell.strip()[:_SHOWN]!r} is not a finite number; correct it or remove the line")
         numbers.append(number)

@@ -16,6 +16,7 @@ import numpy as np
 
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
+from hil_forceps.runs.csv_block import finite_number
 from hil_forceps.runs.table import ANGLE_FROM_SPEED, Column, Run
 from hil_forceps.runs.time_order import drop_repeats
 
@@ -45,31 +46,30 @@ def read_epos_studio(path: Path, rig: Rig | None) -> Run:
     table = _table(path, _text(path))
     columns = {"time_s": _channel(path, table, 0, _SECONDS)}
     notes: list[str] = []
-    position = _find(table, "position actual value")
-    speed = _find(table, "velocity actual value", "velocity actual value averaged")
-    if position is not None:
+    used = {0}
+    if (position := _find(table, "position actual value")) is not None:
+        used.add(position)
         columns["theta_m_rad"] = _channel(path, table, position, _COUNTS) * _radians_per_count(path, rig)
-    elif speed is not None:
+    elif (speed := _find(table, "velocity actual value", "velocity actual value averaged")) is not None:
+        used.add(speed)
         rad_per_s = _channel(path, table, speed, _RAD_PER_S)
         steps = 0.5 * (rad_per_s[1:] + rad_per_s[:-1]) * np.diff(columns["time_s"])
         columns["theta_m_rad"] = np.concatenate(([0.0], np.cumsum(steps)))
         notes.append(ANGLE_FROM_SPEED)
     else:
         raise UserError(f"{path}: neither position nor velocity was recorded; add one in the data recorder")
-    reference = _find(table, "position demand value")
-    if reference is not None:
+    if (reference := _find(table, "position demand value")) is not None:
+        used.add(reference)
         columns["theta_m_ref_rad"] = _channel(path, table, reference, _COUNTS) * _radians_per_count(path, rig)
-    current = _find(table, "current actual value", "current actual value averaged")
-    torque = _find(table, "torque actual value", "torque actual value averaged")
-    if current is not None:
+    if (current := _find(table, "current actual value", "current actual value averaged")) is not None:
+        used.add(current)
         columns["current_A"] = _channel(path, table, current, _AMPERES)
-    elif torque is not None:
+    elif (torque := _find(table, "torque actual value", "torque actual value averaged")) is not None:
+        used.add(torque)
         columns["tau_m_N_m"] = _channel(path, table, torque, _OF_RATED) * _rated_torque_N_m(path, rig)
     else:
         raise UserError(f"{path}: neither current nor torque was recorded; add one in the data recorder")
-    used = {0, position, None if position is not None else speed, reference, current, None if current else torque}
-    left = [name for place, name in enumerate(table.names) if place not in used]
-    notes += [f"object {name!r} was left out" for name in left]
+    notes += [f"object {name!r} was left out" for place, name in enumerate(table.names) if place not in used]
     columns, more = drop_repeats(columns, str(path), lambda row: f"{path}:{table.lines[row]}")
     return Run(path.stem, columns, (*notes, *more))
 
@@ -88,7 +88,7 @@ def _text(path: Path) -> str:
 
 
 def _table(path: Path, text: str) -> _Table:
-    head: list[tuple[int, list[str]]] = []
+    names: tuple[str, ...] = ()  # in the row before the units
     units: tuple[str, ...] = ()
     units_line = 0
     values: list[list[float]] = []
@@ -104,12 +104,11 @@ def _table(path: Path, text: str) -> _Table:
             elif cells[0].strip() in _SECONDS:
                 units, units_line = tuple(cell.strip() for cell in cells), reader.line_num
             else:
-                head.append((reader.line_num, cells))
+                names = tuple(cell.strip().lower() for cell in cells)
     except csv.Error as error:
         raise UserError(f"{path}:{reader.line_num}: not a recording of EPOS Studio: {error}") from error
     if not units:
         raise UserError(f"{path}: no row of units ('ms;rpm;%') in it; export the recording from EPOS Studio again")
-    names = tuple(cell.strip().lower() for cell in head[-1][1]) if head else ()
     if len(names) != len(units):
         raise UserError(f"{path}:{units_line}: {len(units)} units for {len(names)} objects; export the recording again")
     if len(values) < 2:
@@ -122,11 +121,8 @@ def _numbers(path: Path, line: int, cells: Sequence[str], count: int) -> list[fl
         raise UserError(f"{path}:{line}: {len(cells)} cells for {count} columns; correct the row or remove it")
     found = []
     for cell in cells:
-        try:
-            number = float(cell.strip().replace(",", "."))
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
+        number = finite_number(cell.replace(",", "."))
+        if number is None:
             told = f"{cell.strip()[:40]!r} is not a finite number; correct the row or remove it"
             raise UserError(f"{path}:{line}: {told}")
         found.append(number)

@@ -23,7 +23,7 @@ KNOWN_COLUMNS = (
     "tau_m_N_m",
 )
 
-# A note of runs whose angle has no zero of its own: what hangs on the angle can't be carried from run to run.
+# The note of a run whose angle has a zero of its own: what depends on the angle isn't the same in another run.
 ANGLE_FROM_SPEED = "no position was recorded: theta_m_rad is the integral of the speed and begins at 0 in each run"
 
 GAP_IN_INTERVALS = 1.5  # an interval longer than this many usual ones is a gap: at least one sample is missing

@@ -91,7 +91,8 @@ def known_of(rig: Rig, runs: Sequence[DrivenRun]) -> tuple[Free, ...]:
     channel = runs[0].model.rows.torque_channel
     seen = max(float(np.sqrt(np.mean(run.rows.channels[channel] ** 2))) for run in runs)
     seen *= float(rig.plant().torque_constant_N_m_per_A) if channel == "current_A" else 1.0
-    every = known_parameters(rig, seen, jaw_measured=all(run.jaw_measured for run in runs))
+    jaw_measured = all(run.jaw_measured for run in runs)
+    every = known_parameters(rig, seen, jaw_measured=jaw_measured, torque_measured=True)
     # Without a wire, friction of the jaw is friction of the motor: what has no deviation is held.
     told = [free for free in every if known(rig, free.name).sd != 0.0]
     return tuple(free for free in told if channel == "current_A" or free.name != K_T)

@@ -64,9 +64,7 @@ def known(rig: Rig, name: str) -> Parameter:
     return found
 
 
-def known_parameters(
-    rig: Rig, torque_N_m: float, *, jaw_measured: bool, torque_measured: bool = True
-) -> tuple[Free, ...]:
+def known_parameters(rig: Rig, torque_N_m: float, *, jaw_measured: bool, torque_measured: bool) -> tuple[Free, ...]:
     """Return the rig's parameters with their priors; `torque_N_m`: the largest that the motor gives.
 
     `torque_measured`: a load cell, or the motor's torque itself, says how large torques are.
@@ -78,8 +76,9 @@ def known_parameters(
         if name in gauge and told.value is not None:
             continue
         free = _known(name, told, torque_N_m)
-        # Beside a torque constant that is held, what the rig says of other torques holds up to a factor.
-        found.append(free if torque_measured or "radius" in name else free._replace(prior=False))
+        # Beside a torque constant that is held, what the rig says of other torques holds up to a factor only.
+        is_length = name in (*GAUGE, *GAUGE_WITHOUT_JAW)
+        found.append(free if torque_measured or is_length else free._replace(prior=False))
     return tuple(free for free in found if free.scale > 0.0)
 
 

@@ -72,9 +72,7 @@ def by_law(
         per_row = drive.ki_A_per_rad_s * drive.sample_time_s * lost * math.sqrt(SAME_LOSS_ROWS)
         variance, bias_variance = np.zeros(encoder.size), np.full(encoder.size, per_row**2)
     else:
-        counts = rig.encoder.counts_per_rev
-        quantum = 2.0 * math.pi / counts if counts is not None else 0.0
-        found = decoded(law, samples, quantum, noise_A, period_s, rows, expected, began.value_rad_s)
+        found = decoded(law, samples, rig.encoder.quantum_rad, noise_A, period_s, rows, expected, began.value_rad_s)
         command, shown = found.command_A, np.where(found.sure, current, np.nan)
         variance, bias_variance = found.variance, found.bias_variance
     settling = max(2, math.ceil(_SETTLING_TIMES / (2.0 * math.pi * drive.derivative_cutoff_Hz * period_s)))

@@ -46,11 +46,16 @@ class EvenRun(NamedTuple):
 
     def part(self, first: int, behind: int) -> "EvenRun":
         """Return the rows from `first` to `behind`, named by the second they begin at."""
-        rows = slice(first, behind)
-        columns = {name: values[rows] for name, values in self.run.columns.items()}
-        begin_s = self.begin_s + float(columns["time_s"][0] - self.run.columns["time_s"][0])
         of = self.of or self.name
-        return EvenRun(Run(f"{of} from {begin_s:.2f} s", columns, self.run.notes), self.lost[rows], begin_s, of)
+        run, begin_s = _part(self.run, first, behind, of, self.begin_s)
+        return EvenRun(run, self.lost[first:behind], begin_s, of)
+
+
+def _part(run: Run, first: int, behind: int, of: str, begin_s: float) -> tuple[Run, float]:
+    """Return rows of a run that itself begins at `begin_s`, named by the second they begin at; and that second."""
+    columns = {name: values[first:behind] for name, values in run.columns.items()}
+    begin_s += float(columns["time_s"][0] - run.columns["time_s"][0])
+    return Run(f"{of} from {begin_s:.2f} s", columns, run.notes), begin_s
 
 
 def even_pieces(run: Run, rig: Rig) -> list[EvenRun]:
@@ -70,9 +75,8 @@ def even_pieces(run: Run, rig: Rig) -> list[EvenRun]:
     for first, behind in zip((0, *edges), (*edges, time_s.size), strict=True):
         if behind - first < FEWEST_ROWS:
             continue
-        begin_s = float(time_s[first] - time_s[0])
-        columns = {name: values[first:behind] for name, values in run.columns.items()}
-        even = even_rows(Run(f"{run.name} from {begin_s:.2f} s", columns, run.notes), rig)
+        piece, begin_s = _part(run, first, behind, run.name, 0.0)
+        even = even_rows(piece, rig)
         if even is None:
             return []
         found.append(even._replace(begin_s=begin_s, of=run.name))
@@ -114,8 +118,7 @@ def opened(command: Command, rig: Rig, reference_rad: Vector, lost: Mask) -> Com
     """Return commands with what lost rows leave open of them."""
     if not lost.any():
         return command
-    law, counts = law_vector(rig.require_drive()), rig.encoder.counts_per_rev
-    count_rad = 2.0 * math.pi / counts if counts is not None else 0.0
+    law, count_rad = law_vector(rig.require_drive()), rig.encoder.quantum_rad
     way = np.abs(np.gradient(reference_rad))
     by_count = (law[KP] + law[KD] * law[SHARE] / law[SAMPLE_TIME]) * count_rad
     variance, bias_variance = command.variance.copy(), command.bias_variance.copy()

@@ -53,7 +53,7 @@ ACCURACY_TIME_S = 0.1
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
 FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left
 MAX_FADING_ROWS = 50
-MOST_TOUCHED = 0.8  # of the rows
+MOST_TOUCHED = 0.8  # tuned: of the rows; a torque constant that is 25 % off beside no load cell
 JAW_ZERO_SD_RAD = 0.01  # of the jaw sensor, from run to run
 
 
@@ -63,7 +63,7 @@ class Record:
 
     name: str
     series: Series
-    ringing: Mask  # n: the wire still rings from a jump of the load, or the load follows the jaw in a way unknown
+    ringing: Mask  # n: the wire rings from a jump of the load, or a contact's stiffness isn't known: no evidence
     dwelling: Mask  # n: the encoder dwells
     load_open_sd_N_m: float  # what is left open of the load
     load_course_N_m: Vector  # n: smoothed
@@ -124,11 +124,13 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
     jaw, load = columns.get("theta_j_rad", missing), columns.get("tau_w_N_m", missing)
     command = opened(_command(run, rig, noise, period_s, expected), rig, columns["theta_m_ref_rad"], lost)
     torque = plant.torque_constant_N_m_per_A * float(np.ptp(command.current_A))
-    touched = _touched(encoder, jaw, load, rig, noise)
     told, told_noise, grasped = load, noise, np.zeros(n, dtype=np.bool_)
-    if not np.isfinite(load).any() and np.isfinite(jaw).all():
+    by_stretch = not np.isfinite(load).any() and bool(np.isfinite(jaw).all())
+    if by_stretch:
         told, told_noise = _load_by_stretch(encoder, jaw, rig, noise)
-        grasped = _grasped(encoder, jaw, told, rig, told_noise)
+    touched = _touched(encoder, jaw, told, rig, told_noise)
+    if by_stretch and touched is not None:
+        grasped, touched = _grasped(touched), None
     outside = told if touched is None else told - touched.load_N_m
     reach = torque * plant.jaw_pulley_radius_m / plant.motor_pulley_radius_m
     prior = _load_prior(outside, told_noise, period_s, float(np.std(told)), reach)
@@ -139,9 +141,9 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
             jump_variance=prior.jump_variance + touched.open_N_m**2 / 12.0,
             course_N_m=prior.course_N_m + touched.load_N_m,
         )
-    least = least_slope_variance(torque * plant.jaw_pulley_radius_m / plant.motor_pulley_radius_m, period_s)
+    least = least_slope_variance(reach, period_s)
     prior = prior._replace(slope_variance=np.maximum(prior.slope_variance, least))
-    count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
+    count = rig.encoder.quantum_rad
     step = count or 1e-4 * max(float(np.ptp(encoder)), 1e-6)
     # Edges that are softer than they are by a tenth of a count already pass for a delay.
     edge_sd = EDGE_SHARE * count or IDEAL_SHARE * max(float(np.ptp(encoder)), 1e-6)
@@ -261,7 +263,7 @@ def _touched(encoder: Vector, jaw: Vector, load: Vector, rig: Rig, noise: Noise)
         return None
     measured = bool(np.isfinite(jaw).all())
     by_motor = _jaw_angle_rad(encoder, load, rig)
-    count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
+    count = rig.encoder.quantum_rad
     angle, variance = (jaw, float(noise.deviation[0]) ** 2) if measured else (by_motor, count**2)
     found = contact(load, angle, float(noise.deviation[1]) ** 2, variance)
     if found is None:
@@ -291,20 +293,19 @@ def _load_by_stretch(encoder: Vector, jaw: Vector, rig: Rig, noise: Noise) -> tu
     """
     p = rig.plant()
     stiffness = p.wire_stiffness_N_per_m * p.jaw_pulley_radius_m**2
-    ratio = p.motor_pulley_radius_m / p.jaw_pulley_radius_m
-    count = 0.0 if rig.encoder.counts_per_rev is None else 2.0 * math.pi / rig.encoder.counts_per_rev
+    rounding = p.motor_pulley_radius_m / p.jaw_pulley_radius_m * rig.encoder.quantum_rad / math.sqrt(12.0)
     deviation = noise.deviation.copy()
-    deviation[1] = stiffness * math.hypot(float(noise.deviation[0]), ratio * count / math.sqrt(12.0))
-    return stiffness * (ratio * encoder - jaw), noise._replace(deviation=deviation)
+    deviation[1] = stiffness * math.hypot(float(noise.deviation[0]), rounding)
+    unloaded = _jaw_angle_rad(encoder, np.zeros(encoder.size), rig)
+    return stiffness * (unloaded - jaw), noise._replace(deviation=deviation)
 
 
-def _grasped(encoder: Vector, jaw: Vector, load: Vector, rig: Rig, noise: Noise) -> Mask:
-    """Return the rows at which the jaw touches something by a load that the stretch tells (n).
+def _grasped(touched: _Touched) -> Mask:
+    """Return the rows at which the jaw touches something, by a load that the stretch tells (n).
 
-    How stiff that is, isn't known without a cell; what wanders in place of it would pass for a softer wire.
+    Without a cell nothing says how stiff that is. Taken for a load that wanders, it passes for a softer wire.
     """
-    found = _touched(encoder, jaw, load, rig, noise)
-    touches = np.zeros(load.size, dtype=np.bool_) if found is None else found.stiffness_N_m_per_rad > 0.0
+    touches = np.asarray(touched.stiffness_N_m_per_rad > 0.0)
     # Where pulleys are not quite as the rig has them, such a load follows the angle everywhere: that is no contact.
     return touches if np.mean(touches) < MOST_TOUCHED else np.zeros_like(touches)
 

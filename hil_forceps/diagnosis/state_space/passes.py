@@ -38,9 +38,8 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-LOAD_TIME_CONSTANTS = (
-    3.0  # exp(−3) is left of an error of the load that is 1 to 2 % of friction; more rows cost evidence
-)
+# exp(−3) is left of what the filter's load was off by. Twice as many hide what shows behind holds only.
+LOAD_TIME_CONSTANTS = 3.0  # tuned: presliding friction of the jaw
 MAX_MEMORY_ROWS = 100  # a load that is forgotten more slowly wanders little, and is little off
 
 CHANNEL_OF = {"theta_m_rad": ENCODER, "theta_j_rad": JAW, "current_A": CURRENT}
@@ -51,7 +50,7 @@ class Filterable(Protocol):
 
     @property
     def ringing(self) -> Mask:
-        """Rows behind a jump of the load whose instant isn't known."""
+        """Rows behind a jump of the load whose instant isn't known, or at a contact of unknown stiffness."""
 
     @property
     def dwelling(self) -> Mask:
@@ -170,7 +169,8 @@ def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
     """Return what of a pass is evidence of the parameters (n × CHANNELS).
 
     The current is, everywhere. The other channels are not while the start is forgotten, where dry friction may hold a
-    mass or did so a moment ago, where the encoder dwells, and behind a jump of the load at an unknown instant.
+    mass or did so a moment ago, where the encoder dwells, behind a jump of the load at an unknown instant, and where
+    the jaw touches something of unknown stiffness.
     """
     counts = f.log_likelihood != 0.0
     held = f.doubtful > 0
@@ -178,16 +178,17 @@ def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
         if level > 0.0:
             held = held | free
     # What friction did is Gaussian by name only, until the wire's slowest mode has died away. And a mass breaks away
-    # where the load has just moved that way: until the filter has caught up with it, it is off in that direction.
-    silent = _drawn_out(held, max(d.fading_rows, load_memory_rows(d))) | _drawn_out(run.dwelling, d.fading_rows)
-    counts[:, :CURRENT] &= ~silent[:, np.newaxis]
+    # when the load has just moved in that direction. The filter's load lags behind, so it is biased there at first.
+    left_out = _and_rows_behind(held, max(d.fading_rows, load_memory_rows(d)))
+    left_out |= _and_rows_behind(run.dwelling, d.fading_rows)
+    counts[:, :CURRENT] &= ~left_out[:, np.newaxis]
     counts[run.ringing, :CURRENT] = False
     counts[: run.settling_rows] = False
     return np.asarray(counts)
 
 
-def _drawn_out(held: Mask, rows: int) -> Mask:
-    """Return a mask a row later, and for some rows behind each stretch."""
+def _and_rows_behind(held: Mask, rows: int) -> Mask:
+    """Return a mask a row later, with so many rows behind each of its stretches."""
     later = np.zeros_like(held)
     later[0], later[1:] = held[0], held[:-1]
     for row in np.flatnonzero(later[:-1] & ~later[1:]):
@@ -196,20 +197,20 @@ def _drawn_out(held: Mask, rows: int) -> Mask:
 
 
 def load_memory_rows(d: Series) -> int:
-    """Return the rows after which the filter has forgotten how its load was off; 0 without a load cell.
+    """Return the rows after which the filter's load has forgotten an error; 0 without a load cell.
 
-    The load by its cell alone: an integrated random walk in white noise has poles of (q/R)^¼ (1 ± i)/√2 a row, with q
-    the variance of the slope's change over a row, times the period, and R the noise of the cell.
+    Of an integrated random walk measured in white noise the filter's error has poles of −(q/R)^¼ (1 ± i)/√2 a row, with
+    R the variance of the load cell and q that of the change of slope from row to row, times the period squared.
     """
     if not np.isfinite(d.load_N_m).any():
         return 0
     correlation = float(d.noise_correlation[LOAD_CELL - 1])
     noise = float(d.noise_variance[LOAD_CELL - 1]) * (1.0 + correlation) / (1.0 - correlation)
     wander = float(np.median(d.load_slope_variance)) * d.period_s**2
-    if not noise > 0.0:
-        return 0
-    per_row = (wander / noise) ** 0.25 / math.sqrt(2.0)
-    return min(MAX_MEMORY_ROWS, math.ceil(LOAD_TIME_CONSTANTS / per_row)) if per_row > 0.0 else MAX_MEMORY_ROWS
+    if not wander > 0.0:
+        return MAX_MEMORY_ROWS
+    rows_per_time_constant = math.sqrt(2.0 * math.sqrt(noise / wander))
+    return min(MAX_MEMORY_ROWS, math.ceil(LOAD_TIME_CONSTANTS * rows_per_time_constant))
 
 
 def pass_one(run: Filterable, plants: Regimes) -> Passed:

@@ -1,6 +1,5 @@
 """The plain simulation beside a run: the rig as it is, driven as the run was; nothing is fitted but where it starts."""
 
-import math
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -89,8 +88,7 @@ def _closed(run: Run, rig: Rig, law: DriveLaw, theta: Column) -> Beside:
     inputs = closed_loop.Inputs(columns["time_s"], columns["theta_m_ref_rad"], load, *nothing)
     numbers = law_vector(law)
     start = _start(columns, theta, law_vector(law.model_copy(update={"sample_time_s": interval_s})), law)
-    counts = rig.encoder.counts_per_rev
-    quantum = 0.0 if counts is None else 2.0 * math.pi / counts
+    quantum = rig.encoder.quantum_rad
     courses = {r: between_rows(inputs.reference_rad, samples, r) for r in REFERENCES[: None if samples > 1 else 1]}
     outs = {
         name: closed_loop.simulate(

@@ -29,7 +29,7 @@ def runs_of(rig: Rig, kinds: Sequence[str], seed: int) -> list[Run]:
 
 
 def known_of(rig: Rig) -> tuple[Free, ...]:
-    return known_parameters(rig, 4e-3, jaw_measured=True)
+    return known_parameters(rig, 4e-3, jaw_measured=True, torque_measured=True)
 
 
 def held(rng: np.random.Generator, _: Scenario) -> Course:
