@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 CORE = ROOT / "firmware_protocol" / "c"
 TESTS = (
-    *(f"tests/unit/test_firmware_{name}.py" for name in ("drive", "node", "codec", "loop")),
+    *(f"tests/unit/firmware/test_{name}.py" for name in ("drive", "node", "codec", "loop")),
     "tests/property/test_firmware_differential.py",
 )
 SWAPS = (

@@ -2,6 +2,6 @@
 
 import sys
 
-from virtual_bus.process import main
+from virtual_bus.realtime.process import main
 
 sys.exit(main())

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_from_rad
 from hil_forceps.rig import Rig
 from virtual_bus.drive import forceps_of
-from virtual_bus.load import paper_load
+from virtual_bus.plant.load import paper_load
 
 
 class DirectSample(NamedTuple):

@@ -10,14 +10,14 @@ from firmware_protocol.parameters import INT32_MAX, INT32_MIN
 from firmware_protocol.scales import ANGLE_LSB_PER_REV, ANGLE_LSB_RAD, SEQUENCE_MODULUS, STAMP_LSB_NS
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
-from virtual_bus.effects import effect_numbers
-from virtual_bus.effects_forceps import ForcepsWithEffects
-from virtual_bus.effects_start import check_step
-from virtual_bus.forceps import SimulatedForceps
-from virtual_bus.load import LoadProfile
-from virtual_bus.plant import truth_parameters
-from virtual_bus.position_loop import LoopParameters
-from virtual_bus.sensors import IDEAL_ENCODER, SensorParameters
+from virtual_bus.effects.forceps import ForcepsWithEffects
+from virtual_bus.effects.numbers import effect_numbers
+from virtual_bus.effects.start import check_step
+from virtual_bus.plant.forceps import SimulatedForceps
+from virtual_bus.plant.load import LoadProfile
+from virtual_bus.plant.plant import truth_parameters
+from virtual_bus.plant.position_loop import LoopParameters
+from virtual_bus.plant.sensors import IDEAL_ENCODER, SensorParameters
 from virtual_bus.truth_log import TruthLog
 
 PAPER_JAW_START_RAD = math.pi / 2.0

@@ -20,11 +20,11 @@ from firmware_protocol.frames import Frame
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from virtual_bus import worlds
-from virtual_bus.bit_timing import NS_PER_S, BitTiming, frame_bits
-from virtual_bus.faults import FOREVER_NS, Fault, load_faults, parse_faults
-from virtual_bus.host_node import DEFAULT_RECEIVE_FRAMES
-from virtual_bus.node import Node
-from virtual_bus.port import DEFAULT_QUEUE_FRAMES, PortState
+from virtual_bus.bus.bit_timing import NS_PER_S, BitTiming, frame_bits
+from virtual_bus.bus.faults import FOREVER_NS, Fault, load_faults, parse_faults
+from virtual_bus.bus.host_node import DEFAULT_RECEIVE_FRAMES
+from virtual_bus.bus.node import Node
+from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, PortState
 from virtual_bus.truth_log import TruthLog
 
 _LAST_NS = FOREVER_NS - 1
@@ -58,7 +58,7 @@ class VirtualForcepsBus(can.BusABC):
 
     `rig`: a rig or its file, needed for the first handle of a channel unless `nodes` are given. `simulation`: load of
     the paper's simulation 1 or 2, or 0 for none. `fd`: CAN FD with bit-rate switch; by default what the rig says.
-    `faults`: a fault file, or a list as in `virtual_bus.faults`. `truth_duration_s`: how much truth to log.
+    `faults`: a fault file, or a list as in `virtual_bus.bus.faults`. `truth_duration_s`: how much truth to log.
     `transmit_queue`, `receive_queue`: frames; `bitrate`, `data_bitrate` in bit/s go before the rig's. Numbers may come
     as strings, as from a configuration file. CanInitializationError says what can't be opened, and why.
     """

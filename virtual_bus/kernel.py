@@ -2,4 +2,12 @@
 
 from hil_forceps.rig.kernel import kernel_compiler
 
-kernel = kernel_compiler(("virtual_bus", "firmware_protocol/scales.py"))
+kernel = kernel_compiler(
+    (
+        "virtual_bus/plant",
+        "virtual_bus/effects",
+        "virtual_bus/logs.py",
+        "virtual_bus/bus",
+        "firmware_protocol/scales.py",
+    )
+)

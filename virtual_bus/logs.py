@@ -10,15 +10,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from virtual_bus.effects import EffectNumbers
-from virtual_bus.effects_command import Queue, acting_command, empty_queue, push_command
-from virtual_bus.effects_motion import advance_with_effects, unpacked
-from virtual_bus.effects_plant import Environment, encoder_angle, jaw_load, tension_of
-from virtual_bus.effects_start import STATE, check_step, rest_with_effects
+from virtual_bus.effects.command import Queue, acting_command, empty_queue, push_command
+from virtual_bus.effects.motion import advance_with_effects, unpacked
+from virtual_bus.effects.numbers import EffectNumbers
+from virtual_bus.effects.physics import Environment, encoder_angle, jaw_load, tension_of
+from virtual_bus.effects.start import STATE, check_step, rest_with_effects
 from virtual_bus.kernel import kernel
-from virtual_bus.load import LoadProfile, load_at, segment_of
-from virtual_bus.plant import TruthParameters
-from virtual_bus.position_loop import LoopParameters
+from virtual_bus.plant.load import LoadProfile, load_at, segment_of
+from virtual_bus.plant.plant import TruthParameters
+from virtual_bus.plant.position_loop import LoopParameters
 
 TRUTH_COLUMNS = (*STATE, "tau_w_N_m", "elongation_m", "tension_N")
 

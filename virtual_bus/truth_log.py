@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from virtual_bus.forceps import Truth
+from virtual_bus.plant.forceps import Truth
 
 
 class TruthLog:

@@ -7,15 +7,15 @@ from pathlib import Path
 
 from firmware_protocol.messages import FaultReason
 from hil_forceps.rig import Rig, load_rig
-from virtual_bus.bit_timing import NS_PER_S, BitTiming
+from virtual_bus.bus.bit_timing import NS_PER_S, BitTiming
+from virtual_bus.bus.faults import Fault, FaultInjector, Side
+from virtual_bus.bus.host_node import HostNode
+from virtual_bus.bus.medium import Medium
+from virtual_bus.bus.node import Node
+from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, Port
+from virtual_bus.bus.simulation import Simulation
 from virtual_bus.drive import SimulatedDrive
-from virtual_bus.faults import Fault, FaultInjector, Side
-from virtual_bus.host_node import HostNode
-from virtual_bus.load import paper_load
-from virtual_bus.medium import Medium
-from virtual_bus.node import Node
-from virtual_bus.port import DEFAULT_QUEUE_FRAMES, Port
-from virtual_bus.simulation import Simulation
+from virtual_bus.plant.load import paper_load
 
 
 @dataclass(slots=True)

@@ -11,11 +11,11 @@ from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
 from hil_forceps.control.gate import DEFAULT_MAX_GAP_S, Gate
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.recording.reader import Recording
+from hil_forceps.data.recording.writer import Outcome
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig, dump_rig, parse_rig
 from hil_forceps.rig.errors import UserError
-from hil_forceps.runs.recording import Recording
-from hil_forceps.runs.recording_writer import Outcome
 
 GAP_PERIODS = 5
 

@@ -14,10 +14,10 @@ from hil_forceps.bench.traces import traces_of
 from hil_forceps.bridge.adapters import Connection, LinkSpec, open_link
 from hil_forceps.bridge.results import ServiceResult
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
+from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.report.traces import RunTraces
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
-from hil_forceps.runs.recording import read_recording
 
 
 class Executed(NamedTuple):

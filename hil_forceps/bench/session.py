@@ -12,9 +12,9 @@ from hil_forceps.bridge.adapters import Connection
 from hil_forceps.bridge.bus_log import LoggedLink, LogReport, open_bus_log
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Telemetry
 from hil_forceps.bridge.service import Service
+from hil_forceps.data.recording.writer import RecordingReport, open_recorder
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
-from hil_forceps.runs.recording_writer import RecordingReport, open_recorder
 
 
 class Plan(NamedTuple):

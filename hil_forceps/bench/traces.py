@@ -4,9 +4,9 @@ import numpy as np
 
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.recording.reader import Recording, match_bench
 from hil_forceps.report.traces import RunTraces
 from hil_forceps.rig.plant import PlantParameters
-from hil_forceps.runs.recording import Recording, match_bench
 
 
 def traces_of(recording: Recording, spec: RunSpec, plant: PlantParameters, trajectory: Trajectory) -> RunTraces:

@@ -17,8 +17,8 @@ import can
 
 from firmware_protocol.frames import Frame
 from hil_forceps.bridge.ports import Clock, Link, SendResult
+from hil_forceps.data.recording.background import Background
 from hil_forceps.rig.errors import UserError
-from hil_forceps.runs.background import Background
 
 BATCH_ENTRIES = 256
 QUEUED_BATCHES = 64

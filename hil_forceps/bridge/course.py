@@ -15,7 +15,7 @@ from firmware_protocol.host_machine import HostMachine, HostPhase
 from firmware_protocol.messages import DriveState
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
 from hil_forceps.bridge.results import ServiceConfig, Stage, StopReason, fault_words
-from hil_forceps.runs.recording_writer import Recorder
+from hil_forceps.data.recording.writer import Recorder
 
 SETTLE_PERIODS = 5  # before the drive's word counts: what arrives first was said before the request
 SILENT_PERIODS = 20  # at least so many without a sample before a drive counts as silent, however slow the loop

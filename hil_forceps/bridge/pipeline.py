@@ -29,9 +29,9 @@ from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_fro
 from hil_forceps.bridge.statistics import StampMap
 from hil_forceps.control.compensator import motor_reference_rad
 from hil_forceps.control.gate import Gate, GateState, GateVerdict
+from hil_forceps.data.recording.writer import Reference
 from hil_forceps.estimation.interface import Estimate, Estimator, Sample, State
 from hil_forceps.rig.plant import PlantParameters
-from hil_forceps.runs.recording_writer import Reference
 
 GATE_VERDICT_BASE = 16
 PEAK_SPEED = 1.875  # of 10s³ − 15s⁴ + 6s⁵, at s = 1/2

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from firmware_protocol.host_machine import RawSample
 from hil_forceps.bridge.pipeline import Pipeline
-from hil_forceps.runs.recording import Recording, Table
-from hil_forceps.runs.recording_format import REFERENCE, SAMPLE
+from hil_forceps.data.recording.format import REFERENCE, SAMPLE
+from hil_forceps.data.recording.reader import Recording, Table
 
 REFERENCE_FIELDS = (
     "stamp_ns",

@@ -21,7 +21,7 @@ from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.bridge.ports import Clock, Link, SendResult
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Stage, Telemetry
 from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics
-from hil_forceps.runs.recording_writer import Outcome, Recorder
+from hil_forceps.data.recording.writer import Outcome, Recorder
 
 SEQUENCE_AT = 4  # in SETPOINT and FD_SETPOINT, behind the reference
 

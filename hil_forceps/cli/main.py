@@ -40,7 +40,7 @@ for _name, _path, _help in (
 ):
     # `drive` hands its whole line on, the call for help too: only the drive itself knows its options.
     _own: dict[str, Any] = {"help_flags": [], "version_flags": []} if _name == "drive" else {}
-    app.command(f"hil_forceps.cli.{_path}", name=_name, help=_help, **_own)
+    app.command(f"hil_forceps.cli.commands.{_path}", name=_name, help=_help, **_own)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -10,11 +10,11 @@ from rich.markup import escape
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
+from hil_forceps.data.readers.read_run import read_run
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.audit.audit import Finding, Severity
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
-from hil_forceps.runs.readers import read_run
-from hil_forceps.runs.table import Run
 
 WHERE_TO_GET = (
     (

@@ -4,7 +4,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from hil_forceps.runs.instrument_report import Table as Cells
+from hil_forceps.identification.instrument.report import Table as Cells
 
 FILE_COLUMNS = 160
 

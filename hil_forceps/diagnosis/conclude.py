@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.run import ANGLE_FROM_SPEED, Run
 from hil_forceps.diagnosis.audit.audit import audit
 from hil_forceps.diagnosis.driven.conclusion import conclude_driven
 from hil_forceps.diagnosis.options import Options
@@ -15,7 +16,6 @@ from hil_forceps.diagnosis.validation.conclusion import conclude as by_filter
 from hil_forceps.diagnosis.validation.conclusion import even_runs
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECTS
-from hil_forceps.runs.table import ANGLE_FROM_SPEED, Run
 
 FEWEST_QUANTA = 20  # an angle that moves over fewer counts has not moved
 

@@ -31,10 +31,10 @@ from hil_forceps.bridge.results import ServiceConfig
 from hil_forceps.bridge.service import Service
 from hil_forceps.control.gate import DEFAULT_MAX_GAP_S
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
+from hil_forceps.data.recording.writer import Outcome, Recorder, open_recorder
 from hil_forceps.estimation import kalman_model
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig, load_rig
-from hil_forceps.runs.recording_writer import Outcome, Recorder, open_recorder
 from virtual_bus.interface import VirtualForcepsBus
 
 CONFIG = Path(__file__).parents[2] / "configs" / "paper.yaml"

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hil_forceps.data.run import Run
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
-from hil_forceps.runs.table import Run
 from tests.hidden_effects.cases import drawn_effect, drawn_shifts
 from tests.hidden_effects.generator import COLOURED, RIG, WHITE, Case, generate, run_seed, true_rig
 from tests.hidden_effects.generator_scenarios import SCENARIOS

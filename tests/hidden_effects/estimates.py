@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.validation.estimates import estimate, measured
 from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS, effect
-from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator import HELD_OUT_SCENARIOS, make_case
 from tests.hidden_effects.generator_sizes import Effects, scaled
 

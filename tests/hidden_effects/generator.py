@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.data.readers import csv_table
+from hil_forceps.data.run import Run
 from hil_forceps.rig import Rig
 from hil_forceps.rig.schema import rig_from_data
-from hil_forceps.runs import csv_table
-from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator_scenarios import NO_ENVIRONMENT, SCENARIOS, Scenario, course_of
 from virtual_bus.drive import loop_of
-from virtual_bus.effects import EffectNumbers, effect_numbers
-from virtual_bus.effects_plant import encoder_angle
-from virtual_bus.effects_start import rest_with_effects
-from virtual_bus.load import LoadProfile
+from virtual_bus.effects.numbers import EffectNumbers, effect_numbers
+from virtual_bus.effects.physics import encoder_angle
+from virtual_bus.effects.start import rest_with_effects
 from virtual_bus.logs import Log, simulated_log
-from virtual_bus.plant import TruthParameters, truth_parameters
+from virtual_bus.plant.load import LoadProfile
+from virtual_bus.plant.plant import TruthParameters, truth_parameters
 
 PLANT_STEP_S = 5.0e-5
 PAD_S = 0.12  # simulated before and after the rows: a skewed channel shows up to 0.1 s from there

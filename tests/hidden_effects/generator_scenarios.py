@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from virtual_bus.effects_plant import Environment
-from virtual_bus.load import LoadProfile, piecewise_linear
+from virtual_bus.effects.physics import Environment
+from virtual_bus.plant.load import LoadProfile, piecewise_linear
 
 Vector = NDArray[np.float64]
 NO_ENVIRONMENT = Environment(0.0, 0.0)

@@ -32,8 +32,8 @@ from tests.hidden_effects.generator import (
     true_rig,
 )
 from tests.hidden_effects.generator_scenarios import NO_ENVIRONMENT, SCENARIOS, course_of
-from virtual_bus.load import LoadProfile, piecewise_linear
 from virtual_bus.logs import Log
+from virtual_bus.plant.load import LoadProfile, piecewise_linear
 
 Effects = Mapping[str, Mapping[str, float]]
 FRICTION = ("forceps.motor_coulomb_N_m", "forceps.jaw_coulomb_N_m")

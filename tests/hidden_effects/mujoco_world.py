@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.data.run import Run
 from hil_forceps.rig import Rig
-from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator_scenarios import Scenario, course_of
-from virtual_bus.effects_plant import Environment
+from virtual_bus.effects.physics import Environment
 
 Vector = NDArray[np.float64]
 

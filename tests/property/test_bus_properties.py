@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol.frames import Frame
-from virtual_bus.bit_timing import BitTiming, frame_bits, frame_bits_bounds
-from virtual_bus.faults import FOREVER_NS, FaultInjector, FaultKind, Side, parse_faults
-from virtual_bus.medium import Medium
-from virtual_bus.simulation import Simulation
+from virtual_bus.bus.bit_timing import BitTiming, frame_bits, frame_bits_bounds
+from virtual_bus.bus.faults import FOREVER_NS, FaultInjector, FaultKind, Side, parse_faults
+from virtual_bus.bus.medium import Medium
+from virtual_bus.bus.simulation import Simulation
 
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 IDS = st.integers(0, 0x7FF)

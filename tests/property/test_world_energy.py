@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil_forceps.rig.plant import PlantParameters
-from virtual_bus.friction import SMOOTHING_SPEED_RAD_PER_S, coulomb_torque, smoothing_speed
-from virtual_bus.load import piecewise_linear
-from virtual_bus.plant import (
+from virtual_bus.plant.friction import SMOOTHING_SPEED_RAD_PER_S, coulomb_torque, smoothing_speed
+from virtual_bus.plant.load import piecewise_linear
+from virtual_bus.plant.plant import (
     PlantState,
     TruthParameters,
     advance,

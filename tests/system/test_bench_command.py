@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from hil_forceps.runs.recording import read_recording
+from hil_forceps.data.recording.reader import read_recording
 
 pytestmark = pytest.mark.slow
 

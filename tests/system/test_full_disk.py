@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from firmware_protocol.messages import DriveState
-from hil_forceps.runs.recording import read_recording
+from hil_forceps.data.recording.reader import read_recording
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 

@@ -9,6 +9,8 @@ from hil_forceps.bench.session import Plan, feedback_period_s, host_config, run_
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.cli.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.readers.read_run import read_run
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis import identification
 from hil_forceps.diagnosis.experiment_design.next_experiment import MOST_RIVALS, propose
 from hil_forceps.diagnosis.identification import Identified, identify
@@ -16,8 +18,6 @@ from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.diagnosis.validation.verdict import detectable
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
-from hil_forceps.runs.readers import read_run
-from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator import RIG, make_case
 
 LIMITED = RIG.with_changes(

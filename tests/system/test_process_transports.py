@@ -23,7 +23,7 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
 from firmware_protocol.messages import DriveState
 from firmware_protocol.serial_framing import SerialReader, encode_serial
-from virtual_bus.transports import CanTransport, Transport, open_can
+from virtual_bus.realtime.transports import CanTransport, Transport, open_can
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 

@@ -17,7 +17,7 @@ from firmware_protocol.codec import Decoder
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState
 from hil_forceps.bench.realtime import account
-from hil_forceps.runs.recording import Recording, read_recording
+from hil_forceps.data.recording.reader import Recording, read_recording
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 

@@ -19,8 +19,8 @@ from tests.targets.lockstep import LockstepWorld, PlantLine
 from tests.targets.record import ROOT, TargetRecord, latency_figures
 from tests.targets.setting import rmse_N_m, setting
 from virtual_bus.drive import SimulatedDrive, drive_config_of, forceps_of
-from virtual_bus.forceps import SimulatedForceps
 from virtual_bus.interface import VirtualForcepsBus
+from virtual_bus.plant.forceps import SimulatedForceps
 
 RIG: Final = load_rig(ROOT / "configs" / "paper.yaml")
 SEED: Final = 1

@@ -17,7 +17,7 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import SEQUENCE_MODULUS
 from hil_forceps.bridge.ports import Link, Received, SendResult
-from virtual_bus.forceps import SimulatedForceps
+from virtual_bus.plant.forceps import SimulatedForceps
 
 PATIENCE_S: Final = 10.0
 ANSWER_BYTES: Final = 8

@@ -14,7 +14,7 @@ import pytest
 
 from firmware_protocol.conformance.catalogue import REQUIREMENTS, name_of
 from hil_forceps.bench.execute import Executed
-from virtual_bus.load import PAPER_TORQUE_N_M, LoadProfile, paper_load, piecewise_linear
+from virtual_bus.plant.load import PAPER_TORQUE_N_M, LoadProfile, paper_load, piecewise_linear
 
 FULL: Final = os.environ.get("HIL_FORCEPS_TARGETS_FULL") == "1"
 

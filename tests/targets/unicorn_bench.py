@@ -25,9 +25,9 @@ from tests.firmware_library import SOURCES
 from tests.firmware_stm32 import Stm32, image
 from tests.targets.record import TargetRecord
 from virtual_bus.drive import PAPER_JAW_START_RAD
-from virtual_bus.forceps import NOT_STARTED_NS
-from virtual_bus.load import LoadProfile
-from virtual_bus.plant import advance, rest_state, truth_parameters
+from virtual_bus.plant.forceps import NOT_STARTED_NS
+from virtual_bus.plant.load import LoadProfile
+from virtual_bus.plant.plant import advance, rest_state, truth_parameters
 
 NODE: Final = 1
 TURN_NS: Final = 250_000

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.audit.balance import audit_kinematics, audit_torque
 from hil_forceps.diagnosis.audit.channels import audit_channels
 from hil_forceps.diagnosis.audit.finding import Finding, Severity, View
@@ -11,7 +12,6 @@ from hil_forceps.diagnosis.audit.stamps import audit_stamps
 from hil_forceps.diagnosis.audit.strokes import audit_strokes
 from hil_forceps.diagnosis.preparation.even_rows import even_rows
 from hil_forceps.rig.schema import Rig
-from hil_forceps.runs.table import Run
 
 __all__ = ["Finding", "Severity", "audit"]
 

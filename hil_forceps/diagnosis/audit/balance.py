@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import savgol_filter
 
+from hil_forceps.data.run import Column
 from hil_forceps.diagnosis.audit.finding import Finding, View
 from hil_forceps.diagnosis.audit.law import FEWEST_ROWS, best_match
 from hil_forceps.rig.quantities import Parameter
 from hil_forceps.rig.schema import Rig
-from hil_forceps.runs.table import Column
 
 _DEGREES = 180.0 / np.pi
 _UNIT_MATCH = 1.5  # a factor this near to that of a unit is the unit

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from hil_forceps.data.run import Column
 from hil_forceps.diagnosis.audit.finding import Finding, Severity, View
 from hil_forceps.rig.schema import Rig
-from hil_forceps.runs.table import Column
 
 _DEGREES = 180.0 / math.pi
 _STUCK_ROWS = 20

@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from hil_forceps.data.run import GAP_IN_INTERVALS, Column, Run
 from hil_forceps.diagnosis.result import AuditFinding
-from hil_forceps.runs.table import GAP_IN_INTERVALS, Column, Run
 
 Severity = Literal["note", "warning", "problem"]
 

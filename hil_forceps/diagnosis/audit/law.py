@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import correlate
 
+from hil_forceps.data.run import Column
 from hil_forceps.diagnosis.audit.channels import noise_finding
 from hil_forceps.diagnosis.audit.finding import Finding, View, noise_of
 from hil_forceps.model.drive_law import DriveState, law_current, law_vector
 from hil_forceps.rig.schema import Rig
 from hil_forceps.rig.sections import DriveLaw
-from hil_forceps.runs.table import Column
 
 FEWEST_ROWS = 200
 _MOST_LAG_ROWS = 120

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.data.run import GAP_IN_INTERVALS, JITTER_WORTH_TELLING, Column, timing_notes
 from hil_forceps.diagnosis.audit.finding import Finding, Severity, View
 from hil_forceps.rig.schema import Rig
-from hil_forceps.runs.table import GAP_IN_INTERVALS, JITTER_WORTH_TELLING, Column, timing_notes
 
 _MUCH_MISSING = 0.01
 _MUCH_JITTER = 0.1

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from hil_forceps.data.run import Column
 from hil_forceps.diagnosis.audit.finding import Finding, View
-from hil_forceps.runs.table import Column
 
 _SPEED_SHARE = 0.3  # of the top speed: faster than that counts as moving
 _WINDOW_S = 0.1  # of the speed

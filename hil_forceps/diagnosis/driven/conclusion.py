@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.driven.gauge import with_scale
 from hil_forceps.diagnosis.driven.identification import DrivenIdentified, identify_driven
 from hil_forceps.diagnosis.driven.ladder import ladder
@@ -18,7 +19,6 @@ from hil_forceps.diagnosis.validation.told import Beside, diagnosis_of
 from hil_forceps.diagnosis.validation.verdict import Judgement, judge, parameter_shifts
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
-from hil_forceps.runs.table import Run
 
 
 def conclude_driven(

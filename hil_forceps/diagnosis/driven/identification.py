@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.driven.jaw_zero import without_jaw_zero
 from hil_forceps.diagnosis.driven.noise import Adapting
 from hil_forceps.diagnosis.driven.passed import DrivenRun
@@ -22,7 +23,6 @@ from hil_forceps.diagnosis.result import AuditFinding
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
-from hil_forceps.runs.table import Run
 
 # What is left of other causes is no noise, and some entry follows a little of it (0.7 % by a weight on an axis that
 # lies flat, for the worse in the runs held out).

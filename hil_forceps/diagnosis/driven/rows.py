@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.driven.smoothing import smoothed_as_noise_asks, white_deviation
 from hil_forceps.diagnosis.preparation.sensor_noise import autoregressive_noise
 from hil_forceps.diagnosis.result import AuditFinding
 from hil_forceps.diagnosis.validation.rows import Rows, require_rows
-from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.evidence import Mapper, gram, pass_all
 from hil_forceps.diagnosis.experiment_design.menu import Experiment, bounds_of, menu, trajectory_of
 from hil_forceps.diagnosis.identification import Identified
@@ -30,7 +31,6 @@ from hil_forceps.model.closed_loop import Inputs
 from hil_forceps.model.drive_law import law_vector
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECTS, effect
-from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.preparation.decoding import Expected, decoded, on_lines
 from hil_forceps.diagnosis.preparation.resolution import resolution_of
 from hil_forceps.diagnosis.state_space.advance import STEPS
 from hil_forceps.model.drive_law import KI, LIMIT, SAMPLE_TIME, DriveState, law_current, law_vector
 from hil_forceps.rig import Rig
-from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.preparation.command import Command
 from hil_forceps.model.drive_law import KD, KI, KP, SAMPLE_TIME, SHARE, law_vector
 from hil_forceps.rig import Rig
-from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.preparation.command import Command, by_law
 from hil_forceps.diagnosis.preparation.contact import contact
 from hil_forceps.diagnosis.preparation.decoding import Expected
@@ -38,7 +39,6 @@ from hil_forceps.model import parameters
 from hil_forceps.model.physics import Physics, jaw_level_N_m
 from hil_forceps.model.two_inertia import poles_per_s
 from hil_forceps.rig import Rig
-from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy import optimize
 from scipy.ndimage import uniform_filter1d
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.preparation.command import first_integral, samples_in_a_row
 from hil_forceps.diagnosis.preparation.resolution import resolution_of
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.model.drive_law import DriveState, law_current, law_vector
 from hil_forceps.rig import Rig
-from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 

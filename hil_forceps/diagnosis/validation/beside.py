@@ -5,6 +5,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from hil_forceps.data.run import GAP_IN_INTERVALS, Column, Run
 from hil_forceps.model import closed_loop, driven
 from hil_forceps.model.closed_loop import DriveState, law_vector
 from hil_forceps.model.drive_law import law_current
@@ -12,7 +13,6 @@ from hil_forceps.model.parameters import index, vector
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.schema import Rig
 from hil_forceps.rig.sections import DriveLaw
-from hil_forceps.runs.table import GAP_IN_INTERVALS, Column, Run
 
 SUBSTEPS = 4  # of the plant in a sample of the drive
 _WHOLE = 0.01

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.experiment_design.next_experiment import propose
 from hil_forceps.diagnosis.identification import Identified, identify
 from hil_forceps.diagnosis.options import Options, split_runs
@@ -24,7 +25,6 @@ from hil_forceps.diagnosis.validation.told import Beside, diagnosis_of
 from hil_forceps.diagnosis.validation.verdict import Judgement, detectable, judge
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
-from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.preparation.command import first_integral
 from hil_forceps.diagnosis.preparation.decoding import on_lines
@@ -28,7 +29,6 @@ from hil_forceps.model.closed_loop import Channels, Inputs, Start
 from hil_forceps.model.drive_law import KI, DriveState, drive_sample, law_vector, quantise
 from hil_forceps.model.physics import Physics, State, encoder_rad
 from hil_forceps.rig import Rig
-from hil_forceps.runs.table import Run
 
 Vector = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from hil_forceps.diagnosis.validation.verdict import judge
 from hil_forceps.model.drive_law import DriveState, law_current, law_vector
 from hil_forceps.rig import Rig
 from tests.hidden_effects.generator import RIG, true_rig
-from tests.unit.diagnosis.runs_of_a_forceps import POOL, runs_of
+from tests.unit.diagnosis.simulated_runs import POOL, runs_of
 
 KINDS = ("chirp", "grasp", "teleoperation")
 SEED = 7700

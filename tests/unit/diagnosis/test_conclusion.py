@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.conclude import Conclusion, diagnose
 from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.preparation.even_rows import even_rows
 from hil_forceps.diagnosis.result import to_json
-from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator import make_case
-from tests.unit.diagnosis.runs_of_a_forceps import POOL, STICKING
+from tests.unit.diagnosis.simulated_runs import POOL, STICKING
 
 SLACK_M = 6.0e-6
 

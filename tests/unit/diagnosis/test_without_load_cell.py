@@ -2,14 +2,14 @@
 
 import pytest
 
+from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.identification import identify
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import curves_for
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.validation.verdict import judge
 from hil_forceps.rig.catalogue import effect
-from hil_forceps.runs.table import Run
 from tests.hidden_effects.generator import RIG
-from tests.unit.diagnosis.runs_of_a_forceps import POOL, runs_of
+from tests.unit.diagnosis.simulated_runs import POOL, runs_of
 
 
 def without_cell(run: Run) -> EvenRun:

@@ -1,0 +1,193 @@
+"""`hil-forceps decode`: frames, bus logs and serial captures as readable signals."""
+
+import csv
+import json
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, Protocol
+
+from cyclopts import Parameter
+
+from firmware_protocol import scales
+from firmware_protocol.codec import Decoder
+from firmware_protocol.frames import Frame
+from firmware_protocol.messages import Control, DriveState, FaultReason, Message, ParamOp
+from firmware_protocol.serial_framing import SerialReader
+from hil_forceps.data.readers.bus_frames import LOG_SUFFIXES, Stamped, read_frames
+from hil_forceps.rig.errors import UserError
+
+# One field of a message in SI: its name there and the size of a wire unit.
+_IN_SI = {
+    "theta_m_ref": ("theta_m_ref_rad", scales.ANGLE_LSB_RAD),
+    "theta_m": ("theta_m_rad", scales.ANGLE_LSB_RAD),
+    "theta_j": ("theta_j_rad", scales.ANGLE_LSB_RAD),
+    "current": ("current_A", scales.CURRENT_LSB_A),
+    "tau_w": ("tau_w_N_m", scales.BENCH_TORQUE_LSB_N_M),
+    "stamp_us": ("stamp_s", scales.STAMP_LSB_NS * 1e-9),
+}
+_NAMED = {"state": DriveState, "fault": FaultReason, "op": ParamOp}
+_CANDUMP = re.compile(
+    r"(?:\((?P<time>\d+\.\d+)\)\s+\S+\s+)?"
+    r"(?P<id>[0-9A-Fa-f]{8}|[0-9A-Fa-f]{3})#(?:(?P<remote>R\d?)|(?P<fd>#[0-9A-Fa-f])?(?P<data>(?:[0-9A-Fa-f]{2})*))"
+    r"(?:\s+[RT])?"
+)
+_SERIAL_SUFFIXES = {".bin"}
+_CHUNK_BYTES = 1 << 16
+_STANDARD_ID_DIGITS = 3
+
+
+class Printer(Protocol):
+    """One way of showing a message."""
+
+    def __call__(self, stamped: Stamped, message: Message | None, reason: str) -> None:
+        """Show one frame; `message` is None when it was refused for `reason`."""
+
+
+def decode(
+    *source: Annotated[str, Parameter(allow_leading_hyphen=True)], form: Literal["text", "jsonl", "csv"] = "text"
+) -> int:
+    """Decode frames (`081#1122334455667788`), bus logs (.log .asc .blf .trc) or serial captures (.bin).
+
+    What can't be decoded is shown with the reason and counted; exit code 1 when there was any, or no frame at all.
+
+    Parameters
+    ----------
+    source
+        Frames as `candump -L` writes them, or files, or - for such lines on stdin.
+    form
+        One line a frame for people, JSON lines, or CSV (time, id, message, signal, value).
+    """
+    if not source:
+        raise UserError("decode: nothing to decode; give frames like 081#1122334455667788, a log file, or - for stdin")
+    unknown = [each for each in source if each.startswith("-") and each != "-"]
+    if unknown:
+        raise UserError([f"decode: unknown option {each}" for each in unknown])
+    printer = _PRINTERS[form]()
+    decoder = Decoder()
+    refused = total = 0
+    torn: Counter[str] = Counter()
+    for stamped in _frames(source, torn):
+        before = dict(decoder.counters)
+        message = decoder.decode(stamped.frame)
+        grown = (name for name, count in decoder.counters.items() if count != before[name])
+        reason = next(grown, "not of this protocol")
+        printer(stamped, message, reason)
+        total += 1
+        refused += message is None
+    problems = [] if total or torn else [f"no frames in {' '.join(source)}"]
+    if refused:
+        problems.append(f"{refused} of {total} frames could not be decoded")
+    if torn:
+        counts = ", ".join(f"{name} {count}" for name, count in sorted(torn.items()))
+        problems.append(f"{torn.total()} packets of the serial capture hold no frame: {counts}")
+    sys.stderr.write("".join(f"hil-forceps: {problem}\n" for problem in problems))
+    return 1 if problems else 0
+
+
+def signals(message: Message) -> dict[str, Any]:
+    """Return the fields of a message in SI, with words for states, reasons and operations; unknown codes as numbers."""
+    return dict(_signal(name, value) for name, value in message._asdict().items())
+
+
+def _signal(name: str, value: int) -> tuple[str, Any]:
+    if name in _IN_SI:
+        si_name, lsb = _IN_SI[name]
+        return si_name, value * lsb
+    if name in _NAMED:
+        known = {int(member): member.name for member in _NAMED[name]}
+        return name, known.get(value, value)
+    if name == "control":
+        return name, "|".join(bit.name or "" for bit in Control if value & bit) or "NONE"
+    return name, value
+
+
+def _frames(sources: Iterable[str], torn: Counter[str]) -> Iterator[Stamped]:
+    for source in sources:
+        if source == "-":
+            yield from _candump_lines(sys.stdin, "stdin")
+        elif "#" in source:
+            yield from _candump_lines([source], "argument")
+        else:
+            yield from _file(Path(source), torn)
+
+
+def _candump_lines(lines: Iterable[str], where: str) -> Iterator[Stamped]:
+    for number, line in enumerate(lines, 1):
+        text = line.strip()
+        if not text:
+            continue
+        match = _CANDUMP.fullmatch(text)
+        if match is None:
+            raise UserError(f"{where}:{number}: '{text[:60]}' is not a frame; write hex id#data: 081#1122334455667788")
+        if match["remote"] or len(match["id"]) > _STANDARD_ID_DIGITS:
+            continue  # somebody else's on the same bus, left out as in a log file
+        time_s = float(match["time"]) if match["time"] else None
+        yield Stamped(time_s, Frame(int(match["id"], 16), bytes.fromhex(match["data"]), match["fd"] is not None))
+
+
+def _file(path: Path, torn: Counter[str]) -> Iterator[Stamped]:
+    if not path.is_file():
+        raise UserError(f"{path}: is a folder; name a file in it" if path.is_dir() else f"{path}: no such file")
+    suffix = path.suffix.lower()
+    if suffix in _SERIAL_SUFFIXES:
+        yield from _serial_capture(path, torn)
+    elif suffix in LOG_SUFFIXES:
+        yield from read_frames(path)
+    else:
+        known = " ".join(sorted(LOG_SUFFIXES | _SERIAL_SUFFIXES))
+        raise UserError(f"{path}: unknown kind of log '{path.suffix}'; known are {known}")
+
+
+def _serial_capture(path: Path, torn: Counter[str]) -> Iterator[Stamped]:
+    reader = SerialReader()
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK_BYTES):
+            for frame in reader.feed(chunk):
+                yield Stamped(None, frame)
+    torn.update({name: count for name, count in reader.counters.items() if count})
+
+
+def _label(message: Message | None, reason: str) -> str:
+    return f"refused: {reason}" if message is None else type(message).__name__
+
+
+def _text() -> Printer:
+    def show(stamped: Stamped, message: Message | None, reason: str) -> None:
+        time = "" if stamped.time_s is None else f"{stamped.time_s:.6f} "
+        values = {} if message is None else signals(message)
+        shown = " ".join(f"{k}={v:.9g}" if isinstance(v, float) else f"{k}={v}" for k, v in values.items())
+        raw = f"{stamped.frame.arbitration_id:03X}#{stamped.frame.data.hex().upper()}"
+        sys.stdout.write(f"{time}{raw:<21} {_label(message, reason)} {shown}".rstrip() + "\n")
+
+    return show
+
+
+def _jsonl() -> Printer:
+    def show(stamped: Stamped, message: Message | None, reason: str) -> None:
+        row: dict[str, Any] = {"time_s": stamped.time_s, "arbitration_id": stamped.frame.arbitration_id}
+        row["data"] = stamped.frame.data.hex()
+        row |= {"refused": reason} if message is None else {"message": type(message).__name__, **signals(message)}
+        sys.stdout.write(json.dumps(row) + "\n")
+
+    return show
+
+
+def _csv() -> Printer:
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(("time_s", "arbitration_id", "message", "signal", "value"))
+
+    def show(stamped: Stamped, message: Message | None, reason: str) -> None:
+        head = (stamped.time_s, f"0x{stamped.frame.arbitration_id:03X}", _label(message, reason))
+        if message is None:
+            writer.writerow((*head, "", stamped.frame.data.hex()))
+            return
+        for name, value in signals(message).items():
+            writer.writerow((*head, name, value))
+
+    return show
+
+
+_PRINTERS = {"text": _text, "jsonl": _jsonl, "csv": _csv}

@@ -1,0 +1,43 @@
+"""Stamps as they come in files: a row written twice does no harm, time that stands or goes back does."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hil_forceps.data.run import Column, bad_row
+from hil_forceps.rig.errors import UserError
+
+Columns = dict[str, Column]
+
+
+def drop_repeats(columns: Columns, label: str, where: Callable[[int], str]) -> tuple[Columns, tuple[str, ...]]:
+    """Drop each row that is equal to the row before it in every column; return the rest and a note.
+
+    `where` names the place of a row (from 0) for messages. UserError when a value is not finite, or when time stands
+    or falls between rows that differ.
+    """
+    for name, values in columns.items():
+        row = bad_row(values, increasing=False)
+        if row is not None:
+            raise UserError(f"{where(row)}: {name} is not a finite number; correct it or remove the row")
+    time_s = columns["time_s"]
+    late = np.flatnonzero(~(np.diff(time_s) > 0)) + 1
+    if not late.size:
+        return columns, ()
+    is_same = np.ones(late.size, dtype=bool)
+    for values in columns.values():
+        is_same &= values[late] == values[late - 1]
+    if not np.all(is_same):
+        row = int(late[np.flatnonzero(~is_same)[0]])
+        what = "comes twice with different values" if time_s[row] == time_s[row - 1] else "time goes back"
+        told = f"time_s: {time_s[row]:.9g} does not come after {time_s[row - 1]:.9g} ({what})"
+        raise UserError(f"{where(row)}: {told}; sort or cut the run, or give two runs as two files")
+    kept = np.ones(len(time_s), dtype=bool)
+    kept[late] = False
+    if np.count_nonzero(kept) < 2:
+        raise UserError(f"{label}: all {len(time_s)} rows are the same one; at least 2 samples are needed")
+    count = f"{late.size} row{'s repeat' if late.size > 1 else ' repeats'}"
+    note = (
+        f"{count} the row before and {'were' if late.size > 1 else 'was'} dropped, the first at {where(int(late[0]))}"
+    )
+    return {name: values[kept] for name, values in columns.items()}, (note,)

@@ -1,0 +1,1 @@
+"""Models fitted to measured runs, and held against runs that were left out."""

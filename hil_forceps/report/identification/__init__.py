@@ -1,0 +1,1 @@
+"""Figures of models fitted to measured runs."""

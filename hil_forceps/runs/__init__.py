@@ -1,1 +1,0 @@
-"""Recorded runs: the table and the readers that fill it."""

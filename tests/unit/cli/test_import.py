@@ -1,0 +1,99 @@
+"""`hil-forceps import`: what is written reads back the same, and what can't be is told with the way out."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil_forceps.cli.main import main
+from hil_forceps.data.readers.csv_table import write_csv
+from hil_forceps.data.readers.read_run import read_run
+from hil_forceps.data.run import Run
+
+ROOT = Path(__file__).parents[3]
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Call:
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            main(["import", *map(str, arguments)])
+        out, err = capsys.readouterr()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, out, err
+
+    return run
+
+
+def write_run(path: Path, seed: int = 0) -> Run:
+    time_s = np.arange(500) / 1000
+    noise = np.random.default_rng(seed).normal(size=500)
+    columns = {"time_s": time_s, "theta_m_rad": np.sin(9 * time_s) + 1e-4 * noise, "current_A": np.cos(time_s) + noise}
+    run = Run(path.stem, columns)
+    write_csv(run, path)
+    return run
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_runs_of_several_sources_are_written_and_audited(suffix: str, call: Call, tmp_path: Path) -> None:
+    (one := tmp_path / "one").mkdir()
+    first, second = write_run(one / "a.csv", 1), write_run(tmp_path / "b.csv", 2)
+    code, out, err = call(one, tmp_path / "b.csv", "--out", tmp_path / "out", "--format", suffix)
+    assert (code, err) == (0, "")
+    assert "2 runs, 1000 samples" in out
+    assert "excitation" in out
+    for run in (first, second):
+        (again,) = read_run(tmp_path / "out" / f"{run.name}.{suffix}")
+        assert all(again.columns[name].tobytes() == values.tobytes() for name, values in run.columns.items())
+
+
+def test_the_rig_is_audited_against(call: Call, tmp_path: Path) -> None:
+    write_run(tmp_path / "a.csv")
+    _, out, _ = call(tmp_path / "a.csv", "--out", tmp_path / "out")
+    assert "sample_rate" not in out
+    _, out, _ = call(tmp_path / "a.csv", "--out", tmp_path / "out", "--rig", ROOT / "configs" / "realistic.yaml")
+    assert "sample_rate" in out
+
+
+def test_sources_that_are_missing_are_told_with_where_to_get_data(call: Call, tmp_path: Path) -> None:
+    code, out, err = call(tmp_path / "none.zip", "--out", tmp_path / "out")
+    assert (code, out) == (2, "")
+    assert "none.zip: no such file or folder" in err
+    for word in ("mis-tool-characterization", "ODbL 1.0 / DbCL 1.0", "nonlinearbenchmark.org"):
+        assert word in err
+    assert call("--out", tmp_path)[0] == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_every_bad_source_is_told_and_nothing_is_written(call: Call, tmp_path: Path) -> None:
+    write_run(tmp_path / "good.csv")
+    (tmp_path / "bad.csv").write_text("time_ms,theta_m_rad,current_A\n")
+    (tmp_path / "empty.csv").touch()
+    code, _, err = call(*(tmp_path / f"{name}.csv" for name in ("good", "bad", "empty")), "--out", tmp_path / "out")
+    assert code == 2
+    assert len(err.splitlines()) == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_names_that_meet_are_told_apart_or_refused(call: Call, tmp_path: Path) -> None:
+    for folder in ("x", "y"):
+        (tmp_path / folder).mkdir()
+        write_run(tmp_path / folder / "a.csv")
+    code, _, _ = call(tmp_path / "x", tmp_path / "y", "--out", tmp_path / "out")
+    assert code == 0
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["x-a.csv", "y-a.csv"]
+    code, _, err = call(tmp_path / "x" / "a.csv", tmp_path / "y" / "a.csv", "--out", tmp_path / "out")
+    assert (code, "two of the runs would be written as a.csv" in err) == (2, True)
+    before = (tmp_path / "x" / "a.csv").read_bytes()
+    code, _, err = call(tmp_path / "x" / "a.csv", "--out", tmp_path / "x")
+    assert (code, "would overwrite what is being read" in err) == (2, True)
+    assert (tmp_path / "x" / "a.csv").read_bytes() == before
+
+
+def test_out_is_needed(call: Call, tmp_path: Path) -> None:
+    code, _, err = call(tmp_path)
+    assert (code, "--out DIR is missing" in err) == (2, True)

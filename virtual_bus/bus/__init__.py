@@ -1,0 +1,1 @@
+"""The bus in virtual time: arbitration, bit times, faults, nodes."""

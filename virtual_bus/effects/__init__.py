@@ -1,0 +1,1 @@
+"""The truth plant with the effects of a rig's `effects:` section."""

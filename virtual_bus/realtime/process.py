@@ -1,0 +1,170 @@
+"""The simulated drive as a process of its own, in real time, on any python-can interface or a pseudo terminal.
+
+It says one line, `ready ...`, when it listens, and one line of JSON at its end; nothing else goes to standard output.
+"""
+
+import argparse
+import gc
+import json
+import logging
+import os
+import signal
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from types import FrameType
+
+from firmware_protocol.messages import FaultReason
+from hil_forceps.rig import Rig, load_rig
+from hil_forceps.rig.errors import UserError
+from virtual_bus.bus.bit_timing import NS_PER_S
+from virtual_bus.bus.faults import Fault, FaultInjector, FaultKind, Side, load_faults
+from virtual_bus.drive import SimulatedDrive
+from virtual_bus.plant.load import paper_load
+from virtual_bus.realtime.loop import DEFAULT_SPIN_NS, FaultyWire, RealTimeLoop
+from virtual_bus.realtime.serial_server import SerialServer
+from virtual_bus.realtime.transports import CanTransport, open_can
+
+_WARM_UP_NS = 20_000_000
+_FIFO_PRIORITY = 20
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="hil-forceps drive", description="A simulated drive in real time, on a bus or behind a serial port."
+    )
+    parser.add_argument("--rig", required=True, metavar="FILE", help="rig file that describes forceps and drive")
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("--interface", metavar="NAME", help="python-can interface, as udp_multicast or socketcan")
+    where.add_argument("--serial-pty", metavar="LINK", help="make a pseudo terminal and a link to it here")
+    parser.add_argument("--channel", metavar="NAME", help="channel of the interface, as 239.74.163.2 or vcan0")
+    parser.add_argument(
+        "--option", action="append", default=[], metavar="KEY=VALUE", help="more for the interface, as port=43113"
+    )
+    parser.add_argument("--simulation", type=int, choices=(0, 1, 2), default=2, help="load of the paper's; 0: none")
+    parser.add_argument("--seed", type=int, default=0, help="of sensor noise and faults")
+    parser.add_argument("--fd", action="store_true", default=None, help="CAN FD (default: what the rig says)")
+    parser.add_argument("--duration", type=_seconds, metavar="S", help="end after so long (default: when told to)")
+    parser.add_argument("--faults", metavar="FILE", help="fault schedule; times count from `ready`")
+    parser.add_argument("--fifo", action="store_true", help="real-time scheduling where permitted")
+    parser.add_argument(
+        "--spin", type=_microseconds, default=DEFAULT_SPIN_NS, metavar="US", help="poll so long before each sample"
+    )
+    return parser
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < 1e6:
+        raise argparse.ArgumentTypeError("must be more than 0 and less than 1e6 s")
+    return value
+
+
+def _microseconds(text: str) -> int:
+    value = float(text)
+    if not 0.0 <= value <= 1e5:
+        raise argparse.ArgumentTypeError("must be from 0 to 1e5 µs")
+    return round(value * 1000)
+
+
+def _options(pairs: Sequence[str]) -> dict[str, str]:
+    broken = [pair for pair in pairs if "=" not in pair]
+    if broken:
+        raise UserError([f"--option {pair}: must be KEY=VALUE" for pair in broken])
+    return {key: value for key, _, value in (pair.partition("=") for pair in pairs)}
+
+
+def _faults(path: str | None) -> tuple[Fault, ...]:
+    """Read the schedule; what needs a simulated wire or the host's controller can't be done from here."""
+    faults = () if path is None else load_faults(path)
+    problems = [
+        f"{path}: {fault.kind}: needs the simulated bus (virtual_forceps); a real one makes its own errors"
+        for fault in faults
+        if fault.kind is FaultKind.CORRUPT_WIRE or (fault.kind is FaultKind.BUS_OFF and fault.sender is Side.HOST)
+    ]
+    if problems:
+        raise UserError(problems)
+    return faults
+
+
+def _open(arguments: argparse.Namespace, is_fd: bool) -> tuple[CanTransport | SerialServer, str]:
+    if arguments.serial_pty is not None:
+        if arguments.channel is not None or arguments.option:
+            raise UserError("--channel and --option go with --interface, not with --serial-pty")
+        server = SerialServer(arguments.serial_pty)
+        return server, f"serial {arguments.serial_pty} {server.device}"
+    if arguments.channel is None:
+        raise UserError("--interface wants --channel")
+    transport = open_can(arguments.interface, arguments.channel, is_fd, _options(arguments.option))
+    return transport, f"{arguments.interface} {arguments.channel}"
+
+
+def _warm_up(rig: Rig, is_fd: bool) -> None:
+    """Run a drive that nobody sees, so that compiling doesn't make the first samples late."""
+    drive = SimulatedDrive(rig, paper_load(1), fd=is_fd)
+    drive.wake(_WARM_UP_NS)
+    drive.take_outbox()
+
+
+def _schedule_fifo() -> str:
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_FIFO_PRIORITY))
+    except OSError as error:
+        return f"other (fifo: {error.strerror})"
+    return "fifo"
+
+
+def _say(line: str) -> None:
+    """Write a line at once; a parent that has stopped listening is no reason to end the drive."""
+    with suppress(BrokenPipeError):
+        sys.stdout.write(line + "\n")
+        sys.stdout.flush()
+
+
+def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
+    rig = load_rig(arguments.rig)
+    is_fd = rig.bench.transport == "fd" if arguments.fd is None else bool(arguments.fd)
+    faults = _faults(arguments.faults)
+    load = paper_load(arguments.simulation)
+    drive = SimulatedDrive(rig, load, arguments.seed, fd=is_fd, load_restarts=True)
+    _warm_up(rig, is_fd)
+    transport, name = _open(arguments, is_fd)
+    try:
+        period_ns = round(rig.require_drive().sample_time_s * NS_PER_S)
+        wire = None
+        if faults:
+            wire = FaultyWire(FaultInjector(faults, arguments.seed), lambda: drive.machine.trip(FaultReason.BUS_OFF))
+        loop = RealTimeLoop(drive, transport, period_ns, wire, arguments.spin)
+
+        def stop(_signal: int, _frame: FrameType | None) -> None:
+            loop.stop()
+
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, stop)
+        scheduler = _schedule_fifo() if arguments.fifo else "other"
+        gc.collect()
+        gc.freeze()
+        _say(f"ready {name} node {rig.bench.node_id} period_us {period_ns // 1000}")
+        loop.run(None if arguments.duration is None else round(arguments.duration * NS_PER_S))
+    finally:
+        transport.close()
+    return {
+        "transport_name": name,
+        "period_s": period_ns / NS_PER_S,
+        "scheduler": scheduler,
+        **loop.summary(),
+        "drive": {**drive.machine.counters, **drive.counters, "state": drive.machine.state.name},
+    }
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the drive process; 0 at a clean end, 2 with one line per problem on standard error."""
+    arguments = _parser().parse_args(argv)
+    logging.getLogger("can").setLevel(logging.ERROR)  # every problem is told once, by us
+    try:
+        summary = _serve(arguments)
+    except UserError as error:
+        sys.stderr.write("".join(f"{problem}\n" for problem in error.problems))
+        return 2
+    _say(json.dumps(summary))
+    return 0
