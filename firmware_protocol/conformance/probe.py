@@ -4,9 +4,9 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from firmware_protocol.conformance import wire
+from firmware_protocol.conformance.findings import Inconclusive
 from firmware_protocol.conformance.monitor import Monitor
 from firmware_protocol.conformance.port import MS, Margins, Port
-from firmware_protocol.conformance.registry import Inconclusive
 from firmware_protocol.frames import Frame, split_id
 from firmware_protocol.messages import (
     PROTOCOL_MAJOR,

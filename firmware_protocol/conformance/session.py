@@ -3,9 +3,9 @@
 from typing import Final, NamedTuple
 
 from firmware_protocol.conformance import wire
+from firmware_protocol.conformance.findings import Inconclusive, Violation, require
 from firmware_protocol.conformance.port import MS, Margins, Port
 from firmware_protocol.conformance.probe import Probe, Sample
-from firmware_protocol.conformance.registry import Inconclusive, Violation, require
 from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, Frame, arbitration_id
 from firmware_protocol.messages import Control, DriveState, FaultReason, Function, Identity, ParamOp
 from firmware_protocol.parameters import BY_INDEX, DICTIONARY, Access, Index

@@ -10,8 +10,9 @@ from typing import Final, NamedTuple
 
 import firmware_protocol.conformance.checks  # noqa: F401 - registers the checks
 from firmware_protocol.conformance.catalogue import REQUIREMENTS, Requirement, name_of
+from firmware_protocol.conformance.findings import Inconclusive, Violation
 from firmware_protocol.conformance.port import Capability, Margins, Port
-from firmware_protocol.conformance.registry import CHECKS, Check, Inconclusive, Need, Violation
+from firmware_protocol.conformance.registry import CHECKS, Check, Need
 from firmware_protocol.conformance.session import MeasuredTime, Session
 from firmware_protocol.frames import BROADCAST_NODE, Frame, arbitration_id
 from firmware_protocol.messages import Function, Identity

@@ -1,8 +1,9 @@
 """Discovery: HFP-060 to HFP-066, HFP-068."""
 
 from firmware_protocol.conformance import wire
+from firmware_protocol.conformance.findings import expect, require
 from firmware_protocol.conformance.port import MS
-from firmware_protocol.conformance.registry import Need, check, expect, require
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import IDENTITY_NS, Session
 from firmware_protocol.discovery import identity_delay_us
 from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, Frame, arbitration_id

@@ -1,7 +1,8 @@
 """Enabling: HFP-091 to HFP-099."""
 
+from firmware_protocol.conformance.findings import Violation, expect, require
 from firmware_protocol.conformance.port import MS
-from firmware_protocol.conformance.registry import Need, Violation, check, expect, require
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import ENABLE, LOW, Session
 from firmware_protocol.messages import PROTOCOL_MAJOR, DriveState, FaultReason
 from firmware_protocol.parameters import Index

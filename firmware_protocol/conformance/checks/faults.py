@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator
 
+from firmware_protocol.conformance.findings import expect
 from firmware_protocol.conformance.port import MS, Capability
-from firmware_protocol.conformance.registry import Need, check, expect
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import ENABLE, LOW, RESET, Session
 from firmware_protocol.frames import BROADCAST_NODE, Frame, arbitration_id
 from firmware_protocol.messages import DriveState, FaultReason, Function, ParamOp

@@ -2,8 +2,9 @@
 
 from firmware_protocol.conformance import wire
 from firmware_protocol.conformance.checks.frames import walk
+from firmware_protocol.conformance.findings import expect
 from firmware_protocol.conformance.port import Capability
-from firmware_protocol.conformance.registry import Need, check, expect
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import Session
 from firmware_protocol.messages import DriveState, Function
 

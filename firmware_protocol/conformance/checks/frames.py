@@ -7,8 +7,9 @@ from fastcrc.crc8 import autosar
 
 from firmware_protocol.conformance import wire
 from firmware_protocol.conformance.checks.ids import line_time_ns, param_read, quiet
+from firmware_protocol.conformance.findings import expect, require
 from firmware_protocol.conformance.port import MS, Capability
-from firmware_protocol.conformance.registry import Need, check, expect, require
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import ENABLE, IDENTITY_NS, LOW, Session
 from firmware_protocol.frames import BROADCAST_NODE, Frame, arbitration_id
 from firmware_protocol.messages import DriveState, Function, ParamOp

@@ -5,8 +5,9 @@ from itertools import pairwise
 
 from firmware_protocol.conformance import wire
 from firmware_protocol.conformance.checks.sequences import taken
+from firmware_protocol.conformance.findings import expect, require
 from firmware_protocol.conformance.port import MS
-from firmware_protocol.conformance.registry import Need, check, expect, require
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import ENABLE, IDENTITY_NS, LOW, RESET, Session
 from firmware_protocol.frames import Frame, arbitration_id
 from firmware_protocol.messages import DriveState, FaultReason, Function, ParamOp

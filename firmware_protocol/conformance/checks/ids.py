@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 
 from firmware_protocol.conformance import wire
+from firmware_protocol.conformance.findings import expect, require
 from firmware_protocol.conformance.port import MS, Capability
-from firmware_protocol.conformance.registry import Need, check, expect, require
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import ANSWER_NS, ENABLE, IDENTITY_NS, LOW, Session
 from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, Frame, arbitration_id
 from firmware_protocol.messages import DriveState, Function, ParamOp

@@ -3,9 +3,10 @@
 from itertools import pairwise
 
 from firmware_protocol.conformance.checks.frames import walk
+from firmware_protocol.conformance.findings import Inconclusive, expect, require
 from firmware_protocol.conformance.port import MS
 from firmware_protocol.conformance.probe import Sample
-from firmware_protocol.conformance.registry import Inconclusive, Need, check, expect, require
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import Session
 from firmware_protocol.frames import Frame, arbitration_id
 from firmware_protocol.messages import DriveState

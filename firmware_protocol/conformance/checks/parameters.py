@@ -2,7 +2,8 @@
 
 from firmware_protocol.conformance import wire
 from firmware_protocol.conformance.checks.heartbeats import judge_intervals
-from firmware_protocol.conformance.registry import Need, check, expect
+from firmware_protocol.conformance.findings import expect
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import ANSWER_NS, Session
 from firmware_protocol.messages import DriveState, Function, ParamOp
 from firmware_protocol.parameters import BY_INDEX, DICTIONARY, INT32_MAX, INT32_MIN, Access, Index, Parameter

@@ -1,8 +1,9 @@
 """References: HFP-110 to HFP-118. All but one give torque, of a few units around the angle unless said."""
 
 from firmware_protocol.conformance.checks.enabling import room
+from firmware_protocol.conformance.findings import expect, require
 from firmware_protocol.conformance.port import MS
-from firmware_protocol.conformance.registry import Need, check, expect, require
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import LOW, Session
 from firmware_protocol.messages import DriveState, FaultReason
 from firmware_protocol.parameters import INT32_MAX, INT32_MIN, Index

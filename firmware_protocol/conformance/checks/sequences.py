@@ -1,8 +1,9 @@
 """Sequences: HFP-040 to HFP-043, HFP-046."""
 
 from firmware_protocol.conformance.checks.frames import walk
+from firmware_protocol.conformance.findings import expect, require
 from firmware_protocol.conformance.port import MS
-from firmware_protocol.conformance.registry import Need, check, expect, require
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import ENABLE, LOW, Session
 from firmware_protocol.messages import DriveState, Function
 from firmware_protocol.parameters import Index

@@ -9,8 +9,9 @@ from firmware_protocol.codec import CRC16_INIT
 from firmware_protocol.conformance import wire
 from firmware_protocol.conformance.checks.frames import walk
 from firmware_protocol.conformance.checks.ids import SLOWEST_BYTE_NS, param_read, quiet
+from firmware_protocol.conformance.findings import Inconclusive, expect, require
 from firmware_protocol.conformance.port import MS
-from firmware_protocol.conformance.registry import Inconclusive, Need, check, expect, require
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import ANSWER_NS, Session
 from firmware_protocol.frames import arbitration_id
 from firmware_protocol.messages import DriveState, Function, ParamOp

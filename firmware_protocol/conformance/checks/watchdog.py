@@ -5,8 +5,9 @@ from collections.abc import Callable
 from firmware_protocol.conformance import wire
 from firmware_protocol.conformance.checks.enabling import room
 from firmware_protocol.conformance.checks.ids import param_read
+from firmware_protocol.conformance.findings import expect, require
 from firmware_protocol.conformance.port import MS
-from firmware_protocol.conformance.registry import Need, check, expect, require
+from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import ENABLE, Session
 from firmware_protocol.frames import BROADCAST_NODE, Frame, arbitration_id
 from firmware_protocol.messages import DriveState, FaultReason, Function, ParamOp

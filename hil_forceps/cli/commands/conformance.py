@@ -13,8 +13,9 @@ from rich.table import Table
 from rich.text import Text
 
 from firmware_protocol.conformance.catalogue import REQUIREMENTS, name_of
+from firmware_protocol.conformance.findings import Inconclusive
 from firmware_protocol.conformance.port import MS, REAL, VIRTUAL, Margins
-from firmware_protocol.conformance.registry import CHECKS, Inconclusive, Need
+from firmware_protocol.conformance.registry import CHECKS, Need
 from firmware_protocol.conformance.report import certificate, is_well, junit
 from firmware_protocol.conformance.suite import NEEDS_MOTION, Result, Suite, Verdict, discover
 from firmware_protocol.frames import MAX_NODE

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import pytest
 
 from firmware_protocol.conformance.catalogue import REQUIREMENTS
+from firmware_protocol.conformance.findings import Inconclusive
 from firmware_protocol.conformance.port import MS, REAL, VIRTUAL
-from firmware_protocol.conformance.registry import Inconclusive
 from firmware_protocol.conformance.report import certificate, is_well, junit
 from firmware_protocol.conformance.suite import NEEDS_MOTION, CheckResult, Result, Suite, Verdict, discover
 from firmware_protocol.drive_machine import DriveMachine
