@@ -7,38 +7,41 @@ TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: install bench test test-long lint types layers unit system targets targets-short targets-quick fuzz hidden-effects real-data benchmark wheel clean
+.PHONY: help install bench test test-long lint types layers unit system targets targets-short targets-quick fuzz hidden-effects real-data benchmark wheel clean
 
-install:
+help:  ## this list
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 18
+
+install:  ## make .venv from requirements.lock
 	@tools/install.sh $(VENV)
 
-bench: install
+bench: install  ## the paper's simulations through the bus: table, figures, recordings in $(OUT)
 	$(VENV)/bin/hil-forceps bench --config configs/paper.yaml --out $(OUT)/paper
 	$(VENV)/bin/hil-forceps bench --config configs/realistic.yaml --out $(OUT)/realistic
 
 # What computes first, two at a time; then what watches the clock. Some 4 minutes more the first time, where SocketCAN
 # needs a kernel built.
-test: lint types layers unit system targets-quick
+test: lint types layers unit system targets-quick  ## everything that a change has to pass
 
-lint: install
+lint: install  ## style
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 
-types: install
+types: install  ## types, strict, tests too
 	$(VENV)/bin/mypy
 
-layers: install
+layers: install  ## import contracts
 	$(VENV)/bin/lint-imports
 
-unit: install
+unit: install  ## tests in virtual time
 	$(PY) -m pytest -n 2 --dist loadgroup -m "not realtime and not long and not campaign" $(TESTS)
 
-test-long: targets-short
+test-long: targets-short  ## what takes tens of seconds a test; CI runs it behind `make test`
 	$(PY) -m pytest -n 2 --dist loadgroup -m "long" $(TESTS)
 
 # One process and nothing beside it: these start processes of their own and watch the clock. On a machine that others
 # use, too, a process may be kept waiting for longer than a drive waits: then a test is tried again, and the summary says so.
-system: install
+system: install  ## tests that need a clock: processes, terminals, sockets
 	$(PY) -m pytest -m realtime --reruns 2 --only-rerun AssertionError $(TESTS)
 
 # Conformance and simulation 2 on every target that this machine can have, then the table of what ran. What runs in
@@ -51,6 +54,8 @@ targets: TARGET_JOBS = 1
 targets: TARGET_RERUNS = 0
 targets-short: TARGET_JOBS = 2
 targets-short: TARGET_RERUNS = 1
+targets: ## conformance and simulation 2 on every target that this machine can have
+targets-short: ## the same, short
 targets targets-short: install
 	rm -rf build/targets
 	-@tools/install_targets.sh
@@ -60,31 +65,31 @@ targets targets-short: install
 		$(PY) -m tools.target_table || status=1; \
 		exit $$status
 
-targets-quick: install
+targets-quick: install  ## one emulated target of each kind
 	-@tools/install_targets.sh
 	$(PY) -m pytest -n 2 --dist worksteal -m "not realtime and not long" tests/targets
 	$(PY) -m pytest -n 2 --dist worksteal -m "realtime and not long" --reruns 1 tests/targets
 
 # Ten million bytes into every reader and state machine of the Python side.
-fuzz: install
+fuzz: install  ## ten million bytes into every reader and state machine
 	$(PY) -m firmware_protocol.conformance.fuzz 10000000
 
 # Effects hidden in data and diagnosed, hours of it; goes on where it was stopped. Then the tables of docs/diagnosis.md.
-hidden-effects: install
+hidden-effects: install  ## the campaign of effects hidden in data; hours
 	$(PY) -m tests.hidden_effects.drawn_campaign --out $(OUT)/drawn-effects --usual --jobs 2
 	$(PY) -m tests.hidden_effects.drawn_campaign --out $(OUT)/drawn-effects --jobs 2
 	$(PY) -m tests.hidden_effects.drawn_campaign --out $(OUT)/drawn-effects --counts
 
 # The ladders of the surgical tool, where its data are beside this folder or at HIL_FORCEPS_DATA; some 6 minutes.
-real-data: install
+real-data: install  ## ladders on measured data of a surgical tool; minutes
 	$(PY) -m pytest -m campaign tests/unit
 
 # Figures of speed; apart from the tests because they mean nothing on a busy machine.
-benchmark: install
+benchmark: install  ## figures of speed
 	$(PY) -m pytest tests/bench --benchmark-columns=min,median,iqr,rounds -p no:xdist
 
-wheel: install
+wheel: install  ## the wheel, in dist/
 	$(PY) -m build --wheel --no-isolation
 
-clean:
+clean:  ## remove .venv, results and builds
 	rm -rf $(VENV) $(OUT) build dist

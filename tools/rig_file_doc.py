@@ -19,7 +19,7 @@ from hil_forceps.rig.sections import IDEAL
 ROOT = Path(__file__).resolve().parent.parent
 TARGET = ROOT / "docs" / "rig-file.md"
 TEMPLATE = ROOT / "tools" / "rig_file_doc.template.md"
-BROKEN = ROOT / "tests" / "unit" / "broken_rigs"
+BROKEN = ROOT / "tests" / "unit" / "rig" / "broken_rigs"
 SHOWN_ERRORS = ("many_at_once", "values_in_other_units", "missing_key", "unclosed_brace")
 
 

@@ -1,33 +1,7 @@
-"""The checks, by chapter of the spec; importing this package registers them all."""
+"""The checks, by chapter of the spec; importing this package registers those of every file in it."""
 
-from firmware_protocol.conformance.checks import (
-    discovery,
-    enabling,
-    faults,
-    fd,
-    frames,
-    heartbeats,
-    ids,
-    measurements,
-    parameters,
-    references,
-    sequences,
-    serial_line,
-    watchdog,
-)
+from importlib import import_module
+from pkgutil import iter_modules
 
-__all__ = [
-    "discovery",
-    "enabling",
-    "faults",
-    "fd",
-    "frames",
-    "heartbeats",
-    "ids",
-    "measurements",
-    "parameters",
-    "references",
-    "sequences",
-    "serial_line",
-    "watchdog",
-]
+for _module in iter_modules(__path__):
+    import_module(f"{__name__}.{_module.name}")

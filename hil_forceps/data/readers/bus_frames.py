@@ -1,10 +1,13 @@
 """Frames out of the bus logs that python-can reads: candump, ASC, BLF, TRC."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 from firmware_protocol.frames import Frame
+from hil_forceps.data.readers.format import Format, Request
+from hil_forceps.data.run import Run
 from hil_forceps.rig.errors import UserError
 
 LOG_SUFFIXES = frozenset({".log", ".asc", ".blf", ".trc"})
@@ -46,3 +49,27 @@ def _open(path: Path, kind: str) -> IO[Any]:
 def _reader(can: Any, kind: str) -> Any:
     readers = {".log": can.CanutilsLogReader, ".asc": can.ASCReader, ".blf": can.BLFReader, ".trc": can.TRCReader}
     return readers[kind]
+
+
+def _as_runs(kind: str) -> Callable[[Request], list[Run]]:
+    def read(request: Request) -> list[Run]:
+        from hil_forceps.data.readers.bus_run import read_bus_log  # noqa: PLC0415 - python-can, for bus logs only
+
+        return read_bus_log(request.path, kind)
+
+    return read
+
+
+_CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]{3,8}#")
+# The service writes a recording and a bus log of one run: logs are read only where nothing else in a folder is a run.
+CANDUMP = Format(
+    "candump",
+    (".log",),
+    _as_runs(".log"),
+    by_suffix=True,
+    looks_like=lambda head: _CANDUMP.match(head) is not None,
+    in_folder="otherwise",
+)
+ASC = Format("ASC", (".asc",), _as_runs(".asc"), by_suffix=True, in_folder="otherwise")
+BLF = Format("BLF", (".blf",), _as_runs(".blf"), magic=(b"LOGG",), in_folder="otherwise")
+TRC = Format("TRC", (".trc",), _as_runs(".trc"), by_suffix=True, in_folder="otherwise")

@@ -10,6 +10,7 @@ import numpy as np
 
 from hil_forceps.data.column_names import name_problems
 from hil_forceps.data.readers.csv_block import Layout, parse_block
+from hil_forceps.data.readers.format import Format, Progress
 from hil_forceps.data.run import KNOWN_COLUMNS, Column, Run, columns_problem
 from hil_forceps.data.time_order import drop_repeats
 from hil_forceps.rig.errors import UserError
@@ -18,8 +19,6 @@ MAX_FILE_BYTES = 4 << 30  # an hour at 10 kHz with eight columns
 MAX_SAMPLES = 50_000_000  # three arrays of these are in memory at a time for one of the columns
 BLOCK_CHARACTERS = 1 << 22
 LONGEST_LINE = 1 << 16
-
-Progress = Callable[[int, int], None]  # bytes read, bytes in all
 
 
 def read_csv(path: str | Path, progress: Progress | None = None) -> Run:
@@ -135,3 +134,6 @@ def _not_utf8(error: UnicodeDecodeError) -> str:
     if error.object[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return "it looks like UTF-16"
     return f"byte {error.object[error.start]:#04x} is no UTF-8"
+
+
+FORMAT = Format("CSV", (".csv",), lambda request: [read_csv(request.path, request.progress)])

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hil_forceps.data.readers.format import Format
 from hil_forceps.data.readers.mat_file import parse_mat
 from hil_forceps.data.run import Column, Run, bad_row
 from hil_forceps.data.time_order import drop_repeats
@@ -75,3 +76,6 @@ def _check_lengths(path: Path, variables: dict[str, Column]) -> None:
     if len(set(lengths.values())) > 1 or lengths["t"] < 2:
         told = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise UserError(f"{path}: samples: {told}; they must be as many of each, and 2 at least")
+
+
+FORMAT = Format("MATLAB 5", (".mat",), lambda request: [read_emps(request.path)], magic=(b"MATLAB 5.0 MAT-file",))

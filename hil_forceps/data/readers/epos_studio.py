@@ -15,13 +15,14 @@ from typing import NamedTuple
 import numpy as np
 
 from hil_forceps.data.readers.csv_block import finite_number
+from hil_forceps.data.readers.format import Format
 from hil_forceps.data.run import ANGLE_FROM_SPEED, Column, Run
 from hil_forceps.data.time_order import drop_repeats
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
 MAX_FILE_BYTES = 64 << 20  # the recorder holds some thousand samples
-MARK = b"EPOS Studio Version"
+_MARK = b"EPOS Studio Version"
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _RAD_PER_S = {"rpm": 2.0 * math.pi / 60.0, "min^-1": 2.0 * math.pi / 60.0, "rev/min": 2.0 * math.pi / 60.0}
@@ -155,3 +156,11 @@ def _radians_per_count(path: Path, rig: Rig | None) -> float:
         told = "position is in counts, and how many make a turn the file doesn't hold"
         raise UserError(f"{path}: {told}; name a rig (--rig) with encoder.counts_per_rev")
     return 2.0 * math.pi / counts
+
+
+FORMAT = Format(
+    "EPOS Studio",
+    (),  # its files are called .csv
+    lambda request: [read_epos_studio(request.path, request.rig)],
+    looks_like=lambda head: _MARK in head,
+)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hil_forceps.data.column_names import name_problems
+from hil_forceps.data.readers.format import Format
 from hil_forceps.data.run import KNOWN_COLUMNS, Column, Run, columns_problem
 from hil_forceps.data.time_order import drop_repeats
 from hil_forceps.rig.errors import UserError
@@ -80,3 +81,6 @@ def _pyarrow(module: str) -> Any:
 
 def _first_line(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0][:200]
+
+
+FORMAT = Format("Parquet", (".parquet",), lambda request: [read_parquet(request.path)], magic=(MAGIC,))

@@ -5,6 +5,7 @@ is a folder or a zip with files `XY.TXT`: X numbers the frequency, Y the load. T
 lines that begin with `%` are a header, were edited by hand in places and are not trusted for anything.
 """
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.data.readers.surgical_files import Member, open_data_set
+from hil_forceps.data.readers.format import Format, Request
+from hil_forceps.data.readers.surgical_files import MAX_FILE_BYTES, Member, open_data_set
 from hil_forceps.data.run import Column, Run, bad_row
 from hil_forceps.rig.errors import UserError
 
@@ -136,3 +138,32 @@ def _first_bad_cell(member: Member, lines: list[tuple[int, str]]) -> str:
             except ValueError:
                 return f"{member.label}:{number}: column {position}: {cell.strip()[:40]!r} is not a number"
     return f"{member.label}: numbers that can't be read"
+
+
+def _looks_like(head: bytes) -> bool:
+    lines = [line for line in head.splitlines() if line.strip()]
+    data = [line for line in lines if not line.startswith(b"%")]
+    if len(data) < len(lines):
+        return True
+    return bool(data) and data[0].count(b",") == COLUMN_COUNT - 1 and not re.search(rb"[A-Za-z_]{3}", data[0])
+
+
+def _read_text(request: Request) -> list[Run]:
+    path = request.path
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 20} MiB")
+        member = Member(path.stem, str(path), path.read_bytes())
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror or error}") from error
+    table = parse_table(member)
+    return [to_run(member.name, table, jaw_side(table))]
+
+
+TEXT = Format("surgical tool", (".txt",), _read_text, looks_like=_looks_like, in_folder="part")
+ZIP = Format(
+    "surgical tool, zipped",
+    (".zip",),
+    lambda request: list(iter_surgical_tool(request.path)),
+    magic=(b"PK\x03\x04", b"PK\x05\x06"),
+)

@@ -180,7 +180,7 @@ def test_what_is_wrong_is_told_in_one_line(call: Call, tmp_path: Path, line: str
 
 @pytest.mark.parametrize("command", ["bench --config", "run --serial p --rig"])
 def test_broken_rig_has_a_line_for_each_problem(call: Call, command: str) -> None:
-    broken = ROOT / "tests" / "unit" / "broken_rigs" / "many_at_once.yaml"
+    broken = ROOT / "tests" / "unit" / "rig" / "broken_rigs" / "many_at_once.yaml"
     said = call(*command.split(), str(broken), "--out", "o")
     wanted = broken.with_suffix(".txt").read_text().splitlines()
     assert said.code == 2

@@ -1,0 +1,36 @@
+"""What a reader says of its format: how a file of it is told, and how it is read."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from hil_forceps.data.run import Run
+from hil_forceps.rig import Rig
+
+Progress = Callable[[int, int], None]  # bytes read, bytes in all
+
+
+class Request(NamedTuple):
+    """One file to be read."""
+
+    path: Path
+    progress: Progress | None = None
+    rig: Rig | None = None  # what a recording of this format doesn't say may stand there
+
+
+class Format(NamedTuple):
+    """A format that runs may be stored in.
+
+    A file has it when it begins with one of `magic`, else when its suffix is one of `suffixes` and `by_suffix` is set,
+    else when `looks_like` says so of its first 4096 bytes. A suffix of a format with `magic` whose bytes are others is
+    refused. `read` returns at least one run and raises UserError, with path, line and remedy, for what it can't use.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]  # lower case, with the dot
+    read: Callable[[Request], list[Run]]
+    magic: tuple[bytes, ...] = ()
+    by_suffix: bool = False
+    looks_like: Callable[[bytes], bool] | None = None
+    # In a folder: each file is a run; or is read only where nothing else there is a run; or is part of a data set.
+    in_folder: Literal["each", "otherwise", "part"] = "each"
