@@ -13,7 +13,7 @@ from hil_forceps.control.gate import DEFAULT_MAX_GAP_S, Gate
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.data.recording.reader import Recording
 from hil_forceps.data.recording.writer import Outcome
-from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
+from hil_forceps.estimation.registry import ALGORITHMS, ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig, dump_rig, parse_rig
 from hil_forceps.rig.errors import UserError
 
@@ -60,7 +60,7 @@ def gate_for(rig: Rig) -> Gate:
 
 def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
     """Bind estimator, trajectory and gate; UserError for an unknown algorithm or a rig that leaves values open."""
-    if settings.algorithm not in ESTIMATOR_IDS:
+    if settings.algorithm not in ALGORITHMS:
         raise UserError(f"unknown algorithm '{settings.algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
     return Pipeline(
         make_estimator(settings.algorithm, rig, settings.sample_time_s),

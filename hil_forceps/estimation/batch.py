@@ -4,23 +4,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Estimator, Sample
-from hil_forceps.estimation.single import start_kind, step_kind
-from hil_forceps.model.kernel import kernel
+from hil_forceps.estimation.kernel import kernel
+from hil_forceps.estimation.kernel_function import KernelFunction
 
 Vector = NDArray[np.float64]
 
 
 @kernel
 def _run(
-    kind: int, c: Vector, time_ns: NDArray[np.int64], theta_m_rad: Vector, motor_torque_N_m: Vector
+    start: KernelFunction,
+    step: KernelFunction,
+    c: Vector,
+    time_ns: NDArray[np.int64],
+    theta_m_rad: Vector,
+    motor_torque_N_m: Vector,
 ) -> tuple[Vector, Vector]:
     samples = time_ns.shape[0]
     tau_w = np.empty(samples)
     elongation = np.empty(samples)
-    state = start_kind(kind, c, time_ns[0], theta_m_rad[0], motor_torque_N_m[0])
+    state = start(c, time_ns[0], theta_m_rad[0], motor_torque_N_m[0])
     for n in range(samples):
         if n > 0:
-            state = step_kind(state, kind, c, time_ns[n], theta_m_rad[n], motor_torque_N_m[n])
+            state = step(state, c, time_ns[n], theta_m_rad[n], motor_torque_N_m[n])
         tau_w[n] = state[TAU_W]
         elongation[n] = state[ELONGATION]
     return tau_w, elongation
@@ -42,7 +47,7 @@ def run(
     angles = np.ascontiguousarray(theta_m_rad, dtype=np.float64)
     torques = np.ascontiguousarray(motor_torque_N_m, dtype=np.float64)
     if estimator.compiled is not None:
-        return _run(estimator.compiled.kind, estimator.compiled.constants, times, angles, torques)
+        return _run(*estimator.compiled, times, angles, torques)
     if estimator.record is not None:
         return estimator.record(times, angles, torques)
     samples = map(Sample, times.tolist(), angles.tolist(), torques.tolist())

@@ -20,8 +20,8 @@ from numba.np.unsafe import ndarray as fixed
 from numpy.typing import NDArray
 
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Estimate, Estimator, Sample, State
-from hil_forceps.estimation.single import start_kind, step_kind
-from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.estimation.kernel import inlined, kernel
+from hil_forceps.estimation.kernel_function import KernelFunction
 from hil_forceps.model.parameters import vector
 from hil_forceps.model.physics import (
     Physics,
@@ -234,20 +234,27 @@ def _told(theta: Vector, memory: Vector, tuning: Tuning, dt_s: float, tau_w_N_m:
 
 @kernel
 def _record(
-    theta: Vector, kind: int, c: Vector, tuning: Tuning, time_ns: Stamps, shown_rad: Vector, torque_N_m: Vector
+    theta: Vector,
+    start: KernelFunction,
+    step: KernelFunction,
+    c: Vector,
+    tuning: Tuning,
+    time_ns: Stamps,
+    shown_rad: Vector,
+    torque_N_m: Vector,
 ) -> tuple[Vector, Vector]:
     """Return τ̂_w and x̂ at each sample: `start` and `step` of `corrected` in one compiled loop."""
     tau_w, elongation = np.empty(time_ns.shape[0]), np.empty(time_ns.shape[0])
     p = Physics(*_tuple(theta, _VALUES))
     fresh = begin(p, time_ns[0], shown_rad[0], torque_N_m[0])
     memory, angle, torque = before(p, fresh, tuning, time_ns[0], shown_rad[0], torque_N_m[0])
-    state = start_kind(kind, c, time_ns[0], angle, torque)
+    state = start(c, time_ns[0], angle, torque)
     memory = after(p, memory, tuning, 0.0, state[TAU_W], state[ELONGATION])
     for n in range(time_ns.shape[0]):
         dt_s = (time_ns[n] - memory.last_ns) * 1e-9
         if dt_s > 0.0:
             memory, angle, torque = before(p, memory, tuning, time_ns[n], shown_rad[n], torque_N_m[n])
-            state = step_kind(state, kind, c, time_ns[n], angle, torque)
+            state = step(state, c, time_ns[n], angle, torque)
             memory = after(p, memory, tuning, dt_s, state[TAU_W], state[ELONGATION])
         tau_w[n], elongation[n] = memory.tau_w_N_m, memory.elongation_m
     return tau_w, elongation
@@ -271,7 +278,7 @@ def corrected(estimator: Estimator, rig: Rig, sample_time_s: float) -> Estimator
         return estimator
     if estimator.compiled is None:
         raise ValueError(f"estimator {estimator.id!r} has no kernels")
-    kind, constants = estimator.compiled
+    kernels = estimator.compiled
     theta = vector(rig)
     tuning = _tuning(rig, sample_time_s)
 
@@ -292,7 +299,7 @@ def corrected(estimator: Estimator, rig: Rig, sample_time_s: float) -> Estimator
         return told(estimator.step(state[:-_SIZE], Sample(sample.time_ns, angle, torque)), memory, dt_s)
 
     def record(time_ns: Stamps, theta_m_rad: Vector, motor_torque_N_m: Vector) -> tuple[Vector, Vector]:
-        return _record(theta, kind, constants, tuning, time_ns, theta_m_rad, motor_torque_N_m)
+        return _record(theta, *kernels, tuning, time_ns, theta_m_rad, motor_torque_N_m)
 
     return Estimator(estimator.id, start, step, _estimate, record=record)
 

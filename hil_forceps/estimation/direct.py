@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Estimator
-from hil_forceps.estimation.registry import WIRE_ANGLE_RAD, WIRE_CURRENT_A
-from hil_forceps.estimation.single import start_kind, step_kind
-from hil_forceps.model.kernel import kernel
+from hil_forceps.estimation.kernel import kernel
+from hil_forceps.estimation.kernel_function import KernelFunction
+from hil_forceps.estimation.wire import WIRE_ANGLE_RAD, WIRE_CURRENT_A
 from hil_forceps.model.linear_loop import (
     DRIVE_CURRENT,
     DriveParameters,
@@ -48,7 +48,8 @@ class DirectRun(NamedTuple):
 def _run(
     loop: Loop,
     plant: PlantParameters,
-    kind: int,
+    start: KernelFunction,
+    step: KernelFunction,
     constants: Vector,
     jaw_reference_rad: Vector,
     tau_w_N_m: Vector,
@@ -73,9 +74,9 @@ def _run(
         time_ns = round(n * period_s * 1e9)
         torque = believed_N_m_per_A * seen_current
         if n == 0:
-            state = start_kind(kind, constants, time_ns, seen_angle, torque)
+            state = start(constants, time_ns, seen_angle, torque)
         else:
-            state = step_kind(state, kind, constants, time_ns, seen_angle, torque)
+            state = step(state, constants, time_ns, seen_angle, torque)
         elongation = state[ELONGATION] if compensated else 0.0
         # Not a number: nothing is sent and the drive keeps what it has.
         if math.isfinite(elongation):
@@ -129,9 +130,8 @@ def run_direct(
     quanta = (WIRE_ANGLE_RAD, WIRE_CURRENT_A) if over_wire else (0.0, 0.0)
     plant = rig.plant()
     believed = plant.torque_constant_N_m_per_A if torque_constant_N_m_per_A is None else torque_constant_N_m_per_A
-    kind, constants = estimator.compiled
     return DirectRun(
-        *_run(loop, plant, kind, constants, jaw_reference_rad, tau_w_N_m, noise, quanta, believed, compensated)
+        *_run(loop, plant, *estimator.compiled, jaw_reference_rad, tau_w_N_m, noise, quanta, believed, compensated)
     )
 
 

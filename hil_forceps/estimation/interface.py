@@ -7,7 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-State = NDArray[np.float64]
+from hil_forceps.estimation.kernel_function import KernelFunction
+from hil_forceps.rig.schema import Rig
+
+Vector = NDArray[np.float64]
+State = Vector
 
 # Where the states of our own estimators keep what they tell; the rest of a state is each one's own.
 TAU_W, ELONGATION = 3, 4
@@ -31,8 +35,9 @@ class Estimate(NamedTuple):
 class Compiled(NamedTuple):
     """The kernels behind an estimator, for loops that run compiled."""
 
-    kind: int  # which kernels: `single`
-    constants: NDArray[np.float64]
+    start: KernelFunction  # constants, time_ns, θ_m, motor torque -> state
+    step: KernelFunction  # state, constants, time_ns, θ_m, motor torque -> state
+    constants: Vector
 
 
 Record = Callable[[NDArray[np.int64], State, State], tuple[State, State]]
@@ -55,3 +60,38 @@ class Estimator:
     estimate: Callable[[State], Estimate]
     compiled: Compiled | None = None
     record: Record | None = None
+
+
+class Algorithm(NamedTuple):
+    """What a file of this package offers: how its estimator is made for a rig, and what that does about effects.
+
+    `make(rig, sample_time_s, over_wire)`: `sample_time_s` is the nominal time between samples; `over_wire` tells that
+    these are rounded as the protocol does it. UserError when the rig doesn't know a value that is needed.
+    """
+
+    id: str
+    make: Callable[[Rig, float, bool], Estimator]
+    corrected: bool = False  # effects of the rig are taken out of its samples (`corrections`)
+    models: frozenset[str] = frozenset()  # effects that are in its own model
+
+
+def estimator_of_kernels(
+    estimator_id: str,
+    start: Callable[[Vector, int, float, float], State],
+    step: Callable[[State, Vector, int, float, float], State],
+    constants: Vector,
+) -> Estimator:
+    """Return an estimator whose steps are kernels: the same ones serve single samples and compiled loops."""
+
+    def start_(sample: Sample) -> State:
+        return start(constants, *sample)
+
+    def step_(state: State, sample: Sample) -> State:
+        return step(state, constants, *sample)
+
+    kernels = Compiled(KernelFunction.of_start(start), KernelFunction.of_step(step), constants)
+    return Estimator(estimator_id, start_, step_, _estimate, kernels)
+
+
+def _estimate(state: State) -> Estimate:
+    return Estimate(float(state[TAU_W]), float(state[ELONGATION]))

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.model.kernel import kernel
+from hil_forceps.estimation.kernel import kernel
 
 Vector = NDArray[np.float64]
 State = NDArray[np.float64]

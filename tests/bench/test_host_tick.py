@@ -32,7 +32,7 @@ from hil_forceps.bridge.service import Service
 from hil_forceps.control.gate import DEFAULT_MAX_GAP_S
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.recording.writer import Outcome, Recorder, open_recorder
-from hil_forceps.estimation import kalman_model
+from hil_forceps.estimation.algorithms import kalman_model
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig, load_rig
 from virtual_bus.interface import VirtualForcepsBus
@@ -231,7 +231,7 @@ class CTick:
             len(PAPER_TRAJECTORY.times_s),
             times,
             angles,
-            compiled.kind,
+            2 if algorithm == "kalman" else 1,
             constants,
             stretch,
         )

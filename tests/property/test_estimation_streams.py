@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil_forceps.estimation import kalman
+from hil_forceps.estimation.algorithms import kalman
 from hil_forceps.estimation.interface import Sample
 from hil_forceps.estimation.registry import make_estimator
 from hil_forceps.rig import load_rig

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil_forceps.estimation import improved
+from hil_forceps.estimation.algorithms import improved
 from hil_forceps.estimation.direct import plant_steps, run_direct
 from hil_forceps.estimation.interface import TAU_W
 from hil_forceps.estimation.registry import make_estimator

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A
-from hil_forceps.estimation import batch, registry
+from hil_forceps.estimation import batch, wire
 from hil_forceps.estimation.interface import Estimate, Estimator, Sample
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import load_rig
@@ -165,5 +165,5 @@ def test_a_rig_without_a_drive_has_estimators() -> None:
 
 
 def test_the_wire_rounds_as_the_protocol_says() -> None:
-    assert registry.WIRE_ANGLE_RAD == ANGLE_LSB_RAD
-    assert registry.WIRE_CURRENT_A == CURRENT_LSB_A
+    assert wire.WIRE_ANGLE_RAD == ANGLE_LSB_RAD
+    assert wire.WIRE_CURRENT_A == CURRENT_LSB_A

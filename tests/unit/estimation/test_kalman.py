@@ -8,7 +8,7 @@ import pytest
 import scipy.linalg
 from numpy.typing import NDArray
 
-from hil_forceps.estimation import kalman, kalman_model
+from hil_forceps.estimation.algorithms import kalman, kalman_model
 from hil_forceps.estimation.interface import ELONGATION, TAU_W
 from hil_forceps.model.two_inertia import continuous, discretise
 from hil_forceps.rig import load_rig

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.model.kernel import kernel
+from hil_forceps.estimation.kernel import kernel
 from hil_forceps.model.two_inertia import (
     Matrix,
     continuous,

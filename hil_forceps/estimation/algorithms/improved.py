@@ -16,11 +16,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.estimation.interface import State
-from hil_forceps.estimation.rfob import observe, sign
-from hil_forceps.model.kernel import kernel
+from hil_forceps.estimation.algorithms.rfob import observe, sign
+from hil_forceps.estimation.interface import Algorithm, Estimator, State, estimator_of_kernels
+from hil_forceps.estimation.kernel import kernel
 from hil_forceps.model.two_inertia import total_inertia_kg_m2, wire_mode_squared
 from hil_forceps.rig.plant import PlantParameters
+from hil_forceps.rig.schema import Rig
 
 TIME, ANGLE, LOW_PASS = range(3)  # then TAU_W and ELONGATION of `interface`
 MODEL_X, MODEL_V, ALPHA = range(5, 8)
@@ -113,3 +114,21 @@ def step(state: State, c: NDArray[np.float64], time_ns: int, theta_m_rad: float,
         x, v, alpha = _run_published(x_hat, state[MODEL_X], state[MODEL_V], state[ALPHA], c[_A], dt_s)
     tau_w = c[_RJ] / c[_RM] * tau_ex + c[_IJ] / c[_RJ] * alpha
     return np.array([float(time_ns), theta_m_rad, low_pass, tau_w, x_hat, x, v, alpha])
+
+
+def _make(rig: Rig, sample_time_s: float, over_wire: bool) -> Estimator:  # noqa: ARG001 - what `Algorithm.make` takes
+    corner_rad_per_s = 2.0 * math.pi * rig.estimators.rfob_cutoff_Hz
+    numbers = constants(rig.plant(), corner_rad_per_s, as_published=False)
+    return estimator_of_kernels("improved", start, step, numbers)
+
+
+def _make_as_published(rig: Rig, sample_time_s: float, over_wire: bool) -> Estimator:  # noqa: ARG001 - as above
+    corner_rad_per_s = 2.0 * math.pi * rig.estimators.rfob_cutoff_Hz
+    numbers = constants(rig.plant(), corner_rad_per_s, as_published=True)
+    return estimator_of_kernels("improved_as_published", start, step, numbers)
+
+
+ALGORITHMS = (
+    Algorithm("improved_as_published", _make_as_published),
+    Algorithm("improved", _make, corrected=True),
+)

@@ -18,8 +18,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.estimation.interface import ELONGATION, TAU_W, State
-from hil_forceps.estimation.kalman_model import (
+from hil_forceps.estimation.algorithms import kalman_model
+from hil_forceps.estimation.algorithms.kalman_model import (
     ANGLE_J,
     ANGLE_M,
     ANGLE_VAR,
@@ -48,8 +48,11 @@ from hil_forceps.estimation.kalman_model import (
     lead_stretch,
     stretch,
 )
-from hil_forceps.model.kernel import kernel
+from hil_forceps.estimation.interface import ELONGATION, TAU_W, Algorithm, Estimator, State, estimator_of_kernels
+from hil_forceps.estimation.kernel import kernel
+from hil_forceps.estimation.wire import WIRE_ANGLE_RAD, WIRE_CURRENT_A
 from hil_forceps.model.two_inertia import Matrix
+from hil_forceps.rig.schema import Rig
 
 Vector = NDArray[np.float64]
 
@@ -284,3 +287,19 @@ def step(state: State, c: Constants, time_ns: int, theta_m_rad: float, motor_tor
         return start(c, time_ns, theta_m_rad, motor_torque_N_m)
     weights = _weigh(weights, (quiet_log, fresh_log, settling_log))
     return _assemble(time_ns, motor_torque_N_m, weights, quiet, fresh, settling, c)
+
+
+def _make(rig: Rig, sample_time_s: float, over_wire: bool) -> Estimator:
+    hold_time_s = sample_time_s if rig.drive is None else rig.drive.sample_time_s
+    damping = rig.effects.get("wire_damping", {}).get("damping_N_s_per_m", 0.0)
+    sensors = kalman_model.Sensors(
+        encoder_quantum_rad=rig.encoder.quantum_rad,
+        transport_quantum_rad=WIRE_ANGLE_RAD if over_wire else 0.0,
+        current_noise_A=rig.noise.current_A,
+        transport_quantum_A=WIRE_CURRENT_A if over_wire else 0.0,
+    )
+    numbers = kalman_model.constants(rig.plant(), sensors, sample_time_s, hold_time_s, kalman_model.Tuning(), damping)
+    return estimator_of_kernels("kalman", start, step, numbers)
+
+
+ALGORITHMS = (Algorithm("kalman", _make, corrected=True, models=frozenset({"wire_damping"})),)

@@ -7,7 +7,7 @@ inputs held over the interval, whatever its length.
 
 import math
 
-from hil_forceps.model.kernel import kernel
+from hil_forceps.estimation.kernel import kernel
 
 
 @kernel

@@ -4,14 +4,17 @@ It takes τ_m and τ_w as constant while the wire settles; when the load steps i
 (r_m²/r_j)(I_j/I_m) + r_j, which is where its spikes come from.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.estimation.interface import State
-from hil_forceps.estimation.rfob import observe, sign
-from hil_forceps.model.kernel import kernel
+from hil_forceps.estimation.algorithms.rfob import observe, sign
+from hil_forceps.estimation.interface import Algorithm, Estimator, State, estimator_of_kernels
+from hil_forceps.estimation.kernel import kernel
 from hil_forceps.model.two_inertia import wire_mode_squared
 from hil_forceps.rig.plant import PlantParameters
+from hil_forceps.rig.schema import Rig
 
 TIME, ANGLE, LOW_PASS = range(3)  # then TAU_W and ELONGATION of `interface`
 _RM, _RJ, _IM, _IJ, _DM, _FM, _FJ, _A, _CORNER = range(9)
@@ -66,3 +69,11 @@ def step(state: State, c: NDArray[np.float64], time_ns: int, theta_m_rad: float,
     low_pass, reaction = observe(state[LOW_PASS], known, velocity, c[_IM], c[_CORNER], dt_s)
     tau_w, elongation = _estimate(c, known, reaction, c[_FJ] * direction)
     return np.array([float(time_ns), theta_m_rad, low_pass, tau_w, elongation])
+
+
+def _make(rig: Rig, sample_time_s: float, over_wire: bool) -> Estimator:  # noqa: ARG001 - what `Algorithm.make` takes
+    corner_rad_per_s = 2.0 * math.pi * rig.estimators.rfob_cutoff_Hz
+    return estimator_of_kernels("previous", start, step, constants(rig.plant(), corner_rad_per_s))
+
+
+ALGORITHMS = (Algorithm("previous", _make),)

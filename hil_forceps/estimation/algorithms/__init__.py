@@ -1,0 +1,1 @@
+"""One file for each algorithm; those that it offers are its `ALGORITHMS`."""

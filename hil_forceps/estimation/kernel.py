@@ -1,0 +1,13 @@
+"""The compiler of the estimators' kernels."""
+
+from hil_forceps.rig.kernel import kernel_compiler
+
+_SOURCES = (
+    "hil_forceps/model",
+    "hil_forceps/estimation",
+    "hil_forceps/estimation/algorithms",
+    "hil_forceps/rig/plant.py",
+)
+
+kernel = kernel_compiler(_SOURCES)
+inlined = kernel_compiler(_SOURCES, inline=True)

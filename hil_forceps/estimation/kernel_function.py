@@ -1,0 +1,48 @@
+"""Kernels as arguments of kernels: a compiled loop takes any estimator's steps without being compiled for it.
+
+numba compiles a loop anew for every compiled function that it is given, and finds none of that in its cache the next
+time. A function given by its address and signature has one type for all estimators.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from numba import types
+
+_VECTOR = types.Array(types.float64, 1, "C")
+_SAMPLE = (types.int64, types.float64, types.float64)  # stamp, angle, torque
+
+
+class KernelFunction(types.WrapperAddressProtocol):
+    """A kernel of one signature as a value; compiled when it is first used."""
+
+    def __init__(self, kernel: Callable[..., Any], signature: Any) -> None:
+        self._kernel: Any = kernel
+        self._signature = signature
+        self._address: int | None = None
+
+    @classmethod
+    def of_start(cls, kernel: Callable[..., Any]) -> "KernelFunction":
+        """Return an estimator's start: constants and a sample to a state."""
+        return cls(kernel, _VECTOR(_VECTOR, *_SAMPLE))
+
+    @classmethod
+    def of_step(cls, kernel: Callable[..., Any]) -> "KernelFunction":
+        """Return an estimator's step: state, constants and a sample to a state."""
+        return cls(kernel, _VECTOR(_VECTOR, _VECTOR, *_SAMPLE))
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the kernel; for the type checker, which sees kernels as the functions that they were."""
+        return self._kernel(*arguments)
+
+    def signature(self) -> Any:
+        """Return numba's signature (numba's protocol)."""
+        return self._signature
+
+    def __wrapper_address__(self) -> int:
+        """Return where the compiled function is (numba's protocol)."""
+        if self._address is None:
+            self._kernel.compile(self._signature.args)
+            compiled = self._kernel.get_compile_result(self._signature)
+            self._address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name)
+        return self._address
