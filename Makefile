@@ -7,7 +7,7 @@ TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help install bench test test-long lint types layers unit system targets targets-short targets-quick fuzz hidden-effects real-data benchmark wheel clean
+.PHONY: help install bench test test-long lint types layers unit system targets targets-short targets-quick effects fuzz hidden-effects real-data benchmark wheel clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 18
@@ -69,6 +69,11 @@ targets-quick: install  ## one emulated target of each kind
 	-@tools/install_targets.sh
 	$(PY) -m pytest -n 2 --dist worksteal -m "not realtime and not long" tests/targets
 	$(PY) -m pytest -n 2 --dist worksteal -m "realtime and not long" --reruns 1 tests/targets
+
+# Behind a change in `hil_forceps/effects` or `virtual_bus/effects`; the tests tell when it was forgotten.
+effects: install  ## put model and world together from the files of their effects
+	$(PY) -m tools.compose_effects
+	$(PY) tools/rig_file_doc.py
 
 # Ten million bytes into every reader and state machine of the Python side.
 fuzz: install  ## ten million bytes into every reader and state machine

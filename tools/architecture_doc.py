@@ -62,7 +62,14 @@ def diagram(contracts: Sequence[dict[str, Any]]) -> Iterator[str]:
     yield '    firmware_protocol["firmware_protocol: the wire"]'
     yield "    hil_forceps --> firmware_protocol"
     yield "    virtual_bus --> firmware_protocol"
-    yield f"    virtual_bus --> {layers[-1][-1]}"
+    barred = {
+        name.removeprefix("hil_forceps.")
+        for contract in contracts
+        if contract["type"] == "forbidden" and contract["source_modules"] == ["virtual_bus"]
+        for name in contract["forbidden_modules"]
+    }
+    for name in (name for layer in layers for name in layer if name not in barred):
+        yield f"    virtual_bus --> {name}"
     yield "    hil_forceps -. python-can, serial, entry points .-> virtual_bus"
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from virtual_bus.effects.command import Queue, acting_command, empty_queue, push_command
+from virtual_bus.effects.composition import EffectNumbers, encoder_angle
 from virtual_bus.effects.motion import advance_with_effects, unpacked
-from virtual_bus.effects.numbers import EffectNumbers
-from virtual_bus.effects.physics import Environment, encoder_angle, jaw_load, tension_of
+from virtual_bus.effects.physics import Environment, jaw_load, tension_of
 from virtual_bus.effects.start import STATE, check_step, rest_with_effects
 from virtual_bus.kernel import kernel
 from virtual_bus.plant.load import LoadProfile, load_at, segment_of
@@ -79,8 +79,8 @@ def run_loop(
 ) -> None:
     """Fill `truth` at each sample and `taps` with what was `rest_ns` before the end of the period after it."""
     memory = np.zeros(3)
-    memory[1] = counted(encoder_angle(state[0], e), quantum_rad) + encoder_error_rad[0]
-    delay_ns = round(e.delay * 1.0e9)
+    memory[1] = counted(encoder_angle(e, state[0]), quantum_rad) + encoder_error_rad[0]
+    delay_ns = round(e.actuation_delay_delay_s * 1.0e9)
     columns = state.size
     for k in range(reference_rad.size):
         now_ns = start_ns + k * period_ns
@@ -90,7 +90,7 @@ def run_loop(
         truth[k, columns] = jaw_load(m.theta_j, load, env)
         truth[k, columns + 1] = memory_here.elongation
         truth[k, columns + 2] = tension_of(m, memory_here, p, e)
-        theta_enc = counted(encoder_angle(m.theta_m, e), quantum_rad) + encoder_error_rad[k]
+        theta_enc = counted(encoder_angle(e, m.theta_m), quantum_rad) + encoder_error_rad[k]
         command = law_step(memory, reference_rad[k] - theta_enc, theta_enc, law)
         push_command(queue, acting_command(command, e), delay_ns)
         end_ns = now_ns + period_ns
@@ -103,7 +103,7 @@ def run_loop(
 def sense(theta_m: NDArray[np.float64], e: EffectNumbers, quantum_rad: float, theta_enc: NDArray[np.float64]) -> None:
     """Fill `theta_enc` with what the encoder says to each angle."""
     for k in range(theta_m.size):
-        theta_enc[k] = counted(encoder_angle(theta_m[k], e), quantum_rad)
+        theta_enc[k] = counted(encoder_angle(e, theta_m[k]), quantum_rad)
 
 
 @kernel
@@ -144,7 +144,10 @@ def simulated_log(
     samples = reference_rad.size
     first, stop, stride = rows.indices(samples)
     period_ns = round(law.sample_time_s * 1.0e9)
-    skew_ns = np.rint(np.array([e.skew_theta_m, e.skew_current, e.skew_theta_j, e.skew_tau_w]) * 1.0e9).astype(np.int64)
+    skew_ns = np.rint(
+        np.array([e.channel_skew_theta_m_s, e.channel_skew_current_s, e.channel_skew_theta_j_s, e.channel_skew_tau_w_s])
+        * 1.0e9
+    ).astype(np.int64)
     taken = np.arange(first, stop, stride)
     # A row at t_k shows an instant in the period (t_(k-q-1), t_(k-q)], the rest before its end.
     periods, rest_ns = np.divmod(skew_ns, period_ns)
@@ -156,7 +159,7 @@ def simulated_log(
     taps, truth = np.zeros((samples, 4)), np.zeros((samples, len(TRUTH_COLUMNS)))
     run_loop(
         state,
-        empty_queue(e.delay, law.sample_time_s),
+        empty_queue(e.actuation_delay_delay_s, law.sample_time_s),
         p,
         e,
         environment,
@@ -181,5 +184,5 @@ def simulated_log(
     exact, rounded = np.zeros(samples), np.zeros(samples)
     sense(truth[:, 0], e, 0.0, exact)
     sense(truth[:, 0], e, quantum_rad, rounded)
-    measured_A = (1.0 + e.current_error) * current + e.current_offset
+    measured_A = (1.0 + e.current_gain_relative_error) * current + e.current_offset_offset_A
     return Log(theta_enc, measured_A, theta_j, tau_w, truth[taken], rounded - exact)

@@ -22,34 +22,37 @@ from numpy.typing import NDArray
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Estimate, Estimator, Sample, State
 from hil_forceps.estimation.kernel import inlined, kernel
 from hil_forceps.estimation.kernel_function import KernelFunction
-from hil_forceps.model.parameters import vector
-from hil_forceps.model.physics import (
+from hil_forceps.model.composition import (
     Physics,
-    cogging_N_m,
-    coupling_N_m,
     encoder_rad,
-    gravity_N_m,
-    grip_N_m,
-    jaw_level_N_m,
+    jaw_load_N_m,
     lever_m,
-    lost_after,
-    motor_level_N_m,
-    paid_angle,
+    motor_drag_N_m,
+    motor_friction_N_m,
+    motor_torque_N_m,
+    motor_viscosity_N_m_s_per_rad,
     radius_m,
-    ripple,
-    rub_N_m,
-    slide,
-    torque_constant,
-    unlike_N_m,
-    viscosity,
+    relative_torque,
     wound_m,
 )
+from hil_forceps.model.parameters import vector
+from hil_forceps.model.physics import (
+    grip_N_m,
+    jaw_level_N_m,
+    lost_after,
+    paid_angle,
+    rub_N_m,
+    sided_friction_N_m,
+    slide,
+    torque_constant,
+)
+from hil_forceps.rig.catalogue import EFFECTS
 from hil_forceps.rig.schema import Rig
 
 Vector = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-IGNORED = frozenset({"wire_damping", "amplifier_deadband", "channel_skew", "current_saturation"})
+IGNORED = frozenset(entry.id for entry in EFFECTS if not entry.corrected)
 _SAME_HOLD = 0.25  # of an interval that it may be off by and still be one hold of the drive
 _MOSTLY_KEPT = 0.9  # of a current over a hold: it is then as good as a line from end to end
 _ROUNDS = 8  # of Newton's method and of fixed points that gain a factor of 10 a round at least
@@ -95,9 +98,9 @@ class Tuning(NamedTuple):
 @inlined
 def _true_angle(p: Physics, shown: float) -> float:
     """Return the motor's angle behind what the encoder shows."""
-    angle = shown / (1.0 + p.encoder_scale)
+    angle = shown / (1.0 + p.encoder_scale_relative_error)
     for _ in range(_ROUNDS):
-        angle -= (encoder_rad(p, angle) - shown) / (1.0 + p.encoder_scale)
+        angle -= (encoder_rad(p, angle) - shown) / (1.0 + p.encoder_scale_relative_error)
     return angle
 
 
@@ -108,7 +111,7 @@ def _direction(speed: float, still: float) -> float:
 
 @inlined
 def _true_current(p: Physics, torque_N_m: float) -> float:
-    return (torque_N_m / p.K_t - p.current_offset) / (1.0 + p.current_gain)
+    return (torque_N_m / p.K_t - p.current_offset_offset_A) / (1.0 + p.current_gain_relative_error)
 
 
 @inlined
@@ -117,7 +120,7 @@ def begin(p: Physics, time_ns: int, shown_rad: float, torque_N_m: float) -> Memo
     current_A = _true_current(p, torque_N_m)
     angle = _true_angle(p, shown_rad)
     now = float(time_ns)
-    theta_j = paid_angle(p, wound_m(p, angle) - p.zero_stretch)
+    theta_j = paid_angle(p, wound_m(p, angle) - p.wire_permanent_stretch_stretch_m)
     kept = (0.0, 0.0, 0.0, 0.0, theta_j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     return Memory(now, now, angle, shown_rad, current_A, *kept)
 
@@ -126,14 +129,14 @@ def begin(p: Physics, time_ns: int, shown_rad: float, torque_N_m: float) -> Memo
 def _mean_current(p: Physics, previous_A: float, current_A: float, hold_s: float) -> float:
     """Return the mean over a hold that was seen at both ends, of a current that lags its command or comes late."""
     mean = current_A
-    if p.lag > 0.0:
-        kept = math.exp(-hold_s / p.lag)
+    if p.electrical_lag_time_constant_s > 0.0:
+        kept = math.exp(-hold_s / p.electrical_lag_time_constant_s)
         if kept < _MOSTLY_KEPT:
             commanded = (current_A - kept * previous_A) / (1.0 - kept)
-            mean = commanded + (previous_A - commanded) * (1.0 - kept) * p.lag / hold_s
+            mean = commanded + (previous_A - commanded) * (1.0 - kept) * p.electrical_lag_time_constant_s / hold_s
         else:
             mean = 0.5 * (previous_A + current_A)
-    late = p.delay / hold_s - math.floor(p.delay / hold_s)
+    late = p.actuation_delay_delay_s / hold_s - math.floor(p.actuation_delay_delay_s / hold_s)
     return mean + late * (previous_A - mean)
 
 
@@ -148,20 +151,20 @@ def before(
     if dt_s > 0.0:
         share = tuning.corner_rad_per_s * dt_s / (1.0 + tuning.corner_rad_per_s * dt_s)
         speed += share * ((theta_m - m.theta_m) / dt_s - speed)
-        presliding = slide(presliding, theta_m - m.theta_m, p.presliding_angle)
-        loaded = slide(loaded, theta_m - m.theta_m, p.loaded_angle)
+        presliding = slide(presliding, theta_m - m.theta_m, p.presliding_friction_angle_rad)
+        loaded = slide(loaded, theta_m - m.theta_m, p.loaded_presliding_angle_rad)
         lost = lost_after(p, lost, theta_m - m.theta_m)
     time_s = (time_ns - m.first_ns) * 1e-9
     current = _true_current(p, torque_N_m)
     mean = current
     if tuning.hold_s > 0.0 and abs(dt_s - tuning.hold_s) < _SAME_HOLD * tuning.hold_s:
         mean = _mean_current(p, m.current_A, current, tuning.hold_s)
-    torque = torque_constant(p, time_s) * mean * (1.0 + ripple(p, theta_m)) + cogging_N_m(p, theta_m)
+    torque = torque_constant(p, time_s) * mean * (1.0 + relative_torque(p, theta_m)) + motor_torque_N_m(p, theta_m)
     paper = p.D_m * speed + p.motor_coulomb * _direction(speed, tuning.still)
-    level = motor_level_N_m(p, speed, m.tension_N)
-    level += max(0.0, p.asymmetry) if speed > 0.0 else max(0.0, -p.asymmetry)
-    friction = viscosity(p, time_s) * speed + level * _direction(speed, tuning.still)
-    friction += rub_N_m(p, presliding, loaded, m.tension_N) + unlike_N_m(p, speed)
+    level = motor_friction_N_m(p, speed, m.tension_N)
+    level += sided_friction_N_m(p, speed)
+    friction = motor_viscosity_N_m_s_per_rad(p, time_s) * speed + level * _direction(speed, tuning.still)
+    friction += rub_N_m(p, presliding, loaded, m.tension_N) + motor_drag_N_m(p, speed)
     # r f = torque − friction − inertia: through the nominal radius, with the friction that the estimator takes off.
     theta_p = theta_m - lost
     seen = p.r_m / radius_m(p, theta_p) * (torque - friction) + paper
@@ -176,9 +179,9 @@ def before(
 def _stretch(p: Physics, force_N: float) -> float:
     """Return the stretch beyond the dead zone that takes a force: Newton's method on the cubic."""
     linear = force_N / p.k
-    stretch: float = linear / (1.0 + p.hardening * linear * linear) ** (1.0 / 3.0)
+    stretch: float = linear / (1.0 + p.wire_hardening_beta_per_m2 * linear * linear) ** (1.0 / 3.0)
     for _ in range(_ROUNDS):
-        square = p.hardening * stretch * stretch
+        square = p.wire_hardening_beta_per_m2 * stretch * stretch
         stretch -= (stretch * (1.0 + square) - linear) / (1.0 + 3.0 * square)
     return stretch
 
@@ -187,24 +190,24 @@ def _stretch(p: Physics, force_N: float) -> float:
 def after(p: Physics, m: Memory, tuning: Tuning, dt_s: float, tau_w_N_m: float, elongation_m: float) -> Memory:
     """Return the memory with the estimate that an estimator's own one comes to."""
     tension = p.k * elongation_m
-    stretch = _stretch(p, tension - p.loop_force * m.loop)
+    stretch = _stretch(p, tension - p.wire_hysteresis_force_N * m.loop)
     stretched = stretch
-    if p.slack > 0.0:
-        stretched += p.slack * max(-1.0, min(1.0, stretch / p.slack))
+    if p.wire_slack_half_width_m > 0.0:
+        stretched += p.wire_slack_half_width_m * max(-1.0, min(1.0, stretch / p.wire_slack_half_width_m))
     loop, creep = m.loop, m.creep_m
-    if p.loop_force != 0.0:
-        loop = slide(loop, stretched - m.stretched_m, p.loop_stretch)
-        stretched = stretched - stretch + _stretch(p, tension - p.loop_force * loop)
-    if p.creep_share != 0.0:
-        kept = math.exp(-max(0.0, dt_s) / p.creep_time)
-        creep = kept * creep + (1.0 - kept) * p.creep_share * tension / p.k
-    elongation = stretched + p.zero_stretch + creep
+    if p.wire_hysteresis_force_N != 0.0:
+        loop = slide(loop, stretched - m.stretched_m, p.wire_hysteresis_stretch_m)
+        stretched = stretched - stretch + _stretch(p, tension - p.wire_hysteresis_force_N * loop)
+    if p.wire_creep_share != 0.0:
+        kept = math.exp(-max(0.0, dt_s) / p.wire_creep_time_constant_s)
+        creep = kept * creep + (1.0 - kept) * p.wire_creep_share * tension / p.k
+    elongation = stretched + p.wire_permanent_stretch_stretch_m + creep
     theta_j = paid_angle(p, wound_m(p, m.theta_m - m.lost_rad) - elongation)
     direction = _direction(m.speed * p.r_m / p.r_j, tuning.still)
-    load = tau_w_N_m + (lever_m(p, theta_j) - p.r_j) * tension - gravity_N_m(p, theta_j) - coupling_N_m(p, theta_j)
+    load = tau_w_N_m + (lever_m(p, theta_j) - p.r_j) * tension - jaw_load_N_m(p, theta_j)
     load -= (jaw_level_N_m(p, theta_j) - p.jaw_coulomb) * direction
-    gripped = slide(m.gripped, theta_j - m.theta_j, p.grip_angle)
-    load -= grip_N_m(p, gripped, tension) + p.jaw_viscous * m.speed * p.r_m / p.r_j
+    gripped = slide(m.gripped, theta_j - m.theta_j, p.jaw_presliding_angle_rad)
+    load -= grip_N_m(p, gripped, tension) + p.jaw_viscous_friction_viscosity_N_m_s_per_rad * m.speed * p.r_m / p.r_j
     return Memory(
         m.first_ns, m.last_ns, m.theta_m, m.shown, m.current_A, m.speed, m.presliding, m.loaded, gripped,
         theta_j, m.lost_rad, loop, creep, stretched, tension, load, p.r_m * m.shown - p.r_j * theta_j,

@@ -3,9 +3,9 @@
 from hil_forceps.rig.kernel import kernel_compiler
 
 _SOURCES = (
+    "hil_forceps/effects",
     "hil_forceps/model",
     "hil_forceps/estimation",
-    "hil_forceps/estimation/algorithms",
     "hil_forceps/rig/plant.py",
 )
 

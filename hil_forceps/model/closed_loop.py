@@ -11,24 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.model import drive_law
+from hil_forceps.model.composition import Physics, encoder_rad, motor_viscosity_N_m_s_per_rad, wound_m
 from hil_forceps.model.current import current_over, current_step
 from hil_forceps.model.drive_law import DriveState, drive_sample, law_current, law_vector, quantise
 from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all, fill_multiples
 from hil_forceps.model.kernel import inlined, kernel
 from hil_forceps.model.parameters import Vector
-from hil_forceps.model.physics import (
-    Physics,
-    State,
-    dead_zone,
-    encoder_rad,
-    followed,
-    kind_of,
-    paid_angle,
-    torque_constant,
-    viscosity,
-    wire,
-    wound_m,
-)
+from hil_forceps.model.physics import State, dead_zone, followed, kind_of, paid_angle, torque_constant, wire
 from hil_forceps.model.sensors import late, late_load
 from hil_forceps.model.step import Drive, plain_step, refined_step
 from hil_forceps.model.whole_step import decays, suits, whole_step
@@ -86,11 +75,11 @@ def rest(theta: Vector, theta_m_rad: float, tension_N: float = 0.0, current_A: f
     p = Physics(*theta.tolist())
     stretch = tension_N / p.k
     for _ in range(50):  # the cubic's one real root by Newton's method
-        slope = 1.0 + 3.0 * p.hardening * stretch * stretch
-        stretch -= (stretch + p.hardening * stretch**3 - tension_N / p.k) / slope
+        slope = 1.0 + 3.0 * p.wire_hardening_beta_per_m2 * stretch * stretch
+        stretch -= (stretch + p.wire_hardening_beta_per_m2 * stretch**3 - tension_N / p.k) / slope
     if tension_N != 0.0:
-        stretch += math.copysign(p.slack, tension_N)
-    theta_j = paid_angle(p, wound_m(p, theta_m_rad) - p.zero_stretch - stretch)
+        stretch += math.copysign(p.wire_slack_half_width_m, tension_N)
+    theta_j = paid_angle(p, wound_m(p, theta_m_rad) - p.wire_permanent_stretch_stretch_m - stretch)
     plant = State(theta_m_rad, 0.0, theta_j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, current_A)
     return Start(plant, DriveState(0.0, encoder_rad(p, theta_m_rad), 0.0, current_A))
 
@@ -146,7 +135,10 @@ def _commanded(
     if at < inputs.encoder_error_rad.shape[0]:
         angle += inputs.encoder_error_rad[at]
     drive = drive_sample(law, drive, inputs.reference_rad[at], angle)
-    current = max(-p.limit, min(p.limit, dead_zone(drive.current_A, p.deadband)))
+    current = max(
+        -p.current_saturation_limit_A,
+        min(p.current_saturation_limit_A, dead_zone(drive.current_A, p.amplifier_deadband_half_width_A)),
+    )
     if at < inputs.added_A.shape[0]:
         current += inputs.added_A[at]
     return drive, current
@@ -155,7 +147,7 @@ def _commanded(
 @inlined
 def _steady(p: Physics, current: float, load: tuple[float, float], time_s: float) -> Drive:
     """Return what drives with a steady current and no jump of the load."""
-    return Drive(current, 0.0, current, torque_constant(p, time_s), viscosity(p, time_s), *load)
+    return Drive(current, 0.0, current, torque_constant(p, time_s), motor_viscosity_N_m_s_per_rad(p, time_s), *load)
 
 
 @kernel
@@ -169,15 +161,15 @@ def _rollout(
     edges = _edges(rows, inputs.edge_rows, inputs.edge_fractions)
     kind = kind_of(p)
     gains = np.empty((SHORT + 2, SIZE))
-    fill_all(gains, p, viscosity(p, 0.0), step_s)
+    fill_all(gains, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
     # Of a sample of the drive: what a plant does while it moves on needs no steps.
     wholly = steps if suits(p, kind, steps) else 0
     whole = np.empty((wholly, SIZE))
-    fill_multiples(whole, p, viscosity(p, 0.0), step_s)
+    fill_multiples(whole, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
     keeps = decays(p, wholly, step_s)
     inertia = (p.I_m / step_s, p.I_j / step_s)
-    kept = (math.exp(-step_s / p.creep_time), math.exp(-step_s / PIECES / p.creep_time))
-    c = current_step(step_s, steps, p.delay, p.lag)
+    kept = (math.exp(-step_s / p.wire_creep_time_constant_s), math.exp(-step_s / PIECES / p.wire_creep_time_constant_s))
+    c = current_step(step_s, steps, p.actuation_delay_delay_s, p.electrical_lag_time_constant_s)
     commands = np.full(c.whole_samples + 2, x.current_A)
     place = 0
     for row in range(rows):
@@ -208,7 +200,15 @@ def _rollout(
                 mean, slope, ends = current_over(c, into, x.current_A, old, new)
                 load, load_slope = _load(first, last, step, substeps, edges[row])
                 time_s = (row * substeps + step + 0.5) * step_s
-                d = Drive(mean, slope, ends, torque_constant(p, time_s), viscosity(p, time_s), load, load_slope)
+                d = Drive(
+                    mean,
+                    slope,
+                    ends,
+                    torque_constant(p, time_s),
+                    motor_viscosity_N_m_s_per_rad(p, time_s),
+                    load,
+                    load_slope,
+                )
                 if not kind.plain:
                     if abs(d.viscosity - gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
                         fill_all(gains, p, d.viscosity, step_s)
@@ -250,15 +250,17 @@ def simulate(
         raise ValueError(f"the law's sample time is {law[drive_law.SAMPLE_TIME]} s, the rows make it {sample_s} s")
     p = Physics(*theta.tolist())
     recorded = inputs.tau_w_N_m
-    if p.skew_tau_w != 0.0:
+    if p.channel_skew_tau_w_s != 0.0:
         tau_w, edge_rows, fractions = late_load(
-            inputs.tau_w_N_m, inputs.edge_rows, inputs.edge_fractions, -p.skew_tau_w / row_s
+            inputs.tau_w_N_m, inputs.edge_rows, inputs.edge_fractions, -p.channel_skew_tau_w_s / row_s
         )
         inputs = inputs._replace(tau_w_N_m=tau_w, edge_rows=edge_rows, edge_fractions=fractions)
     out = _rollout(p, law, quantum_rad, row_s, inputs, start, substeps, drive_samples_per_row)
-    theta_m = late(out[0], p.skew_theta_m / row_s)
+    theta_m = late(out[0], p.channel_skew_theta_m_s / row_s)
     if quantum_rad > 0.0:
         theta_m = np.floor(theta_m / quantum_rad + 0.5) * quantum_rad
-    current = (1.0 + p.current_gain) * late(out[1], p.skew_current / row_s, linear=True) + p.current_offset
-    theta_j = late(out[2], p.skew_theta_j / row_s)
+    current = (1.0 + p.current_gain_relative_error) * late(
+        out[1], p.channel_skew_current_s / row_s, linear=True
+    ) + p.current_offset_offset_A
+    theta_j = late(out[2], p.channel_skew_theta_j_s / row_s)
     return Channels(theta_m, current, theta_j, recorded, *out[4:])

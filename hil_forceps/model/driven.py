@@ -10,28 +10,30 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hil_forceps.model.composition import (
+    Physics,
+    jaw_load_N_m,
+    motor_drag_N_m,
+    motor_friction_N_m,
+    motor_torque_N_m,
+    motor_viscosity_N_m_s_per_rad,
+    relative_torque,
+)
 from hil_forceps.model.kernel import kernel
 from hil_forceps.model.parameters import Vector
 from hil_forceps.model.physics import (
-    Physics,
-    cogging_N_m,
-    coupling_N_m,
     dead_zone,
     followed,
-    gravity_N_m,
     grip_N_m,
     grips,
     jaw_level_N_m,
     lost_after,
-    motor_level_N_m,
     paid_angle,
-    ripple,
     rub_N_m,
+    sided_friction_N_m,
     slid,
     slide,
     torque_constant,
-    unlike_N_m,
-    viscosity,
     wire,
 )
 from hil_forceps.model.sensors import late
@@ -100,24 +102,27 @@ def _slip(
         angle = theta + h * end
         w = wire(p, theta_p, omega_p, angle, end, creep, loop0)
         pull, slope = w.tension_N, 0.0
-        if p.loop_force != 0.0:
+        if p.wire_hysteresis_force_N != 0.0:
             way = w.elongation_m - wound0
-            loop = slide(loop0, way, p.loop_stretch)
-            pull += p.loop_force * (loop - loop0)
-            slope += p.loop_force * (1.0 - (loop if way > 0.0 else -loop)) / p.loop_stretch
+            loop = slide(loop0, way, p.wire_hysteresis_stretch_m)
+            pull += p.wire_hysteresis_force_N * (loop - loop0)
+            slope += p.wire_hysteresis_force_N * (1.0 - (loop if way > 0.0 else -loop)) / p.wire_hysteresis_stretch_m
         if not w.slack:
-            stretch = dead_zone(w.elongation_m - p.zero_stretch - creep, p.slack)
-            slope += p.k * (1.0 + 3.0 * p.hardening * stretch * stretch) + p.damping / h
-        gap = p.I_j * (end - speed) / h - w.lever_m * pull + gravity_N_m(p, angle) + coupling_N_m(p, angle) + load
-        gap += p.jaw_viscous * end
-        stiffness = w.lever_m * w.lever_m * slope + p.coupling_stiffness
+            stretch = dead_zone(w.elongation_m - p.wire_permanent_stretch_stretch_m - creep, p.wire_slack_half_width_m)
+            slope += (
+                p.k * (1.0 + 3.0 * p.wire_hardening_beta_per_m2 * stretch * stretch)
+                + p.wire_damping_damping_N_s_per_m / h
+            )
+        gap = p.I_j * (end - speed) / h - w.lever_m * pull + jaw_load_N_m(p, angle) + load
+        gap += p.jaw_viscous_friction_viscosity_N_m_s_per_rad * end
+        stiffness = w.lever_m * w.lever_m * slope + p.jaw_coupling_stiffness_N_m_per_rad
         if grips(p):
             way = h * end
-            gripped = slide(gripped0, way, p.grip_angle)
+            gripped = slide(gripped0, way, p.jaw_presliding_angle_rad)
             gap += grip_N_m(p, gripped, pull)
-            stiffness += grip_N_m(p, 1.0 - (gripped if way > 0.0 else -gripped), pull) / p.grip_angle
-            stiffness -= p.grip_mu * p.r_j * gripped * (1.0 if pull > 0.0 else -1.0) * w.lever_m * slope
-        change = gap / (p.I_j / h + p.jaw_viscous + stiffness * h)
+            stiffness += grip_N_m(p, 1.0 - (gripped if way > 0.0 else -gripped), pull) / p.jaw_presliding_angle_rad
+            stiffness -= p.jaw_presliding_mu * p.r_j * gripped * (1.0 if pull > 0.0 else -1.0) * w.lever_m * slope
+        change = gap / (p.I_j / h + p.jaw_viscous_friction_viscosity_N_m_s_per_rad + stiffness * h)
         end -= change
         if abs(change) < 1e-12 * (1.0 + abs(end)):
             break
@@ -147,7 +152,7 @@ def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: boo
     rows = c.motor.angle_rad.shape[0]
     out = np.empty((_ROWS, rows))
     creep, loop, presliding, loaded, gripped, lost = start
-    kept = np.exp(-row_s / p.creep_time)
+    kept = np.exp(-row_s / p.wire_creep_time_constant_s)
     theta_j, omega_j = c.jaw.angle_rad[0], c.jaw.speed_rad_per_s[0]
     wound0, way_j = 0.0, 0.0
     for n in range(rows):
@@ -167,49 +172,49 @@ def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: boo
             way_j = row_s * omega_j
             theta_j += way_j
         if grips(p):
-            gripped = slide(gripped, way_j, p.grip_angle)
+            gripped = slide(gripped, way_j, p.jaw_presliding_angle_rad)
         w = wire(p, theta_p, omega_p, theta_j, omega_j, creep, loop)
-        if n > 0 and p.loop_force != 0.0:
-            loop = slide(loop, w.elongation_m - wound0, p.loop_stretch)
+        if n > 0 and p.wire_hysteresis_force_N != 0.0:
+            loop = slide(loop, w.elongation_m - wound0, p.wire_hysteresis_stretch_m)
             w = wire(p, theta_p, omega_p, theta_j, omega_j, creep, loop)
         wound0 = w.elongation_m
         constant = torque_constant(p, time_s)
-        level = motor_level_N_m(p, omega_m, w.tension_N) + abs(p.asymmetry) * (
-            1.0 if p.asymmetry * omega_m > 0.0 else 0.0
-        )
+        level = motor_friction_N_m(p, omega_m, w.tension_N) + sided_friction_N_m(p, omega_m)
         sign = max(-1.0, min(1.0, omega_m / still)) if still > 0.0 else np.sign(omega_m)
-        torque = p.I_m * c.motor.acceleration_rad_per_s2[n] + viscosity(p, time_s) * omega_m + level * sign
+        torque = (
+            p.I_m * c.motor.acceleration_rad_per_s2[n]
+            + motor_viscosity_N_m_s_per_rad(p, time_s) * omega_m
+            + level * sign
+        )
         torque += rub_N_m(p, presliding, loaded, w.tension_N)
-        torque += w.radius_m * w.tension_N - cogging_N_m(p, theta_m) + unlike_N_m(p, omega_m)
-        out[0, n] = torque / (constant * (1.0 + ripple(p, theta_m)))
+        torque += w.radius_m * w.tension_N - motor_torque_N_m(p, theta_m) + motor_drag_N_m(p, omega_m)
+        out[0, n] = torque / (constant * (1.0 + relative_torque(p, theta_m)))
         out[1, n] = theta_j
         out[2, n] = c.tau_w_N_m[n]
         if not known_load:
             friction = jaw_level_N_m(p, theta_j) * np.sign(omega_j) + grip_N_m(p, gripped, w.tension_N)
             inertia = p.I_j * c.jaw.acceleration_rad_per_s2[n]
-            friction += p.jaw_viscous * omega_j
-            out[2, n] = (
-                w.lever_m * w.tension_N - friction - gravity_N_m(p, theta_j) - coupling_N_m(p, theta_j) - inertia
-            )
+            friction += p.jaw_viscous_friction_viscosity_N_m_s_per_rad * omega_j
+            out[2, n] = w.lever_m * w.tension_N - friction - jaw_load_N_m(p, theta_j) - inertia
         out[3, n] = torque
         out[4, n] = w.tension_N
         out[5, n] = w.elongation_m
-        if p.creep_share != 0.0:
-            creep = kept * creep + (1.0 - kept) * p.creep_share * w.tension_N / p.k
+        if p.wire_creep_share != 0.0:
+            creep = kept * creep + (1.0 - kept) * p.wire_creep_share * w.tension_N / p.k
     return out
 
 
 def motor_angle_rad(theta: Vector, theta_enc_rad: Vector, row_s: float) -> Vector:
     """Return the true motor angle from the recorded one: skew, scale and eccentricity of the encoder taken out."""
     p = Physics(*theta.tolist())
-    rows = -p.skew_theta_m / row_s
+    rows = -p.channel_skew_theta_m_s / row_s
     beyond = int(np.ceil(abs(rows))) + 2
     # Held beyond the ends, the motion would stop there within a row.
     recorded = late(np.pad(theta_enc_rad, beyond, mode="reflect", reflect_type="odd"), rows)[beyond:-beyond]
-    angle = recorded / (1.0 + p.encoder_scale)
+    angle = recorded / (1.0 + p.encoder_scale_relative_error)
     for _ in range(8):  # the error's slope is far below 1: each round takes off its own factor of it
-        error = p.encoder_sine * np.sin(angle) + p.encoder_cosine * np.cos(angle)
-        angle = (recorded - error) / (1.0 + p.encoder_scale)
+        error = p.encoder_eccentricity_sine_rad * np.sin(angle) + p.encoder_eccentricity_cosine_rad * np.cos(angle)
+        angle = (recorded - error) / (1.0 + p.encoder_scale_relative_error)
     return angle
 
 
@@ -245,23 +250,33 @@ def simulate(
         raise ValueError("all columns must have the length of time_s")
     p = Physics(*theta.tolist())
     row_s = float(inputs.time_s[-1] - inputs.time_s[0]) / (rows - 1)
-    exact = p.skew_theta_m == p.encoder_scale == p.encoder_sine == p.encoder_cosine == 0.0
+    exact = (
+        p.channel_skew_theta_m_s
+        == p.encoder_scale_relative_error
+        == p.encoder_eccentricity_sine_rad
+        == p.encoder_eccentricity_cosine_rad
+        == 0.0
+    )
     if exact and motion is not None:
         motor = motion
     else:
         motor = smooth(motor_angle_rad(theta, inputs.theta_m_rad, row_s), row_s, bandwidth_Hz)
     if inputs.tau_w_N_m is not None:
-        load = late(inputs.tau_w_N_m, -p.skew_tau_w / row_s, linear=True)
+        load = late(inputs.tau_w_N_m, -p.channel_skew_tau_w_s / row_s, linear=True)
         ratio = p.r_m / p.r_j
         first = _resting_jaw(p, float(motor.angle_rad[0]), float(load[0]))
         jaw = Smooth(np.array([first]), motor.speed_rad_per_s[:1] * ratio, np.zeros(1))
     elif inputs.theta_j_rad is not None:
         load = np.zeros(rows)
-        jaw = smooth(late(inputs.theta_j_rad, -p.skew_theta_j / row_s), row_s, bandwidth_Hz)
+        jaw = smooth(late(inputs.theta_j_rad, -p.channel_skew_theta_j_s / row_s), row_s, bandwidth_Hz)
     else:
         raise ValueError("neither tau_w_N_m nor theta_j_rad is there: one of them must be known")
     out = _driven(p, _Columns(motor, jaw, load), row_s, still_rad_per_s, inputs.tau_w_N_m is not None, start)
-    current = (1.0 + p.current_gain) * late(out[0], p.skew_current / row_s, linear=True) + p.current_offset
-    theta_j = late(out[1], p.skew_theta_j / row_s)
-    tau_w = late(out[2], p.skew_tau_w / row_s, linear=True) if inputs.tau_w_N_m is None else inputs.tau_w_N_m
-    return Channels(current, theta_j, tau_w, late(out[3], p.skew_current / row_s, linear=True), out[4], out[5])
+    current = (1.0 + p.current_gain_relative_error) * late(
+        out[0], p.channel_skew_current_s / row_s, linear=True
+    ) + p.current_offset_offset_A
+    theta_j = late(out[1], p.channel_skew_theta_j_s / row_s)
+    tau_w = late(out[2], p.channel_skew_tau_w_s / row_s, linear=True) if inputs.tau_w_N_m is None else inputs.tau_w_N_m
+    return Channels(
+        current, theta_j, tau_w, late(out[3], p.channel_skew_current_s / row_s, linear=True), out[4], out[5]
+    )

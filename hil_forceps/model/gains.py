@@ -8,8 +8,8 @@ torque on each pulley, held (mean) or a line through zero at the middle of the s
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.model.composition import Physics
 from hil_forceps.model.kernel import kernel
-from hil_forceps.model.physics import Physics
 from hil_forceps.model.two_inertia import expm
 
 Gains = NDArray[np.float64]
@@ -68,12 +68,45 @@ def fill_gains(
 def fill_all(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
     """Fill the table (4×`SIZE`): a step and a piece of it, taut and slack."""
     for base, length in ((0, step_s), (SHORT, step_s / PIECES)):
-        fill_gains(gains[base + TAUT], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.jaw_viscous, p.k, p.damping, length)
-        fill_gains(gains[base + SLACK], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.jaw_viscous, 0.0, 0.0, length)
+        fill_gains(
+            gains[base + TAUT],
+            p.r_m,
+            p.r_j,
+            p.I_m,
+            p.I_j,
+            viscosity,
+            p.jaw_viscous_friction_viscosity_N_m_s_per_rad,
+            p.k,
+            p.wire_damping_damping_N_s_per_m,
+            length,
+        )
+        fill_gains(
+            gains[base + SLACK],
+            p.r_m,
+            p.r_j,
+            p.I_m,
+            p.I_j,
+            viscosity,
+            p.jaw_viscous_friction_viscosity_N_m_s_per_rad,
+            0.0,
+            0.0,
+            length,
+        )
 
 
 @kernel
 def fill_multiples(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
     """Fill a table (n×`SIZE`) with the responses over one step, two, and so on, the wire taut."""
     for k in range(gains.shape[0]):
-        fill_gains(gains[k], p.r_m, p.r_j, p.I_m, p.I_j, viscosity, p.jaw_viscous, p.k, p.damping, (k + 1) * step_s)
+        fill_gains(
+            gains[k],
+            p.r_m,
+            p.r_j,
+            p.I_m,
+            p.I_j,
+            viscosity,
+            p.jaw_viscous_friction_viscosity_N_m_s_per_rad,
+            p.k,
+            p.wire_damping_damping_N_s_per_m,
+            (k + 1) * step_s,
+        )

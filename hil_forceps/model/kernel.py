@@ -2,7 +2,7 @@
 
 from hil_forceps.rig.kernel import kernel_compiler
 
-_SOURCES = ("hil_forceps/model", "hil_forceps/rig/plant.py")
+_SOURCES = ("hil_forceps/effects", "hil_forceps/model", "hil_forceps/rig/plant.py")
 
 kernel = kernel_compiler(_SOURCES)
 inlined = kernel_compiler(_SOURCES, inline=True)

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.rig.catalogue import EFFECTS, EffectParameter
+from hil_forceps.rig.catalogue import EFFECTS, Parameter
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.schema import Rig
 
@@ -14,7 +14,7 @@ Vector = NDArray[np.float64]
 
 _MOTOR = "torque_constant_N_m_per_A"
 PLANT_NAMES = tuple(f"{'motor' if key == _MOTOR else 'forceps'}.{key}" for key in PlantParameters._fields)
-_EFFECT_PARAMETERS: Mapping[str, EffectParameter] = {
+_EFFECT_PARAMETERS: Mapping[str, Parameter] = {
     f"effects.{effect.id}.{parameter.name}": parameter for effect in EFFECTS for parameter in effect.parameters
 }
 NAMES: tuple[str, ...] = (*PLANT_NAMES, *_EFFECT_PARAMETERS)

@@ -10,6 +10,17 @@ speeds at which its friction falls, is taken again in short pieces.
 import math
 from typing import NamedTuple
 
+from hil_forceps.model.composition import (
+    Physics,
+    backward_friction_N_m,
+    forward_friction_N_m,
+    jaw_load_N_m,
+    motor_drag_N_m,
+    motor_friction_at_rest_N_m,
+    motor_friction_N_m,
+    motor_torque_N_m,
+    relative_torque,
+)
 from hil_forceps.model.friction import STOPPED, STUCK, Levels, Response, friction
 from hil_forceps.model.gains import (
     DAMPING,
@@ -35,24 +46,16 @@ from hil_forceps.model.gains import (
 from hil_forceps.model.kernel import inlined, kernel
 from hil_forceps.model.physics import (
     Kind,
-    Physics,
     State,
     Wire,
-    cogging_N_m,
-    coupling_N_m,
     followed,
-    gravity_N_m,
     grip_N_m,
     grips,
     jaw_level_N_m,
     lost_after,
-    motor_level_N_m,
-    motor_rest_N_m,
-    ripple,
     rub_N_m,
     slid,
     slide,
-    unlike_N_m,
     wire,
 )
 
@@ -220,7 +223,10 @@ def _push(p: Physics, g: Gains, s: int, x: State, u: Torques) -> tuple[float, fl
     pull = g[s, STIFFNESS] * (p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad)
     pull += g[s, DAMPING] * (p.r_m * x.omega_m_rad_per_s - p.r_j * x.omega_j_rad_per_s)
     motor = u.motor - 0.5 * u.motor_slope - p.r_m * pull - g[s, VISCOSITY] * x.omega_m_rad_per_s
-    return motor, u.jaw - 0.5 * u.jaw_slope + p.r_j * pull - p.jaw_viscous * x.omega_j_rad_per_s
+    return (
+        motor,
+        u.jaw - 0.5 * u.jaw_slope + p.r_j * pull - p.jaw_viscous_friction_viscosity_N_m_s_per_rad * x.omega_j_rad_per_s,
+    )
 
 
 @inlined
@@ -228,10 +234,10 @@ def excess_of(p: Physics, kind: Kind, g: Gains, s: int, m: Motion, w: Wire, d: D
     """Return what the effects add at an instant."""
     linear = g[s, STIFFNESS] * (p.r_m * m.theta_m - p.r_j * m.theta_j)
     linear += g[s, DAMPING] * (p.r_m * m.omega_m - p.r_j * m.omega_j)
-    motor = d.torque_constant * current_A * ripple(p, m.theta_m) + cogging_N_m(p, m.theta_m)
-    motor -= (d.viscosity - g[s, VISCOSITY]) * m.omega_m + unlike_N_m(p, m.omega_m)
+    motor = d.torque_constant * current_A * relative_torque(p, m.theta_m) + motor_torque_N_m(p, m.theta_m)
+    motor -= (d.viscosity - g[s, VISCOSITY]) * m.omega_m + motor_drag_N_m(p, m.omega_m)
     motor -= (w.radius_m - p.r_m) * w.tension_N
-    jaw = (w.lever_m - p.r_j) * w.tension_N - gravity_N_m(p, m.theta_j) - coupling_N_m(p, m.theta_j)
+    jaw = (w.lever_m - p.r_j) * w.tension_N - jaw_load_N_m(p, m.theta_j)
     return Excess(0.0 if kind.straight else w.tension_N - linear, motor, jaw)
 
 
@@ -269,7 +275,9 @@ def wire_at_ends(p: Physics, kind: Kind, m: Motion, lost_rad: float, creep_m: fl
 @inlined
 def linear_tension_N(p: Physics, m: Motion) -> float:
     """Return the tension of the linear plant's wire."""
-    return p.k * (p.r_m * m.theta_m - p.r_j * m.theta_j) + p.damping * (p.r_m * m.omega_m - p.r_j * m.omega_j)
+    return p.k * (p.r_m * m.theta_m - p.r_j * m.theta_j) + p.wire_damping_damping_N_s_per_m * (
+        p.r_m * m.omega_m - p.r_j * m.omega_j
+    )
 
 
 @inlined
@@ -338,24 +346,26 @@ def full_step(
         -d.load_slope,
     )
     free, push = free_motion(p, g, s, x, u), _push(p, g, s, x, u)
-    level, rest = motor_level_N_m(p, now.omega_m, w0.tension_N), motor_rest_N_m(p, w0.tension_N)
-    forward, backward = max(0.0, p.asymmetry), max(0.0, -p.asymmetry)
+    level, rest = motor_friction_N_m(p, now.omega_m, w0.tension_N), motor_friction_at_rest_N_m(p, w0.tension_N)
+    forward, backward = forward_friction_N_m(p), backward_friction_N_m(p)
     level_j = jaw_level_N_m(p, now.theta_j)
     jaw = Levels(level_j, level_j, level_j, 0.0, 0.0)
     end = settled(g, s, x, free, push, inertia, Levels(level, level, rest, forward, backward), jaw)
 
-    creep = kept * x.creep_m + (1.0 - kept) * p.creep_share * w0.tension_N / p.k
+    creep = kept * x.creep_m + (1.0 - kept) * p.wire_creep_share * w0.tension_N / p.k
     way = end.theta_m - now.theta_m
     lost = lost_after(p, x.lost_rad, way)
     w1 = wire_at_ends(p, kind, end, lost, creep, x.loop)
-    if p.loop_force != 0.0:
-        w1 = _wire_of(p, end, lost, creep, slide(x.loop, w1.elongation_m - w0.elongation_m, p.loop_stretch))
+    if p.wire_hysteresis_force_N != 0.0:
+        w1 = _wire_of(
+            p, end, lost, creep, slide(x.loop, w1.elongation_m - w0.elongation_m, p.wire_hysteresis_stretch_m)
+        )
     last = excess_of(p, kind, g, s, end, w1, d, d.current + 0.5 * d.current_slope)
     slipped, loaded = slid(p, x.presliding, x.loaded, way)
-    gripped = slide(x.gripped, end.theta_j - now.theta_j, p.grip_angle) if grips(p) else 0.0
+    gripped = slide(x.gripped, end.theta_j - now.theta_j, p.jaw_presliding_angle_rad) if grips(p) else 0.0
     rub, grip = rub_N_m(p, slipped, loaded, w1.tension_N), grip_N_m(p, gripped, w1.tension_N)
     ways = (w1.elongation_m - w0.elongation_m, rub - rubbed, grip - held)
-    last_level, last_level_j = motor_level_N_m(p, end.omega_m, w1.tension_N), jaw_level_N_m(p, end.theta_j)
+    last_level, last_level_j = motor_friction_N_m(p, end.omega_m, w1.tension_N), jaw_level_N_m(p, end.theta_j)
     more = _corrections(p, kind, g, s, x, end, ways, first, last)
     motor, jaw = Levels(level, last_level, rest, forward, backward), Levels(level_j, last_level_j, level_j, 0.0, 0.0)
     end = _settled_again(g, s, x, free, end, more, push, inertia, motor, jaw)
@@ -369,12 +379,15 @@ def level_step(p: Physics, g: Gains, s: int, inertia: tuple[float, float], x: St
     tension = linear_tension_N(p, now)
     u = Torques(d.torque_constant * d.current, d.torque_constant * d.current_slope, -d.load, -d.load_slope)
     free, push = free_motion(p, g, s, x, u), _push(p, g, s, x, u)
-    level, rest = motor_level_N_m(p, now.omega_m, tension), motor_rest_N_m(p, tension)
-    forward, backward = max(0.0, p.asymmetry), max(0.0, -p.asymmetry)
+    level, rest = motor_friction_N_m(p, now.omega_m, tension), motor_friction_at_rest_N_m(p, tension)
+    forward, backward = forward_friction_N_m(p), backward_friction_N_m(p)
     level_j = jaw_level_N_m(p, now.theta_j)
     jaw = Levels(level_j, level_j, level_j, 0.0, 0.0)
     end = settled(g, s, x, free, push, inertia, Levels(level, level, rest, forward, backward), jaw)
-    last_level, last_level_j = motor_level_N_m(p, end.omega_m, linear_tension_N(p, end)), jaw_level_N_m(p, end.theta_j)
+    last_level, last_level_j = (
+        motor_friction_N_m(p, end.omega_m, linear_tension_N(p, end)),
+        jaw_level_N_m(p, end.theta_j),
+    )
     # Far from standstill, friction that hangs on speed no longer changes: then the end is found already.
     if last_level != level or last_level_j != level_j:
         motor = Levels(level, last_level, rest, forward, backward)
@@ -389,13 +402,15 @@ def remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: floa
     creep, loop, gripped = x.creep_m, x.loop, x.gripped
     way = end.theta_m - x.theta_m_rad
     lost = lost_after(p, x.lost_rad, way)
-    if p.creep_share != 0.0:
-        creep = kept * creep + (1.0 - kept) * p.creep_share * 0.5 * (w0.tension_N + w1.tension_N) / p.k
+    if p.wire_creep_share != 0.0:
+        creep = kept * creep + (1.0 - kept) * p.wire_creep_share * 0.5 * (w0.tension_N + w1.tension_N) / p.k
     presliding, loaded = slid(p, x.presliding, x.loaded, way)
     if grips(p):
-        gripped = slide(gripped, end.theta_j - x.theta_j_rad, p.grip_angle)
-    if p.loop_force != 0.0:
-        loop = slide(loop, _wire_of(p, end, lost, creep, loop).elongation_m - w0.elongation_m, p.loop_stretch)
+        gripped = slide(gripped, end.theta_j - x.theta_j_rad, p.jaw_presliding_angle_rad)
+    if p.wire_hysteresis_force_N != 0.0:
+        loop = slide(
+            loop, _wire_of(p, end, lost, creep, loop).elongation_m - w0.elongation_m, p.wire_hysteresis_stretch_m
+        )
     kept_z = (creep, loop, presliding, loaded, gripped, lost)
     return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, *kept_z, current_A)
 
@@ -410,7 +425,7 @@ def nothing_else(x: State, end: Motion, current_A: float) -> State:
 @inlined
 def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: Drive) -> State:
     """Return the plant's state a step on, without an effect that hangs on the state."""
-    forward, backward = max(0.0, p.asymmetry), max(0.0, -p.asymmetry)
+    forward, backward = forward_friction_N_m(p), backward_friction_N_m(p)
     motor = Levels(p.motor_coulomb, p.motor_coulomb, p.motor_coulomb, forward, backward)
     jaw = Levels(p.jaw_coulomb, p.jaw_coulomb, p.jaw_coulomb, 0.0, 0.0)
     u = Torques(d.torque_constant * d.current, d.torque_constant * d.current_slope, -d.load, -d.load_slope)
@@ -438,23 +453,29 @@ def _uneven(
 @inlined
 def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
     """Whether something happened in a step that wants shorter ones."""
-    if p.play > 0.0 and (abs(x.lost_rad) < p.play or abs(end.lost_rad) < p.play):
+    if p.transmission_play_half_width_rad > 0.0 and (
+        abs(x.lost_rad) < p.transmission_play_half_width_rad or abs(end.lost_rad) < p.transmission_play_half_width_rad
+    ):
         return True
-    if p.slack > 0.0:
+    if p.wire_slack_half_width_m > 0.0:
         before = _wire_of(p, Motion(x.theta_m_rad, 0.0, x.theta_j_rad, 0.0), x.lost_rad, x.creep_m, x.loop)
         after = _wire_of(p, Motion(end.theta_m_rad, 0.0, end.theta_j_rad, 0.0), end.lost_rad, end.creep_m, end.loop)
         if before.slack != after.slack or before.tension_N * after.tension_N < 0.0:
             return True
     speeds = (x.omega_m_rad_per_s, end.omega_m_rad_per_s)
-    if p.stribeck_rise != 0.0 and _uneven(p.stribeck_rise, p.stribeck_speed, _FALLEN, inertia_per_step, speeds):
+    if p.stribeck_friction_rise_N_m != 0.0 and _uneven(
+        p.stribeck_friction_rise_N_m, p.stribeck_friction_speed_rad_per_s, _FALLEN, inertia_per_step, speeds
+    ):
         return True
-    if p.film_level != 0.0:
+    if p.film_friction_level_N_m != 0.0:
         # Beyond, its slope is at most half of what a step can take: L/ω_f exp(−|ω|/ω_f) < I/2h.
-        over = 2.0 * p.film_level / p.film_speed / inertia_per_step
-        if min(abs(speeds[0]), abs(speeds[1])) >= max(_FILM, over - 1.0) * p.film_speed:
+        over = 2.0 * p.film_friction_level_N_m / p.film_friction_speed_rad_per_s / inertia_per_step
+        if min(abs(speeds[0]), abs(speeds[1])) >= max(_FILM, over - 1.0) * p.film_friction_speed_rad_per_s:
             return False  # ln x ≤ x − 1, and far quicker
         stiff = math.log(max(1.0, over))
-        return _uneven(p.film_level, p.film_speed, max(_FILM, stiff), inertia_per_step, speeds)
+        return _uneven(
+            p.film_friction_level_N_m, p.film_friction_speed_rad_per_s, max(_FILM, stiff), inertia_per_step, speeds
+        )
     return False
 
 

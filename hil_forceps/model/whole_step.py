@@ -11,21 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.model.composition import Physics, backward_friction_N_m, forward_friction_N_m, motor_friction_N_m
 from hil_forceps.model.gains import JAW_SPEED, MOTOR_SPEED, Gains
 from hil_forceps.model.kernel import inlined, kernel
-from hil_forceps.model.physics import (
-    Kind,
-    Physics,
-    State,
-    Wire,
-    grip_N_m,
-    grips,
-    jaw_level_N_m,
-    motor_level_N_m,
-    rub_N_m,
-    slid,
-    slide,
-)
+from hil_forceps.model.physics import Kind, State, Wire, grip_N_m, grips, jaw_level_N_m, rub_N_m, slid, slide
 from hil_forceps.model.step import (
     Drive,
     Motion,
@@ -74,7 +63,13 @@ def suits(p: Physics, kind: Kind, steps: int) -> bool:
     Not with falling friction, which amplifies any difference; nor where a current isn't steady or the wire turns with
     its oscillations, which a parabola doesn't follow.
     """
-    return p.stribeck_rise == 0.0 and p.loop_force == 0.0 and p.lag == 0.0 and p.delay == 0.0 and _even(kind, steps)
+    return (
+        p.stribeck_friction_rise_N_m == 0.0
+        and p.wire_hysteresis_force_N == 0.0
+        and p.electrical_lag_time_constant_s == 0.0
+        and p.actuation_delay_delay_s == 0.0
+        and _even(kind, steps)
+    )
 
 
 @inlined
@@ -87,7 +82,7 @@ def decays(p: Physics, steps: int, step_s: float) -> NDArray[np.float64]:
     """Return what creep keeps over one step, over two, and so on."""
     kept = np.empty(steps)
     for k in range(steps):
-        kept[k] = math.exp(-(k + 1) * step_s / p.creep_time)
+        kept[k] = math.exp(-(k + 1) * step_s / p.wire_creep_time_constant_s)
     return kept
 
 
@@ -142,9 +137,9 @@ def _more(
     middle = free_motion(
         p, g, half, x, Torques(start.motor, 0.0, start.jaw - 0.25 * start.jaw_slope, 0.5 * start.jaw_slope)
     )
-    drawn = p.creep_share * first.wire.tension_N / p.k  # where creep goes
+    drawn = p.wire_creep_share * first.wire.tension_N / p.k  # where creep goes
     creep, creep_end = drawn + kept[half] * (x.creep_m - drawn), drawn + kept[steps - 1] * (x.creep_m - drawn)
-    scale = motor_level_N_m(p, x.omega_m_rad_per_s, first.wire.tension_N) + p.film_level
+    scale = motor_friction_N_m(p, x.omega_m_rad_per_s, first.wire.tension_N) + p.film_friction_level_N_m
     scale += d.viscosity * abs(x.omega_m_rad_per_s)
     felt = scale / (jaw_level_N_m(p, x.theta_j_rad) + scale * p.r_j / p.r_m)  # of a torque on the jaw
     scale *= min(1.0, (_STEPS / g.shape[0]) ** 4)
@@ -177,14 +172,14 @@ def _forces(p: Physics, kind: Kind, g: Gains, x: State, at: Motion, creep_m: flo
         w = wire_at_ends(p, kind, at, x.lost_rad, creep_m, x.loop)
         more = excess_of(p, kind, g, 0, at, w, d, d.current)
         presliding, loaded = slid(p, x.presliding, x.loaded, way)
-        gripped = slide(x.gripped, at.theta_j - x.theta_j_rad, p.grip_angle) if grips(p) else 0.0
+        gripped = slide(x.gripped, at.theta_j - x.theta_j_rad, p.jaw_presliding_angle_rad) if grips(p) else 0.0
         motor = more.motor - p.r_m * more.wire - rub_N_m(p, presliding, loaded, w.tension_N)
         jaw = more.jaw + p.r_j * more.wire - grip_N_m(p, gripped, w.tension_N)
-    level, level_j = motor_level_N_m(p, at.omega_m, w.tension_N), jaw_level_N_m(p, at.theta_j)
+    level, level_j = motor_friction_N_m(p, at.omega_m, w.tension_N), jaw_level_N_m(p, at.theta_j)
     if at.omega_m > 0.0:
-        motor -= level + max(0.0, p.asymmetry)
+        motor -= level + forward_friction_N_m(p)
     else:
-        motor += level + max(0.0, -p.asymmetry)
+        motor += level + backward_friction_N_m(p)
     return Forces(motor, jaw - level_j if at.omega_j > 0.0 else jaw + level_j, w)
 
 
@@ -205,9 +200,13 @@ def _apart(a: More, b: More, felt: float) -> float:
 @inlined
 def _same_wire(p: Physics, x: State, first: Wire, middle: Wire, last: Wire) -> bool:
     """Tell whether the wire stays taut on the same side and the pulley follows the motor."""
-    if p.slack > 0.0 and not (first.tension_N * middle.tension_N > 0.0 and middle.tension_N * last.tension_N > 0.0):
+    if p.wire_slack_half_width_m > 0.0 and not (
+        first.tension_N * middle.tension_N > 0.0 and middle.tension_N * last.tension_N > 0.0
+    ):
         return False
-    return p.play == 0.0 or x.lost_rad == (p.play if x.omega_m_rad_per_s > 0.0 else -p.play)
+    return p.transmission_play_half_width_rad == 0.0 or x.lost_rad == (
+        p.transmission_play_half_width_rad if x.omega_m_rad_per_s > 0.0 else -p.transmission_play_half_width_rad
+    )
 
 
 @inlined

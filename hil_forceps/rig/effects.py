@@ -3,13 +3,13 @@
 import math
 from collections.abc import Iterator, Mapping
 
-from hil_forceps.rig.catalogue import EFFECT_IDS, Effect, EffectParameter, effect
+from hil_forceps.rig.catalogue import EFFECT_IDS, Effect, Parameter, effect
 from hil_forceps.rig.problems import Problem, nearest, problems_error, remedy_for_text, show_value
 from hil_forceps.rig.quantities import Quantity
 from hil_forceps.rig.translation import unit_mix_up
 
 
-def quantity_of(parameter: EffectParameter) -> Quantity:
+def quantity_of(parameter: Parameter) -> Quantity:
     """Return unit and range of an effect's parameter."""
     return Quantity(parameter.unit, parameter.minimum, parameter.maximum)
 
@@ -51,7 +51,7 @@ def _parameter_problems(entry: Effect, values: Mapping[str, object]) -> Iterator
             yield Problem((entry.id, name), f"is missing; add it ({parameter.meaning})")
 
 
-def _value_problem(parameter: EffectParameter, value: object) -> str | None:
+def _value_problem(parameter: Parameter, value: object) -> str | None:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return f"is {show_value(value)}, must be a number; {remedy_for_text(value)}"
     if not math.isfinite(value):

@@ -53,7 +53,7 @@ def fingerprint(sources: Sequence[str], root: Path = _ROOT) -> str:
     digest = hashlib.blake2b(digest_size=8)
     for source in sources:
         path = root / source
-        for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
             digest.update(f"{file.relative_to(root)}\0".encode())
             digest.update(file.read_bytes())
     return digest.hexdigest()

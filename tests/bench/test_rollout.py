@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from hil_forceps.model import closed_loop, parameters
 from hil_forceps.model.closed_loop import Inputs
+from hil_forceps.model.composition import Physics, motor_viscosity_N_m_s_per_rad
 from hil_forceps.model.current import current_step
 from hil_forceps.model.gains import SHORT, SIZE, fill_all
-from hil_forceps.model.physics import Physics, viscosity
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.catalogue import effect
 from hil_forceps.rig.sections import DriveLaw
@@ -100,8 +100,8 @@ def in_c(library: ctypes.CDLL, theta: Vector, inputs: Inputs) -> tuple[Callable[
     p = Physics(*theta.tolist())
     step_s = ROW_S / SUBSTEPS
     gains = np.empty((SHORT + 2, SIZE))
-    fill_all(gains, p, viscosity(p, 0.0), step_s)
-    c = current_step(step_s, SUBSTEPS, p.delay, p.lag)
+    fill_all(gains, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
+    c = current_step(step_s, SUBSTEPS, p.actuation_delay_delay_s, p.electrical_lag_time_constant_s)
     current = CurrentStep(
         c.mean, c.slope, c.end, c.arrival_mean, c.arrival_slope, c.arrival_end, c.whole_samples, c.switch_step
     )

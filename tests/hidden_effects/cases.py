@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil_forceps.rig import Rig
-from hil_forceps.rig.catalogue import EFFECT_IDS, Effect, effect
+from hil_forceps.rig.catalogue import EFFECT_IDS, EFFECTS, Effect, effect
 from tests.hidden_effects.generator import COLOURED, FAST_DRIVE_RIG, OTHER_GAINS_RIG, RIG, WHITE, NoiseKind
 
 SIZES = (8.0, 12.0, 20.0, 50.0)
@@ -44,16 +44,9 @@ SHIFTED = (
 LARGEST_SHIFT = 0.25  # of the logarithm
 FRICTION_SHIFT = 6.0  # times as much: its prior is that wide
 RANGES: dict[str, dict[str, tuple[float, float]]] = {  # of shape parameters, drawn evenly in the logarithm
-    "stribeck_friction": {"speed_rad_per_s": (0.1, 0.6)},
-    "presliding_friction": {"angle_rad": (5.0e-3, 5.0e-2)},
-    "loaded_presliding": {"angle_rad": (5.0e-3, 5.0e-2)},
-    "film_friction": {"speed_rad_per_s": (0.1, 0.6)},
-    "jaw_presliding": {"angle_rad": (5.0e-3, 5.0e-2)},
-    "viscous_drift": {"time_constant_s": (2.0, 8.0)},
-    "torque_constant_drift": {"time_constant_s": (2.0, 8.0)},
-    "wire_hysteresis": {"stretch_m": (5.0e-6, 4.0e-5)},
-    "wire_creep": {"time_constant_s": (0.1, 2.0)},
-    "current_saturation": {"limit_A": (0.2, 0.2)},
+    entry.id: hidden
+    for entry in EFFECTS
+    if (hidden := {parameter.name: parameter.hidden for parameter in entry.parameters if parameter.hidden})
 }
 HARMONICS = (4, 6, 7, 9, 12, 18, 24)
 

@@ -17,8 +17,8 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.schema import rig_from_data
 from tests.hidden_effects.generator_scenarios import NO_ENVIRONMENT, SCENARIOS, Scenario, course_of
 from virtual_bus.drive import loop_of
-from virtual_bus.effects.numbers import EffectNumbers, effect_numbers
-from virtual_bus.effects.physics import encoder_angle
+from virtual_bus.effects.composition import EffectNumbers, encoder_angle
+from virtual_bus.effects.numbers import effect_numbers
 from virtual_bus.effects.start import rest_with_effects
 from virtual_bus.logs import Log, simulated_log
 from virtual_bus.plant.load import LoadProfile
@@ -133,7 +133,7 @@ def jaw_start_rad(plant: TruthParameters, effects: EffectNumbers, reference_rad:
     ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
     theta_j = ratio * reference_rad
     for _ in range(STARTS):
-        shown = encoder_angle(float(rest_with_effects(plant, effects, theta_j)[0]), effects)
+        shown = encoder_angle(effects, float(rest_with_effects(plant, effects, theta_j)[0]))
         theta_j += ratio * (reference_rad - shown)
     return theta_j
 

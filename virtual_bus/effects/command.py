@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from virtual_bus.effects.numbers import EffectNumbers
+from virtual_bus.effects.composition import EffectNumbers
 from virtual_bus.kernel import kernel
 
 
@@ -27,13 +27,13 @@ def empty_queue(delay_s: float, sample_time_s: float) -> Queue:
 @kernel
 def acting_command(command_A: float, e: EffectNumbers) -> float:
     """Return what the amplifier makes of a command: dead zone, then its limit; A."""
-    if command_A > e.deadband:
-        beyond = command_A - e.deadband
-    elif command_A < -e.deadband:
-        beyond = command_A + e.deadband
+    if command_A > e.amplifier_deadband_half_width_A:
+        beyond = command_A - e.amplifier_deadband_half_width_A
+    elif command_A < -e.amplifier_deadband_half_width_A:
+        beyond = command_A + e.amplifier_deadband_half_width_A
     else:
         beyond = 0.0
-    return min(max(beyond, -e.saturation), e.saturation)
+    return min(max(beyond, -e.current_saturation_limit_A), e.current_saturation_limit_A)
 
 
 @kernel

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from virtual_bus.effects.command import Queue, acting_command, empty_queue, push_command
+from virtual_bus.effects.composition import EffectNumbers, encoder_angle
 from virtual_bus.effects.motion import advance_with_effects
-from virtual_bus.effects.numbers import EffectNumbers
-from virtual_bus.effects.physics import Environment, elongation_of, encoder_angle
+from virtual_bus.effects.physics import Environment, elongation_of
 from virtual_bus.effects.start import rest_with_effects
 from virtual_bus.kernel import kernel
 from virtual_bus.plant.forceps import NOT_STARTED_NS, Sensed, Truth, unpacked_loop, unpacked_plant
@@ -38,11 +38,11 @@ def hold_and_move_with_effects(
     taps: NDArray[np.float64],
 ) -> None:
     """Run the loop on the encoder at `start_ns` and move on to `end_ns`; `taps` as they were `rest_ns` before that."""
-    theta_raw = encoder_raw(encoder_angle(state[0], e), counts_per_rev)
+    theta_raw = encoder_raw(encoder_angle(e, state[0]), counts_per_rev)
     memory = LoopState(loop[0], loop[1], loop[2])
     memory, command = loop_step(memory, unpacked_loop(loop_numbers), active, reference_raw, theta_raw)
     loop[0], loop[1], loop[2] = memory.integral_rad_s, memory.speed_rad_per_s, memory.theta_raw
-    push_command(queue, acting_command(command, e), round(e.delay * 1.0e9))
+    push_command(queue, acting_command(command, e), round(e.actuation_delay_delay_s * 1.0e9))
     p = unpacked_plant(plant_numbers)
     advance_with_effects(
         state, queue, p, e, NO_ENVIRONMENT, load_time_ns, load_N_m, start_ns, end_ns, max_step_s, end_ns - rest_ns, taps
@@ -76,15 +76,17 @@ class ForcepsWithEffects:
         self._max_step_s = max_step_s
         self._noise = noise_source(seed)
         self._state = rest_with_effects(plant, effects, jaw_start_rad)
-        self._queue = empty_queue(effects.delay, loop.sample_time_s)
-        start = encoder_angle(float(self._state[0]), effects)
+        self._queue = empty_queue(effects.actuation_delay_delay_s, loop.sample_time_s)
+        start = encoder_angle(effects, float(self._state[0]))
         self._loop_state = idle_loop(encoder_raw(start, sensors.counts_per_rev))
         self._zero_ns = NOT_STARTED_NS
         self._set_up_skew(round(loop.sample_time_s * 1.0e9))
 
     def _set_up_skew(self, period_ns: int) -> None:
         e = self._effects
-        skews = np.array([e.skew_theta_m, e.skew_current, e.skew_theta_j, e.skew_tau_w])
+        skews = np.array(
+            [e.channel_skew_theta_m_s, e.channel_skew_current_s, e.channel_skew_theta_j_s, e.channel_skew_tau_w_s]
+        )
         late_ns = np.rint((skews - min(0.0, float(skews.min()))) * 1.0e9).astype(np.int64)
         periods, self._rest_ns = np.divmod(late_ns, period_ns)
         self._late = [int(number) for number in periods]
@@ -104,8 +106,8 @@ class ForcepsWithEffects:
             float(history[(self._newest - late) % len(history), channel]) for channel, late in enumerate(self._late[:3])
         )
         return Sensed(
-            encoder_angle(theta_m, e),
-            (1.0 + e.current_error) * current + e.current_offset,
+            encoder_angle(e, theta_m),
+            (1.0 + e.current_gain_relative_error) * current + e.current_offset_offset_A,
             theta_j,
             self._load.torque_at(now_ns - self._zero_ns - self._load_late_ns),
         )

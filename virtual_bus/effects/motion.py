@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from virtual_bus.effects.command import Queue
-from virtual_bus.effects.numbers import EffectNumbers
+from virtual_bus.effects.composition import EffectNumbers, motor_friction_N_m
 from virtual_bus.effects.physics import (
     Environment,
     Inputs,
@@ -22,7 +22,6 @@ from virtual_bus.effects.physics import (
     jaw_drive,
     jaw_level,
     motor_drive,
-    motor_level,
     runge_kutta,
     slipped,
     tension_of,
@@ -69,7 +68,9 @@ def released(
         side_m = math.copysign(1.0, m.omega_m)
     elif side_m == 0.0 and not holds_m:
         drive = motor_drive(m, memory, current_at(u, offset_s), u.time_s + offset_s, tension, p, e)
-        side_m = side_of(drive, motor_level(1.0, 0.0, tension, p, e), motor_level(-1.0, 0.0, tension, p, e))
+        side_m = side_of(
+            drive, motor_friction_N_m(p, e, 1.0, 0.0, tension), motor_friction_N_m(p, e, -1.0, 0.0, tension)
+        )
     if m.omega_j != 0.0:
         side_j = math.copysign(1.0, m.omega_j)
     elif side_j == 0.0 and not holds_j:
@@ -88,14 +89,14 @@ def remembered(m: Motion, memory: Memory, side_m: float, side_j: float, p: Truth
     behind = behind_at(m, memory, e)
     x = elongation_of(m.theta_m - behind, m.theta_j, p, e)
     presliding, hysteresis, loaded, gripped = 0.0, 0.0, 0.0, 0.0
-    if e.presliding_level != 0.0:
-        presliding = slipped(memory.presliding, m.theta_m - memory.theta_m, e.presliding_angle)
-    if e.hysteresis_force != 0.0:
-        hysteresis = slipped(memory.hysteresis, x - memory.elongation, e.hysteresis_stretch)
-    if e.loaded_mu != 0.0:
-        loaded = slipped(memory.loaded, m.theta_m - memory.theta_m, e.loaded_angle)
-    if e.grip_level != 0.0 or e.grip_mu != 0.0:
-        gripped = slipped(memory.gripped, m.theta_j - memory.theta_j, e.grip_angle)
+    if e.presliding_friction_level_N_m != 0.0:
+        presliding = slipped(memory.presliding, m.theta_m - memory.theta_m, e.presliding_friction_angle_rad)
+    if e.wire_hysteresis_force_N != 0.0:
+        hysteresis = slipped(memory.hysteresis, x - memory.elongation, e.wire_hysteresis_stretch_m)
+    if e.loaded_presliding_mu != 0.0:
+        loaded = slipped(memory.loaded, m.theta_m - memory.theta_m, e.loaded_presliding_angle_rad)
+    if e.jaw_presliding_level_N_m != 0.0 or e.jaw_presliding_mu != 0.0:
+        gripped = slipped(memory.gripped, m.theta_j - memory.theta_j, e.jaw_presliding_angle_rad)
     return Memory(m.theta_m, m.theta_j, x, presliding, hysteresis, side_m, side_j, behind, loaded, gripped)
 
 
@@ -111,7 +112,7 @@ def has_friction(m: Motion, memory: Memory, first: bool, p: TruthParameters, e: 
     if not first:
         return jaw_level(m.theta_j, p, e) > 0.0
     tension = tension_of(m, memory, p, e)
-    return motor_level(1.0, 0.0, tension, p, e) + motor_level(-1.0, 0.0, tension, p, e) > 0.0
+    return motor_friction_N_m(p, e, 1.0, 0.0, tension) + motor_friction_N_m(p, e, -1.0, 0.0, tension) > 0.0
 
 
 @kernel
@@ -264,7 +265,9 @@ def advance_with_effects(
         span_s = (right_ns - left_ns) * 1.0e-9
         load = load_at(load_time_ns, load_N_m, segment, left_ns)
         slope = (load_at(load_time_ns, load_N_m, segment, right_ns) - load) / span_s
-        u = Inputs(target, current, e.lag, load, slope, max(left_ns, -1_000_000_000_000) * 1.0e-9)
+        u = Inputs(
+            target, current, e.electrical_lag_time_constant_s, load, slope, max(left_ns, -1_000_000_000_000) * 1.0e-9
+        )
         steps = max(math.ceil(span_s / max_step_s - 1.0e-6), 1)
         step_s = span_s / steps
         for i in range(steps):

@@ -1,77 +1,14 @@
-"""What a rig's `effects:` adds to the truth plant, as one flat tuple of numbers that kernels take."""
+"""The numbers of a rig's `effects:` as the flat tuple that kernels take."""
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
 
 from hil_forceps.rig.catalogue import EFFECT_IDS, EFFECTS, Effect, effect
 from hil_forceps.rig.errors import UserError
+from virtual_bus.effects.composition import EffectNumbers
 
 _SHAPE_WHILE_OFF = 1.0  # any length or time that can be divided by
 _OFF = {"current_saturation": math.inf}
-
-
-class EffectNumbers(NamedTuple):
-    """Every parameter of every effect, SI floats, in the order of the catalogue; its docstring has the equations."""
-
-    stribeck_rise: float
-    stribeck_speed: float
-    presliding_level: float
-    presliding_angle: float
-    mu: float
-    asymmetry: float
-    viscous_change: float
-    viscous_time: float
-    jaw_slope: float
-    jaw_curvature: float
-    gravity_sine: float
-    gravity_cosine: float
-    slack: float
-    beta: float
-    hysteresis_force: float
-    hysteresis_stretch: float
-    creep_share: float
-    creep_time: float
-    damping: float
-    stretch: float
-    constant_change: float
-    constant_time: float
-    cogging_sine: float
-    cogging_cosine: float
-    cogging_harmonic: float
-    ripple_sine: float
-    ripple_cosine: float
-    ripple_harmonic: float
-    current_offset: float
-    current_error: float
-    deadband: float
-    lag: float
-    delay: float
-    skew_theta_m: float
-    skew_current: float
-    skew_theta_j: float
-    skew_tau_w: float
-    encoder_sine: float
-    encoder_cosine: float
-    encoder_error: float
-    pulley_sine: float
-    pulley_cosine: float
-    spool_pitch: float
-    saturation: float
-    play: float
-    lever_sine: float
-    lever_cosine: float
-    coupling_stiffness: float
-    coupling_torque: float
-    loaded_mu: float
-    loaded_angle: float
-    viscous_asymmetry: float
-    film_level: float
-    film_speed: float
-    grip_level: float
-    grip_mu: float
-    grip_angle: float
-    jaw_viscous: float
 
 
 def effect_numbers(effects: Mapping[str, Mapping[str, float]]) -> EffectNumbers:

@@ -18,8 +18,8 @@ from scipy.interpolate import CubicSpline
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.driven.rows import DrivenRows, still_rad_per_s
 from hil_forceps.model import driven
+from hil_forceps.model.composition import Physics
 from hil_forceps.model.driven import Inputs
-from hil_forceps.model.physics import Physics
 from hil_forceps.model.smoothing import Smooth, smooth
 
 Vector = NDArray[np.float64]

@@ -4,24 +4,20 @@ An entry's effect is nearly linear in its amplitudes (parameters that have a neu
 a handful of shapes and the linear sensitivity to the amplitudes at each of them find it.
 """
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from hil_forceps.rig.catalogue import EFFECTS, Effect
+from hil_forceps.effects.entry import Effect, Of, Parameter
+from hil_forceps.rig.catalogue import EFFECTS
 
-DRIFT_TIMES = (0.15, 0.6, 3.0)  # of the longest run
-CREEP_TIMES_S = (0.03, 0.15, 0.7, 3.0)
-HYSTERESIS_STRETCHES = (0.03, 0.15, 0.6)  # of the stretch's range
-PRESLIDING_ANGLES = (0.003, 0.02, 0.1)  # of the angle's range
-PLAY_SHARE = 0.01  # of the angle's range
 STRIBECK_QUANTILES = (0.03, 0.1, 0.3, 0.7)  # of the speed while moving
 HUMPS = (0.45, 0.15, 0.05)  # of how far the jaw goes to either side, the narrowest last
 NARROW_RAD, NARROWER = 0.1, 5.0  # where the jaw turns round and round, humps of this, each so many times narrower
 HARMONIC = "harmonic"
-LIMIT_SHARES = (0.9985, 0.995, 0.98, 0.85, 0.6)  # of the largest current
 
 
 class Scene(NamedTuple):
@@ -35,6 +31,11 @@ class Scene(NamedTuple):
     current_max_A: float
     harmonics_cogging: tuple[float, ...]
     harmonics_ripple: tuple[float, ...]
+
+    @property
+    def jaw_range_rad(self) -> float:
+        """How far the jaw goes to either side together."""
+        return float(np.ptp(self.jaw_reach_rad))
 
 
 class Probe(NamedTuple):
@@ -59,19 +60,16 @@ def probes(scene: Scene, without: frozenset[str] = frozenset()) -> list[Probe]:
 
 
 def _with_shape(entry: Effect, shape: Mapping[str, float], scene: Scene) -> list[Probe]:
-    if entry.id == "current_saturation":
-        # Its parameter is no amplitude: the limit is lowered a little below what the runs reach.
-        limits = [share * scene.current_max_A for share in LIMIT_SHARES]
-        return [Probe(entry.id, {"limit_A": limit}, (), True) for limit in limits]
-    sizes = {p.name: _size(entry, p.typical, scene) for p in entry.parameters if p.neutral is not None}
-    if entry.id == "channel_skew":  # each channel is a place of its own
-        return [Probe(entry.id, {**dict.fromkeys(sizes, 0.0), name: sizes[name]}, (name,), False) for name in sizes]
-    if entry.id == "jaw_presliding":  # neither of its amplitudes can be negative
-        return [Probe(entry.id, {**shape, **dict.fromkeys(sizes, 0.0), n: sizes[n]}, (n,), True) for n in sizes]
+    sizes = {p.name: _size(p, scene) for p in entry.parameters if p.neutral is not None}
+    one_sided = {p.name: p.minimum >= 0.0 for p in entry.parameters}
+    if entry.one_by_one:
+        off = {**shape, **dict.fromkeys(sizes, 0.0)}
+        return [Probe(entry.id, {**off, name: size}, (name,), one_sided[name]) for name, size in sizes.items()]
     if entry.id == "jaw_position_friction":
         return _friction_over_angle(entry.id, sizes["slope_N_m_per_rad"], scene)
-    first = next(p for p in entry.parameters if p.neutral is not None)
-    return [Probe(entry.id, {**shape, **sizes}, tuple(sizes), len(sizes) == 1 and first.minimum >= 0.0)]
+    # Without an amplitude, the shape itself is what is looked for.
+    alone = not sizes or (len(sizes) == 1 and one_sided[next(iter(sizes))])
+    return [Probe(entry.id, {**shape, **sizes}, tuple(sizes), alone)]
 
 
 def _friction_over_angle(effect_id: str, size: float, scene: Scene) -> list[Probe]:
@@ -99,37 +97,30 @@ def _hump_widths(reach_rad: float) -> list[float]:
     return widths
 
 
-def _size(entry: Effect, typical: float, scene: Scene) -> float:
-    if entry.id == "wire_slack":
-        return 0.02 * scene.stretch_range_m
-    if entry.id == "transmission_play":
-        return min(typical, PLAY_SHARE * scene.angle_range_rad)
-    if entry.id == "wire_hardening":
-        return 0.05 / max(scene.stretch_range_m, 1e-9) ** 2
-    if entry.id == "amplifier_deadband":
-        return 0.01 * scene.current_max_A
-    return typical
+def _size(parameter: Parameter, scene: Scene) -> float:
+    size = parameter.size
+    if size is None:
+        return parameter.typical
+    there = _contained(scene, size.of)[0]
+    value = size.share * there if size.power == 1 else size.share / max(there, 1e-9) ** -size.power
+    return min(parameter.typical, value) if size.at_most_typical else value
 
 
 def _shapes(entry: Effect, scene: Scene) -> list[dict[str, float]]:
     """Return values of the parameters that are no amplitudes, one mapping per place to look."""
-    looked_at: dict[str, tuple[str, Sequence[float]]] = {
-        "stribeck_friction": ("speed_rad_per_s", scene.speeds_rad_per_s),
-        "film_friction": ("speed_rad_per_s", scene.speeds_rad_per_s),
-        "presliding_friction": ("angle_rad", [share * scene.angle_range_rad for share in PRESLIDING_ANGLES]),
-        "loaded_presliding": ("angle_rad", [share * scene.angle_range_rad for share in PRESLIDING_ANGLES]),
-        "jaw_presliding": ("angle_rad", [share * float(np.ptp(scene.jaw_reach_rad)) for share in PRESLIDING_ANGLES]),
-        "viscous_drift": ("time_constant_s", [share * scene.duration_s for share in DRIFT_TIMES]),
-        "torque_constant_drift": ("time_constant_s", [share * scene.duration_s for share in DRIFT_TIMES]),
-        "wire_hysteresis": ("stretch_m", [share * scene.stretch_range_m for share in HYSTERESIS_STRETCHES]),
-        "wire_creep": ("time_constant_s", CREEP_TIMES_S),
-        "cogging": (HARMONIC, scene.harmonics_cogging),
-        "torque_ripple": (HARMONIC, scene.harmonics_ripple),
-    }
-    if entry.id not in looked_at:
-        return [{}]
-    name, values = looked_at[entry.id]
-    return [{name: value} for value in values]
+    grids = [(p.name, p.looked_at) for p in entry.parameters if p.looked_at is not None]
+    places = [
+        [(name, share * there) for share in grid.shares for there in _contained(scene, grid.of)] for name, grid in grids
+    ]
+    return [dict(place) for place in itertools.product(*places)]
+
+
+def _contained(scene: Scene, of: Of) -> tuple[float, ...]:
+    """Return what the runs contain of something: one number, or some."""
+    if of == "":
+        return (1.0,)
+    there: float | tuple[float, ...] = getattr(scene, of)
+    return there if isinstance(there, tuple) else (there,)
 
 
 def quantiles_of_speed(omega: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.evidence import Direction, Passes, Wave
 from hil_forceps.diagnosis.hypotheses.entries import HARMONIC, Probe, Scene, probes, quantiles_of_speed
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
-from hil_forceps.rig.catalogue import EFFECT_IDS, effect
+from hil_forceps.rig.catalogue import EFFECT_IDS, EFFECTS, effect
 
 Vector = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ SHARE = 1e-2
 SHARE_OF_ONE_SIDED = 0.05  # of friction that can't be negative, beside next to none  # tuned: by its catalogue size
 HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 16.0, 18.0, 21.0, 24.0)
 # Torques that recur with the motor's angle, and whether they come with the current: half of all columns.
-WAVES = {"cogging": False, "torque_ripple": True}
+WAVES = {entry.id: entry.recurs_with == "angle and current" for entry in EFFECTS if entry.recurs_with is not None}
 
 
 class Place(NamedTuple):

@@ -7,27 +7,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.model.composition import (
+    Physics,
+    backward_friction_N_m,
+    forward_friction_N_m,
+    motor_friction_N_m,
+    motor_viscosity_N_m_s_per_rad,
+)
 from hil_forceps.model.current import CurrentStep, current_over, current_step
 from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all, fill_multiples
-from hil_forceps.model.physics import (
-    Kind,
-    Physics,
-    State,
-    dead_zone,
-    jaw_level_N_m,
-    kind_of,
-    motor_level_N_m,
-    torque_constant,
-    viscosity,
-)
+from hil_forceps.model.physics import Kind, State, dead_zone, jaw_level_N_m, kind_of, torque_constant
 from hil_forceps.model.step import Drive, plain_step, refined_step
 from hil_forceps.model.whole_step import decays, suits, whole_step
+from hil_forceps.rig.catalogue import EFFECTS
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 STEPS = 4  # of a row
 _ROOT_2 = math.sqrt(2.0)
+# What switches off all effects that are part of what holds a body at rest.
+_DRY = {
+    body: {
+        f"{entry.id}_{parameter.name}": parameter.neutral
+        for entry in EFFECTS
+        if entry.dry_friction_of == body
+        for parameter in entry.parameters
+        if parameter.neutral is not None
+    }
+    for body in ("motor", "jaw")
+}
 _DRIFT_STEP = 0.02  # of D_m: further away, the linear plant is made anew
 
 
@@ -63,20 +72,23 @@ def stepper(p: Physics, period_s: float, samples: int) -> Stepper:
     """Prepare for a plant, a period of the rows, and samples of the drive in it."""
     step_s = period_s / STEPS
     gains = np.empty((SHORT + 2, SIZE))
-    fill_all(gains, p, viscosity(p, 0.0), step_s)
+    fill_all(gains, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
     span = STEPS // samples if suits(p, kind_of(p), STEPS // samples) else 0
     whole = np.empty((max(span, 1), SIZE))
-    fill_multiples(whole, p, viscosity(p, 0.0), step_s)
-    kept = (math.exp(-step_s / p.creep_time), math.exp(-step_s / PIECES / p.creep_time))
+    fill_multiples(whole, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
+    kept = (math.exp(-step_s / p.wire_creep_time_constant_s), math.exp(-step_s / PIECES / p.wire_creep_time_constant_s))
     inertia = (p.I_m / step_s, p.I_j / step_s)
-    current = current_step(step_s, STEPS // samples, p.delay, p.lag)
+    current = current_step(step_s, STEPS // samples, p.actuation_delay_delay_s, p.electrical_lag_time_constant_s)
     return Stepper(gains, whole, decays(p, max(span, 1), step_s), inertia, kept, current, samples, span, step_s)
 
 
 @inlined
 def acting_command(p: Physics, command_A: float) -> float:
     """Return what of a command the amplifier gives."""
-    return max(-p.limit, min(p.limit, dead_zone(command_A, p.deadband)))
+    return max(
+        -p.current_saturation_limit_A,
+        min(p.current_saturation_limit_A, dead_zone(command_A, p.amplifier_deadband_half_width_A)),
+    )
 
 
 @inlined
@@ -105,7 +117,7 @@ def _over_sample(
             current = new_A - a.friction_m_N_m / constant
             load = a.load_N_m + a.load_slope_N_m_per_s * middle_s + a.friction_j_N_m
             slope = a.load_slope_N_m_per_s * s.step_s * span
-            d = Drive(current, 0.0, new_A, constant, viscosity(p, a.time_s + middle_s), load, slope)
+            d = Drive(current, 0.0, new_A, constant, motor_viscosity_N_m_s_per_rad(p, a.time_s + middle_s), load, slope)
             moves, there = whole_step(p, kind, s.whole, s.keeps, span, x, d)
             if moves:
                 x = there
@@ -129,7 +141,7 @@ def _one(
     mean -= a.friction_m_N_m / constant
     load = a.load_N_m + a.load_slope_N_m_per_s * middle_s + a.friction_j_N_m
     load_slope = a.load_slope_N_m_per_s * s.step_s
-    d = Drive(mean, slope, end, constant, viscosity(p, a.time_s + middle_s), load, load_slope)
+    d = Drive(mean, slope, end, constant, motor_viscosity_N_m_s_per_rad(p, a.time_s + middle_s), load, load_slope)
     if kind.plain:
         return plain_step(p, s.gains, s.inertia, x, d)
     if abs(d.viscosity - s.gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
@@ -140,15 +152,16 @@ def _one(
 @kernel
 def friction_at_rest_N_m(p: Physics) -> float:
     """Return the most that the motor's dry friction holds, without the wire's tension."""
-    return motor_level_N_m(p, 0.0, 0.0) + p.film_level + abs(p.asymmetry)
+    sided = max(forward_friction_N_m(p), backward_friction_N_m(p))
+    return motor_friction_N_m(p, 0.0, 0.0) + p.film_friction_level_N_m + sided
 
 
 @inlined
 def expected_friction_m_N_m(p: Physics, omega: float, deviation: float, tension_N: float) -> float:
     """Return the mean of the motor's dry friction where its speed is only known to ± `deviation`."""
     forward = forward_share(omega, deviation)
-    level = motor_level_N_m(p, omega, tension_N)
-    return forward * (level + max(0.0, p.asymmetry)) - (1.0 - forward) * (level + max(0.0, -p.asymmetry))
+    level = motor_friction_N_m(p, omega, tension_N)
+    return forward * (level + forward_friction_N_m(p)) - (1.0 - forward) * (level + backward_friction_N_m(p))
 
 
 @inlined
@@ -184,8 +197,8 @@ def regimes(theta: Vector) -> Regimes:
     def without(*, motor: bool, jaw: bool) -> Physics:
         q = p
         if motor:
-            q = q._replace(motor_coulomb=0.0, stribeck_rise=0.0, load_mu=0.0, film_level=0.0, asymmetry=0.0)
-        return q._replace(jaw_coulomb=0.0, jaw_slope=0.0, jaw_curvature=0.0) if jaw else q
+            q = q._replace(motor_coulomb=0.0, **_DRY["motor"])
+        return q._replace(jaw_coulomb=0.0, **_DRY["jaw"]) if jaw else q
 
     return Regimes(p, without(motor=True, jaw=False), without(motor=False, jaw=True), without(motor=True, jaw=True))
 

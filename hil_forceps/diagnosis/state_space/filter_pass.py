@@ -66,7 +66,8 @@ from hil_forceps.diagnosis.state_space.transition import (
     stiffened,
     transition,
 )
-from hil_forceps.model.physics import Physics, State
+from hil_forceps.model.composition import Physics
+from hil_forceps.model.physics import State
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -180,7 +181,7 @@ def _measurements(
         if math.isnan(measured(d, channel, row)):
             continue
         if channel == CURRENT:
-            variance = current_direction(covariance, 1.0 + p.current_gain, along)
+            variance = current_direction(covariance, 1.0 + p.current_gain_relative_error, along)
         else:
             variance = direction(channel, covariance, along)
         shown = predicted(p, channel, x, now_A, before_A, d.period_s)
@@ -198,7 +199,7 @@ def _measurements(
         else:
             corrected(x, covariance, along, score, information)
         if channel == CURRENT and abs(residual) > SURPRISE:
-            error_A = residual / root / (1.0 + p.current_gain)
+            error_A = residual / root / (1.0 + p.current_gain_relative_error)
             spread(covariance, f, FRICTION_M, (p.K_t * error_A) ** 2)
         surprise = surprise or (abs(residual) > SURPRISE and channel != CURRENT)
     return surprise
@@ -337,7 +338,11 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
 @inlined
 def is_slack(p: Physics, x: Vector) -> bool:
     """Tell whether the wire of a plant with a dead zone is in it."""
-    return p.slack > 0.0 and abs(p.r_m * x[THETA_M] - p.r_j * x[THETA_J] - p.zero_stretch) < p.slack
+    return (
+        p.wire_slack_half_width_m > 0.0
+        and abs(p.r_m * x[THETA_M] - p.r_j * x[THETA_J] - p.wire_permanent_stretch_stretch_m)
+        < p.wire_slack_half_width_m
+    )
 
 
 @kernel

@@ -28,7 +28,7 @@ from hil_forceps.diagnosis.state_space.layout import (
 )
 from hil_forceps.diagnosis.state_space.response_pass import answer_of_contact
 from hil_forceps.diagnosis.state_space.transition import friction_kept, transition
-from hil_forceps.model.physics import Physics
+from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -61,7 +61,7 @@ def forcing_pass(
     for row in range(d.encoder_rad.size):
         for place in range(CHANNELS):
             channel = (place + CURRENT) % CHANNELS
-            _shown(channel, 1.0 + p.current_gain, x, change)
+            _shown(channel, 1.0 + p.current_gain_relative_error, x, change)
             for m in range(count):
                 change[m] += shown[row, channel, m]
                 out[row, channel, m] = -weight[row, channel] * change[m]

@@ -25,7 +25,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     THETA_M,
     Series,
 )
-from hil_forceps.model.physics import Physics, encoder_rad
+from hil_forceps.model.composition import Physics, encoder_rad
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -39,14 +39,14 @@ def predicted(p: Physics, channel: int, x: Vector, current_A: float, before_A: f
     A skewed channel shows what was, to first order in its skew.
     """
     if channel == ENCODER:
-        shown: float = encoder_rad(p, x[THETA_M]) - p.skew_theta_m * x[OMEGA_M]
+        shown: float = encoder_rad(p, x[THETA_M]) - p.channel_skew_theta_m_s * x[OMEGA_M]
     elif channel == JAW:
-        shown = x[THETA_J] + x[JAW_ZERO] + x[JAW_NOISE] - p.skew_theta_j * x[OMEGA_J]
+        shown = x[THETA_J] + x[JAW_ZERO] + x[JAW_NOISE] - p.channel_skew_theta_j_s * x[OMEGA_J]
     elif channel == LOAD_CELL:
-        shown = x[LOAD] + x[LOAD_NOISE] - p.skew_tau_w * x[LOAD_SLOPE]
+        shown = x[LOAD] + x[LOAD_NOISE] - p.channel_skew_tau_w_s * x[LOAD_SLOPE]
     else:
-        late = current_A - p.skew_current / period_s * (current_A - before_A)
-        shown = (1.0 + p.current_gain) * late + p.current_offset + x[CURRENT_NOISE]
+        late = current_A - p.channel_skew_current_s / period_s * (current_A - before_A)
+        shown = (1.0 + p.current_gain_relative_error) * late + p.current_offset_offset_A + x[CURRENT_NOISE]
     return shown
 
 

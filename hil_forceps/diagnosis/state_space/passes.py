@@ -32,7 +32,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
 )
 from hil_forceps.diagnosis.state_space.response_pass import response_run
-from hil_forceps.model.physics import Physics
+from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

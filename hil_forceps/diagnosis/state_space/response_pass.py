@@ -44,7 +44,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
 )
 from hil_forceps.diagnosis.state_space.transition import elastic_share, friction_kept, transition
-from hil_forceps.model.physics import Physics, encoder_rad
+from hil_forceps.model.composition import Physics, encoder_rad
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -56,14 +56,14 @@ _COUPLED = COMMAND_BIAS + 1
 def _shown(p: Physics, channel: int, at: Vector, current_A: float, before_A: float, period_s: float) -> float:
     """Return what a channel shows of a row's prediction, without the nuisances that are alike for all parameters."""
     if channel == ENCODER:
-        value: float = encoder_rad(p, at[PREDICTED_THETA_M]) - p.skew_theta_m * at[PREDICTED_OMEGA_M]
+        value: float = encoder_rad(p, at[PREDICTED_THETA_M]) - p.channel_skew_theta_m_s * at[PREDICTED_OMEGA_M]
     elif channel == JAW:
-        value = -p.skew_theta_j * at[PREDICTED_OMEGA_J]
+        value = -p.channel_skew_theta_j_s * at[PREDICTED_OMEGA_J]
     elif channel == LOAD_CELL:
-        value = -p.skew_tau_w * at[PREDICTED_LOAD_SLOPE]
+        value = -p.channel_skew_tau_w_s * at[PREDICTED_LOAD_SLOPE]
     else:
-        late = current_A - p.skew_current / period_s * (current_A - before_A)
-        value = (1.0 + p.current_gain) * late + p.current_offset
+        late = current_A - p.channel_skew_current_s / period_s * (current_A - before_A)
+        value = (1.0 + p.current_gain_relative_error) * late + p.current_offset_offset_A
     return value
 
 
@@ -108,7 +108,7 @@ def response_pass(
             channel = (place + CURRENT) % CHANNELS
             change = _shown(p, channel, at, plant.current_A, before_A, d.period_s)
             change -= _shown(base, channel, at, at[PREDICTED_CURRENT], at[CURRENT_BEFORE], d.period_s)
-            change = change * per + _change_shown(channel, 1.0 + base.current_gain, x)
+            change = change * per + _change_shown(channel, 1.0 + base.current_gain_relative_error, x)
             out[row, channel] = -change * weight[row, channel]
             for i in range(STATES):
                 x[i] -= gain[row, channel, i] * change

@@ -19,6 +19,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     THETA_J,
     THETA_M,
 )
+from hil_forceps.model.composition import Physics, motor_viscosity_N_m_s_per_rad
 from hil_forceps.model.gains import (
     FROM_JAW,
     FROM_MOTOR,
@@ -33,7 +34,6 @@ from hil_forceps.model.gains import (
     SIZE,
     fill_gains,
 )
-from hil_forceps.model.physics import Physics, viscosity
 
 Matrix = NDArray[np.float64]
 
@@ -46,8 +46,19 @@ FRICTION_MEMORY_S = 3e-3  # of dry friction where a mass may stick  # tuned: 0.5
 def transition(p: Physics, period_s: float, stiff: bool) -> Matrix:
     """Return F (STATES²): the state a row on for a change of the state; wire taut (`stiff`) or slack."""
     g = np.empty(SIZE)
-    k, c = (p.k, p.damping) if stiff else (0.0, 0.0)
-    fill_gains(g, p.r_m, p.r_j, p.I_m, p.I_j, viscosity(p, 0.0), p.jaw_viscous, k, c, period_s)
+    k, c = (p.k, p.wire_damping_damping_N_s_per_m) if stiff else (0.0, 0.0)
+    fill_gains(
+        g,
+        p.r_m,
+        p.r_j,
+        p.I_m,
+        p.I_j,
+        motor_viscosity_N_m_s_per_rad(p, 0.0),
+        p.jaw_viscous_friction_viscosity_N_m_s_per_rad,
+        k,
+        c,
+        period_s,
+    )
     f = np.zeros((STATES, STATES))
     starts = (MOTOR_WAY, MOTOR_SPEED, JAW_WAY, JAW_SPEED)
     for i in range(PLANT_STATES):

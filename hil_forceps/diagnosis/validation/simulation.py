@@ -26,8 +26,9 @@ from hil_forceps.diagnosis.validation.heldout import Played
 from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.model import closed_loop
 from hil_forceps.model.closed_loop import Channels, Inputs, Start
+from hil_forceps.model.composition import Physics, encoder_rad
 from hil_forceps.model.drive_law import KI, DriveState, drive_sample, law_vector, quantise
-from hil_forceps.model.physics import Physics, State, encoder_rad
+from hil_forceps.model.physics import State
 from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]

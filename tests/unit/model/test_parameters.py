@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.model import parameters
-from hil_forceps.model.physics import Physics
+from hil_forceps.model.composition import Physics
 from hil_forceps.rig import UserError, load_rig
 from hil_forceps.rig.catalogue import EFFECTS
 from hil_forceps.rig.loading import dump_rig, parse_rig
@@ -19,17 +19,16 @@ def test_every_value_has_its_place_in_the_order_of_the_kernels() -> None:
     assert len(parameters.NAMES) == len(set(parameters.NAMES)) == 9 + sum(len(entry.parameters) for entry in EFFECTS)
     assert len(Physics._fields) == len(parameters.NAMES)
     assert [parameters.index(name) for name in parameters.NAMES] == list(range(len(parameters.NAMES)))
-    # Names of the kernels' numbers are short, but the order can be told from those that are the same.
+    effects = [
+        name.removeprefix("effects.").replace(".", "_") for name in parameters.NAMES if name.startswith("effects.")
+    ]
+    assert list(Physics._fields[-len(effects) :]) == effects
+    # Names of the plant's numbers are the paper's symbols, but the order can be told from some.
     for short, name in (
+        ("r_m", "forceps.motor_pulley_radius_m"),
+        ("D_m", "forceps.motor_viscous_N_m_s_per_rad"),
         ("k", "forceps.wire_stiffness_N_per_m"),
         ("K_t", "motor.torque_constant_N_m_per_A"),
-        ("load_mu", "effects.load_dependent_friction.mu"),
-        ("slack", "effects.wire_slack.half_width_m"),
-        ("damping", "effects.wire_damping.damping_N_s_per_m"),
-        ("deadband", "effects.amplifier_deadband.half_width_A"),
-        ("delay", "effects.actuation_delay.delay_s"),
-        ("pitch", "effects.spool_radius_change.pitch_m_per_turn"),
-        ("limit", "effects.current_saturation.limit_A"),
     ):
         assert Physics._fields.index(short) == parameters.index(name)
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from hil_forceps.model.composition import Physics, motor_viscosity_N_m_s_per_rad
 from hil_forceps.model.gains import PIECES, SHORT, SIZE, fill_all, fill_multiples
-from hil_forceps.model.physics import Kind, Physics, State, kind_of, torque_constant, viscosity
+from hil_forceps.model.physics import Kind, State, kind_of, torque_constant
 from hil_forceps.model.step import Drive, refined_step
 from hil_forceps.model.whole_step import decays, suits, whole_step
 from hil_forceps.rig.catalogue import EFFECTS, effect
@@ -43,8 +44,8 @@ def plant(entry_id: str, size: float = 0.1, **changed: float) -> tuple[Physics, 
 
 def going(p: Physics, speed: float = 1.5, **changed: float) -> State:
     """Return motor and jaw on their way, the wire taut and the pulley behind the motor as it has to be."""
-    lost = math.copysign(p.play, speed)
-    theta_j = (p.r_m * (0.6 - lost) - STRETCH_M - p.slack) / p.r_j
+    lost = math.copysign(p.transmission_play_half_width_rad, speed)
+    theta_j = (p.r_m * (0.6 - lost) - STRETCH_M - p.wire_slack_half_width_m) / p.r_j
     state = State(0.6, speed, theta_j, speed * p.r_m / p.r_j, 1e-8, 0.0, 0.3, 0.4, 0.5, lost, 0.02)
     return state._replace(**changed)
 
@@ -55,12 +56,14 @@ def drive(p: Physics, speed: float = 1.5) -> Drive:
     torque = p.r_m * pull + p.D_m * speed + math.copysign(p.motor_coulomb, speed)
     load = p.r_j * pull - math.copysign(p.jaw_coulomb, speed)
     current = torque / p.K_t
-    return Drive(current, 0.0, current, torque_constant(p, TIME_S), viscosity(p, TIME_S), load, 1e-6)
+    return Drive(
+        current, 0.0, current, torque_constant(p, TIME_S), motor_viscosity_N_m_s_per_rad(p, TIME_S), load, 1e-6
+    )
 
 
 def tables(p: Physics, step_s: float, steps: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     whole = np.empty((steps, SIZE))
-    fill_multiples(whole, p, viscosity(p, 0.0), step_s)
+    fill_multiples(whole, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
     return whole, decays(p, steps, step_s)
 
 
@@ -75,9 +78,9 @@ def in_many(p: Physics, kind: Kind, x: State, d: Drive) -> State:
     """Return the state after as many fine steps, each by the rule for one."""
     step_s, many = STEP_S / FINE, STEPS * FINE
     gains = np.empty((SHORT + 2, SIZE))
-    fill_all(gains, p, viscosity(p, 0.0), step_s)
+    fill_all(gains, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
     inertia = (p.I_m / step_s, p.I_j / step_s)
-    kept = (math.exp(-step_s / p.creep_time), math.exp(-step_s / PIECES / p.creep_time))
+    kept = (math.exp(-step_s / p.wire_creep_time_constant_s), math.exp(-step_s / PIECES / p.wire_creep_time_constant_s))
     for k in range(many):
         load = d.load + d.load_slope * ((k + 0.5) / many - 0.5)
         part = d._replace(load=load, load_slope=d.load_slope / many)
@@ -100,7 +103,7 @@ def test_a_sample_at_once_is_what_fine_steps_make_of_it(entry_id: str) -> None:
 
 
 def test_half_the_time_leaves_far_less_than_half_the_error() -> None:
-    p, kind = plant("film_friction", film_level=2e-6, film_speed=0.5)
+    p, kind = plant("film_friction", film_friction_level_N_m=2e-6, film_friction_speed_rad_per_s=0.5)
     x, d = going(p, 0.4), drive(p, 0.4)._replace(load_slope=0.0)
     exact = in_many(p, kind, x, d)
     moves, once = at_once(p, kind, x, d, steps=EXACT)
@@ -112,7 +115,7 @@ def test_half_the_time_leaves_far_less_than_half_the_error() -> None:
 
 
 def test_it_is_found_as_exactly_as_so_many_steps_ask() -> None:
-    p, kind = plant("film_friction", film_level=1e-5, film_speed=0.3)
+    p, kind = plant("film_friction", film_friction_level_N_m=1e-5, film_friction_speed_rad_per_s=0.3)
     x, d = going(p, 0.3), drive(p, 0.3)._replace(load_slope=0.0)
     exact, bare = in_many(p, kind, x, d), in_many(*plant(""), x, d)
     moves, once = at_once(p, kind, x, d)
@@ -131,7 +134,7 @@ def test_what_a_parabola_does_not_follow_is_left_to_steps(turns: float) -> None:
     harmonic = 2.0 * math.pi * turns / way
     peak = 5e-5
     sine, cosine = peak * math.sin(harmonic * x.theta_m_rad), peak * math.cos(harmonic * x.theta_m_rad)
-    p = p._replace(cogging_harmonic=harmonic, cogging_sine=sine, cogging_cosine=cosine)
+    p = p._replace(cogging_harmonic=harmonic, cogging_sine_N_m=sine, cogging_cosine_N_m=cosine)
     many = p._replace(cogging_harmonic=0.01 * harmonic)
     assert at_once(many, kind, x, drive(p))[0]
     assert not at_once(p, kind, x, drive(p))[0]

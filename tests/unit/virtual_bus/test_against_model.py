@@ -17,8 +17,8 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECTS
 from tests.hidden_effects.generator import RIG, true_rig
 from virtual_bus.drive import loop_of
+from virtual_bus.effects.composition import encoder_angle
 from virtual_bus.effects.numbers import effect_numbers
-from virtual_bus.effects.physics import encoder_angle
 from virtual_bus.effects.start import rest_with_effects
 from virtual_bus.logs import TRUTH_COLUMNS, Log, simulated_log
 from virtual_bus.plant.load import piecewise_linear
@@ -64,7 +64,7 @@ def reference(start_rad: float) -> Vector:
 def world(rig: Rig, step_s: float, lead: int) -> tuple[float, Vector, Log]:
     """Return θ_enc at the start, the reference of the rows and the log: at rest for `lead` samples before."""
     p, e = truth_parameters(rig.plant(), step_s), effect_numbers(rig.effects)
-    start = float(encoder_angle(float(rest_with_effects(p, e, 0.0)[0]), e))
+    start = float(encoder_angle(e, float(rest_with_effects(p, e, 0.0)[0])))
     course = reference(start)
     samples = np.concatenate([np.full(lead, start), course, np.full(10, course[-1])])
     load = piecewise_linear(*load_and_edges())

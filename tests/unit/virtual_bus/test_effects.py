@@ -11,8 +11,9 @@ from hil_forceps.rig.catalogue import EFFECT_IDS, EFFECTS, effect
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.plant import PlantParameters
 from virtual_bus.effects.command import empty_queue, push_command
+from virtual_bus.effects.composition import EffectNumbers
 from virtual_bus.effects.motion import advance_with_effects, between
-from virtual_bus.effects.numbers import EffectNumbers, effect_numbers
+from virtual_bus.effects.numbers import effect_numbers
 from virtual_bus.effects.physics import (
     Environment,
     Inputs,
@@ -199,8 +200,8 @@ def moved(
     """Return the state after `end_ns` under a constant command."""
     profile = load or paper_load(0)
     result = state.copy()
-    queue = empty_queue(e.delay, 1.0)
-    push_command(queue, command_A, round(e.delay * 1e9))
+    queue = empty_queue(e.actuation_delay_delay_s, 1.0)
+    push_command(queue, command_A, round(e.actuation_delay_delay_s * 1e9))
     late = np.full(4, end_ns)
     advance_with_effects(
         result, queue, p, e, NO_ENVIRONMENT, profile.time_ns, profile.torque_N_m, 0, end_ns, step_s, late, np.zeros(4)
@@ -355,7 +356,9 @@ def test_rest_is_without_tension() -> None:
     e = typical("wire_permanent_stretch", "pulley_eccentricity", "spool_radius_change")
     for angle in (-1.0, 0.0, 2.5):
         state = rest_with_effects(P, e, angle)
-        assert elongation_of(float(state[0]), angle, P, e) - e.stretch == pytest.approx(0.0, abs=1.0e-17)
+        assert elongation_of(float(state[0]), angle, P, e) - e.wire_permanent_stretch_stretch_m == pytest.approx(
+            0.0, abs=1.0e-17
+        )
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""Effects of amplifier, sensors and timing."""

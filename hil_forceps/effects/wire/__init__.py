@@ -1,0 +1,1 @@
+"""Effects of the wire and of what winds it."""
