@@ -7,7 +7,7 @@ TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help install bench test test-long lint types layers unit system targets targets-short targets-quick effects fuzz hidden-effects real-data benchmark wheel clean
+.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects fuzz hidden-effects real-data benchmark wheel clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 18
@@ -15,7 +15,10 @@ help:  ## this list
 install:  ## make .venv from requirements.lock
 	@tools/install.sh $(VENV)
 
-bench: install  ## the paper's simulations through the bus: table, figures, recordings in $(OUT)
+install-run:
+	@tools/install.sh $(VENV) run
+
+bench: install-run  ## the paper's simulations through the bus: table, figures, recordings in $(OUT)
 	$(VENV)/bin/hil-forceps bench --config configs/paper.yaml --out $(OUT)/paper
 	$(VENV)/bin/hil-forceps bench --config configs/realistic.yaml --out $(OUT)/realistic
 

@@ -220,10 +220,5 @@ def steppers(plants: Regimes, period_s: float, samples: int) -> Steppers:
 @inlined
 def advance_in(plants: Regimes, s: Steppers, motor_free: bool, jaw_free: bool, x: State, a: Acting) -> State:
     """Return the plant's state a row on in the regime that holds."""
-    if motor_free:
-        if jaw_free:
-            return advance(plants[3], s.kinds[3], s.stepper, x, a)
-        return advance(plants[1], s.kinds[1], s.stepper, x, a)
-    if jaw_free:
-        return advance(plants[2], s.kinds[2], s.stepper, x, a)
-    return advance(plants[0], s.kinds[0], s.stepper, x, a)
+    regime = (1 if motor_free else 0) + (2 if jaw_free else 0)
+    return advance(plants[regime], s.kinds[regime], s.stepper, x, a)
