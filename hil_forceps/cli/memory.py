@@ -4,7 +4,7 @@ import ctypes
 import gc
 import sys
 
-SELDOM = 100_000  # objects made between two looks for cycles of them; 700 by default
+COLLECTION_THRESHOLD = 100_000  # objects made between two looks for cycles of them; 700 by default
 
 M_TRIM_THRESHOLD, M_MMAP_MAX, M_ARENA_MAX = -1, -4, -8  # mallopt(3)
 
@@ -17,7 +17,7 @@ def keep_pages() -> None:
     looked for seldom: a diagnosis makes few, and looks through all that is loaded each time.
     """
     gc.freeze()
-    gc.set_threshold(SELDOM)
+    gc.set_threshold(COLLECTION_THRESHOLD)
     if not sys.platform.startswith("linux"):
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # the C library musl has none

@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-FIRST_S = 1.0  # what is refused sooner is refused in one line
-EVERY_S = 5.0
+FIRST_LINE_S = 1.0  # what is refused sooner is refused in one line
+LINE_PERIOD_S = 5.0
 
 
 @contextmanager
-def progress_on(console: Console, every_s: float = EVERY_S) -> Iterator[Callable[[str], None]]:
+def progress_on(console: Console, every_s: float = LINE_PERIOD_S) -> Iterator[Callable[[str], None]]:
     """Yield what is to be told of each step; the last one is told again while it lasts."""
     if console.is_terminal:
         with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console) as bar:
@@ -26,7 +26,7 @@ def progress_on(console: Console, every_s: float = EVERY_S) -> Iterator[Callable
         console.print(f"{time.monotonic() - began:5.0f} s  {told[0]}", highlight=False, soft_wrap=True)
 
     def again() -> None:
-        wait_s = FIRST_S
+        wait_s = FIRST_LINE_S
         while not done.wait(wait_s):
             line()
             wait_s = every_s

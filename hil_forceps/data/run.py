@@ -27,7 +27,7 @@ KNOWN_COLUMNS = (
 ANGLE_FROM_SPEED = "no position was recorded: theta_m_rad is the integral of the speed and begins at 0 in each run"
 
 GAP_IN_INTERVALS = 1.5  # an interval longer than this many usual ones is a gap: at least one sample is missing
-JITTER_WORTH_TELLING = 0.01  # of the usual interval; printed stamps of three decimals stay below it
+MAX_UNTOLD_JITTER_SHARE = 0.01  # of the usual interval; printed stamps of three decimals stay below it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +117,7 @@ def timing_notes(time_s: Column) -> tuple[str, ...]:
         )
     regular = intervals[intervals <= GAP_IN_INTERVALS * usual]
     jitter = float(np.std(regular)) / usual
-    if jitter > JITTER_WORTH_TELLING:
+    if jitter > MAX_UNTOLD_JITTER_SHARE:
         notes.append(f"jitter of the sample interval: {100 * jitter:.2g} % of {usual:.6g} s (standard deviation)")
     return tuple(notes)
 

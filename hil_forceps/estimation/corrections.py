@@ -53,9 +53,9 @@ Vector = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 IGNORED = frozenset(entry.id for entry in EFFECTS if not entry.corrected)
-_SAME_HOLD = 0.25  # of an interval that it may be off by and still be one hold of the drive
-_MOSTLY_KEPT = 0.9  # of a current over a hold: it is then as good as a line from end to end
-_ROUNDS = 8  # of Newton's method and of fixed points that gain a factor of 10 a round at least
+_HOLD_TOLERANCE_SHARE = 0.25  # of an interval that it may be off by and still be one hold of the drive
+_SLOW_LAG_KEPT_SHARE = 0.9  # of a current over a hold: it is then as good as a line from end to end
+_NEWTON_ITERATIONS = 8  # of Newton's method and of fixed points that gain a factor of 10 a round at least
 
 
 class Memory(NamedTuple):
@@ -99,7 +99,7 @@ class Tuning(NamedTuple):
 def _true_angle(p: Physics, shown: float) -> float:
     """Return the motor's angle behind what the encoder shows."""
     angle = shown / (1.0 + p.encoder_scale_relative_error)
-    for _ in range(_ROUNDS):
+    for _ in range(_NEWTON_ITERATIONS):
         angle -= (encoder_rad(p, angle) - shown) / (1.0 + p.encoder_scale_relative_error)
     return angle
 
@@ -131,7 +131,7 @@ def _mean_current(p: Physics, previous_A: float, current_A: float, hold_s: float
     mean = current_A
     if p.electrical_lag_time_constant_s > 0.0:
         kept = math.exp(-hold_s / p.electrical_lag_time_constant_s)
-        if kept < _MOSTLY_KEPT:
+        if kept < _SLOW_LAG_KEPT_SHARE:
             commanded = (current_A - kept * previous_A) / (1.0 - kept)
             mean = commanded + (previous_A - commanded) * (1.0 - kept) * p.electrical_lag_time_constant_s / hold_s
         else:
@@ -157,7 +157,7 @@ def before(
     time_s = (time_ns - m.first_ns) * 1e-9
     current = _true_current(p, torque_N_m)
     mean = current
-    if tuning.hold_s > 0.0 and abs(dt_s - tuning.hold_s) < _SAME_HOLD * tuning.hold_s:
+    if tuning.hold_s > 0.0 and abs(dt_s - tuning.hold_s) < _HOLD_TOLERANCE_SHARE * tuning.hold_s:
         mean = _mean_current(p, m.current_A, current, tuning.hold_s)
     torque = torque_constant(p, time_s) * mean * (1.0 + relative_torque(p, theta_m)) + motor_torque_N_m(p, theta_m)
     paper = p.D_m * speed + p.motor_coulomb * _direction(speed, tuning.still)
@@ -180,7 +180,7 @@ def _stretch(p: Physics, force_N: float) -> float:
     """Return the stretch beyond the dead zone that takes a force: Newton's method on the cubic."""
     linear = force_N / p.k
     stretch: float = linear / (1.0 + p.wire_hardening_beta_per_m2 * linear * linear) ** (1.0 / 3.0)
-    for _ in range(_ROUNDS):
+    for _ in range(_NEWTON_ITERATIONS):
         square = p.wire_hardening_beta_per_m2 * stretch * stretch
         stretch -= (stretch * (1.0 + square) - linear) / (1.0 + 3.0 * square)
     return stretch
@@ -268,7 +268,7 @@ def _tuning(rig: Rig, sample_time_s: float) -> Tuning:
     counts = rig.encoder.counts_per_rev
     quantum = 1e-6 if counts is None else 2.0 * np.pi / counts
     hold_s = sample_time_s if rig.drive is None else rig.drive.sample_time_s
-    seen = abs(hold_s - sample_time_s) < _SAME_HOLD * sample_time_s
+    seen = abs(hold_s - sample_time_s) < _HOLD_TOLERANCE_SHARE * sample_time_s
     return Tuning(corner, 0.25 * quantum * min(corner, 1.0 / sample_time_s), hold_s if seen else 0.0)
 
 

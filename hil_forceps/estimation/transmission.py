@@ -33,8 +33,8 @@ State = NDArray[np.float64]
 ELEMENTS = 3
 _SHAPE, _GAIN, _FRICTION, _LOADED, _SUDDEN = 4, 3, 4, 2, 2  # how many powers of x each group has
 TERMS = _SHAPE + _GAIN + ELEMENTS * (_FRICTION + _LOADED) + 2 * _SUDDEN + 3
-REST_RAD_PER_S = 0.02  # ω_0: slower than this the direction isn't told well
-REST_RAD = 3e-5  # δ_0: a sample over which the motor turns further isn't one at rest
+MAX_REST_RAD_PER_S = 0.02  # ω_0: slower than this the direction isn't told well
+MAX_REST_RAD = 3e-5  # δ_0: a sample over which the motor turns further isn't one at rest
 TERM_DRIVE = _SHAPE  # the term u itself, low-passed
 TERM_SPEED = TERMS - 3
 _SLOPE = 1  # the term x, which isn't held at the ends of the range for the jaw's angle
@@ -112,7 +112,7 @@ def step(state: State, c: Vector, time_ns: int, theta_m_rad: float, theta_drive_
     limit = 1.0 if way > 0.0 else -1.0
     taken = 0.0
     if c[_STANDSTILL] > 0.0:
-        taken = np.exp(-abs(way) / REST_RAD) * (new[_FIRST + 5] - state[_FIRST + 5]) / c[_STANDSTILL]
+        taken = np.exp(-abs(way) / MAX_REST_RAD) * (new[_FIRST + 5] - state[_FIRST + 5]) / c[_STANDSTILL]
     for n in range(ELEMENTS):
         z = min(1.0, max(-1.0, new[_Z + n] + taken))
         new[_Z + n] = limit + (z - limit) * np.exp(-abs(way) / c[_LENGTHS + n])
@@ -133,7 +133,7 @@ def _fill(state: State, c: Vector, row: Vector) -> float:
     for n in range(ELEMENTS):
         at = _powers(row, at, x, _FRICTION, state[_Z + n])
         at = _powers(row, at, x, _LOADED, state[_Z + n] * drive)
-    direction = np.tanh(speed / REST_RAD_PER_S)
+    direction = np.tanh(speed / MAX_REST_RAD_PER_S)
     at = _powers(row, at, x, _SUDDEN, direction)
     at = _powers(row, at, x, _SUDDEN, direction * drive)
     row[at] = speed

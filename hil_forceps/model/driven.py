@@ -39,8 +39,8 @@ from hil_forceps.model.physics import (
 from hil_forceps.model.sensors import late
 from hil_forceps.model.smoothing import Smooth, smooth
 
-_ROWS = 6
-_NEWTON = 12
+_OUTPUT_ROWS = 6
+_NEWTON_ITERATIONS = 12
 DEFAULT_BANDWIDTH_HZ = 30.0
 
 
@@ -98,7 +98,7 @@ def _slip(
     theta, speed = before
     creep, loop0, wound0, gripped0 = memory
     end = speed
-    for _ in range(_NEWTON):
+    for _ in range(_NEWTON_ITERATIONS):
         angle = theta + h * end
         w = wire(p, theta_p, omega_p, angle, end, creep, loop0)
         pull, slope = w.tension_N, 0.0
@@ -150,7 +150,7 @@ def _jaw_speed(
 @kernel
 def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: bool, start: Start) -> Vector:
     rows = c.motor.angle_rad.shape[0]
-    out = np.empty((_ROWS, rows))
+    out = np.empty((_OUTPUT_ROWS, rows))
     creep, loop, presliding, loaded, gripped, lost = start
     kept = np.exp(-row_s / p.wire_creep_time_constant_s)
     theta_j, omega_j = c.jaw.angle_rad[0], c.jaw.speed_rad_per_s[0]

@@ -23,7 +23,7 @@ from hil_forceps.model.composition import (
 )
 from hil_forceps.model.kernel import inlined
 
-_ROUNDS = 12  # of Newton's method
+_NEWTON_ITERATIONS = 12  # of Newton's method
 
 
 class State(NamedTuple):
@@ -81,7 +81,7 @@ def paid_angle(p: Physics, length_m: float) -> float:
     """Return the jaw's angle at which it has taken a length of wire: Newton's method, exact without a lever's curve."""
     theta_j = length_m / p.r_j
     if p.transmission_curve_cosine != 0.0 or p.transmission_curve_sine != 0.0:
-        for _ in range(_ROUNDS):
+        for _ in range(_NEWTON_ITERATIONS):
             theta_j -= (paid_m(p, theta_j) - length_m) / lever_m(p, theta_j)
     return theta_j
 

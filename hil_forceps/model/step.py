@@ -59,12 +59,12 @@ from hil_forceps.model.physics import (
     wire,
 )
 
-_FALLEN = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
-_FILM = 0.3  # of the film's speed: below it a step may want pieces, and up to where the film is stiff
-_EVEN = 0.2  # of the speed over which friction changes: a change of speed over which it is as good as a line
+_STRIBECK_REACH = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
+_MIN_FILM_REACH = 0.3  # of the film's speed: below it a step may want pieces, and up to where the film is stiff
+_MAX_SPEED_CHANGE_SHARE = 0.2  # of the speed over which friction changes: over less it is as good as a line
 # Of I/h: what friction's slope may be for a step to take it as it comes. Half of it would do for a film, by what it
 # moves; but where a fit comes by that slope χ² has a step, and one film's fit stopped there.
-_SOFT = 0.1
+_MAX_FRICTION_SLOPE_SHARE = 0.1
 
 
 class Torques(NamedTuple):
@@ -445,8 +445,8 @@ def _uneven(
     turns = first * last <= 0.0
     return (
         turns
-        or abs(last - first) > _EVEN * over_rad_per_s
-        or abs(change_N_m) > _SOFT * inertia_per_step * over_rad_per_s
+        or abs(last - first) > _MAX_SPEED_CHANGE_SHARE * over_rad_per_s
+        or abs(change_N_m) > _MAX_FRICTION_SLOPE_SHARE * inertia_per_step * over_rad_per_s
     )
 
 
@@ -464,17 +464,21 @@ def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
             return True
     speeds = (x.omega_m_rad_per_s, end.omega_m_rad_per_s)
     if p.stribeck_friction_rise_N_m != 0.0 and _uneven(
-        p.stribeck_friction_rise_N_m, p.stribeck_friction_speed_rad_per_s, _FALLEN, inertia_per_step, speeds
+        p.stribeck_friction_rise_N_m, p.stribeck_friction_speed_rad_per_s, _STRIBECK_REACH, inertia_per_step, speeds
     ):
         return True
     if p.film_friction_level_N_m != 0.0:
         # Beyond, its slope is at most half of what a step can take: L/ω_f exp(−|ω|/ω_f) < I/2h.
         over = 2.0 * p.film_friction_level_N_m / p.film_friction_speed_rad_per_s / inertia_per_step
-        if min(abs(speeds[0]), abs(speeds[1])) >= max(_FILM, over - 1.0) * p.film_friction_speed_rad_per_s:
+        if min(abs(speeds[0]), abs(speeds[1])) >= max(_MIN_FILM_REACH, over - 1.0) * p.film_friction_speed_rad_per_s:
             return False  # ln x ≤ x − 1, and far quicker
         stiff = math.log(max(1.0, over))
         return _uneven(
-            p.film_friction_level_N_m, p.film_friction_speed_rad_per_s, max(_FILM, stiff), inertia_per_step, speeds
+            p.film_friction_level_N_m,
+            p.film_friction_speed_rad_per_s,
+            max(_MIN_FILM_REACH, stiff),
+            inertia_per_step,
+            speeds,
         )
     return False
 

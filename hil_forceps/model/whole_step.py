@@ -30,13 +30,13 @@ from hil_forceps.model.step import (
 )
 
 # Of the motor's friction where it is quick, dry and viscous; of each other torque as far as it is felt at the motor:
-_CHANGE = 0.2  # what a torque may change by over the step, ...
-_BEND = 0.1  # ... bend by, ...
-_SAME = 1e-3  # ... and change by in one more round where it is found
-_STEPS = 4  # of a sample: where more are asked, all is to be more exact
-_ROUNDS = 8
-_SLOWLY = 0.5  # what a round leaves of the last one's change, as long as nothing is known: of friction over speed, ...
-_QUICKLY = 0.1  # ... and of all else
+_MAX_CHANGE_SHARE = 0.2  # what a torque may change by over the step, ...
+_MAX_BEND_SHARE = 0.1  # ... bend by, ...
+_CONVERGED_SHARE = 1e-3  # ... and change by in one more round where it is found
+_USUAL_STEPS = 4  # of a sample: where more are asked, all is to be more exact
+_MAX_ITERATIONS = 8
+_SLOW_CONTRACTION = 0.5  # what a round leaves of the last one's change: of friction over speed, ...
+_FAST_CONTRACTION = 0.1  # ... and of all else
 
 
 class Forces(NamedTuple):
@@ -142,10 +142,10 @@ def _more(
     scale = motor_friction_N_m(p, x.omega_m_rad_per_s, first.wire.tension_N) + p.film_friction_level_N_m
     scale += d.viscosity * abs(x.omega_m_rad_per_s)
     felt = scale / (jaw_level_N_m(p, x.theta_j_rad) + scale * p.r_j / p.r_m)  # of a torque on the jaw
-    scale *= min(1.0, (_STEPS / g.shape[0]) ** 4)
-    left = _SLOWLY if kind.steady else _QUICKLY
+    scale *= min(1.0, (_USUAL_STEPS / g.shape[0]) ** 4)
+    left = _SLOW_CONTRACTION if kind.steady else _FAST_CONTRACTION
     more, moved, wire_end = More(0.0, 0.0, 0.0, 0.0), 0.0, first.wire
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         at = _moved(x, added(g, half, middle, _over_half(more)))
         at_end = _moved(x, added(g, steps - 1, end, _over_all(more)))
         if not (_on(x, at) and _on(x, at_end)):
@@ -156,8 +156,8 @@ def _more(
             break
         before, moved, wire_end = moved, _apart(more, was, felt), e.wire
         if before > 0.0:
-            left = min(_SLOWLY, moved / before)
-        if moved * left <= _SAME * scale:
+            left = min(_SLOW_CONTRACTION, moved / before)
+        if moved * left <= _CONVERGED_SHARE * scale:
             return True, more, wire_end
     return False, more, wire_end
 
@@ -188,7 +188,7 @@ def _smooth(more: More, felt: float, scale: float) -> bool:
     """Whether a parabola is as good as what it stands for; a half wave through the middle would not bend it."""
     motor, jaw = max(abs(more.motor_middle), abs(more.motor_end)), max(abs(more.jaw_middle), abs(more.jaw_end))
     bend, bend_j = abs(more.motor_end - 2.0 * more.motor_middle), abs(more.jaw_end - 2.0 * more.jaw_middle)
-    return max(motor, felt * jaw) <= _CHANGE * scale and max(bend, felt * bend_j) <= _BEND * scale
+    return max(motor, felt * jaw) <= _MAX_CHANGE_SHARE * scale and max(bend, felt * bend_j) <= _MAX_BEND_SHARE * scale
 
 
 @inlined

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.data.run import GAP_IN_INTERVALS, JITTER_WORTH_TELLING, Column, timing_notes
+from hil_forceps.data.run import GAP_IN_INTERVALS, MAX_UNTOLD_JITTER_SHARE, Column, timing_notes
 from hil_forceps.diagnosis.audit.finding import Finding, Severity, View
 from hil_forceps.rig.schema import Rig
 
@@ -24,7 +24,7 @@ def audit_stamps(view: View, rig: Rig | None) -> Iterator[Finding]:
     yield from _gaps(view, intervals, is_gap)
     regular = intervals[~is_gap]
     jitter = float(np.std(regular)) / usual
-    if jitter > JITTER_WORTH_TELLING:
+    if jitter > MAX_UNTOLD_JITTER_SHARE:
         text = f"the sample interval of {usual:.6g} s jitters by {100 * jitter:.2g} % (standard deviation)"
         severity: Severity = "warning" if jitter > _MUCH_JITTER else "note"
         yield view.finding("jitter", "time_s", severity, text, {"relative_sd": jitter, "interval_s": usual})

@@ -76,7 +76,7 @@ _LONGEST_GAP_S = 0.25
 # was reset, a sample that is wrong). To explain it would wreck the state; it starts anew, as it does after NaN.
 _NO_FORCEPS = 1e6
 # No hypothesis is ever given up: a weight of zero would stay zero.
-_LEAST_WEIGHT = 1e-12
+_MIN_WEIGHT = 1e-12
 
 
 @kernel
@@ -261,8 +261,8 @@ def _weigh(weights: tuple[float, float, float], logs: tuple[float, float, float]
     quiet = weights[0] * math.exp(logs[0] - best)
     fresh = weights[1] * math.exp(logs[1] - best)
     settling = weights[2] * math.exp(logs[2] - best)
-    scale = (1.0 - 3.0 * _LEAST_WEIGHT) / (quiet + fresh + settling)
-    return _LEAST_WEIGHT + scale * quiet, _LEAST_WEIGHT + scale * fresh, _LEAST_WEIGHT + scale * settling
+    scale = (1.0 - 3.0 * _MIN_WEIGHT) / (quiet + fresh + settling)
+    return _MIN_WEIGHT + scale * quiet, _MIN_WEIGHT + scale * fresh, _MIN_WEIGHT + scale * settling
 
 
 @kernel

@@ -13,7 +13,7 @@ from hil_forceps.identification.axis.inverse_model import Rows, decimated
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
-LEAST_S = 4.0  # shorter runs have no blocks to leave out
+MIN_DURATION_S = 4.0  # shorter runs have no blocks to leave out
 _START_SAMPLES = 40  # the speed at the start is that of a cubic through so many samples
 
 
@@ -63,8 +63,8 @@ def _problem(run: Run) -> str:
         return "carries a load (tau_w_N_m); this comparison is for an axis that moves only itself"
     if np.max(np.diff(columns["time_s"])) > GAP_IN_INTERVALS * run.sample_time_s:
         return "has gaps in time; differences of the position need every sample"
-    if columns["time_s"][-1] - columns["time_s"][0] < LEAST_S:
-        return f"lasts less than {LEAST_S:g} s"
+    if columns["time_s"][-1] - columns["time_s"][0] < MIN_DURATION_S:
+        return f"lasts less than {MIN_DURATION_S:g} s"
     return ""
 
 

@@ -14,8 +14,8 @@ from hil_forceps.identification.axis.inverse_model import Fit, moved, relative_e
 
 DEAD_TIMES_s = np.arange(0.0, 1.501e-3, 5e-5)
 BANDS_Hz = (3.0, 5.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0, 130.0, 170.0)
-LEAST_COHERENCE = 0.95  # below, a band is shown but not used
-_SEGMENT = 2048  # samples
+MIN_COHERENCE = 0.95  # below, a band is shown but not used
+_SEGMENT_SAMPLES = 2048  # samples
 _STROKE_LOW_PASS_Hz = 10.0
 _STEADY_m_per_s2 = 0.02
 _STROKE_END_s = 0.06  # left out at both ends of a stroke
@@ -100,7 +100,7 @@ def response(run: AxisRun, found: Fit) -> tuple[Band, ...]:
     )
     force = run.force_N - friction
     acceleration = np.concatenate(([0.0], np.diff(run.position_m, 2), [0.0])) / step**2
-    size = min(_SEGMENT, len(force) // 4)
+    size = min(_SEGMENT_SAMPLES, len(force) // 4)
     settings = {"fs": 1.0 / step, "nperseg": size, "noverlap": 3 * size // 4}
     frequency, of_force = welch(force, **settings)
     of_acceleration = welch(acceleration, **settings)[1]
@@ -129,7 +129,7 @@ def stiffness(bands: Sequence[Band], sample_time_s: float) -> Stiffness | None:
     """
     used = []
     for band in bands:  # the first that doesn't tell ends it: what comes back above is no better
-        if band.coherence < LEAST_COHERENCE:
+        if band.coherence < MIN_COHERENCE:
             break
         used.append(band)
     if len(used) < 4:
@@ -159,6 +159,6 @@ def roll_off(run: AxisRun, low_Hz: float = 100.0, high_Hz: float = 400.0) -> flo
     A recorded position falls little, for its rounding is white; one that was filtered before it was stored falls more.
     """
     acceleration = np.diff(run.position_m, 2) / run.sample_time_s**2
-    frequency, power = welch(acceleration, fs=1.0 / run.sample_time_s, nperseg=min(_SEGMENT, len(acceleration)))
+    frequency, power = welch(acceleration, fs=1.0 / run.sample_time_s, nperseg=min(_SEGMENT_SAMPLES, len(acceleration)))
     at = [float(np.median(power[(frequency > 0.9 * f) & (frequency < 1.1 * f)])) for f in (low_Hz, high_Hz)]
     return math.log10(at[0] / at[1]) if min(at) > 0.0 else math.inf

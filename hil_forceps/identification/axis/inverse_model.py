@@ -15,13 +15,13 @@ from scipy.signal import butter, cheby1, filtfilt
 from hil_forceps.identification.axis.force_terms import Law, Motion, Shape, Vector, column, terms
 
 LOW_PASS_Hz = 100.0
-ORDER = 4
+FILTER_ORDER = 4
 KEPT_Hz = 40.0
-BORDER = 49  # samples at the start that the differences spoil
+BORDER_SAMPLES = 49  # samples at the start that the differences spoil
 MAX_DEAD_TIME_s = 2e-3
 LOW_SPEEDS_m_per_s = (2e-3, 0.1)
 _START_DEAD_TIME_s = 5e-4
-_INSIDE = 1.02  # a number nearer to its bound than this sits there
+_BOUND_TOLERANCE = 1.02  # a number nearer to its bound than this sits there
 
 
 class Fit(NamedTuple):
@@ -37,7 +37,7 @@ class Rows:
 
     def __init__(self, position_m: Vector, force_N: Vector, sample_time_s: float) -> None:
         self.sample_time_s = sample_time_s
-        self.motion = Motion(*(values[BORDER:] for values in moved(position_m, sample_time_s)))
+        self.motion = Motion(*(values[BORDER_SAMPLES:] for values in moved(position_m, sample_time_s)))
         self.factor = max(1, round(0.8 * 0.5 / sample_time_s / KEPT_Hz))
         self._force_N = force_N
         self._columns: dict[tuple[str, Shape], Vector] = {}
@@ -58,7 +58,7 @@ class Rows:
 
     def force_N(self, dead_time_s: float) -> Vector:
         """Return the decimated force, that much later [rows]."""
-        return decimated(delayed(self._force_N, dead_time_s / self.sample_time_s)[BORDER:], self.factor)
+        return decimated(delayed(self._force_N, dead_time_s / self.sample_time_s)[BORDER_SAMPLES:], self.factor)
 
 
 def _without_low(shape: Shape) -> Shape:
@@ -67,7 +67,7 @@ def _without_low(shape: Shape) -> Shape:
 
 def moved(position_m: Vector, sample_time_s: float, low_pass_Hz: float = LOW_PASS_Hz) -> Motion:
     """Return low-passed position, speed and acceleration [samples]."""
-    smooth = _both_ways(butter(ORDER, 2.0 * low_pass_Hz * sample_time_s), position_m)
+    smooth = _both_ways(butter(FILTER_ORDER, 2.0 * low_pass_Hz * sample_time_s), position_m)
     speed = np.gradient(smooth, sample_time_s)
     return Motion(smooth, speed, np.gradient(speed, sample_time_s))
 
@@ -129,8 +129,8 @@ def at_bound(found: Fit) -> bool:
     """Say whether dead time or low speed ended where the search does; no dead time at all is none of that."""
     low, high = LOW_SPEEDS_m_per_s
     speed, late = found.shape.low_speed_m_per_s, found.shape.dead_time_s
-    at_speed = found.law.low_speed and not (_INSIDE * low < speed < high / _INSIDE)
-    return at_speed or (found.law.dead_time and late > MAX_DEAD_TIME_s / _INSIDE)
+    at_speed = found.law.low_speed and not (_BOUND_TOLERANCE * low < speed < high / _BOUND_TOLERANCE)
+    return at_speed or (found.law.dead_time and late > MAX_DEAD_TIME_s / _BOUND_TOLERANCE)
 
 
 def predicted(rows: Rows, found: Fit) -> Vector:

@@ -17,8 +17,8 @@ from hil_forceps.identification.axis.open_loop import open_loop
 INVERSE, POSITION = "inverse model", "position"
 _FITTED = ("mass_kg", *SYMMETRIC, *FRICTION, "low_speed_N")  # what else there is hardly moves the axis away
 _DRAWN = "viscous", "coulomb"
-_EVERY = 10  # of the samples are fitted to
-_ROUNDS = 60
+_SAMPLE_STRIDE = 10  # of the samples are fitted to
+_MAX_ITERATIONS = 60
 
 
 class OpenLoop(NamedTuple):
@@ -67,10 +67,10 @@ def fit_position(run: AxisRun, found: Fit, rows: slice = slice(None)) -> Fit:
         return found._replace(coefficients=found.coefficients | dict(zip(names, map(float, values), strict=True)))
 
     def error_mm(values: Vector) -> Vector:
-        left = 1e3 * position_error(run, moved(values), rows)[::_EVERY]
+        left = 1e3 * position_error(run, moved(values), rows)[::_SAMPLE_STRIDE]
         return np.clip(np.nan_to_num(left, nan=1e6), -1e6, 1e6)
 
-    best = least_squares(error_mm, first, x_scale=np.maximum(np.abs(first), 0.5), max_nfev=_ROUNDS)
+    best = least_squares(error_mm, first, x_scale=np.maximum(np.abs(first), 0.5), max_nfev=_MAX_ITERATIONS)
     return moved(best.x)
 
 
@@ -102,7 +102,7 @@ def needed(run: AxisRun, found: Fit) -> Needed:
 
     def error_mm(values: Vector) -> Vector:
         force = float(values[1]) if len(values) > 1 else 0.0
-        return 1e3 * position_error(run, changed(1.0 + 0.01 * float(values[0]), force))[::_EVERY]
+        return 1e3 * position_error(run, changed(1.0 + 0.01 * float(values[0]), force))[::_SAMPLE_STRIDE]
 
     one = least_squares(error_mm, np.zeros(1), diff_step=1e-2, x_scale=1.0).x
     both = least_squares(error_mm, np.array([one[0], 0.0]), diff_step=1e-2, x_scale=[1.0, 0.1]).x

@@ -14,7 +14,7 @@ from hil_forceps.identification.axis.inverse_model import Fit, moved, relative_e
 CYCLES_PER_M = np.arange(100.0, 1400.0, 0.25)
 _STEADY_m_per_s2 = 0.05
 _MOVING_m_per_s = 5e-3
-_ZEROS = 250  # places of the zero that are tried over one period
+_PHASE_TRIALS = 250  # places of the zero that are tried over one period
 
 
 class Spectrum(NamedTuple):
@@ -72,7 +72,10 @@ def zero_m(run: AxisRun, found: Fit) -> tuple[float, float]:
     another phase in the next. One number of the other run.
     """
     period = found.shape.ripple_period_m
-    tried = [(relative_error(run.rows, shifted(found, way)), way) for way in np.arange(_ZEROS) * period / _ZEROS]
+    tried = [
+        (relative_error(run.rows, shifted(found, way)), way)
+        for way in np.arange(_PHASE_TRIALS) * period / _PHASE_TRIALS
+    ]
     error, way = min(tried)
     return float(way), error
 

@@ -1,8 +1,9 @@
 """Which terms an axis needs, by one run alone: each is judged on parts of it that were left out in turn.
 
 The rungs are the same for every axis and stand in a fixed order. A rung stays where the squared error on blocks of a
-second, each predicted from all others, falls by more than `SIGMAS` times the standard error of that fall over blocks,
-and where no number of it sits at a bound: friction at a low speed that the low pass can't resolve is the low pass.
+second, each predicted from all others, falls by more than `MIN_GAIN_SD` times the standard error of that fall over
+blocks, and where no number of it sits at a bound: friction at a low speed that the low pass can't resolve is the low
+pass.
 """
 
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from hil_forceps.identification.axis.inverse_model import Fit, Rows, at_bound, f
 from hil_forceps.identification.axis.ripple import period_m
 
 BLOCK_S = 1.0
-SIGMAS = 2.0
+MIN_GAIN_SD = 2.0
 RUNGS = ("asymmetric", "dead_time", "low_speed", "ripple", "position")
 _T_95 = 2.07  # Student's t for 23 degrees of freedom: 24 blocks
 
@@ -62,7 +63,7 @@ def climb(run: AxisRun) -> tuple[Rung, ...]:
         there = left_out(rows, tried, where)
         fall = errors - there
         sigmas = float(fall.mean() / (fall.std(ddof=1) / np.sqrt(len(fall))))
-        kept = sigmas > SIGMAS and not at_bound(tried)
+        kept = sigmas > MIN_GAIN_SD and not at_bound(tried)
         rungs.append(_rung(rows, term, tried, there, sigmas, kept=kept))
         if kept:
             found, errors = tried, there

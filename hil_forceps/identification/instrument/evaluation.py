@@ -38,7 +38,7 @@ CONSTANT = "constant"  # the trivial predictor: the mean of what was measured
 COMPARED = ("improved", "kalman")  # the paper's own and the plain model's best, beside the transmission estimator
 RIGID = "rigid"  # the wire does not stretch, nothing rubs and nothing has inertia
 SOURCES = ("tau_m_N_m", "current_A")
-FEWEST_SECONDS = 2 * DROPPED_S + 1.0
+MIN_DURATION_S = 2 * DROPPED_S + 1.0
 DRAWN_RUNS = 3
 
 
@@ -146,8 +146,8 @@ def _check(run: Run) -> None:
     if missing:
         raise UserError(f"run {run.name}: {missing[0]} was not measured: there is nothing to compare an estimate with")
     seconds = float(run.columns["time_s"][-1] - run.columns["time_s"][0])
-    if seconds < FEWEST_SECONDS:
-        raise UserError(f"run {run.name}: lasts {seconds:.3g} s; at least {FEWEST_SECONDS:g} s are needed")
+    if seconds < MIN_DURATION_S:
+        raise UserError(f"run {run.name}: lasts {seconds:.3g} s; at least {MIN_DURATION_S:g} s are needed")
 
 
 def _sources(run: Run) -> list[str]:

@@ -25,7 +25,7 @@ CORNERS_Hz = (10.0, 20.0, 40.0)
 # gear's friction; the torque of the spindle is measured behind it.
 STANDSTILL: Mapping[str, tuple[float, ...]] = {"current_A": (0.0, 1.5, 3.0)}
 PRESLIDING_RAD = ((0.006, 0.03, 0.12), (0.01, 0.04, 0.15), (0.015, 0.06, 0.25))
-EVERY = 10  # of the samples are fitted to: neighbours tell the same
+SAMPLE_STRIDE = 10  # of the samples are fitted to: neighbours tell the same
 DROPPED_S = 1.0  # at both ends
 RANGE_SHARE = 5e-4  # of the samples lies outside the range of θ at either end: outliers don't stretch it
 RIDGE = 1e-6  # of a column's power: keeps coefficients small that the data don't tell apart
@@ -99,10 +99,10 @@ def fit_transmission(runs: Sequence[Run], levels: Mapping[str, int], source: str
 
 
 def counted(run: Run) -> NDArray[np.intp]:
-    """Return the rows that a fit takes: every `EVERY`th but those of the ends."""
+    """Return the rows that a fit takes: every `SAMPLE_STRIDE`th but those of the ends."""
     time_s = run.columns["time_s"]
     inside = (time_s >= time_s[0] + DROPPED_S) & (time_s <= time_s[-1] - DROPPED_S)
-    return np.flatnonzero(inside)[::EVERY]
+    return np.flatnonzero(inside)[::SAMPLE_STRIDE]
 
 
 def _fit_one(

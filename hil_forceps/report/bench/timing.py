@@ -9,9 +9,9 @@ from hil_forceps.report.style import DOUBLE_COLUMN, INK, PAPER, house_style, new
 from hil_forceps.report.traces import Array, TimingTraces
 
 _BINS = 90
-_FEW_DECADES = 300.0  # largest over smallest up to which 1, 2 and 5 of a decade are written
-_LONG_TAIL = 8.0  # largest over median beyond which bins are spaced by ratio, or the body would fall into one bin
-_SMALLEST = 1e-7  # s; what is early or on time counts here on a log axis
+_MAX_LABELLED_RATIO = 300.0  # largest over smallest up to which 1, 2 and 5 of a decade are written
+_MIN_TAIL_RATIO = 8.0  # largest over median beyond which bins are spaced by ratio, or the body would fall into one bin
+_MIN_TIME_S = 1e-7  # s; what is early or on time counts here on a log axis
 
 
 def timing_figure(traces: TimingTraces) -> Figure:
@@ -43,12 +43,12 @@ def _histogram(axes: Axes, values: Array, marks: dict[str, float], unit: str) ->
         axes.text(0.5, 0.5, "none measured", transform=axes.transAxes, ha="center", va="center", bbox=PAPER)
         return 0.0
     low, high = float(values.min()), float(values.max())
-    tailed = high > _LONG_TAIL * float(np.median(values)) or low <= 0
+    tailed = high > _MIN_TAIL_RATIO * float(np.median(values)) or low <= 0
     if tailed:
-        floor = max(low, _SMALLEST * (1e3 if unit == "ms" else 1e6))
+        floor = max(low, _MIN_TIME_S * (1e3 if unit == "ms" else 1e6))
         edges = np.geomspace(floor, max(high, 2 * floor) * 1.001, _BINS)
         axes.set_xscale("log")
-        few = edges[-1] < _FEW_DECADES * edges[0]
+        few = edges[-1] < _MAX_LABELLED_RATIO * edges[0]
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())

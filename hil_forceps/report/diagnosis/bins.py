@@ -6,11 +6,11 @@ import numpy as np
 
 from hil_forceps.report.traces import Array
 
-MOST_ROWS = 200_000  # of all runs together, for scatter and bins; more only takes longer and looks the same
-MOST_SPECTRUM_ROWS = 1 << 20
+MAX_ROWS = 200_000  # of all runs together, for scatter and bins; more only takes longer and looks the same
+MAX_SPECTRUM_ROWS = 1 << 20
 BINS = 24
-LEAST_VISITS = 3  # fewer say nothing about how much the mean of a bin varies
-LEAST_SPECTRUM_ROWS = 64
+MIN_VISITS = 3  # fewer say nothing about how much the mean of a bin varies
+MIN_SPECTRUM_ROWS = 64
 
 
 class Binned(NamedTuple):
@@ -54,7 +54,7 @@ def binned(variable: Array, values: Array, edges: Array) -> Binned:
     mean = np.divide(total, rows, out=np.full(bins, np.nan), where=rows > 0)
     deviation = sum_of_visit - rows_in_visit * np.append(mean, np.nan)[bin_of_visit]
     spread = np.bincount(bin_of_visit, weights=np.nan_to_num(deviation) ** 2, minlength=bins + 1)[:bins]
-    enough = visits >= LEAST_VISITS
+    enough = visits >= MIN_VISITS
     error = np.full(bins, np.nan)
     error[enough] = np.sqrt(spread[enough] * visits[enough] / (visits[enough] - 1)) / rows[enough]
     return Binned((edges[1:] + edges[:-1]) / 2, mean, mean - 1.96 * error, mean + 1.96 * error)
@@ -66,12 +66,12 @@ def spectrum(time_s: Array, values: Array) -> tuple[Array, Array] | None:
     Hann windows that overlap by half, means removed; the stamps are taken as equally spaced. One-sided, so that white
     noise of standard deviation s stands at s √(2 T).
     """
-    values = values[:MOST_SPECTRUM_ROWS]
+    values = values[:MAX_SPECTRUM_ROWS]
     values = np.where(np.isfinite(values), values, 0.0)
     length = min(1 << int(np.log2(max(len(values) // 4, 1))), 4096)
-    if length < LEAST_SPECTRUM_ROWS:
+    if length < MIN_SPECTRUM_ROWS:
         return None
-    interval_s = float(np.median(np.diff(time_s[:MOST_SPECTRUM_ROWS])))
+    interval_s = float(np.median(np.diff(time_s[:MAX_SPECTRUM_ROWS])))
     window = np.hanning(length)
     starts = range(0, len(values) - length + 1, length // 2)
     segments = np.stack([values[start : start + length] for start in starts])

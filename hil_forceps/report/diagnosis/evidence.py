@@ -27,7 +27,7 @@ from hil_forceps.report.style import (
 )
 
 LOCATIONS = ("motor", "wire", "jaw", "sensor", "timing")
-MOST_CANDIDATES = 12
+MAX_CANDIDATES = 12
 STATE_COLORS = {
     "named": "#0072b2",
     "tied": "#56b4e9",
@@ -188,7 +188,7 @@ def _rows(axes: Axes, labels: Sequence[str]) -> None:
 
 
 def _best(group: Sequence[Candidate]) -> list[Candidate]:
-    return sorted(group, key=lambda c: -(c.score if math.isfinite(c.score) else -math.inf))[:MOST_CANDIDATES]
+    return sorted(group, key=lambda c: -(c.score if math.isfinite(c.score) else -math.inf))[:MAX_CANDIDATES]
 
 
 def _candidates(axes: Axes, group: Sequence[Candidate], rows: int) -> None:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from hil_forceps.diagnosis.result import Diagnosis, RunEvidence
-from hil_forceps.report.diagnosis.bins import MOST_ROWS, Binned, binned, edges_of, smoothed, spectrum, strided
+from hil_forceps.report.diagnosis.bins import MAX_ROWS, Binned, binned, edges_of, smoothed, spectrum, strided
 from hil_forceps.report.diagnosis.layout import legend, letters, panels
 from hil_forceps.report.diagnosis.names import (
     axis_label,
@@ -31,10 +31,10 @@ from hil_forceps.report.style import REFERENCE, Look, house_style
 from hil_forceps.report.traces import Array
 
 ORDER = ("theta", "omega", "tension", "time_since_reversal", "load", "acceleration", "elongation", "time")
-MOST_PANELS = 6
+MAX_PANELS = 6
 LOGARITHMIC = ("time_since_reversal",)
 LEVELS = 40  # of the density, up the residual's axis
-MOST_LOOP_POINTS = 3000
+MAX_LOOP_POINTS = 3000
 FINE_BINS = 60  # of the density, along the variable
 LOOP_ROWS = 20_000  # longer runs: only that many rows round the worst place
 
@@ -50,7 +50,7 @@ def variables_figure(diagnosis: Diagnosis, channel: str) -> Figure | None:
 
     The variables over which the residual varies most come first where that is known. None when there is none.
     """
-    names = _variables(diagnosis, channel)[:MOST_PANELS]
+    names = _variables(diagnosis, channel)[:MAX_PANELS]
     pooled = {name: _pooled(diagnosis, channel, name) for name in names}
     names = [name for name in names if edges_of(_on_axis(name, pooled[name].over)) is not None]
     if not names:
@@ -123,7 +123,7 @@ def _variables(diagnosis: Diagnosis, channel: str) -> list[str]:
 def _pooled(diagnosis: Diagnosis, channel: str, variable: str) -> _Pooled:
     """Rows of all runs that have both, thinned to what scatter can show; runs are kept apart by a row of NaN."""
     rows = sum(len(run.time_s) for run in diagnosis.runs)
-    stride = strided(rows, MOST_ROWS)
+    stride = strided(rows, MAX_ROWS)
     gap = np.array([np.nan])
     over, direction = [np.zeros(0)], [np.zeros(0)]
     values: dict[str, list[Array]] = {stage: [np.zeros(0)] for stage in stages(diagnosis)}
@@ -214,7 +214,7 @@ def _loops(run: RunEvidence) -> list[tuple[str, str]]:
 
 
 def _loop(axes: Axes, diagnosis: Diagnosis, run: RunEvidence, over: str, name: str, part: slice) -> None:
-    thin = strided(part.stop - part.start, MOST_LOOP_POINTS)
+    thin = strided(part.stop - part.start, MAX_LOOP_POINTS)
     columns = {"measured": (MEASURED, run.measured)}
     columns |= {stage: (LOOKS[stage], {**run.measured, **simulated(run, stage)}) for stage in stages(diagnosis)}
     relative = name == "theta_j_rad" and np.ptp(run.measured["theta_m_rad"][part]) > 0

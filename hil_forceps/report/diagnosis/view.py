@@ -16,7 +16,7 @@ EXTENDED = Look("with the effects named", "#0072b2", "-", "o")
 FLOOR = Look("noise floor", "#222222", (0, (1.2, 1.2)), "x")
 LOOKS = {"nominal": NOMINAL, "baseline": BASELINE, "extended": EXTENDED}
 
-LEAST_WINDOW_ROWS = 200
+MIN_WINDOW_ROWS = 200
 WINDOW_SHARE = 1 / 15  # of a run: short enough to see single reversals, long enough to hold one
 
 
@@ -72,7 +72,7 @@ def telling_run(diagnosis: Diagnosis, *, held_out: bool | None = None) -> RunEvi
 def telling_window(diagnosis: Diagnosis, run: RunEvidence) -> slice:
     """Return the rows of a run where its misfit, all channels over their noise together, is largest."""
     rows = len(run.time_s)
-    width = min(max(int(rows * WINDOW_SHARE), LEAST_WINDOW_ROWS), rows)
+    width = min(max(int(rows * WINDOW_SHARE), MIN_WINDOW_ROWS), rows)
     total = np.zeros(rows)
     for channel in channels(diagnosis):
         left = residual(run, stages(diagnosis)[0], channel)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from hil_forceps.identification.axis.axis import AxisRun
 from hil_forceps.identification.axis.comparison import AxisComparison
-from hil_forceps.identification.axis.evidence import LEAST_COHERENCE, DEAD_TIMES_s
+from hil_forceps.identification.axis.evidence import MIN_COHERENCE, DEAD_TIMES_s
 from hil_forceps.identification.axis.files import WORDS
 from hil_forceps.identification.axis.force_terms import Motion, Vector, column, terms
 from hil_forceps.identification.axis.inverse_model import Fit, predicted, residual
@@ -132,7 +132,7 @@ def _mass(axes: Axes, found: AxisComparison) -> None:
     later = axes.twinx()
     later.grid(visible=False)
     for told, color in zip(found.evidence, (INK, _PUBLISHED), strict=False):
-        used = [band for band in told.bands if band.coherence >= LEAST_COHERENCE]
+        used = [band for band in told.bands if band.coherence >= MIN_COHERENCE]
         middle = [float(np.sqrt(band.from_Hz * band.to_Hz)) for band in used]
         axes.errorbar(
             middle, [band.mass_kg for band in used], [2.0 * band.relative_sd * band.mass_kg for band in used],
