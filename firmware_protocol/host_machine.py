@@ -25,6 +25,7 @@ from firmware_protocol.messages import (
     ParamOp,
     ParamRequest,
     ParamResponse,
+    fault_words,
 )
 from firmware_protocol.samples import RawBench, RawSample, SampleAssembler
 from firmware_protocol.states import HOST_COMMANDS, HOST_TRANSITIONS, MAX_ADVANCE, HostEvent, HostPhase
@@ -107,6 +108,15 @@ class HostMachine:
         """Ask the drive to forget its fault, by one pulse; ValueError unless in FAULT."""
         self._command(HostEvent.RESET)
         self._heartbeats.request_reset()
+
+    @property
+    def setpoint_sequence(self) -> int:
+        """Number of the last reference handed out."""
+        return self._setpoint_sequence
+
+    def fault_words(self) -> str:
+        """Return the drive's fault in words."""
+        return fault_words(self.fault)
 
     def estop_frame(self) -> Frame:
         """Return the ESTOP to send at once, in whatever phase; to all while the node is not known."""

@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from firmware_protocol.messages import FaultReason
@@ -15,6 +16,7 @@ from virtual_bus.bus.node import Node
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, Port
 from virtual_bus.bus.simulation import Simulation
 from virtual_bus.drive import SimulatedDrive
+from virtual_bus.drives.odrive import SimulatedODrive
 from virtual_bus.plant.load import paper_load
 
 
@@ -23,7 +25,7 @@ class World:
     """A bus with what hangs on it besides hosts; `lock` is for hosts in several threads."""
 
     simulation: Simulation
-    drive: SimulatedDrive | None
+    drive: SimulatedDrive | SimulatedODrive | None
     is_fd: bool
     latency_ns: int = 0
     jitter_ns: int = 0
@@ -50,10 +52,15 @@ def drive_world(
 
     `simulation` is the paper's 1 or 2, or 0 for no load; `truth_s` seconds of truth are logged.
     """
-    drive = SimulatedDrive(rig, paper_load(simulation), seed, fd=is_fd, truth_duration_s=truth_s)
     stepper = Simulation(Medium(timing, FaultInjector(faults, seed) if faults else None))
-    port = stepper.add(drive, "drive", Side.DRIVE)
-    port.on_bus_off = lambda: drive.machine.trip(FaultReason.BUS_OFF)
+    drive: SimulatedDrive | SimulatedODrive
+    if rig.motor_driver is not None and rig.motor_driver.profile == "odrive":
+        drive = odrive = SimulatedODrive(rig, paper_load(simulation), seed, truth_duration_s=truth_s)
+        trip = odrive.trip
+    else:
+        drive = native = SimulatedDrive(rig, paper_load(simulation), seed, fd=is_fd, truth_duration_s=truth_s)
+        trip = partial(native.machine.trip, FaultReason.BUS_OFF)
+    stepper.add(drive, "drive", Side.DRIVE).on_bus_off = trip
     return World(
         stepper,
         drive,

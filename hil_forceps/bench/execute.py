@@ -8,13 +8,14 @@ from hil_forceps.bench.assembly import Settings, rigs_for
 from hil_forceps.bench.direct import execute_direct
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import judge
-from hil_forceps.bench.session import Plan, feedback_period_s, host_config, run_session, service_config
+from hil_forceps.bench.session import Plan, feedback_period_s, run_session, service_config
 from hil_forceps.bench.summary import RunRecord
 from hil_forceps.bench.traces import traces_of
 from hil_forceps.bridge.adapters import Connection, LinkSpec, open_link
 from hil_forceps.bridge.results import ServiceResult
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.recording.reader import read_recording
+from hil_forceps.drives.registry import machine_for
 from hil_forceps.report.traces import RunTraces
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -92,7 +93,7 @@ def run_on(
     plan = Plan(
         rigs_for(spec, rig, estimator_rig).estimator,
         settings,
-        host_config(rig),
+        machine_for(rig),
         service_config(rig, spec.duration_s),
         recording=out / f"{spec.name}.mcap",
         bus_log=out / f"{spec.name}.log",

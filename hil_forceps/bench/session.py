@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from firmware_protocol.host_machine import HostConfig, HostMachine
 from hil_forceps.bench.assembly import Settings, make_pipeline, metadata
 from hil_forceps.bridge.adapters import Connection
 from hil_forceps.bridge.bus_log import LoggedLink, LogReport, open_bus_log
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Telemetry
 from hil_forceps.bridge.service import Service
 from hil_forceps.data.recording.writer import RecordingReport, open_recorder
+from hil_forceps.drives.port import DriveMachine
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
@@ -22,7 +22,7 @@ class Plan(NamedTuple):
 
     rig: Rig
     settings: Settings
-    host: HostConfig
+    drive: DriveMachine
     config: ServiceConfig
     recording: Path
     bus_log: Path
@@ -50,12 +50,9 @@ class SessionResult(NamedTuple):
 
 def feedback_period_s(rig: Rig) -> float:
     """Return the nominal time between the samples that a rig's drive sends; UserError when its loop isn't known."""
+    if rig.motor_driver is not None and rig.motor_driver.profile != "native":
+        return rig.motor_driver.feedback_period_s
     return rig.require_drive().sample_time_s * rig.bench.feedback_divider
-
-
-def host_config(rig: Rig) -> HostConfig:
-    """Return the host's settings for a rig's drive."""
-    return HostConfig(node=rig.bench.node_id, fd=rig.bench.transport == "fd")
 
 
 def service_config(rig: Rig, duration_s: float, reset_fault: bool = False) -> ServiceConfig:
@@ -85,9 +82,8 @@ def run_session(
         except UserError:
             recorder.close({"reason": "crashed", "message": "the bus log could not be opened"})
             raise
-        host = HostMachine(plan.host)
         logged = LoggedLink(link, clock, log)
-        service = Service(logged, clock, host, pipeline, plan.config, recorder, stop_requested, telemetry)
+        service = Service(logged, clock, plan.drive, pipeline, plan.config, recorder, stop_requested, telemetry)
         began = time.perf_counter()
         ending = {"reason": "crashed"}
         try:

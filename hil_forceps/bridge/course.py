@@ -11,11 +11,12 @@ watchdog stops the motor.
 
 from collections.abc import Callable
 
-from firmware_protocol.host_machine import HostMachine, HostPhase
 from firmware_protocol.messages import DriveState
+from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
-from hil_forceps.bridge.results import ServiceConfig, Stage, StopReason, fault_words
+from hil_forceps.bridge.results import ServiceConfig, Stage, StopReason
 from hil_forceps.data.recording.writer import Recorder
+from hil_forceps.drives.port import DriveMachine
 
 SETTLE_PERIODS = 5  # before the drive's word counts: what arrives first was said before the request
 SILENT_PERIODS = 20  # at least so many without a sample before a drive counts as silent, however slow the loop
@@ -35,7 +36,7 @@ class Course:
 
     def __init__(
         self,
-        host: HostMachine,
+        host: DriveMachine,
         pipeline: Pipeline,
         config: ServiceConfig,
         recorder: Recorder | None,
@@ -88,7 +89,7 @@ class Course:
                 self._reset_asked = True
                 self._host.reset_fault()
         elif phase is HostPhase.FAULT:
-            words = fault_words(self._host.fault)
+            words = self._host.fault_words()
             self._end(StopReason.DRIVE_FAULT, f"the drive holds a fault from before: {words}; clear it first")
         elif phase is HostPhase.READY:
             self._host.enable()
@@ -106,7 +107,7 @@ class Course:
         elif self._stop_requested():
             self._stop(StopReason.STOP_REQUESTED, "stopped on request while enabling", now_ns)
         elif phase is HostPhase.FAULT:
-            self._stop(StopReason.DRIVE_FAULT, f"fault while enabling: {fault_words(self._host.fault)}", now_ns)
+            self._stop(StopReason.DRIVE_FAULT, f"fault while enabling: {self._host.fault_words()}", now_ns)
         elif phase is HostPhase.REFUSED:
             self._stop(StopReason.VERSION_REFUSED, self._host.refusal, now_ns)
         elif now_ns >= self._end_ns:
@@ -125,7 +126,7 @@ class Course:
     def _trouble(self, now_ns: int) -> tuple[StopReason, str]:
         host, silent_ns = self._host, now_ns - self.last_sample_ns
         if host.phase is HostPhase.FAULT:
-            return StopReason.DRIVE_FAULT, f"the drive latched a fault: {fault_words(host.fault)}"
+            return StopReason.DRIVE_FAULT, f"the drive latched a fault: {host.fault_words()}"
         if host.phase is HostPhase.REFUSED:
             return StopReason.VERSION_REFUSED, host.refusal
         if host.phase is HostPhase.DISCONNECTED or silent_ns > self._silence_ns:

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import NamedTuple
 
-from firmware_protocol.messages import FaultReason
 from hil_forceps.bridge.statistics import HistogramSummary
 
 
@@ -83,30 +82,3 @@ class ServiceResult(NamedTuple):
     def ok(self) -> bool:
         """Whether the run ended as it was meant to."""
         return self.reason in {StopReason.COMPLETED, StopReason.STOP_REQUESTED} and self.drive_disabled
-
-
-_FAULT_WORDS = {
-    FaultReason.NONE: "no reason given",
-    FaultReason.ESTOP: "emergency stop",
-    FaultReason.WATCHDOG: "watchdog: no fresh reference in time",
-    FaultReason.HOST_HEARTBEAT_LOST: "the host's heartbeat was lost",
-    FaultReason.REFERENCE_MISMATCH: "the first reference was not the measured angle",
-    FaultReason.REFERENCE_POSITION: "reference outside the drive's position limits",
-    FaultReason.REFERENCE_RATE: "reference changed faster than the drive allows",
-    FaultReason.ENABLE_TIMEOUT: "enabled, but no first reference came in time",
-    FaultReason.VERSION: "protocol versions don't fit",
-    FaultReason.OVERCURRENT: "overcurrent",
-    FaultReason.ENCODER: "encoder",
-    FaultReason.SUPPLY: "supply voltage",
-    FaultReason.OVERTEMPERATURE: "overtemperature",
-    FaultReason.BUS_OFF: "the drive's bus controller went off the bus",
-    FaultReason.INTERNAL: "internal fault of the drive",
-}
-
-
-def fault_words(fault: int) -> str:
-    """Return a fault reason in words; one this version doesn't know by its number."""
-    try:
-        return f"{FaultReason(fault).name} ({_FAULT_WORDS[FaultReason(fault)]})"
-    except ValueError:
-        return f"reason {fault}, unknown to this version"

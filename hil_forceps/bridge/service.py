@@ -15,15 +15,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostMachine
 from hil_forceps.bridge.course import Course
 from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.bridge.ports import Clock, Link, SendResult
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Stage, Telemetry
 from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics
 from hil_forceps.data.recording.writer import Outcome, Recorder
-
-SEQUENCE_AT = 4  # in SETPOINT and FD_SETPOINT, behind the reference
+from hil_forceps.drives.port import DriveMachine
 
 # Looked up once: members of an Enum cost as much as a call when asked for by their class.
 _ENDED = Stage.ENDED
@@ -38,7 +36,7 @@ class Service:
         self,
         link: Link,
         clock: Clock,
-        host: HostMachine,
+        host: DriveMachine,
         pipeline: Pipeline,
         config: ServiceConfig,
         recorder: Recorder | None = None,
@@ -168,7 +166,7 @@ class Service:
                 outcome = Outcome.NOT_ALLOWED
             else:
                 result = self._send(frame)
-                self._setpoint_sequence = frame.data[SEQUENCE_AT]
+                self._setpoint_sequence = self._host.setpoint_sequence
                 if result is not _SENT:
                     outcome = Outcome.QUEUE_FULL if result is SendResult.QUEUE_FULL else Outcome.BUS_DOWN
                 else:

@@ -21,6 +21,7 @@ from hil_forceps.rig.sections import (
     Forceps,
     Limits,
     Motor,
+    MotorDriver,
     Noise,
     Recording,
     Section,
@@ -37,6 +38,7 @@ __all__ = [
     "Forceps",
     "Limits",
     "Motor",
+    "MotorDriver",
     "Noise",
     "Parameter",
     "Recording",
@@ -53,6 +55,7 @@ class Rig(Section):
     motor: Motor
     encoder: Encoder
     drive: DriveLaw | None = None
+    motor_driver: MotorDriver | None = None
     noise: Noise = Noise()
     recording: Recording = Recording()
     effects: Effects = Field(default_factory=dict)

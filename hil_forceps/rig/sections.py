@@ -197,6 +197,38 @@ class Recording(Section):
     )
 
 
+def _turning(ratio: float) -> float:
+    if ratio == 0.0:
+        raise text_error("is 0, so the encoder would never turn; give its turns for a turn of the pulley")
+    return ratio
+
+
+class MotorDriver(Section):
+    """The motor driver, where it speaks its maker's protocol (docs/drives.md)."""
+
+    profile: Literal["native", "odrive"] = Field(description="what it speaks; `native` is docs/protocol.md")
+    firmware: Literal["0.5", "0.6"] = Field(default="0.6", description="of an ODrive")
+    node_id: Annotated[Whole, Quantity("", 0, 62)] = Field(default=0, description="its node on the bus")
+    encoder_rev_per_pulley_rev: Annotated[Number, Quantity("", -1e4, 1e4), AfterValidator(_turning)] = Field(
+        default=1.0, description="turns of the encoder for a turn of the motor pulley; negative: it counts backwards"
+    )
+    encoder_zero_rev: Annotated[Number, Quantity("", -1e6, 1e6)] = Field(
+        default=0.0, description="what the drive calls the angle 0 of the motor pulley, in turns of its encoder"
+    )
+    feedback_period_s: Annotated[Number, Quantity("s", 1e-4, 0.1)] = Field(
+        default=1e-2, description="period of its encoder frames, as it is set in the drive"
+    )
+    current_period_s: Annotated[Number, Quantity("s", 1e-4, 0.1)] = Field(
+        default=1e-2, description="period of its current frames, as it is set in the drive"
+    )
+    current_limit_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] = Field(
+        default=1.0, description="what it is told to limit its current to"
+    )
+    watchdog_s: Annotated[Number, Quantity("s", 0.0, 10.0)] = Field(
+        default=0.1, description="its watchdog's time, as it is set in the drive; 0: off"
+    )
+
+
 class EstimatorSettings(Section):
     """Tuning of the estimators."""
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hil_forceps.bench.assembly import Settings
-from hil_forceps.bench.session import Plan, feedback_period_s, host_config, run_session, service_config
+from hil_forceps.bench.session import Plan, feedback_period_s, run_session, service_config
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.cli.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.trajectories import Trajectory
@@ -16,6 +16,7 @@ from hil_forceps.diagnosis.experiment_design.next_experiment import MOST_RIVALS,
 from hil_forceps.diagnosis.identification import Identified, identify
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.diagnosis.validation.verdict import detectable
+from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from tests.hidden_effects.generator import RIG, make_case
@@ -53,7 +54,7 @@ def on_the_bench(rig: Rig, trajectory: Trajectory, out: Path) -> Run:
     plan = Plan(
         rig,
         Settings("kalman", False, period_s, trajectory, same_clock=True),
-        host_config(rig),
+        machine_for(rig),
         service_config(rig, trajectory.times_s[-1]),
         recording=out / "run.mcap",
         bus_log=out / "bus.log",

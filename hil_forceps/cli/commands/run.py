@@ -16,7 +16,6 @@ from hil_forceps.bench.session import (
     Plan,
     SessionResult,
     feedback_period_s,
-    host_config,
     run_session,
     service_config,
 )
@@ -28,6 +27,7 @@ from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.trajectory_file import read_trajectory
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
+from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 
@@ -98,7 +98,7 @@ def run(
     plan = Plan(
         loaded,
         Settings(algorithm, compensate, feedback_s, points),
-        host_config(loaded),
+        machine_for(loaded),
         service_config(loaded, duration_s, reset_fault),
         recording=out / "run.mcap",
         bus_log=out / f"bus.{bus_log}",

@@ -19,6 +19,7 @@ from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.recording.reader import Recording, read_recording
 from hil_forceps.data.recording.writer import Outcome, open_recorder
 from hil_forceps.rig import parse_rig
+from virtual_bus.drive import SimulatedDrive
 from virtual_bus.interface import VirtualForcepsBus
 
 PAPER = (Path(__file__).parents[3] / "configs" / "paper.yaml").read_text(encoding="utf-8")
@@ -51,7 +52,7 @@ def run(
     result = service.run()
     bus.advance_until_ns(bus.now_ns() + 100_000_000)
     drive = bus._world.drive
-    assert drive is not None
+    assert isinstance(drive, SimulatedDrive)
     state = drive.machine.state.name
     recorder.close({"reason": result.reason.value})
     log.close()

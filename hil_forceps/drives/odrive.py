@@ -1,0 +1,304 @@
+"""An ODrive over CANSimple, firmware 0.5 or 0.6, as the host sees it.
+
+    DISCONNECTED -> IDENTIFYING  heartbeat, encoder estimates and Iq are waited for; nothing is sent
+    IDENTIFYING  -> READY        all three came
+    IDENTIFYING  -> REFUSED      one of them does not come: ODrive sends Iq only where it is told to
+    READY        -> ENABLING     position control and limits are set; the measured angle is sent as the reference; then
+                                 closed loop is asked for. An ODrive that enters it goes to the last input it was given,
+                                 however old that is.
+    ENABLING     -> RUNNING      the heartbeat says closed loop
+    RUNNING      -> READY        the heartbeat says otherwise, without an error
+    any          -> FAULT        the heartbeat has an error; once that is cleared, as if just connected
+    any          -> DISCONNECTED no heartbeat for `HEARTBEAT_TIMEOUT_NS`
+
+Any frame feeds an ODrive's watchdog. So nothing is sent while it runs but references from fresh samples.
+
+ODrive stamps nothing, and angle and current come in different frames. A sample's stamp is the arrival of its encoder
+estimates. Its current is that which comes right behind them, from the same tick of the drive; where none does, the
+newest that came before, as long as that is not too old.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+from firmware_protocol.frames import Frame
+from firmware_protocol.messages import DriveState
+from firmware_protocol.samples import RawBench, RawSample
+from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
+from firmware_protocol.states import HostPhase
+from hil_forceps.drives import odrive_messages as wire
+from hil_forceps.drives.odrive_messages import AxisState, Command, Firmware
+
+HEARTBEAT_TIMEOUT_NS: Final = 350_000_000  # three of its heartbeats and a half, which come every 100 ms
+IDENTIFY_NS: Final = 1_000_000_000  # for all three kinds of frames to come
+REPEAT_NS: Final = 50_000_000  # between requests of a state that the heartbeat doesn't show yet
+MAX_CURRENT_AGE: Final = 2.5  # periods of Iq, beyond which a sample has no current
+FIRST_REFERENCES: Final = 3  # sent before closed loop is asked for: two may be lost
+MAX_SAMPLES: Final = 4096
+_SEQUENCE_MASK: Final = 0xFF
+
+COUNTERS: Final = (
+    "samples",
+    "setpoints_sent",
+    "not_for_us",
+    "bad_length",
+    "no_estimate",  # exactly 0.0 and 0.0 behind another angle: what an ODrive sends whose estimate is invalid
+    "without_current",
+    "samples_overflow",
+    "not_increasing",
+)
+
+P = HostPhase
+# Events are what the drive says and what the user asks for; an event that a phase doesn't name changes nothing.
+TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
+    (P.DISCONNECTED, "connect"): P.IDENTIFYING,
+    (P.REFUSED, "connect"): P.IDENTIFYING,
+    (P.IDENTIFYING, "complete"): P.READY,
+    (P.IDENTIFYING, "incomplete"): P.REFUSED,
+    (P.IDENTIFYING, "error"): P.FAULT,
+    (P.READY, "enable"): P.ENABLING,
+    (P.READY, "error"): P.FAULT,
+    (P.READY, "gone"): P.DISCONNECTED,
+    (P.ENABLING, "closed loop"): P.RUNNING,
+    (P.ENABLING, "disable"): P.READY,
+    (P.ENABLING, "error"): P.FAULT,
+    (P.ENABLING, "gone"): P.DISCONNECTED,
+    (P.RUNNING, "left"): P.READY,
+    (P.RUNNING, "disable"): P.READY,
+    (P.RUNNING, "error"): P.FAULT,
+    (P.RUNNING, "gone"): P.DISCONNECTED,
+    (P.FAULT, "cleared"): P.IDENTIFYING,
+    (P.FAULT, "gone"): P.DISCONNECTED,
+}
+
+
+class ODriveConfig(NamedTuple):
+    """One axis and how it sits on the motor pulley."""
+
+    node: int
+    firmware: Firmware
+    rev_per_pulley_rev: float  # of the ODrive's encoder, with the sign of the direction
+    zero_rev: float  # what the ODrive calls the angle 0 of the motor pulley
+    velocity_limit_rad_per_s: float  # of the motor pulley
+    current_limit_A: float
+    iq_period_ns: int  # as it is set in the drive
+
+
+class ODrive:
+    """One axis of an ODrive; a `DriveMachine`."""
+
+    def __init__(self, config: ODriveConfig) -> None:
+        """ValueError for a node or a ratio that can't be."""
+        if not 0 <= config.node <= wire.MAX_NODE or config.rev_per_pulley_rev == 0.0:
+            raise ValueError(f"no ODrive: {config}")
+        self.config = config
+        self.phase = HostPhase.DISCONNECTED
+        self.refusal = ""
+        self.drive_state: DriveState | None = None
+        self.setpoint_sequence = 0
+        self.counters = dict.fromkeys(COUNTERS, 0)
+        self._heartbeat: wire.Heartbeat | None = None
+        self._heartbeat_ns = 0
+        self._current: wire.Iq | None = None
+        self._current_ns = 0
+        self._position_rev: float | None = None
+        self._pending: tuple[float, int] | None = None  # a position with its arrival, that waits for its current
+        self._stamp_ns = -1
+        self._samples: list[RawSample] = []
+        self._sequence = 0
+        self._since_ns = 0  # of the phase
+        self._settings: list[Frame] = []  # to be sent before the first reference
+        self._references = 0  # sent while enabling
+        self._held_raw: int | None = None  # the reference while enabling: the angle when it began
+        self._asked_ns: int | None = None  # when a state was last asked for
+        self._wants_idle = False
+        self._clears = False
+
+    def connect(self, now_ns: int) -> None:
+        """Listen for the drive."""
+        self._since_ns = now_ns
+        self.refusal = ""
+        self._fire("connect")
+
+    def enable(self) -> None:
+        """Ask for closed loop control; ValueError unless READY."""
+        if self.phase is not HostPhase.READY:
+            raise ValueError(f"an ODrive that is {self.phase.name} can't be enabled")
+        config = self.config
+        velocity = abs(config.velocity_limit_rad_per_s * config.rev_per_pulley_rev) / (2.0 * math.pi)
+        self._settings = [
+            wire.set_position_control(config.node),
+            wire.set_limits(config.node, velocity, config.current_limit_A),
+        ]
+        self._references, self._held_raw, self._asked_ns, self._wants_idle = 0, None, None, False
+        self._fire("enable")
+
+    def disable(self) -> None:
+        """Ask for idle, until the heartbeat says so."""
+        self._wants_idle, self._asked_ns = True, None
+        self._fire("disable")
+
+    def reset_fault(self) -> None:
+        """Clear the errors once; ValueError unless in FAULT."""
+        if self.phase is not HostPhase.FAULT:
+            raise ValueError("there is no fault to clear")
+        self._clears = True
+
+    def estop_frame(self) -> Frame:
+        """Return ESTOP."""
+        return wire.estop(self.config.node)
+
+    def fault_words(self) -> str:
+        """Return the axis error in words."""
+        return wire.error_words(self.config.firmware, 0 if self._heartbeat is None else self._heartbeat.axis_error)
+
+    def take_samples(self) -> list[RawSample]:
+        """Hand over the samples since the last call, oldest first."""
+        samples, self._samples = self._samples, []
+        return samples
+
+    def take_bench(self) -> list[RawBench]:
+        """Return nothing: an ODrive has no bench sensors."""
+        return []
+
+    def setpoint(self, theta_m_ref_raw: int) -> Frame | None:
+        """Return SET_INPUT_POS; while enabling, with the angle at which that began."""
+        if self.phase is HostPhase.ENABLING and not self._settings:
+            if self._held_raw is None:
+                self._held_raw = theta_m_ref_raw
+            theta_m_ref_raw = self._held_raw
+            self._references += 1
+        elif self.phase is not HostPhase.RUNNING:
+            return None
+        self.setpoint_sequence = self.setpoint_sequence + 1 & _SEQUENCE_MASK
+        self.counters["setpoints_sent"] += 1
+        config = self.config
+        return wire.set_input_pos(
+            config.node, config.zero_rev + theta_m_ref_raw / ANGLE_LSB_PER_REV * config.rev_per_pulley_rev
+        )
+
+    def receive(self, frame: Frame, now_ns: int) -> None:
+        """Take one frame from the bus."""
+        node, data = self.config.node, frame.data
+        if frame.arbitration_id == wire.frame_id(node, Command.ENCODER_ESTIMATES):
+            self._see_estimates(wire.parse_estimates(data), now_ns)
+        elif frame.arbitration_id == wire.frame_id(node, Command.GET_IQ):
+            current = wire.parse_iq(data)
+            if current is None:
+                self.counters["bad_length"] += 1
+            else:
+                self._current, self._current_ns = current, now_ns
+                self._complete()
+        elif frame.arbitration_id == wire.frame_id(node, Command.HEARTBEAT):
+            self._see_heartbeat(wire.parse_heartbeat(data), now_ns)
+        else:
+            self.counters["not_for_us"] += 1
+
+    def poll(self, now_ns: int) -> list[Frame]:
+        """Return what is due: settings, a request of a state, or an order to forget errors."""
+        node = self.config.node
+        if self.phase is HostPhase.IDENTIFYING:
+            self._identify(now_ns)
+            return []
+        if self._heartbeat is not None and now_ns - self._heartbeat_ns > HEARTBEAT_TIMEOUT_NS:
+            self._fire("gone")
+        if self._clears:
+            self._clears = False
+            return [wire.clear_errors(node)]
+        if self.phase is HostPhase.ENABLING:
+            frames, self._settings = self._settings, []
+            if self._references >= FIRST_REFERENCES and self._is_due(now_ns):
+                frames.append(wire.set_axis_state(node, AxisState.CLOSED_LOOP_CONTROL))
+            return frames
+        if self._wants_idle and self.drive_state is DriveState.OPERATIONAL and self._is_due(now_ns):
+            return [wire.set_axis_state(node, AxisState.IDLE)]
+        return []
+
+    def _is_due(self, now_ns: int) -> bool:
+        if self._asked_ns is not None and now_ns - self._asked_ns < REPEAT_NS:
+            return False
+        self._asked_ns = now_ns
+        return True
+
+    def _identify(self, now_ns: int) -> None:
+        missing = [
+            words
+            for words, value in (
+                ("heartbeats", self._heartbeat),
+                ("encoder estimates", self._position_rev),
+                ("Iq", self._current),
+            )
+            if value is None
+        ]
+        if not missing:
+            self._fire("complete")
+        elif self._heartbeat is not None and now_ns - self._since_ns > IDENTIFY_NS:
+            key = "iq_rate_ms" if self.config.firmware == "0.5" else "iq_msg_rate_ms"
+            self.refusal = (
+                f"node {self.config.node} sends heartbeats, but no {' and no '.join(missing)}; set its cyclic messages "
+                f"with odrivetool, among them axis0.config.can.{key}, and save the configuration"
+            )
+            self._fire("incomplete")
+
+    def _see_heartbeat(self, heartbeat: wire.Heartbeat | None, now_ns: int) -> None:
+        if heartbeat is None:
+            self.counters["bad_length"] += 1
+            return
+        self._heartbeat, self._heartbeat_ns = heartbeat, now_ns
+        closed = heartbeat.axis_state == AxisState.CLOSED_LOOP_CONTROL
+        if heartbeat.axis_error:
+            self.drive_state = DriveState.FAULT
+            self._fire("error")
+        else:
+            self.drive_state = DriveState.OPERATIONAL if closed else DriveState.DISABLED
+            if self.phase is HostPhase.FAULT:
+                self._since_ns = now_ns
+            self._fire("cleared")
+            self._fire("closed loop" if closed else "left")
+
+    def _see_estimates(self, estimates: wire.Estimates | None, now_ns: int) -> None:
+        if estimates is None:
+            self.counters["bad_length"] += 1
+            return
+        if estimates == (0.0, 0.0) and self._position_rev not in (None, 0.0):
+            self.counters["no_estimate"] += 1
+            return
+        self._position_rev = estimates.position_rev
+        if now_ns <= self._stamp_ns or (self._pending is not None and now_ns <= self._pending[1]):
+            self.counters["not_increasing"] += 1
+            return
+        self._complete()  # with the current of before: none came behind it
+        self._pending = (estimates.position_rev, now_ns)
+
+    def _complete(self) -> None:
+        """Make a sample of the position that waits, if one does, with the newest current."""
+        if self._pending is None:
+            return
+        (position_rev, at_ns), self._pending = self._pending, None
+        config, current = self.config, self._current
+        if current is None or at_ns - self._current_ns > MAX_CURRENT_AGE * config.iq_period_ns:
+            self.counters["without_current"] += 1
+            return
+        if len(self._samples) >= MAX_SAMPLES:
+            self.counters["samples_overflow"] += 1
+            return
+        self._stamp_ns = at_ns
+        self.counters["samples"] += 1
+        self._sequence = self._sequence + 1 & _SEQUENCE_MASK
+        turns = (position_rev - config.zero_rev) / config.rev_per_pulley_rev
+        current_A = math.copysign(1.0, config.rev_per_pulley_rev) * current.measured_A
+        self._samples.append(
+            RawSample(
+                self._sequence,
+                at_ns,
+                round(turns * ANGLE_LSB_PER_REV),
+                round(current_A / CURRENT_LSB_A),
+                int(DriveState.DISABLED if self.drive_state is None else self.drive_state),
+                0,
+                self.setpoint_sequence,
+                at_ns,
+            )
+        )
+
+    def _fire(self, event: str) -> None:
+        self.phase = TRANSITIONS.get((self.phase, event), self.phase)

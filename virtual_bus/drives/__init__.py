@@ -1,0 +1,1 @@
+"""Simulated motor drivers that speak their makers' protocols, with the forceps behind them."""
