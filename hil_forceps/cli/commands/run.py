@@ -28,7 +28,7 @@ from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.trajectory_file import read_trajectory
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.drives.registry import machine_for
-from hil_forceps.rig import load_rig
+from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 
 EXIT_RUN_FAILED = 2
@@ -42,6 +42,7 @@ def run(
     channel: str = "",
     serial: str = "",
     baudrate: int = 1_000_000,
+    drive: str = "",
     option: tuple[str, ...] = (),
     algorithm: str = "kalman",
     compensate: bool = True,
@@ -69,6 +70,8 @@ def run(
         Serial port, pyserial URL, or udp://ADDRESS:PORT (a packet a datagram) instead of a CAN interface.
     baudrate
         Of the serial port.
+    drive
+        What the motor driver speaks, as a check against the rig's `motor_driver:`: native, odrive.
     option
         KEY=VALUE for the python-can interface; may be repeated.
     algorithm
@@ -87,6 +90,7 @@ def run(
     loaded = load_rig(rig)
     if "limits" not in loaded.model_fields_set:
         raise UserError(f"{rig}: limits: is missing; a motor is only driven within limits that somebody has chosen")
+    _check_profile(rig, loaded, drive)
     points = PAPER_TRAJECTORY if trajectory is None else read_trajectory(trajectory)
     duration_s = max(20.0 if trajectory is None else points.times_s[-1], 1e-3) if duration is None else duration
     if not (math.isfinite(duration_s) and duration_s > 0.0):
@@ -121,6 +125,16 @@ def run(
     with stopped_by_signals(flag), _status() as show:
         result = run_session(connection, plan, flag.is_set, show)
     return _tell(result, out)
+
+
+def _check_profile(path: Path, rig: Rig, wanted: str) -> None:
+    """UserError where a drive is asked for that the rig doesn't describe."""
+    described = "native" if rig.motor_driver is None else rig.motor_driver.profile
+    if wanted and wanted != described:
+        raise UserError(
+            f"--drive {wanted}: {path} describes a drive that speaks {described}; give its `motor_driver:` "
+            "(docs/drives.md has an example for each)"
+        )
 
 
 @contextmanager
