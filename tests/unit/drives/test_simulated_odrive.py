@@ -167,6 +167,7 @@ def test_a_driver_by_others_commands_the_simulated_odrive() -> None:
         await driver.start()
         driver.set_controller_mode("POSITION_CONTROL", "PASSTHROUGH")
         driver.set_input_pos(angles[-1])
+        await asyncio.sleep(0.1)  # of frames that wait together the lowest id goes first: that of the state
         await driver.set_axis_state("CLOSED_LOOP_CONTROL")
         state = driver.axis_state
         target = angles[-1] + 0.02
