@@ -5,7 +5,7 @@ import math
 from firmware_protocol import codec
 from firmware_protocol.drive_machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame
-from firmware_protocol.messages import DriveState
+from firmware_protocol.messages import DriveState, FaultReason
 from firmware_protocol.parameters import INT32_MAX, INT32_MIN
 from firmware_protocol.scales import ANGLE_LSB_PER_REV, ANGLE_LSB_RAD, SEQUENCE_MODULUS, STAMP_LSB_NS
 from hil_forceps.rig import Rig
@@ -134,6 +134,10 @@ class SimulatedDrive:
         self._next_poll_ns = 0
         self._sequence = 0  # of the next feedback; the drive machine numbers from nought, too
         self._theta_raw = self._forceps.read(0).theta_m
+
+    def trip(self) -> None:
+        """Fail as one whose controller has left the bus."""
+        self.machine.trip(FaultReason.BUS_OFF)
 
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take a frame from the bus at bus time `now_ns`, after all that was due before."""

@@ -3,10 +3,8 @@
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
-from firmware_protocol.messages import FaultReason
 from hil_forceps.rig import Rig, load_rig
 from virtual_bus.bus.bit_timing import NS_PER_S, BitTiming
 from virtual_bus.bus.faults import Fault, FaultInjector, Side
@@ -16,8 +14,11 @@ from virtual_bus.bus.node import Node
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, Port
 from virtual_bus.bus.simulation import Simulation
 from virtual_bus.drive import SimulatedDrive
+from virtual_bus.drives.cia402 import SimulatedCia402
 from virtual_bus.drives.odrive import SimulatedODrive
 from virtual_bus.plant.load import paper_load
+
+AnyDrive = SimulatedDrive | SimulatedODrive | SimulatedCia402
 
 
 @dataclass(slots=True)
@@ -25,7 +26,7 @@ class World:
     """A bus with what hangs on it besides hosts; `lock` is for hosts in several threads."""
 
     simulation: Simulation
-    drive: SimulatedDrive | SimulatedODrive | None
+    drive: AnyDrive | None
     is_fd: bool
     latency_ns: int = 0
     jitter_ns: int = 0
@@ -53,14 +54,16 @@ def drive_world(
     `simulation` is the paper's 1 or 2, or 0 for no load; `truth_s` seconds of truth are logged.
     """
     stepper = Simulation(Medium(timing, FaultInjector(faults, seed) if faults else None))
-    drive: SimulatedDrive | SimulatedODrive
-    if rig.motor_driver is not None and rig.motor_driver.profile == "odrive":
-        drive = odrive = SimulatedODrive(rig, paper_load(simulation), seed, truth_duration_s=truth_s)
-        trip = odrive.trip
+    profile = "native" if rig.motor_driver is None else rig.motor_driver.profile
+    load = paper_load(simulation)
+    drive: AnyDrive
+    if profile == "odrive":
+        drive = SimulatedODrive(rig, load, seed, truth_duration_s=truth_s)
+    elif profile == "cia402":
+        drive = SimulatedCia402(rig, load, seed, truth_duration_s=truth_s)
     else:
-        drive = native = SimulatedDrive(rig, paper_load(simulation), seed, fd=is_fd, truth_duration_s=truth_s)
-        trip = partial(native.machine.trip, FaultReason.BUS_OFF)
-    stepper.add(drive, "drive", Side.DRIVE).on_bus_off = trip
+        drive = SimulatedDrive(rig, load, seed, fd=is_fd, truth_duration_s=truth_s)
+    stepper.add(drive, "drive", Side.DRIVE).on_bus_off = drive.trip
     return World(
         stepper,
         drive,

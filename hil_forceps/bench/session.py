@@ -50,8 +50,11 @@ class SessionResult(NamedTuple):
 
 def feedback_period_s(rig: Rig) -> float:
     """Return the nominal time between the samples that a rig's drive sends; UserError when its loop isn't known."""
-    if rig.motor_driver is not None and rig.motor_driver.profile != "native":
+    profile = "native" if rig.motor_driver is None else rig.motor_driver.profile
+    if rig.motor_driver is not None and profile == "odrive":
         return rig.motor_driver.feedback_period_s
+    if profile == "cia402":
+        return rig.bench.host_period_s  # that of SYNC
     return rig.require_drive().sample_time_s * rig.bench.feedback_divider
 
 

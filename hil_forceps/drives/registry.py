@@ -3,9 +3,11 @@
 from collections.abc import Callable, Mapping
 
 from firmware_protocol.host_machine import HostConfig, HostMachine
+from hil_forceps.drives.cia402 import Cia402, Cia402Config
 from hil_forceps.drives.odrive import ODrive, ODriveConfig
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
 
 
@@ -14,7 +16,10 @@ def machine_for(rig: Rig) -> DriveMachine:
     settings = rig.motor_driver
     if settings is None or settings.profile == "native":
         return HostMachine(HostConfig(node=rig.bench.node_id, fd=rig.bench.transport == "fd"))
-    return _PROFILES[settings.profile](rig, settings)
+    try:
+        return _PROFILES[settings.profile](rig, settings)
+    except ValueError as error:
+        raise UserError(f"motor_driver: {error}") from error
 
 
 def _odrive(rig: Rig, settings: MotorDriver) -> DriveMachine:
@@ -31,4 +36,25 @@ def _odrive(rig: Rig, settings: MotorDriver) -> DriveMachine:
     )
 
 
-_PROFILES: Mapping[str, Callable[[Rig, MotorDriver], DriveMachine]] = {"odrive": _odrive}
+def _cia402(rig: Rig, settings: MotorDriver) -> DriveMachine:
+    counts = rig.encoder.counts_per_rev
+    if counts is None:
+        raise UserError("encoder.counts_per_rev: is ideal, but a CiA 402 drive gives angles in counts; give a number")
+    period_ns = round(rig.bench.host_period_s * 1e9)
+    if period_ns % 1_000_000:
+        raise UserError(
+            f"bench.host_period_s: {rig.bench.host_period_s:g} s is no whole number of ms, which SYNC and the "
+            "interpolation (60C2h) of a CiA 402 drive take; change it"
+        )
+    return Cia402(
+        Cia402Config(
+            node=settings.node_id,
+            counts_per_pulley_rev=counts * settings.encoder_rev_per_pulley_rev,
+            zero_counts=counts * settings.encoder_zero_rev,
+            period_ns=period_ns,
+            host_timeout_ns=round(settings.watchdog_s * 1e9),
+        )
+    )
+
+
+_PROFILES: Mapping[str, Callable[[Rig, MotorDriver], DriveMachine]] = {"odrive": _odrive, "cia402": _cia402}

@@ -206,9 +206,11 @@ def _turning(ratio: float) -> float:
 class MotorDriver(Section):
     """The motor driver, where it speaks its maker's protocol (docs/drives.md)."""
 
-    profile: Literal["native", "odrive"] = Field(description="what it speaks; `native` is docs/protocol.md")
+    profile: Literal["native", "odrive", "cia402"] = Field(description="what it speaks; `native` is docs/protocol.md")
     firmware: Literal["0.5", "0.6"] = Field(default="0.6", description="of an ODrive")
-    node_id: Annotated[Whole, Quantity("", 0, 62)] = Field(default=0, description="its node on the bus")
+    node_id: Annotated[Whole, Quantity("", 0, 126)] = Field(
+        default=1, description="its node on the bus; an ODrive's is 62 at most"
+    )
     encoder_rev_per_pulley_rev: Annotated[Number, Quantity("", -1e4, 1e4), AfterValidator(_turning)] = Field(
         default=1.0, description="turns of the encoder for a turn of the motor pulley; negative: it counts backwards"
     )
@@ -216,16 +218,16 @@ class MotorDriver(Section):
         default=0.0, description="what the drive calls the angle 0 of the motor pulley, in turns of its encoder"
     )
     feedback_period_s: Annotated[Number, Quantity("s", 1e-4, 0.1)] = Field(
-        default=1e-2, description="period of its encoder frames, as it is set in the drive"
+        default=1e-2, description="period of an ODrive's encoder frames, as it is set in the drive"
     )
     current_period_s: Annotated[Number, Quantity("s", 1e-4, 0.1)] = Field(
-        default=1e-2, description="period of its current frames, as it is set in the drive"
+        default=1e-2, description="period of an ODrive's current frames, as it is set in the drive"
     )
     current_limit_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] = Field(
-        default=1.0, description="what it is told to limit its current to"
+        default=1.0, description="what an ODrive is told to limit its current to"
     )
     watchdog_s: Annotated[Number, Quantity("s", 0.0, 10.0)] = Field(
-        default=0.1, description="its watchdog's time, as it is set in the drive; 0: off"
+        default=0.1, description="its watchdog's time, 0: off; set in an ODrive, written to a CiA 402 drive (1016h)"
     )
 
 

@@ -71,7 +71,7 @@ def run(
     baudrate
         Of the serial port.
     drive
-        What the motor driver speaks, as a check against the rig's `motor_driver:`: native, odrive.
+        What the motor driver speaks, as a check against the rig's `motor_driver:`: native, odrive, cia402.
     option
         KEY=VALUE for the python-can interface; may be repeated.
     algorithm
