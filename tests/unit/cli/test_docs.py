@@ -14,7 +14,19 @@ from virtual_bus.realtime.process import _parser as drive_parser
 
 ROOT = Path(__file__).parents[3]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-COMMANDS = ("bench", "run", "drive", "conformance", "decode", "diagnose", "import", "simulate", "replay", "info")
+COMMANDS = (
+    "bench",
+    "run",
+    "drive",
+    "conformance",
+    "decode",
+    "diagnose",
+    "import",
+    "simulate",
+    "replay",
+    "scan",
+    "info",
+)
 _FENCE = re.compile(r"^\s*```")
 _INLINE = re.compile(r"`([^`\n]*\bhil-forceps\b[^`\n]*)`")
 _PLACEHOLDER = re.compile(r"[\[\]…<>|]|\.\.\.|\b[A-Z]{2,}\b|\bN\b")  # a synopsis, as `--seed N`, and no line to type

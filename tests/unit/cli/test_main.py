@@ -19,7 +19,19 @@ from hil_forceps.rig.errors import UserError
 ROOT = Path(__file__).parents[3]
 PAPER = str(ROOT / "configs" / "paper.yaml")
 TOOL = str(ROOT / "configs" / "surgical_tool.yaml")
-COMMANDS = ("bench", "run", "drive", "conformance", "decode", "diagnose", "import", "simulate", "replay", "info")
+COMMANDS = (
+    "bench",
+    "run",
+    "drive",
+    "conformance",
+    "decode",
+    "diagnose",
+    "import",
+    "simulate",
+    "replay",
+    "scan",
+    "info",
+)
 HEAVY = ("numba", "numpy", "matplotlib", "can", "scipy", "pydantic", "serial", "mcap", "cantools", "zstandard")
 
 

@@ -1,0 +1,96 @@
+"""`hil-forceps scan`: who is on this bus or port, by listening alone."""
+
+import math
+import sys
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.cli.options import interface_options
+from hil_forceps.cli.tables import print_table
+from hil_forceps.drives.scan import Listener
+from hil_forceps.rig.errors import UserError
+
+EXIT_NOBODY = 1
+POLL_S = 0.01
+MAX_SECONDS = 3600.0
+TABLE_WIDTH = 100
+
+
+def scan(
+    *,
+    interface: str = "",
+    channel: str = "",
+    serial: str = "",
+    baudrate: int = 1_000_000,
+    bitrate: int = 1_000_000,
+    option: tuple[str, ...] = (),
+    seconds: float = 2.0,
+) -> int:
+    """Listen on a bus or a serial port, and tell which drives are there. Nothing is sent: nothing moves or changes.
+
+    Exit code 1 when nobody was recognised. A drive that says nothing by itself is not found.
+
+    Parameters
+    ----------
+    interface
+        python-can interface: socketcan, udp_multicast, slcan, pcan, ..., or virtual_forceps.
+    channel
+        Channel of that interface: can0, vcan0, ...
+    serial
+        Serial port, pyserial URL, or udp://ADDRESS:PORT instead of a CAN interface.
+    baudrate
+        Of the serial port.
+    bitrate
+        Of the CAN bus, where the interface sets it.
+    option
+        KEY=VALUE for the python-can interface; may be repeated.
+    seconds
+        How long to listen.
+    """
+    if not (math.isfinite(seconds) and 0.0 < seconds <= MAX_SECONDS):
+        raise UserError(f"--seconds {seconds:g}: must be above 0 and at most {MAX_SECONDS:g}")
+    spec = LinkSpec(
+        interface=interface,
+        channel=channel,
+        serial_url=serial,
+        bitrate_bit_per_s=bitrate,
+        baudrate=baudrate,
+        options=interface_options(option),
+    )
+    connection = open_link(spec)
+    listener = Listener()
+    try:
+        now_ns = connection.clock.now_ns()
+        end_ns = now_ns + round(seconds * 1e9)
+        while now_ns < end_ns:
+            connection.clock.sleep_until_ns(min(now_ns + round(POLL_S * 1e9), end_ns))
+            now_ns = connection.clock.now_ns()
+            for _, frame in connection.link.receive():
+                listener.receive(frame)
+    finally:
+        connection.link.close()
+    return _tell(listener, seconds)
+
+
+def _tell(listener: Listener, seconds: float) -> int:
+    found = listener.found()
+    if not found:
+        heard = (
+            f"{listener.frames} frames came, and no heartbeat of a drive that is known here"
+            if listener.frames
+            else "nothing came; check bit rate, wiring, termination and the drive's power"
+        )
+        sys.stdout.write(f"nobody recognised in {seconds:g} s: {heard}\n")
+        return EXIT_NOBODY
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1))
+    for name in ("profile", "node", "says"):
+        table.add_column(name, no_wrap=name != "says")
+    for each in found:
+        table.add_row(each.profile, str(each.node), each.says)
+    print_table(table, TABLE_WIDTH)
+    sys.stdout.write(
+        "profile and node go into a rig's `motor_driver:`, a native drive's node into `bench.node_id`; docs/drives.md\n"
+    )
+    return 0

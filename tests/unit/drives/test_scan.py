@@ -1,0 +1,90 @@
+"""Who is on a bus, by listening: each kind of drive is told, nothing else is taken for one, nothing is sent."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_protocol import codec
+from firmware_protocol.frames import Frame
+from firmware_protocol.messages import DriveHeartbeat, Feedback
+from hil_forceps.cli import main as cli
+from hil_forceps.drives.scan import Found, Listener
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+
+
+def heard(*frames: Frame) -> list[Found]:
+    listener = Listener()
+    for frame in frames:
+        listener.receive(frame)
+    return listener.found()
+
+
+def scan(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["scan", *arguments])
+    return int(ended.value.code or 0), capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("rig", "row"),
+    [
+        ("realistic.yaml", ("native", "1", "disabled; protocol 1.0")),
+        ("drives/odrive.yaml", ("odrive", "5", "idle; sends encoder estimates and Iq")),
+        ("drives/cia402.yaml", ("cia402", "5", "just booted")),
+    ],
+)
+def test_each_simulated_drive_is_told(rig: str, row: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    channel = ("--interface", "virtual_forceps", "--channel", rig, "--option", f"rig={CONFIGS / rig}")
+    code, out = scan(capsys, *channel)
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if line.strip().startswith(row[0])]
+    assert line.split()[1] == row[1]
+    assert row[2] in line
+
+
+def test_nobody_is_an_answer_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    # Too short for an ODrive's second heartbeat.
+    rig = f"rig={CONFIGS / 'drives' / 'odrive.yaml'}"
+    code, out = scan(
+        capsys, "--interface", "virtual_forceps", "--channel", "short", "--option", rig, "--seconds", "0.05"
+    )
+    assert code == 1
+    assert "nobody recognised in 0.05 s" in out
+    assert "no heartbeat of a drive that is known here" in out
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "1e9"])
+def test_how_long_is_checked(seconds: str) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["scan", "--interface", "virtual", "--seconds", seconds])
+    assert ended.value.code == 2
+
+
+def test_an_odrive_that_sends_no_current_is_told_so() -> None:
+    beat = Frame(5 << 5 | 1, bytes.fromhex("0000000101000000"))
+    (found,) = heard(beat, beat)
+    assert found == (
+        "odrive",
+        5,
+        "idle; axis error 0x1000000; sends no encoder estimates and no Iq: set its cyclic messages",
+    )
+
+
+def test_a_frame_of_ours_is_no_heartbeat_of_an_odrive() -> None:
+    feedback = codec.encode(Feedback(1, 0, 0, 0))  # 081: an ODrive's node 4 would beat there
+    assert heard(feedback, feedback, feedback) == []
+    beat = codec.encode(DriveHeartbeat(3, 0, 0, 1, 0, 0, 0, 0))
+    assert [(found.profile, found.node) for found in heard(beat)] == [("native", 3)]
+
+
+@pytest.mark.parametrize("frame", [Frame(0x700, b"\x05"), Frame(0x705, b"\x06"), Frame(0x705, b"\x05\x00")])
+def test_what_is_no_heartbeat_of_canopen(frame: Frame) -> None:
+    assert heard(frame, frame) == []
+
+
+@given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=64)), max_size=30))
+def test_whatever_comes_nothing_raises(frames: list[tuple[int, bytes]]) -> None:
+    heard(*(Frame(arbitration_id, data, len(data) > 8) for arbitration_id, data in frames))
