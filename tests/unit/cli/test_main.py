@@ -29,6 +29,7 @@ COMMANDS = (
     "import",
     "simulate",
     "replay",
+    "check",
     "scan",
     "info",
 )

@@ -1,0 +1,31 @@
+"""`hil-forceps check`: whether a rig's drive, bus, loop and forceps go together, before anything is connected."""
+
+import sys
+from pathlib import Path
+
+from hil_forceps.drives.lint import findings
+from hil_forceps.drives.registry import machine_for
+from hil_forceps.rig import load_rig
+
+EXIT_PROBLEMS = 1
+
+
+def check(rig: Path) -> int:
+    """Look for settings that don't go together: watchdog, rates, quanta, currents, bus load. Nothing is opened.
+
+    Exit code 1 when there is a problem, 0 when there are notes alone or nothing.
+
+    Parameters
+    ----------
+    rig
+        Rig file, as for `run`.
+    """
+    loaded = load_rig(rig)
+    machine_for(loaded)  # what its profile can't take is told first
+    found = findings(loaded)
+    for finding in found:
+        sys.stdout.write(f"{rig}: {finding.level}: {finding.key}: {finding.text}\n")
+    problems = sum(finding.level == "problem" for finding in found)
+    notes = len(found) - problems
+    sys.stdout.write(f"{rig}: {problems} problem{'s' * (problems != 1)}, {notes} note{'s' * (notes != 1)}\n")
+    return EXIT_PROBLEMS if problems else 0
