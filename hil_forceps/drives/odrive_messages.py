@@ -120,14 +120,22 @@ def parse_heartbeat(data: bytes) -> Heartbeat | None:
 
 def parse_estimates(data: bytes) -> Estimates | None:
     """Return position and velocity; None for another length and for what is no finite number."""
-    values = _finite_pair(data)
+    values = parse_pair(data)
     return None if values is None else Estimates(*values)
 
 
 def parse_iq(data: bytes) -> Iq | None:
     """Return both currents; None for another length and for what is no finite number."""
-    values = _finite_pair(data)
+    values = parse_pair(data)
     return None if values is None else Iq(*values)
+
+
+def parse_input_pos(data: bytes) -> dict[str, float] | None:
+    """Return position and feed-forwards of SET_INPUT_POS; None for another length."""
+    if len(data) != _INPUT_POS.size:
+        return None
+    position, velocity, torque = _INPUT_POS.unpack(data)
+    return {"position_rev": position, "velocity_ff_rev_per_s": velocity * 1e-3, "torque_ff_N_m": torque * 1e-3}
 
 
 def set_axis_state(node: int, state: AxisState) -> Frame:
@@ -167,7 +175,8 @@ def error_words(firmware: Firmware, error: int) -> str:
     return f"axis error 0x{error:x} ({', '.join(words)})" if words else "no error given"
 
 
-def _finite_pair(data: bytes) -> tuple[float, float] | None:
+def parse_pair(data: bytes) -> tuple[float, float] | None:
+    """Return two 32-bit floats; None for another length and for what is no finite number."""
     if len(data) != _PAIR.size:
         return None
     first, second = _PAIR.unpack(data)

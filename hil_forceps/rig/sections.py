@@ -203,11 +203,18 @@ def _turning(ratio: float) -> float:
     return ratio
 
 
+def _version(given: object) -> object:
+    """Take a version for a text, where a file has it as a number."""
+    return str(given) if isinstance(given, float) else given
+
+
 class MotorDriver(Section):
     """The motor driver, where it speaks its maker's protocol (docs/drives.md)."""
 
     profile: Literal["native", "odrive", "cia402"] = Field(description="what it speaks; `native` is docs/protocol.md")
-    firmware: Literal["0.5", "0.6"] = Field(default="0.6", description="of an ODrive")
+    firmware: Annotated[Literal["0.5", "0.6"], BeforeValidator(_version)] = Field(
+        default="0.6", description="of an ODrive"
+    )
     node_id: Annotated[Whole, Quantity("", 0, 126)] = Field(
         default=1, description="its node on the bus; an ODrive's is 62 at most"
     )

@@ -5,7 +5,7 @@ import json
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
 
@@ -17,6 +17,7 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.messages import Control, DriveState, FaultReason, Message, ParamOp
 from firmware_protocol.serial_framing import SerialReader
 from hil_forceps.data.readers.bus_frames import LOG_SUFFIXES, Stamped, read_frames
+from hil_forceps.drives.decode import DECODERS, Decode, Decoded
 from hil_forceps.rig.errors import UserError
 
 # One field of a message in SI: its name there and the size of a wire unit.
@@ -42,12 +43,14 @@ _STANDARD_ID_DIGITS = 3
 class Printer(Protocol):
     """One way of showing a message."""
 
-    def __call__(self, stamped: Stamped, message: Message | None, reason: str) -> None:
+    def __call__(self, stamped: Stamped, message: Decoded | None, reason: str) -> None:
         """Show one frame; `message` is None when it was refused for `reason`."""
 
 
 def decode(
-    *source: Annotated[str, Parameter(allow_leading_hyphen=True)], form: Literal["text", "jsonl", "csv"] = "text"
+    *source: Annotated[str, Parameter(allow_leading_hyphen=True)],
+    form: Literal["text", "jsonl", "csv"] = "text",
+    drive: Literal["native", "odrive", "cia402"] = "native",
 ) -> int:
     """Decode frames (`081#1122334455667788`), bus logs (.log .asc .blf .trc) or serial captures (.bin).
 
@@ -59,6 +62,8 @@ def decode(
         Frames as `candump -L` writes them, or files, or - for such lines on stdin.
     form
         One line a frame for people, JSON lines, or CSV (time, id, message, signal, value).
+    drive
+        What the drive on the bus speaks.
     """
     if not source:
         raise UserError("decode: nothing to decode; give frames like 081#1122334455667788, a log file, or - for stdin")
@@ -66,14 +71,11 @@ def decode(
     if unknown:
         raise UserError([f"decode: unknown option {each}" for each in unknown])
     printer = _PRINTERS[form]()
-    decoder = Decoder()
+    read = _native() if drive == "native" else _of_maker(DECODERS[drive])
     refused = total = 0
     torn: Counter[str] = Counter()
     for stamped in _frames(source, torn):
-        before = dict(decoder.counters)
-        message = decoder.decode(stamped.frame)
-        grown = (name for name, count in decoder.counters.items() if count != before[name])
-        reason = next(grown, "not of this protocol")
+        message, reason = read(stamped.frame)
         printer(stamped, message, reason)
         total += 1
         refused += message is None
@@ -85,6 +87,23 @@ def decode(
         problems.append(f"{torn.total()} packets of the serial capture hold no frame: {counts}")
     sys.stderr.write("".join(f"hil-forceps: {problem}\n" for problem in problems))
     return 1 if problems else 0
+
+
+def _native() -> Callable[[Frame], tuple[Decoded | None, str]]:
+    decoder = Decoder()
+
+    def read(frame: Frame) -> tuple[Decoded | None, str]:
+        before = dict(decoder.counters)
+        message = decoder.decode(frame)
+        grown = (name for name, count in decoder.counters.items() if count != before[name])
+        reason = next(grown, "not of this protocol")
+        return None if message is None else Decoded(type(message).__name__, signals(message)), reason
+
+    return read
+
+
+def _of_maker(decode_frame: Decode) -> Callable[[Frame], tuple[Decoded | None, str]]:
+    return lambda frame: (decode_frame(frame), "not known here")
 
 
 def signals(message: Message) -> dict[str, Any]:
@@ -150,14 +169,14 @@ def _serial_capture(path: Path, torn: Counter[str]) -> Iterator[Stamped]:
     torn.update({name: count for name, count in reader.counters.items() if count})
 
 
-def _label(message: Message | None, reason: str) -> str:
-    return f"refused: {reason}" if message is None else type(message).__name__
+def _label(message: Decoded | None, reason: str) -> str:
+    return f"refused: {reason}" if message is None else message.name
 
 
 def _text() -> Printer:
-    def show(stamped: Stamped, message: Message | None, reason: str) -> None:
+    def show(stamped: Stamped, message: Decoded | None, reason: str) -> None:
         time = "" if stamped.time_s is None else f"{stamped.time_s:.6f} "
-        values = {} if message is None else signals(message)
+        values = {} if message is None else message.values
         shown = " ".join(f"{k}={v:.9g}" if isinstance(v, float) else f"{k}={v}" for k, v in values.items())
         raw = f"{stamped.frame.arbitration_id:03X}#{stamped.frame.data.hex().upper()}"
         sys.stdout.write(f"{time}{raw:<21} {_label(message, reason)} {shown}".rstrip() + "\n")
@@ -166,10 +185,10 @@ def _text() -> Printer:
 
 
 def _jsonl() -> Printer:
-    def show(stamped: Stamped, message: Message | None, reason: str) -> None:
+    def show(stamped: Stamped, message: Decoded | None, reason: str) -> None:
         row: dict[str, Any] = {"time_s": stamped.time_s, "arbitration_id": stamped.frame.arbitration_id}
         row["data"] = stamped.frame.data.hex()
-        row |= {"refused": reason} if message is None else {"message": type(message).__name__, **signals(message)}
+        row |= {"refused": reason} if message is None else {"message": message.name, **message.values}
         sys.stdout.write(json.dumps(row) + "\n")
 
     return show
@@ -179,12 +198,12 @@ def _csv() -> Printer:
     writer = csv.writer(sys.stdout, lineterminator="\n")
     writer.writerow(("time_s", "arbitration_id", "message", "signal", "value"))
 
-    def show(stamped: Stamped, message: Message | None, reason: str) -> None:
+    def show(stamped: Stamped, message: Decoded | None, reason: str) -> None:
         head = (stamped.time_s, f"0x{stamped.frame.arbitration_id:03X}", _label(message, reason))
         if message is None:
             writer.writerow((*head, "", stamped.frame.data.hex()))
             return
-        for name, value in signals(message).items():
+        for name, value in message.values.items():
             writer.writerow((*head, name, value))
 
     return show

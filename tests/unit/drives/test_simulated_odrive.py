@@ -46,13 +46,16 @@ def changed(tmp_path: Path, old: str, new: str) -> Path:
 @pytest.mark.parametrize("firmware", ["0.5", "0.6"])
 @pytest.mark.parametrize("ratio", ["1.0", "-3.0"])
 def test_a_run_is_completed_with_nothing_lost(tmp_path: Path, firmware: str, ratio: str) -> None:
-    rig = changed(tmp_path, 'firmware: "0.6"', f'firmware: "{firmware}"')
+    rig = changed(tmp_path, "firmware: 0.6", f"firmware: {firmware}")
     rig.write_text(rig.read_text().replace("pulley_rev: 1.0 ", f"pulley_rev: {ratio} "))
     code, result = run(tmp_path, rig)
     assert (code, result["reason"], result["drive_disabled"]) == (0, "completed", True)
     host = result["counters"]["host"]
     assert host["samples"] > 3000
     assert not any(host[name] for name in ("without_current", "no_estimate", "bad_length", "not_for_us"))
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["replay", str(tmp_path / "out" / "run.mcap")])
+    assert not ended.value.code  # the recording says which rig it was made with, and gives the same references
     recording = read_recording(tmp_path / "out" / "run.mcap")
     reference, angle = recording.references["passed_rad"][2500:], recording.samples["theta_m_rad"][2500:]
     assert abs(float(np.nanmean(reference)) - float(np.mean(angle))) < 0.02
