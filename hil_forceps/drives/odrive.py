@@ -33,6 +33,7 @@ HEARTBEAT_TIMEOUT_NS: Final = 350_000_000  # three of its heartbeats and a half,
 IDENTIFY_NS: Final = 1_000_000_000  # for all three kinds of frames to come
 REPEAT_NS: Final = 50_000_000  # between requests of a state that the heartbeat doesn't show yet
 MAX_CURRENT_AGE: Final = 2.5  # periods of Iq, beyond which a sample has no current
+FLIGHT_NS: Final = 10_000_000  # for a request to arrive, and for a heartbeat from before it to have come
 FIRST_REFERENCES: Final = 3  # sent before closed loop is asked for: two may be lost
 MAX_SAMPLES: Final = 4096
 _SEQUENCE_MASK: Final = 0xFF
@@ -112,6 +113,7 @@ class ODrive:
         self._held_raw: int | None = None  # the reference while enabling: the angle when it began
         self._asked_ns: int | None = None  # when a state was last asked for
         self._wants_idle = False
+        self._idle_ns: int | None = None  # when idle was first asked for
         self._clears = False
 
     def connect(self, now_ns: int) -> None:
@@ -131,11 +133,15 @@ class ODrive:
             wire.set_limits(config.node, velocity, config.current_limit_A),
         ]
         self._references, self._held_raw, self._asked_ns, self._wants_idle = 0, None, None, False
+        self._idle_ns = None
         self._fire("enable")
 
     def disable(self) -> None:
-        """Ask for idle, until the heartbeat says so."""
-        self._wants_idle, self._asked_ns = True, None
+        """Ask for idle, until a heartbeat from behind the request says so."""
+        if self.phase in {HostPhase.ENABLING, HostPhase.RUNNING}:
+            # Closed loop may have been asked for and not be in a heartbeat yet: what the last one said doesn't count.
+            self.drive_state = None
+        self._wants_idle, self._asked_ns, self._idle_ns = True, None, None
         self._fire("disable")
 
     def reset_fault(self) -> None:
@@ -210,7 +216,8 @@ class ODrive:
             if self._references >= FIRST_REFERENCES and self._is_due(now_ns):
                 frames.append(wire.set_axis_state(node, AxisState.CLOSED_LOOP_CONTROL))
             return frames
-        if self._wants_idle and self.drive_state is DriveState.OPERATIONAL and self._is_due(now_ns):
+        if self._wants_idle and self.drive_state in {None, DriveState.OPERATIONAL} and self._is_due(now_ns):
+            self._idle_ns = now_ns if self._idle_ns is None else self._idle_ns
             return [wire.set_axis_state(node, AxisState.IDLE)]
         return []
 
@@ -250,11 +257,16 @@ class ODrive:
             self.drive_state = DriveState.FAULT
             self._fire("error")
         else:
-            self.drive_state = DriveState.OPERATIONAL if closed else DriveState.DISABLED
+            if closed or not self._wants_idle or self._is_behind_idle(now_ns):
+                self.drive_state = DriveState.OPERATIONAL if closed else DriveState.DISABLED
             if self.phase is HostPhase.FAULT:
                 self._since_ns = now_ns
             self._fire("cleared")
             self._fire("closed loop" if closed else "left")
+
+    def _is_behind_idle(self, now_ns: int) -> bool:
+        """Whether a heartbeat was made after idle was asked for, as far as its arrival tells."""
+        return self._idle_ns is not None and now_ns - self._idle_ns >= FLIGHT_NS
 
     def _see_estimates(self, estimates: wire.Estimates | None, now_ns: int) -> None:
         if estimates is None:

@@ -189,6 +189,23 @@ def test_disabling_asks_for_idle_until_it_is_seen() -> None:
     assert drive.drive_state is DriveState.DISABLED
 
 
+def test_disabling_while_enabling_does_not_trust_a_heartbeat_from_before() -> None:
+    drive = ready()
+    drive.enable()
+    assert 0x07 in commands(ticks(drive, 2, FIRST_REFERENCES + 1))  # closed loop is asked for; no heartbeat says so yet
+    drive.disable()
+    states = [drive.drive_state]
+    assert commands(drive.poll(10 * MS)) == [0x07]
+    drive.receive(heartbeat(IDLE), 11 * MS)  # made before either request arrived
+    states.append(drive.drive_state)
+    drive.receive(heartbeat(CLOSED_LOOP), 111 * MS)
+    assert commands(drive.poll(112 * MS)) == [0x07]
+    drive.receive(heartbeat(IDLE), 211 * MS)
+    states.append(drive.drive_state)
+    assert states == [None, None, DriveState.DISABLED]
+    assert drive.poll(300 * MS) == []
+
+
 def test_a_drive_that_restarts_or_falls_silent_is_gone() -> None:
     drive = running()
     drive.receive(heartbeat(IDLE), 100 * MS)
