@@ -41,7 +41,7 @@ def render() -> str:
     parts = {
         "sections": "\n".join(sections()),
         "rules": "\n".join(rules(consistency.RULES)),
-        "bench_rules": "\n".join(rules(consistency.BENCH_RULES)),
+        "bench_rules": "\n".join(rules((*consistency.BENCH_RULES, *consistency.NATIVE_RULES))),
         "equations": equations(),
         "effects": "\n".join(line for entry in EFFECTS for line in effect_rows(entry)),
         "errors": "\n".join(errors()),

@@ -97,7 +97,11 @@ class Course:
         elif now_ns >= self._end_ns:
             frames = self.frames_received
             heard = f"{frames} frames came, none that fits" if frames else "nothing came over the bus"
-            self._end(StopReason.NO_DRIVE, f"no drive answered: {heard}; check node id, bit rate and wiring")
+            self._end(
+                StopReason.NO_DRIVE,
+                f"no drive answered: {heard}; check node id, bit rate and wiring; "
+                "`hil-forceps scan` tells who is there",
+            )
 
     def _enabling(self, now_ns: int) -> None:
         phase = self._host.phase

@@ -1,8 +1,9 @@
 """An ODrive over CANSimple, firmware 0.5 or 0.6, as the host sees it.
 
     DISCONNECTED -> IDENTIFYING  heartbeat, encoder estimates and Iq are waited for; nothing is sent
-    IDENTIFYING  -> READY        all three came
-    IDENTIFYING  -> REFUSED      one of them does not come: ODrive sends Iq only where it is told to
+    IDENTIFYING  -> READY        all three came, heartbeats at the pace of heartbeats
+    IDENTIFYING  -> REFUSED      one of them does not come: ODrive sends Iq only where it is told to; or what has the
+                                 heartbeat's id comes so fast that something else speaks here
     READY        -> ENABLING     position control and limits are set; the measured angle is sent as the reference; then
                                  closed loop is asked for. An ODrive that enters it goes to the last input it was given,
                                  however old that is.
@@ -31,6 +32,8 @@ from hil_forceps.drives.odrive_messages import AxisState, Command, Firmware
 
 HEARTBEAT_TIMEOUT_NS: Final = 350_000_000  # three of its heartbeats and a half, which come every 100 ms
 IDENTIFY_NS: Final = 1_000_000_000  # for all three kinds of frames to come
+MIN_HEARTBEAT_NS: Final = 5_000_000  # between two; a twentieth of what an ODrive takes unless told otherwise
+MAX_HASTY: Final = 3  # shorter intervals in a row: more than a host that was late makes
 REPEAT_NS: Final = 50_000_000  # between requests of a state that the heartbeat doesn't show yet
 MAX_CURRENT_AGE: Final = 2.5  # periods of Iq, beyond which a sample has no current
 FLIGHT_NS: Final = 10_000_000  # for a request to arrive, and for a heartbeat from before it to have come
@@ -100,6 +103,8 @@ class ODrive:
         self.counters = dict.fromkeys(COUNTERS, 0)
         self._heartbeat: wire.Heartbeat | None = None
         self._heartbeat_ns = 0
+        self._has_pace = False  # two heartbeats came as far apart as heartbeats do
+        self._hasty = 0  # intervals in a row that are too short for heartbeats
         self._current: wire.Iq | None = None
         self._current_ns = 0
         self._position_rev: float | None = None
@@ -120,6 +125,7 @@ class ODrive:
         """Listen for the drive."""
         self._since_ns = now_ns
         self.refusal = ""
+        self._heartbeat, self._has_pace, self._hasty = None, False, 0
         self._fire("connect")
 
     def enable(self) -> None:
@@ -231,7 +237,7 @@ class ODrive:
         missing = [
             words
             for words, value in (
-                ("heartbeats", self._heartbeat),
+                ("heartbeats", self._heartbeat if self._has_pace else None),
                 ("encoder estimates", self._position_rev),
                 ("Iq", self._current),
             )
@@ -239,7 +245,7 @@ class ODrive:
         ]
         if not missing:
             self._fire("complete")
-        elif self._heartbeat is not None and now_ns - self._since_ns > IDENTIFY_NS:
+        elif self._has_pace and now_ns - self._since_ns > IDENTIFY_NS:
             key = "iq_rate_ms" if self.config.firmware == "0.5" else "iq_msg_rate_ms"
             self.refusal = (
                 f"node {self.config.node} sends heartbeats, but no {' and no '.join(missing)}; set its cyclic messages "
@@ -251,7 +257,10 @@ class ODrive:
         if heartbeat is None:
             self.counters["bad_length"] += 1
             return
+        self._see_pace(now_ns)
         self._heartbeat, self._heartbeat_ns = heartbeat, now_ns
+        if self.phase is HostPhase.IDENTIFYING and not self._has_pace:
+            return
         closed = heartbeat.axis_state == AxisState.CLOSED_LOOP_CONTROL
         if heartbeat.axis_error:
             self.drive_state = DriveState.FAULT
@@ -263,6 +272,22 @@ class ODrive:
                 self._since_ns = now_ns
             self._fire("cleared")
             self._fire("closed loop" if closed else "left")
+
+    def _see_pace(self, now_ns: int) -> None:
+        if self._has_pace or self._heartbeat is None:
+            return
+        if now_ns - self._heartbeat_ns >= MIN_HEARTBEAT_NS:
+            self._has_pace = True
+            return
+        self._hasty += 1
+        if self._hasty >= MAX_HASTY:
+            node = self.config.node
+            self.refusal = (
+                f"frames with the id of node {node}'s heartbeats ({wire.frame_id(node, Command.HEARTBEAT):03X}h) come "
+                f"less than {MIN_HEARTBEAT_NS / 1e6:g} ms apart, so something else than an ODrive sends them, or its "
+                "heartbeats are set too fast; check motor_driver.profile and node_id, and the drive's heartbeat period"
+            )
+            self._fire("incomplete")
 
     def _is_behind_idle(self, now_ns: int) -> bool:
         """Whether a heartbeat was made after idle was asked for, as far as its arrival tells."""

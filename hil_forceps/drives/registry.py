@@ -3,8 +3,9 @@
 from collections.abc import Callable, Mapping
 
 from firmware_protocol.host_machine import HostConfig, HostMachine
-from hil_forceps.drives.cia402 import Cia402, Cia402Config
+from hil_forceps.drives.cia402 import HOST_NODE, Cia402, Cia402Config
 from hil_forceps.drives.odrive import ODrive, ODriveConfig
+from hil_forceps.drives.odrive_messages import MAX_NODE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -14,15 +15,26 @@ from hil_forceps.rig.sections import MotorDriver
 def machine_for(rig: Rig) -> DriveMachine:
     """Return the machine of the profile that a rig names; the project's own protocol where it names none."""
     settings = rig.motor_driver
-    if settings is None or settings.profile == "native":
+    if settings is None or is_native(rig):
         return HostMachine(HostConfig(node=rig.bench.node_id, fd=rig.bench.transport == "fd"))
-    try:
-        return _PROFILES[settings.profile](rig, settings)
-    except ValueError as error:
-        raise UserError(f"motor_driver: {error}") from error
+    return _PROFILES[settings.profile](rig, settings)
+
+
+def is_native(rig: Rig) -> bool:
+    """Tell whether a rig's drive speaks the project's own protocol."""
+    return rig.motor_driver is None or rig.motor_driver.profile == "native"
+
+
+def _check_node(settings: MotorDriver, lowest: int, highest: int) -> None:
+    if not lowest <= settings.node_id <= highest:
+        raise UserError(
+            f"motor_driver.node_id: is {settings.node_id}, but a drive of the profile {settings.profile} has "
+            f"{lowest} to {highest}; give its own"
+        )
 
 
 def _odrive(rig: Rig, settings: MotorDriver) -> DriveMachine:
+    _check_node(settings, 0, MAX_NODE)
     return ODrive(
         ODriveConfig(
             node=settings.node_id,
@@ -37,6 +49,7 @@ def _odrive(rig: Rig, settings: MotorDriver) -> DriveMachine:
 
 
 def _cia402(rig: Rig, settings: MotorDriver) -> DriveMachine:
+    _check_node(settings, 1, HOST_NODE - 1)  # 127 is the host's
     counts = rig.encoder.counts_per_rev
     if counts is None:
         raise UserError("encoder.counts_per_rev: is ideal, but a CiA 402 drive gives angles in counts; give a number")

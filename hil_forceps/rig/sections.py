@@ -5,7 +5,7 @@ generated from them.
 """
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -20,7 +20,7 @@ from hil_forceps.rig.problems import show_value, text_error
 from hil_forceps.rig.quantities import STRICT, Number, Parameter, Quantity, Whole
 
 AlgorithmId = Literal["previous", "improved_as_published", "improved", "kalman"]
-ALGORITHM_IDS: tuple[AlgorithmId, ...] = ("previous", "improved_as_published", "improved", "kalman")
+ALGORITHM_IDS: tuple[AlgorithmId, ...] = get_args(AlgorithmId)
 IDEAL = "ideal"
 MAX_NODE_ID = 30
 MAX_ENCODER_COUNTS = 1 << 24  # what the wire resolves
@@ -225,10 +225,10 @@ class MotorDriver(Section):
         default=0.0, description="what the drive calls the angle 0 of the motor pulley, in turns of its encoder"
     )
     feedback_period_s: Annotated[Number, Quantity("s", 1e-4, 0.1)] = Field(
-        default=1e-2, description="period of an ODrive's encoder frames, as it is set in the drive"
+        default=1e-3, description="period of an ODrive's encoder frames, as it is set in the drive"
     )
     current_period_s: Annotated[Number, Quantity("s", 1e-4, 0.1)] = Field(
-        default=1e-2, description="period of an ODrive's current frames, as it is set in the drive"
+        default=1e-3, description="period of an ODrive's current frames, as it is set in the drive"
     )
     current_limit_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] = Field(
         default=1.0, description="what an ODrive is told to limit its current to"

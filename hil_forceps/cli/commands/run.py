@@ -27,7 +27,8 @@ from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.trajectory_file import read_trajectory
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
-from hil_forceps.drives.registry import machine_for
+from hil_forceps.drives.lint import findings
+from hil_forceps.drives.registry import is_native, machine_for
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 
@@ -42,7 +43,7 @@ def run(
     channel: str = "",
     serial: str = "",
     baudrate: int = 1_000_000,
-    drive: str = "",
+    drive: Literal["native", "odrive", "cia402"] | None = None,
     option: tuple[str, ...] = (),
     algorithm: str = "kalman",
     compensate: bool = True,
@@ -71,7 +72,7 @@ def run(
     baudrate
         Of the serial port.
     drive
-        What the motor driver speaks, as a check against the rig's `motor_driver:`: native, odrive, cia402.
+        What the motor driver speaks, as a check against `motor_driver:` of the rig.
     option
         KEY=VALUE for the python-can interface; may be repeated.
     algorithm
@@ -88,9 +89,13 @@ def run(
         Clear a fault that the drive holds from before.
     """
     loaded = load_rig(rig)
-    if "limits" not in loaded.model_fields_set:
-        raise UserError(f"{rig}: limits: is missing; a motor is only driven within limits that somebody has chosen")
     _check_profile(rig, loaded, drive)
+    if serial and not is_native(loaded):
+        raise UserError(
+            f"--serial: {rig} describes a drive on a CAN bus (`motor_driver:`); give --interface and --channel"
+        )
+    machine = machine_for(loaded)
+    _check_settings(rig, loaded)
     points = PAPER_TRAJECTORY if trajectory is None else read_trajectory(trajectory)
     duration_s = max(20.0 if trajectory is None else points.times_s[-1], 1e-3) if duration is None else duration
     if not (math.isfinite(duration_s) and duration_s > 0.0):
@@ -101,8 +106,8 @@ def run(
     is_fd = loaded.bench.transport == "fd"
     plan = Plan(
         loaded,
-        Settings(algorithm, compensate, feedback_s, points),
-        machine_for(loaded),
+        Settings(algorithm, compensate, feedback_s, points, same_clock=not is_native(loaded)),
+        machine,
         service_config(loaded, duration_s, reset_fault),
         recording=out / "run.mcap",
         bus_log=out / f"bus.{bus_log}",
@@ -127,14 +132,24 @@ def run(
     return _tell(result, out)
 
 
-def _check_profile(path: Path, rig: Rig, wanted: str) -> None:
+def _check_profile(path: Path, rig: Rig, wanted: str | None) -> None:
     """UserError where a drive is asked for that the rig doesn't describe."""
     described = "native" if rig.motor_driver is None else rig.motor_driver.profile
-    if wanted and wanted != described:
+    if wanted is not None and wanted != described:
         raise UserError(
             f"--drive {wanted}: {path} describes a drive that speaks {described}; give its `motor_driver:` "
             "(docs/drives.md has an example for each)"
         )
+
+
+def _check_settings(path: Path, rig: Rig) -> None:
+    """Print the notes of `hil-forceps check`; UserError for its problems."""
+    found = findings(rig)
+    problems = [f"{path}: {each.key}: {each.text}" for each in found if each.level == "problem"]
+    if problems:
+        raise UserError(problems)
+    for note in found:
+        sys.stderr.write(f"note: {path}: {note.key}: {note.text}\n")
 
 
 @contextmanager

@@ -34,6 +34,7 @@ def iq(measured_A: float) -> Frame:
 def ready(config: ODriveConfig = CONFIG) -> ODrive:
     drive = ODrive(config)
     drive.connect(0)
+    drive.receive(heartbeat(IDLE), -99 * MS)
     for frame in (heartbeat(IDLE), estimates(0.1), iq(0.0)):
         drive.receive(frame, MS)
     drive.poll(2 * MS)
@@ -244,3 +245,24 @@ def test_whatever_comes_nothing_raises_and_nothing_is_sent_unasked(frames: list[
         assert drive.setpoint(0) is None
     stamps = [sample.stamp_ns for sample in drive.take_samples()]
     assert stamps == sorted(set(stamps))
+
+
+def test_one_heartbeat_alone_says_nothing() -> None:
+    drive = ODrive(CONFIG)
+    drive.connect(0)
+    drive.receive(heartbeat(IDLE, error=0x40), MS)
+    assert drive.phase.name == "IDENTIFYING"
+    drive.receive(heartbeat(IDLE, error=0x40), 101 * MS)
+    assert drive.phase is HostPhase.FAULT
+
+
+def test_frames_at_the_pace_of_samples_are_no_heartbeats() -> None:
+    """Another protocol may use the id: the project's own sends a sample with that of node 5's each millisecond."""
+    drive = ODrive(CONFIG)
+    drive.connect(0)
+    for n in range(10):
+        drive.receive(heartbeat(IDLE, error=0x12345 + n), n * MS)
+        drive.poll(n * MS)
+    assert drive.phase is HostPhase.REFUSED
+    assert "0A1h" in drive.refusal
+    assert "motor_driver.profile" in drive.refusal

@@ -97,7 +97,7 @@ def test_a_drive_that_reboots_while_running_ends_the_run(
     [
         ({"encoder.counts_per_rev": "ideal"}, "encoder.counts_per_rev: is ideal"),
         ({"bench.host_period_s": 1.5e-3}, "bench.host_period_s: 0.0015 s is no whole number of ms"),
-        ({"motor_driver.node_id": 0}, "motor_driver: no CiA 402 drive"),
+        ({"motor_driver.node_id": 0}, "node_id: is 0, but a drive of the profile cia402 has 1 to 126"),
     ],
 )
 def test_rigs_that_can_not_be_are_told(change: dict[str, object], said: str) -> None:

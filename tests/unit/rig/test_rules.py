@@ -134,3 +134,10 @@ def test_bits_of_frames_are_those_of_the_wire() -> None:
 def test_bench_rules_do_not_need_what_is_not_known(paper: Rig) -> None:
     rig = paper.with_changes({"forceps.wire_stiffness_N_per_m": "unknown", "drive": None})
     assert bench_problems(rig, {}) == ["forceps.wire_stiffness_N_per_m", "drive"]
+
+
+def test_rules_of_the_own_protocol_hold_for_it_alone(paper: Rig) -> None:
+    changes: dict[str, object] = {"bench.bitrate_bit_per_s": 250_000}
+    assert bench_problems(paper, changes) == ["bench.bitrate_bit_per_s"]
+    assert bench_problems(paper, changes | {"motor_driver": {"profile": "native"}}) == ["bench.bitrate_bit_per_s"]
+    assert bench_problems(paper, changes | {"motor_driver": {"profile": "odrive"}}) == []
