@@ -81,7 +81,8 @@ def decode(
         refused += message is None
     problems = [] if total or torn else [f"no frames in {' '.join(source)}"]
     if refused:
-        problems.append(f"{refused} of {total} frames could not be decoded")
+        hint = "; where the drive speaks its maker's protocol, name it with --drive" if drive == "native" else ""
+        problems.append(f"{refused} of {total} frames could not be decoded{hint}")
     if torn:
         counts = ", ".join(f"{name} {count}" for name, count in sorted(torn.items()))
         problems.append(f"{torn.total()} packets of the serial capture hold no frame: {counts}")

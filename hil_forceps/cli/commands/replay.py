@@ -25,6 +25,7 @@ from hil_forceps.rig.errors import UserError
 
 EXIT_DIFFERENT = 1
 RECORDING_SUFFIX = ".mcap"
+RECORDING_NAME = "run.mcap"  # in the folder of a `run`
 
 
 def replay(
@@ -50,7 +51,7 @@ def replay(
     Parameters
     ----------
     source
-        Recording, folder, zip or CSV.
+        Recording, the folder of a `run`, another folder, zip or CSV.
     others
         More runs of an axis, to test on.
     rig
@@ -72,6 +73,8 @@ def replay(
         if algorithm is not None:
             raise UserError("several sources are runs of an axis: --algorithm doesn't go with them")
         return replay_axis([source, *others], rig, out, with_networks=black_boxes)
+    if (source / RECORDING_NAME).is_file():
+        source /= RECORDING_NAME
     if source.suffix.lower() == RECORDING_SUFFIX:
         return _recording(source, algorithm)
     if rig is None or out is None:

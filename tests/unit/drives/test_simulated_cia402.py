@@ -49,7 +49,7 @@ def test_a_run_is_completed_with_nothing_lost(tmp_path: Path, ratio: str) -> Non
     assert host["samples"] >= 3000
     assert not any(host[name] for name in ("unpaired", "bad_length", "emergencies", "samples_overflow"))
     with pytest.raises(SystemExit) as ended:
-        cli.main(["replay", str(tmp_path / "out" / "run.mcap")])
+        cli.main(["replay", str(tmp_path / "out")])
     assert not ended.value.code
     recording = read_recording(tmp_path / "out" / "run.mcap")
     reference, angle = recording.references["passed_rad"][2500:], recording.samples["theta_m_rad"][2500:]
