@@ -1,0 +1,147 @@
+"""What a drive's protocol costs: simulation 2 of the paper through every profile, against the truth of the world.
+
+python -m tools.drive_costs [--out DIR]: prints a table and writes it to DIR/drive-costs.md, with a figure. The
+forceps, the encoder, the noise and the drive's position loop are the same behind each. A sample is held against what
+the world was at the instant when it came to the host, so the time that it took counts as an error.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from hil_forceps.bench.assembly import Settings
+from hil_forceps.bench.metrics import STEADY_WINDOW_S, WINDOW_S
+from hil_forceps.bench.session import Plan, feedback_period_s, run_session, service_config
+from hil_forceps.bridge.adapters import Connection, VirtualClock, VirtualTimeLink
+from hil_forceps.control.trajectories import PAPER_TRAJECTORY
+from hil_forceps.data.readers.bus_frames import read_frames
+from hil_forceps.data.recording.reader import read_recording
+from hil_forceps.drives.registry import is_native, machine_for
+from hil_forceps.report.style import house_style
+from hil_forceps.rig import load_rig
+from virtual_bus.bus.bit_timing import frame_bits
+from virtual_bus.interface import VirtualForcepsBus
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+RIGS = {
+    "native": CONFIGS / "realistic.yaml",
+    "odrive": CONFIGS / "drives" / "odrive.yaml",
+    "cia402": CONFIGS / "drives" / "cia402.yaml",
+}
+SIMULATION, SEED, DURATION_S = 2, 1, 20.0
+STEADY_S = STEADY_WINDOW_S[SIMULATION]
+SHOWN_S = (12.49, 12.53)  # an edge of a pulse of load
+OPERATIONAL = 2
+
+
+class Cost(NamedTuple):
+    """What one profile makes of the simulation."""
+
+    time_s: NDArray[np.float64]
+    torque_N_m: NDArray[np.float64]
+    estimate_N_m: NDArray[np.float64]
+    jaw_error_rad: NDArray[np.float64]
+    age_us: float
+    bits_per_s: float
+    bitrate_bit_per_s: int
+
+
+def run(name: str, out: Path) -> Cost:
+    """Run one profile; leaves its recording and its bus log in `out`."""
+    rig = load_rig(RIGS[name])
+    bus = VirtualForcepsBus(
+        f"costs-{name}", rig=rig, simulation=SIMULATION, seed=SEED, truth_duration_s=DURATION_S + 5.0
+    )
+    settings = Settings("kalman", True, feedback_period_s(rig), PAPER_TRAJECTORY, same_clock=not is_native(rig))
+    recording, log = out / f"{name}.mcap", out / f"{name}.log"
+    plan = Plan(rig, settings, machine_for(rig), service_config(rig, DURATION_S), recording, log, {})
+    session = run_session(Connection(VirtualTimeLink(bus), VirtualClock(bus), True, ()), plan)
+    if not session.service.ok or session.failures:
+        raise SystemExit(f"drive_costs: {name}: {session.service.message} {session.failures}")
+    truth, samples = bus.truth_log().columns(), read_recording(recording).samples
+    rows = np.searchsorted(truth["bus_time_ns"], samples["received_ns"], side="right") - 1
+    operational = samples["state"] == OPERATIONAL
+    time_s = (samples["stamp_ns"] - samples["stamp_ns"][operational][0]) * 1e-9
+    shown = operational & (time_s >= WINDOW_S[0]) & (time_s <= WINDOW_S[1])
+    reference_rad = np.array([PAPER_TRAJECTORY(t) for t in time_s[shown]])
+    frames = list(read_frames(log))
+    bits = sum(frame_bits(each.frame).nominal for each in frames)
+    return Cost(
+        time_s[shown],
+        truth["tau_w_N_m"][rows][shown],
+        samples["tau_w_estimate_N_m"][shown],
+        truth["theta_j_rad"][rows][shown] - reference_rad,
+        session.service.timing["age"]["p50_us"],
+        bits / (frames[-1].time_s - frames[0].time_s),
+        rig.bench.bitrate_bit_per_s,
+    )
+
+
+def table(costs: dict[str, Cost]) -> list[str]:
+    """Return the table, as markdown."""
+    lines = [
+        "| profile | τ̂_w RMSE, mN m | largest, mN m | steady jaw error, deg | sample age, ms | kbit/s | of the bus |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, cost in costs.items():
+        error_N_m = cost.estimate_N_m - cost.torque_N_m
+        steady = (cost.time_s >= STEADY_S[0]) & (cost.time_s <= STEADY_S[1])
+        cells = (
+            name,
+            f"{1e3 * np.sqrt(np.mean(error_N_m**2)):.3f}",
+            f"{1e3 * np.max(np.abs(error_N_m)):.2f}",
+            f"{np.degrees(np.mean(cost.jaw_error_rad[steady])):.3f}",
+            f"{cost.age_us * 1e-3:.2f}",
+            f"{cost.bits_per_s * 1e-3:.0f}",
+            f"{100.0 * cost.bits_per_s / cost.bitrate_bit_per_s:.0f} %",
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def figure(costs: dict[str, Cost]) -> Figure:
+    """Draw an edge of the load through each profile, and the error over the whole window."""
+    with house_style():
+        return _drawn(costs)
+
+
+def _drawn(costs: dict[str, Cost]) -> Figure:
+    drawn = Figure(figsize=(9.0, 6.0), layout="constrained")
+    edge, error = drawn.subplots(2, 1)
+    for name, cost in costs.items():
+        near = (cost.time_s >= SHOWN_S[0]) & (cost.time_s <= SHOWN_S[1])
+        if name == "native":
+            edge.plot(cost.time_s[near], 1e3 * cost.torque_N_m[near], "k", label="true")
+        edge.plot(cost.time_s[near], 1e3 * cost.estimate_N_m[near], label=name)
+        error.plot(cost.time_s, 1e3 * (cost.estimate_N_m - cost.torque_N_m), linewidth=0.4, alpha=0.8, label=name)
+    edge.set(ylabel="τ_w, mN m", xlabel="time, s")
+    error.set(ylabel="τ̂_w − τ_w, mN m", xlabel="time, s", ylim=(-0.06, 0.06))
+    error.set_title("between the edges of the load, whose errors lie outside")
+    edge.legend(loc="best")
+    return drawn
+
+
+def main() -> int:
+    """Run, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--out", type=Path, default=Path("out/drive-costs"))
+    out: Path = parser.parse_args().out
+    out.mkdir(parents=True, exist_ok=True)
+    costs = {}
+    for name in RIGS:
+        sys.stderr.write(f"{name} ...\n")
+        costs[name] = run(name, out)
+    lines = table(costs)
+    (out / "drive-costs.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    figure(costs).savefig(out / "drive-costs.png", dpi=120)
+    sys.stdout.write("\n".join([*lines, f"results are in {out}/", ""]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
