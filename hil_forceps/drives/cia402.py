@@ -25,6 +25,7 @@ from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import canopen_messages as wire
 from hil_forceps.drives.canopen_messages import Control, Entry, Nmt, State
+from hil_forceps.drives.port import is_in_range
 
 SILENCE_NS: Final = 350_000_000
 SDO_TIMEOUT_NS: Final = 200_000_000
@@ -49,6 +50,7 @@ COUNTERS: Final = (
     "not_for_us",
     "bad_length",
     "unpaired",
+    "out_of_range",
     "emergencies",
     "samples_overflow",
 )
@@ -71,7 +73,7 @@ TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
     (P.RUNNING, "disable"): P.READY,
     (P.RUNNING, "fault"): P.FAULT,
     (P.RUNNING, "gone"): P.DISCONNECTED,
-    (P.FAULT, "cleared"): P.READY,
+    (P.FAULT, "cleared"): P.IDENTIFYING,
     (P.FAULT, "gone"): P.DISCONNECTED,
 }
 
@@ -112,6 +114,9 @@ class Cia402:
         self._heard_ns = 0
         self._sync_ns: int | None = None
         self._heartbeat_ns: int | None = None
+        self._heartbeat_period_ns = HEARTBEAT_PERIOD_NS
+        if config.host_timeout_ns:
+            self._heartbeat_period_ns = min(HEARTBEAT_PERIOD_NS, config.host_timeout_ns // 3)
         self._position: tuple[int, int] | None = None  # counts, and when SYNC asked for them
         self._counts: int | None = None  # newest
         self._current_seen = False
@@ -128,11 +133,14 @@ class Cia402:
         self._fire("connect")
         if self.phase is HostPhase.IDENTIFYING:
             self.refusal = ""
-            self._setup = self._entries()
-            self._sdo_sent_ns, self._sdo_tries, self._identified = None, 0, False
-            self._started_ns = None
-            self._heard_ns = now_ns
-            self._outbox = [wire.nmt(Nmt.PRE_OPERATIONAL, self.config.node)]
+            self._set_up(now_ns)
+
+    def _set_up(self, now_ns: int) -> None:
+        self._setup = self._entries()
+        self._sdo_sent_ns, self._sdo_tries, self._identified = None, 0, False
+        self._started_ns = None
+        self._heard_ns = now_ns
+        self._outbox = [wire.nmt(Nmt.PRE_OPERATIONAL, self.config.node)]
 
     def enable(self) -> None:
         """Ask for operation; ValueError unless READY."""
@@ -199,7 +207,9 @@ class Cia402:
             self._see_answer(wire.parse_sdo(data), now_ns)
         elif function == wire.HEARTBEAT_ID:
             self._heard_ns = now_ns
-            if data == bytes((wire.BOOT_UP,)) and self.phase is not HostPhase.IDENTIFYING:
+            if data == bytes((wire.BOOT_UP,)):
+                if self.phase is HostPhase.IDENTIFYING:  # what was written to it is lost
+                    self._set_up(now_ns)
                 self._fire("gone")
         elif function == wire.EMCY_ID:
             self._see_emergency(wire.parse_emergency(data))
@@ -209,16 +219,18 @@ class Cia402:
     def poll(self, now_ns: int) -> list[Frame]:
         """Return what is due: a request, a controlword that takes torque off, SYNC, the heartbeat."""
         if self.phase in {HostPhase.DISCONNECTED, HostPhase.REFUSED}:
-            return []
+            return self._off()
         frames: list[Frame] = []
         if self.phase is HostPhase.IDENTIFYING:
             frames += self._identify(now_ns)
         elif now_ns - self._heard_ns > SILENCE_NS:
             self._fire("gone")
-            return []
+            return self._off()
         frames += self._off()
         if self._started_ns is not None:
-            if self._is_alive() and (self._heartbeat_ns is None or now_ns - self._heartbeat_ns >= HEARTBEAT_PERIOD_NS):
+            if self._is_alive() and (
+                self._heartbeat_ns is None or now_ns - self._heartbeat_ns >= self._heartbeat_period_ns
+            ):
                 self._heartbeat_ns = now_ns
                 frames.append(wire.heartbeat(HOST_NODE))
             self._sync_ns = now_ns
@@ -229,7 +241,9 @@ class Cia402:
     def _is_alive(self) -> bool:
         """Whether the drive may take this host for alive: with torque, only in a tick that has sent a reference."""
         before, self._alive_at = self._alive_at, self.counters["setpoints_sent"]
-        return self.phase not in {HostPhase.ENABLING, HostPhase.RUNNING} or before != self._alive_at
+        is_enabling = self.phase in {HostPhase.ENABLING, HostPhase.RUNNING}
+        has_torque = self._state is not None and self._state not in wire.TORQUE_FREE
+        return not (is_enabling or has_torque) or before != self._alive_at
 
     def _off(self) -> list[Frame]:
         if self._reset_step and self._state in {State.FAULT, State.FAULT_REACTION}:
@@ -344,13 +358,17 @@ class Cia402:
     def _see_state(self, state: State) -> None:
         self._state = state
         if state in {State.FAULT, State.FAULT_REACTION}:
-            self.drive_state = DriveState.FAULT
-            self._fire("fault")
+            # While it reacts to a fault it still has torque, for braking.
+            self.drive_state = DriveState.FAULT if state is State.FAULT else DriveState.ARMED
+            if self._started_ns is not None:  # set up; before that the set-up goes on
+                self._fire("fault")
         elif state is State.OPERATION_ENABLED:
             self.drive_state = DriveState.OPERATIONAL
             self._fire("enabled")
         else:
             self.drive_state = DriveState.DISABLED if state in wire.TORQUE_FREE else DriveState.ARMED
+            if self.phase is HostPhase.FAULT:  # position, current and mode are looked at once more
+                self._started_ns = self._heard_ns
             self._fire("cleared")
             self._fire("left")
 
@@ -370,14 +388,19 @@ class Cia402:
             return
         config = self.config
         current_A = _TPDO2.unpack(data)[0] * 1e-3 * (1.0 if config.counts_per_pulley_rev > 0.0 else -1.0)
+        theta = round((counts - config.zero_counts) / config.counts_per_pulley_rev * ANGLE_LSB_PER_REV)
+        current = round(current_A / CURRENT_LSB_A)
+        if not is_in_range(theta, current):
+            self.counters["out_of_range"] += 1
+            return
         self.counters["samples"] += 1
         self._sequence = self._sequence + 1 & _SEQUENCE_MASK
         self._samples.append(
             RawSample(
                 self._sequence,
                 stamp_ns,
-                round((counts - config.zero_counts) / config.counts_per_pulley_rev * ANGLE_LSB_PER_REV),
-                round(current_A / CURRENT_LSB_A),
+                theta,
+                current,
                 int(DriveState.DISABLED if self.drive_state is None else self.drive_state),
                 0,
                 self.setpoint_sequence,

@@ -29,6 +29,7 @@ from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import odrive_messages as wire
 from hil_forceps.drives.odrive_messages import AxisState, Command, Firmware
+from hil_forceps.drives.port import is_in_range
 
 HEARTBEAT_TIMEOUT_NS: Final = 350_000_000  # three of its heartbeats and a half, which come every 100 ms
 IDENTIFY_NS: Final = 1_000_000_000  # for all three kinds of frames to come
@@ -48,6 +49,7 @@ COUNTERS: Final = (
     "bad_length",
     "no_estimate",  # exactly 0.0 and 0.0 behind another angle: what an ODrive sends whose estimate is invalid
     "without_current",
+    "out_of_range",
     "samples_overflow",
     "not_increasing",
 )
@@ -213,6 +215,7 @@ class ODrive:
             self._identify(now_ns)
             return []
         if self._heartbeat is not None and now_ns - self._heartbeat_ns > HEARTBEAT_TIMEOUT_NS:
+            self.drive_state = None  # an old word
             self._fire("gone")
         if self._clears:
             self._clears = False
@@ -313,23 +316,27 @@ class ODrive:
             return
         (position_rev, at_ns), self._pending = self._pending, None
         config, current = self.config, self._current
-        if current is None or at_ns - self._current_ns > MAX_CURRENT_AGE * config.iq_period_ns:
+        if current is None or abs(at_ns - self._current_ns) > MAX_CURRENT_AGE * config.iq_period_ns:
             self.counters["without_current"] += 1
             return
         if len(self._samples) >= MAX_SAMPLES:
             self.counters["samples_overflow"] += 1
             return
+        turns = (position_rev - config.zero_rev) / config.rev_per_pulley_rev
+        theta = round(turns * ANGLE_LSB_PER_REV)
+        current_raw = round(math.copysign(1.0, config.rev_per_pulley_rev) * current.measured_A / CURRENT_LSB_A)
+        if not is_in_range(theta, current_raw):
+            self.counters["out_of_range"] += 1
+            return
         self._stamp_ns = at_ns
         self.counters["samples"] += 1
         self._sequence = self._sequence + 1 & _SEQUENCE_MASK
-        turns = (position_rev - config.zero_rev) / config.rev_per_pulley_rev
-        current_A = math.copysign(1.0, config.rev_per_pulley_rev) * current.measured_A
         self._samples.append(
             RawSample(
                 self._sequence,
                 at_ns,
-                round(turns * ANGLE_LSB_PER_REV),
-                round(current_A / CURRENT_LSB_A),
+                theta,
+                current_raw,
                 int(DriveState.DISABLED if self.drive_state is None else self.drive_state),
                 0,
                 self.setpoint_sequence,

@@ -280,3 +280,79 @@ def test_whatever_comes_nothing_raises_and_no_torque_is_asked_for(frames: list[t
         drive.receive(Frame(arbitration_id, data), now_ns)
         assert drive.setpoint(0) is None
         assert all(control in {0x00, 0x80} for control in controls(drive.poll(now_ns)))
+
+
+def boot_up() -> Frame:
+    return Frame(0x700 + NODE, b"\x00")
+
+
+def test_a_drive_that_restarts_during_set_up_is_set_up_from_the_beginning() -> None:
+    """Or its watchdog, which was written first, would be off for the whole run."""
+    drive = Cia402(CONFIG)
+    drive.connect(0)
+    written: list[int] = []
+    rebooted = False
+    for n in range(200):
+        for frame in drive.poll(n * MS):
+            if frame.arbitration_id != 0x605:
+                continue
+            written.append(struct.unpack_from("<H", frame.data, 1)[0])
+            if written.count(0x1016) == 1 and not rebooted:
+                rebooted = True
+                drive.receive(boot_up(), n * MS)
+            else:
+                drive.receive(answer(frame), n * MS)
+    assert written.count(0x1016) == 2
+
+
+def test_a_fault_before_set_up_is_over_does_not_skip_it() -> None:
+    drive = Cia402(CONFIG)
+    drive.connect(0)
+    for state in (State.FAULT, State.SWITCH_ON_DISABLED):
+        drive.receive(position(1, state), MS)
+        assert drive.phase is HostPhase.IDENTIFYING
+
+
+def test_behind_a_fault_the_mode_is_looked_at() -> None:
+    drive, _, n = set_up()
+    drive.poll(n * MS)
+    drive.receive(position(1, State.FAULT, mode=1), (n + 1) * MS)
+    assert drive.phase.name == "FAULT"
+    for k in range(n + 2, n + 700):
+        drive.receive(position(1, State.SWITCH_ON_DISABLED, mode=1), k * MS)
+        drive.receive(current(0), k * MS)
+        drive.poll(k * MS)
+        assert drive.phase.name != "READY"
+    assert "stays in mode 1" in drive.refusal
+
+
+def test_torque_is_taken_off_a_drive_that_was_silent() -> None:
+    drive, n = running()
+    drive.poll(n * MS + SILENCE_NS + MS)
+    assert drive.phase is HostPhase.DISCONNECTED
+    drive.disable()
+    n += SILENCE_NS // MS + 2
+    drive.receive(position(1, State.OPERATION_ENABLED), n * MS)
+    assert controls(drive.poll(n * MS)) == [0x00]
+
+
+def test_a_drive_with_torque_and_without_references_is_not_told_that_the_host_lives() -> None:
+    drive, n = running()
+    drive.disable()
+    frames = [frame for k in range(n, n + 300) for frame in tick(drive, k, State.OPERATION_ENABLED)]
+    assert [frame for frame in frames if frame.arbitration_id == 0x700 + HOST_NODE] == []
+
+
+def test_the_heartbeat_is_faster_than_a_short_watchdog() -> None:
+    drive, _, n = set_up(CONFIG._replace(host_timeout_ns=9 * MS))
+    frames = [frame for k in range(n, n + 30) for frame in tick(drive, k, State.SWITCH_ON_DISABLED)]
+    assert len([frame for frame in frames if frame.arbitration_id == 0x700 + HOST_NODE]) == 10
+
+
+def test_a_current_that_no_recording_holds_is_counted() -> None:
+    drive, n = running()
+    drive.take_samples()
+    drive.receive(position(1, State.OPERATION_ENABLED), n * MS)
+    drive.receive(current(2**31 - 1), n * MS)
+    assert drive.take_samples() == []
+    assert drive.counters["out_of_range"] == 1

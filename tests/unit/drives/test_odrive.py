@@ -266,3 +266,29 @@ def test_frames_at_the_pace_of_samples_are_no_heartbeats() -> None:
     assert drive.phase is HostPhase.REFUSED
     assert "0A1h" in drive.refusal
     assert "motor_driver.profile" in drive.refusal
+
+
+def test_an_angle_that_no_recording_holds_is_counted() -> None:
+    drive = running()
+    drive.receive(estimates(3e38), 10 * MS)
+    drive.receive(iq(0.1), 10 * MS)
+    assert drive.take_samples() == []
+    assert drive.counters["out_of_range"] == 1
+
+
+def test_a_current_from_much_later_belongs_to_no_sample() -> None:
+    drive = running()
+    drive.receive(estimates(0.25), 10 * MS)
+    drive.receive(iq(0.5), 410 * MS)
+    assert drive.take_samples() == []
+
+
+def test_a_drive_whose_heartbeats_stopped_is_asked_for_idle() -> None:
+    drive = ready()
+    drive.enable()
+    ticks(drive, 2, 10)
+    late = 3 * HEARTBEAT_TIMEOUT_NS // MS
+    drive.poll(late * MS)
+    assert drive.drive_state is None
+    drive.disable()
+    assert commands(drive.poll((late + 1) * MS)) == [0x07]
