@@ -41,6 +41,7 @@ FLIGHT_NS: Final = 10_000_000  # for a request to arrive, and for a heartbeat fr
 FIRST_REFERENCES: Final = 3  # sent before closed loop is asked for: two may be lost
 MAX_SAMPLES: Final = 4096
 _SEQUENCE_MASK: Final = 0xFF
+_NO_TORQUE: Final = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
 COUNTERS: Final = (
     "samples",
@@ -225,7 +226,7 @@ class ODrive:
             if self._references >= FIRST_REFERENCES and self._is_due(now_ns):
                 frames.append(wire.set_axis_state(node, AxisState.CLOSED_LOOP_CONTROL))
             return frames
-        if self._wants_idle and self.drive_state in {None, DriveState.OPERATIONAL} and self._is_due(now_ns):
+        if self._wants_idle and self.drive_state not in _NO_TORQUE and self._is_due(now_ns):
             self._idle_ns = now_ns if self._idle_ns is None else self._idle_ns
             return [wire.set_axis_state(node, AxisState.IDLE)]
         return []
@@ -265,16 +266,24 @@ class ODrive:
         if self.phase is HostPhase.IDENTIFYING and not self._has_pace:
             return
         closed = heartbeat.axis_state == AxisState.CLOSED_LOOP_CONTROL
+        has_torque = heartbeat.axis_state not in {AxisState.UNDEFINED, AxisState.IDLE}
         if heartbeat.axis_error:
-            self.drive_state = DriveState.FAULT
+            self.drive_state = DriveState.ARMED if has_torque else DriveState.FAULT
             self._fire("error")
         else:
-            if closed or not self._wants_idle or self._is_behind_idle(now_ns):
-                self.drive_state = DriveState.OPERATIONAL if closed else DriveState.DISABLED
+            if closed:
+                self.drive_state = DriveState.OPERATIONAL
+            elif has_torque:  # calibrates, looks for an index, homes
+                self.drive_state = DriveState.ARMED
+            elif not self._wants_idle or self._is_behind_idle(now_ns):
+                self.drive_state = DriveState.DISABLED
             if self.phase is HostPhase.FAULT:
                 self._since_ns = now_ns
             self._fire("cleared")
-            self._fire("closed loop" if closed else "left")
+            if not closed:
+                self._fire("left")
+            elif self._references >= FIRST_REFERENCES:  # else it is in closed loop by somebody else's word
+                self._fire("closed loop")
 
     def _see_pace(self, now_ns: int) -> None:
         if self._has_pace or self._heartbeat is None:

@@ -34,6 +34,7 @@ class Command(IntEnum):
 class AxisState(IntEnum):
     """States of an axis that matter here."""
 
+    UNDEFINED = 0
     IDLE = 1
     CLOSED_LOOP_CONTROL = 8
 

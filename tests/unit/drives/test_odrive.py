@@ -292,3 +292,29 @@ def test_a_drive_whose_heartbeats_stopped_is_asked_for_idle() -> None:
     assert drive.drive_state is None
     drive.disable()
     assert commands(drive.poll((late + 1) * MS)) == [0x07]
+
+
+@pytest.mark.parametrize("state", [3, 4, 6, 7, 9, 11, 13])
+def test_a_drive_that_calibrates_has_torque_and_is_asked_for_idle(state: int) -> None:
+    drive = ready()
+    drive.receive(heartbeat(state), 10 * MS)
+    assert drive.drive_state is DriveState.ARMED
+    drive.disable()
+    assert commands(drive.poll(11 * MS)) == [0x07]
+
+
+def test_an_error_in_closed_loop_is_no_end_of_torque() -> None:
+    drive = running()
+    drive.receive(heartbeat(CLOSED_LOOP, error=0x100), 20 * MS)
+    assert drive.phase is HostPhase.FAULT
+    assert drive.drive_state is DriveState.ARMED
+    drive.disable()
+    assert commands(drive.poll(21 * MS)) == [0x07]
+
+
+def test_closed_loop_by_somebody_elses_word_is_no_start() -> None:
+    drive = ready()
+    drive.enable()
+    drive.receive(heartbeat(CLOSED_LOOP), 3 * MS)
+    assert drive.phase.name == "ENABLING"
+    assert commands(ticks(drive, 4, 2))[:2] == [0x0B, 0x0F]
