@@ -54,12 +54,11 @@ def drive_world(
     `simulation` is the paper's 1 or 2, or 0 for no load; `truth_s` seconds of truth are logged.
     """
     stepper = Simulation(Medium(timing, FaultInjector(faults, seed) if faults else None))
-    profile = "native" if rig.motor_driver is None else rig.motor_driver.profile
     load = paper_load(simulation)
     drive: AnyDrive
-    if profile == "odrive":
+    if rig.drive_profile == "odrive":
         drive = SimulatedODrive(rig, load, seed, truth_duration_s=truth_s)
-    elif profile == "cia402":
+    elif rig.drive_profile == "cia402":
         drive = SimulatedCia402(rig, load, seed, truth_duration_s=truth_s)
     else:
         drive = SimulatedDrive(rig, load, seed, fd=is_fd, truth_duration_s=truth_s)

@@ -10,11 +10,9 @@ from typing import Final, NamedTuple
 
 from firmware_protocol.frames import Frame
 
-MAX_NODE: Final = 127
 NMT_ID, SYNC_ID, EMCY_ID = 0x000, 0x080, 0x080
 TPDO_IDS: Final = (0x180, 0x280)
 RPDO1_ID, SDO_ANSWER_ID, SDO_REQUEST_ID, HEARTBEAT_ID = 0x200, 0x580, 0x600, 0x700
-BOOT_UP: Final = 0x00
 
 
 class Nmt(IntEnum):
@@ -22,6 +20,15 @@ class Nmt(IntEnum):
 
     START = 0x01
     PRE_OPERATIONAL = 0x80
+
+
+class NmtState(IntEnum):
+    """What a heartbeat says of its node."""
+
+    BOOT_UP = 0x00
+    STOPPED = 0x04
+    OPERATIONAL = 0x05
+    PRE_OPERATIONAL = 0x7F
 
 
 class State(Enum):
@@ -41,7 +48,6 @@ class Control(IntEnum):
     """Controlwords."""
 
     DISABLE_VOLTAGE = 0x00
-    QUICK_STOP = 0x02
     SHUTDOWN = 0x06
     SWITCH_ON = 0x07
     ENABLE_OPERATION = 0x0F
@@ -116,7 +122,7 @@ def sync() -> Frame:
 
 def heartbeat(node: int) -> Frame:
     """Return the heartbeat of an operational node."""
-    return Frame(HEARTBEAT_ID + node, b"\x05")
+    return Frame(HEARTBEAT_ID + node, bytes((NmtState.OPERATIONAL,)))
 
 
 def sdo_write(node: int, entry: Entry) -> Frame:

@@ -7,25 +7,27 @@
     READY        -> ENABLING     6040h goes 06, 07, 0F as the statusword follows; 607Ah is the measured angle
     ENABLING     -> RUNNING      the statusword says operation enabled
     RUNNING      -> READY        the statusword says otherwise, without a fault
-    any          -> FAULT        the statusword says fault
+    any          -> FAULT        the statusword says fault, once the set-up is written
+    FAULT        -> IDENTIFYING  the statusword says otherwise: position, current and mode are looked at once more
     any          -> DISCONNECTED a boot-up message, or nothing for `SILENCE_NS`
 
 A drive latches at SYNC, so a sample's stamp is when SYNC was sent: it goes out behind each tick's reference, and what
-comes back is the next tick's sample. The drive's watchdog is the host's heartbeat, which goes out with references and
-only with them.
+comes back is the next tick's sample. The drive's watchdog is the host's heartbeat. While the drive has torque, that goes
+out in ticks with a reference and only in them.
 """
 
+import math
 import struct
 from typing import Final, NamedTuple
 
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState
 from firmware_protocol.samples import RawBench, RawSample
-from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
+from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import canopen_messages as wire
+from hil_forceps.drives import sample_queue
 from hil_forceps.drives.canopen_messages import Control, Entry, Nmt, State
-from hil_forceps.drives.port import is_in_range
 
 SILENCE_NS: Final = 350_000_000
 SDO_TIMEOUT_NS: Final = 200_000_000
@@ -35,7 +37,6 @@ HEARTBEAT_PERIOD_NS: Final = 20_000_000
 HOST_NODE: Final = 127
 MODE_CSP: Final = 8
 DEVICE_PROFILE: Final = 402
-MAX_SAMPLES: Final = 4096
 _SEQUENCE_MASK: Final = 0xFF
 _SYNCHRONOUS, _AT_ONCE = 1, 255
 _TPDO1: Final = struct.Struct("<ihb")  # 6064h, 6041h, 6061h
@@ -44,15 +45,13 @@ _RPDO1: Final = struct.Struct("<Hi")  # 6040h, 607Ah
 _INT32: Final = 1 << 31
 
 COUNTERS: Final = (
-    "samples",
     "setpoints_sent",
     "syncs_sent",
     "not_for_us",
     "bad_length",
     "unpaired",
-    "out_of_range",
     "emergencies",
-    "samples_overflow",
+    *sample_queue.COUNTERS,
 )
 
 P = HostPhase
@@ -123,10 +122,9 @@ class Cia402:
         self._held_raw: int | None = None
         self._wants_off = False
         self._reset_step = 0
-        self._alive_at = 0  # references sent when the last tick was over
+        self._references_before = 0  # sent when the last tick was over
         self._outbox: list[Frame] = []
-        self._samples: list[RawSample] = []
-        self._sequence = 0
+        self._samples = sample_queue.SampleQueue(self.counters)
 
     def connect(self, now_ns: int) -> None:
         """Set the drive up, from the beginning."""
@@ -170,8 +168,7 @@ class Cia402:
 
     def take_samples(self) -> list[RawSample]:
         """Hand over the samples since the last call, oldest first."""
-        samples, self._samples = self._samples, []
-        return samples
+        return self._samples.take()
 
     def take_bench(self) -> list[RawBench]:
         """Return nothing: such a drive has no bench sensors."""
@@ -207,7 +204,7 @@ class Cia402:
             self._see_answer(wire.parse_sdo(data), now_ns)
         elif function == wire.HEARTBEAT_ID:
             self._heard_ns = now_ns
-            if data == bytes((wire.BOOT_UP,)):
+            if data == bytes((wire.NmtState.BOOT_UP,)):
                 if self.phase is HostPhase.IDENTIFYING:  # what was written to it is lost
                     self._set_up(now_ns)
                 self._fire("gone")
@@ -228,9 +225,10 @@ class Cia402:
             return self._off()
         frames += self._off()
         if self._started_ns is not None:
-            if self._is_alive() and (
-                self._heartbeat_ns is None or now_ns - self._heartbeat_ns >= self._heartbeat_period_ns
-            ):
+            has_sent = self.counters["setpoints_sent"] != self._references_before
+            self._references_before = self.counters["setpoints_sent"]
+            is_due = self._heartbeat_ns is None or now_ns - self._heartbeat_ns >= self._heartbeat_period_ns
+            if is_due and (has_sent or not self._needs_references()):
                 self._heartbeat_ns = now_ns
                 frames.append(wire.heartbeat(HOST_NODE))
             self._sync_ns = now_ns
@@ -238,12 +236,11 @@ class Cia402:
             frames.append(wire.sync())
         return frames
 
-    def _is_alive(self) -> bool:
-        """Whether the drive may take this host for alive: with torque, only in a tick that has sent a reference."""
-        before, self._alive_at = self._alive_at, self.counters["setpoints_sent"]
+    def _needs_references(self) -> bool:
+        """Whether the drive may take this host for alive only in a tick that has sent a reference."""
         is_enabling = self.phase in {HostPhase.ENABLING, HostPhase.RUNNING}
         has_torque = self._state is not None and self._state not in wire.TORQUE_FREE
-        return not (is_enabling or has_torque) or before != self._alive_at
+        return is_enabling or has_torque
 
     def _off(self) -> list[Frame]:
         if self._reset_step and self._state in {State.FAULT, State.FAULT_REACTION}:
@@ -383,29 +380,14 @@ class Cia402:
         (counts, stamp_ns), self._position = self._position, None
         if self.phase is HostPhase.IDENTIFYING:
             return
-        if len(self._samples) >= MAX_SAMPLES:
-            self.counters["samples_overflow"] += 1
-            return
         config = self.config
-        current_A = _TPDO2.unpack(data)[0] * 1e-3 * (1.0 if config.counts_per_pulley_rev > 0.0 else -1.0)
-        theta = round((counts - config.zero_counts) / config.counts_per_pulley_rev * ANGLE_LSB_PER_REV)
-        current = round(current_A / CURRENT_LSB_A)
-        if not is_in_range(theta, current):
-            self.counters["out_of_range"] += 1
-            return
-        self.counters["samples"] += 1
-        self._sequence = self._sequence + 1 & _SEQUENCE_MASK
         self._samples.append(
-            RawSample(
-                self._sequence,
-                stamp_ns,
-                theta,
-                current,
-                int(DriveState.DISABLED if self.drive_state is None else self.drive_state),
-                0,
-                self.setpoint_sequence,
-                now_ns,
-            )
+            stamp_ns=stamp_ns,
+            received_ns=now_ns,
+            pulley_rev=(counts - config.zero_counts) / config.counts_per_pulley_rev,
+            current_A=_TPDO2.unpack(data)[0] * 1e-3 * math.copysign(1.0, config.counts_per_pulley_rev),
+            state=self.drive_state,
+            setpoint_sequence=self.setpoint_sequence,
         )
 
     def _see_emergency(self, code: int | None) -> None:

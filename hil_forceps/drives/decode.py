@@ -18,14 +18,12 @@ class Decoded(NamedTuple):
 
 Decode = Callable[[Frame], Decoded | None]
 
-_STATES = {0x00: "BOOT_UP", 0x04: "STOPPED", 0x05: "OPERATIONAL", 0x7F: "PRE_OPERATIONAL"}
-
 
 def odrive_frame(frame: Frame) -> Decoded | None:
     """Return a frame of CANSimple; None for a command that isn't known here or has another length."""
-    node, data = frame.arbitration_id >> 5, frame.data
+    (node, number), data = odrive.node_and_command(frame.arbitration_id), frame.data
     try:
-        command = odrive.Command(frame.arbitration_id & 0x1F)
+        command = odrive.Command(number)
     except ValueError:
         return None
     values = _odrive_values(command, data)
@@ -81,7 +79,7 @@ def _emergency(data: bytes) -> Decoded | None:
 
 
 def _heartbeat(data: bytes) -> Decoded | None:
-    return Decoded("HEARTBEAT", {"state": _STATES.get(data[0], data[0])}) if len(data) == 1 else None
+    return Decoded("HEARTBEAT", {"state": _named(canopen.NmtState, data[0])}) if len(data) == 1 else None
 
 
 def _sdo_answer(data: bytes) -> Decoded | None:

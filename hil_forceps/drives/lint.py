@@ -35,17 +35,13 @@ def findings(rig: Rig) -> list[Finding]:
     return sorted(found, key=lambda finding: finding.level != "problem")
 
 
-def _profile(rig: Rig) -> str:
-    return "native" if rig.motor_driver is None else rig.motor_driver.profile
-
-
 def _limits(rig: Rig) -> Iterator[Finding]:
     if "limits" not in rig.model_fields_set:
         yield Finding("problem", "limits", "is missing; a motor is only driven within limits that somebody has chosen")
 
 
 def _watchdog(rig: Rig) -> Iterator[Finding]:
-    if rig.motor_driver is None or _profile(rig) == "native":
+    if rig.motor_driver is None or rig.drive_profile == "native":
         return
     key, watchdog_s, period_s = "motor_driver.watchdog_s", rig.motor_driver.watchdog_s, rig.bench.host_period_s
     if watchdog_s == 0.0:
@@ -104,7 +100,7 @@ def _quanta(rig: Rig) -> Iterator[Finding]:
     counts = rig.encoder.counts_per_rev or ANGLE_LSB_PER_REV
     ratio = 1.0 if rig.motor_driver is None else abs(rig.motor_driver.encoder_rev_per_pulley_rev)
     key, quantum_rev = "encoder.counts_per_rev", 1.0 / counts / ratio
-    if _profile(rig) == "odrive" and rig.motor_driver is not None:
+    if rig.drive_profile == "odrive" and rig.motor_driver is not None:
         reach_rad = max(abs(rig.limits.position_min_rad), abs(rig.limits.position_max_rad))
         largest_rev = abs(rig.motor_driver.encoder_zero_rev) + reach_rad / (2.0 * math.pi) * ratio
         float_rev = 2.0 ** (math.ceil(math.log2(max(largest_rev, 1e-6))) - FLOAT_BITS) / ratio

@@ -7,9 +7,10 @@
     READY        -> ENABLING     position control and limits are set; the measured angle is sent as the reference; then
                                  closed loop is asked for. An ODrive that enters it goes to the last input it was given,
                                  however old that is.
-    ENABLING     -> RUNNING      the heartbeat says closed loop
+    ENABLING     -> RUNNING      the heartbeat says closed loop, behind the first references
     RUNNING      -> READY        the heartbeat says otherwise, without an error
-    any          -> FAULT        the heartbeat has an error; once that is cleared, as if just connected
+    any          -> FAULT        the heartbeat has an error
+    FAULT        -> IDENTIFYING  the error is cleared
     any          -> DISCONNECTED no heartbeat for `HEARTBEAT_TIMEOUT_NS`
 
 Any frame feeds an ODrive's watchdog. So nothing is sent while it runs but references from fresh samples.
@@ -25,11 +26,11 @@ from typing import Final, NamedTuple
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState
 from firmware_protocol.samples import RawBench, RawSample
-from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
+from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import odrive_messages as wire
+from hil_forceps.drives import sample_queue
 from hil_forceps.drives.odrive_messages import AxisState, Command, Firmware
-from hil_forceps.drives.port import is_in_range
 
 HEARTBEAT_TIMEOUT_NS: Final = 350_000_000  # three of its heartbeats and a half, which come every 100 ms
 IDENTIFY_NS: Final = 1_000_000_000  # for all three kinds of frames to come
@@ -39,20 +40,17 @@ REPEAT_NS: Final = 50_000_000  # between requests of a state that the heartbeat 
 MAX_CURRENT_AGE: Final = 2.5  # periods of Iq, beyond which a sample has no current
 FLIGHT_NS: Final = 10_000_000  # for a request to arrive, and for a heartbeat from before it to have come
 FIRST_REFERENCES: Final = 3  # sent before closed loop is asked for: two may be lost
-MAX_SAMPLES: Final = 4096
 _SEQUENCE_MASK: Final = 0xFF
 _NO_TORQUE: Final = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
 COUNTERS: Final = (
-    "samples",
     "setpoints_sent",
     "not_for_us",
     "bad_length",
     "no_estimate",  # exactly 0.0 and 0.0 behind another angle: what an ODrive sends whose estimate is invalid
     "without_current",
-    "out_of_range",
-    "samples_overflow",
     "not_increasing",
+    *sample_queue.COUNTERS,
 )
 
 P = HostPhase
@@ -113,8 +111,7 @@ class ODrive:
         self._position_rev: float | None = None
         self._pending: tuple[float, int] | None = None  # a position with its arrival, that waits for its current
         self._stamp_ns = -1
-        self._samples: list[RawSample] = []
-        self._sequence = 0
+        self._samples = sample_queue.SampleQueue(self.counters)
         self._since_ns = 0  # of the phase
         self._settings: list[Frame] = []  # to be sent before the first reference
         self._references = 0  # sent while enabling
@@ -169,8 +166,7 @@ class ODrive:
 
     def take_samples(self) -> list[RawSample]:
         """Hand over the samples since the last call, oldest first."""
-        samples, self._samples = self._samples, []
-        return samples
+        return self._samples.take()
 
     def take_bench(self) -> list[RawBench]:
         """Return nothing: an ODrive has no bench sensors."""
@@ -328,30 +324,16 @@ class ODrive:
         if current is None or abs(at_ns - self._current_ns) > MAX_CURRENT_AGE * config.iq_period_ns:
             self.counters["without_current"] += 1
             return
-        if len(self._samples) >= MAX_SAMPLES:
-            self.counters["samples_overflow"] += 1
-            return
-        turns = (position_rev - config.zero_rev) / config.rev_per_pulley_rev
-        theta = round(turns * ANGLE_LSB_PER_REV)
-        current_raw = round(math.copysign(1.0, config.rev_per_pulley_rev) * current.measured_A / CURRENT_LSB_A)
-        if not is_in_range(theta, current_raw):
-            self.counters["out_of_range"] += 1
-            return
-        self._stamp_ns = at_ns
-        self.counters["samples"] += 1
-        self._sequence = self._sequence + 1 & _SEQUENCE_MASK
-        self._samples.append(
-            RawSample(
-                self._sequence,
-                at_ns,
-                theta,
-                current_raw,
-                int(DriveState.DISABLED if self.drive_state is None else self.drive_state),
-                0,
-                self.setpoint_sequence,
-                at_ns,
-            )
+        is_taken = self._samples.append(
+            stamp_ns=at_ns,
+            received_ns=at_ns,
+            pulley_rev=(position_rev - config.zero_rev) / config.rev_per_pulley_rev,
+            current_A=math.copysign(1.0, config.rev_per_pulley_rev) * current.measured_A,
+            state=self.drive_state,
+            setpoint_sequence=self.setpoint_sequence,
         )
+        if is_taken:
+            self._stamp_ns = at_ns
 
     def _fire(self, event: str) -> None:
         self.phase = TRANSITIONS.get((self.phase, event), self.phase)

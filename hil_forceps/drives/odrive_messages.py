@@ -114,6 +114,11 @@ def frame_id(node: int, command: Command) -> int:
     return node << _COMMAND_BITS | command
 
 
+def node_and_command(arbitration_id: int) -> tuple[int, int]:
+    """Return what an arbitration id says; the command may be one that isn't known here."""
+    return arbitration_id >> _COMMAND_BITS, arbitration_id & ((1 << _COMMAND_BITS) - 1)
+
+
 def parse_heartbeat(data: bytes) -> Heartbeat | None:
     """Return the heartbeat, None for a frame of another length."""
     return Heartbeat(*_HEARTBEAT.unpack(data)) if len(data) == _HEARTBEAT.size else None

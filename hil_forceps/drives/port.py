@@ -69,8 +69,3 @@ class DriveMachine(Protocol):
 
     def take_bench(self) -> list[RawBench]:
         """Hand over readings of bench sensors since the last call; most drives have none."""
-
-
-def is_in_range(theta_m_raw: int, current_raw: int) -> bool:
-    """Tell whether a recording holds an angle (64 bit) and a current (32 bit); nothing real is beyond."""
-    return abs(theta_m_raw) < 1 << 62 and abs(current_raw) < 1 << 31

@@ -15,14 +15,9 @@ from hil_forceps.rig.sections import MotorDriver
 def machine_for(rig: Rig) -> DriveMachine:
     """Return the machine of the profile that a rig names; the project's own protocol where it names none."""
     settings = rig.motor_driver
-    if settings is None or is_native(rig):
+    if settings is None or rig.drive_profile == "native":
         return HostMachine(HostConfig(node=rig.bench.node_id, fd=rig.bench.transport == "fd"))
     return _PROFILES[settings.profile](rig, settings)
-
-
-def is_native(rig: Rig) -> bool:
-    """Tell whether a rig's drive speaks the project's own protocol."""
-    return rig.motor_driver is None or rig.motor_driver.profile == "native"
 
 
 def _check_node(settings: MotorDriver, lowest: int, highest: int) -> None:

@@ -10,12 +10,20 @@ from firmware_protocol.codec import Decoder
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveHeartbeat, DriveState
 from hil_forceps.drives import odrive_messages as odrive
+from hil_forceps.drives.canopen_messages import HEARTBEAT_ID, NmtState
 
 FEWEST_BEATS: Final = 2  # of an ODrive: one frame of eight bytes may be anybody's
 _LAST_AXIS_STATE: Final = 14
-_COMMAND_BITS: Final = 5
-_NMT_STATES: Final = {0x00: "just booted", 0x04: "stopped", 0x05: "operational", 0x7F: "pre-operational"}
-_AXIS_STATES: Final = {1: "idle", 8: "closed loop control"}
+_NMT_WORDS: Final[dict[int, str]] = {
+    NmtState.BOOT_UP: "just booted",
+    NmtState.STOPPED: "stopped",
+    NmtState.OPERATIONAL: "operational",
+    NmtState.PRE_OPERATIONAL: "pre-operational",
+}
+_AXIS_WORDS: Final[dict[int, str]] = {
+    odrive.AxisState.IDLE: "idle",
+    odrive.AxisState.CLOSED_LOOP_CONTROL: "closed loop control",
+}
 
 
 class Found(NamedTuple):
@@ -52,7 +60,7 @@ class Listener:
                 self._native[message.node] = message
             return
         node, data = frame.arbitration_id & 0x7F, frame.data
-        if frame.arbitration_id >> 7 == 0x700 >> 7 and node and len(data) == 1 and data[0] in _NMT_STATES:
+        if frame.arbitration_id == HEARTBEAT_ID + node and node and len(data) == 1 and data[0] in _NMT_WORDS:
             self._canopen[node] = data[0]
         elif len(data) == 8:
             self._hear_odrive(frame)
@@ -67,13 +75,13 @@ class Listener:
                 if said.beats >= FEWEST_BEATS
             ),
             *(
-                Found("cia402", node, f"{_NMT_STATES[state]}; a CANopen node, perhaps no drive")
+                Found("cia402", node, f"{_NMT_WORDS[state]}; a CANopen node, perhaps no drive")
                 for node, state in sorted(self._canopen.items())
             ),
         ]
 
     def _hear_odrive(self, frame: Frame) -> None:
-        node, command = frame.arbitration_id >> _COMMAND_BITS, frame.arbitration_id & ((1 << _COMMAND_BITS) - 1)
+        node, command = odrive.node_and_command(frame.arbitration_id)
         known = self._odrive.get(node)
         if command == odrive.Command.HEARTBEAT:
             heartbeat = odrive.parse_heartbeat(frame.data)
@@ -94,7 +102,7 @@ def _native_words(said: DriveHeartbeat) -> str:
 
 
 def _odrive_words(said: _ODrive) -> str:
-    state = _AXIS_STATES.get(said.heartbeat.axis_state, f"axis state {said.heartbeat.axis_state}")
+    state = _AXIS_WORDS.get(said.heartbeat.axis_state, f"axis state {said.heartbeat.axis_state}")
     error = f"; axis error 0x{said.heartbeat.axis_error:x}" if said.heartbeat.axis_error else ""
     sends = [name for name, count in (("encoder estimates", said.estimates), ("Iq", said.currents)) if count]
     lacks = [name for name, count in (("encoder estimates", said.estimates), ("Iq", said.currents)) if not count]

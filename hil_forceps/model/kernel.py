@@ -1,4 +1,4 @@
-"""The compiler of the model's and the estimators' kernels."""
+"""The compiler of the model's kernels."""
 
 from hil_forceps.rig.kernel import kernel_compiler
 

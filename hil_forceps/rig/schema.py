@@ -73,6 +73,11 @@ class Rig(Section):
         # Without the effects, whose mappings can't be hashed: equal rigs still have equal hashes.
         return hash((self.forceps, self.motor, self.encoder, self.drive, self.noise, self.bench, self.limits))
 
+    @property
+    def drive_profile(self) -> str:
+        """What the motor driver speaks: `native`, the project's own protocol, where the rig names none."""
+        return "native" if self.motor_driver is None else self.motor_driver.profile
+
     def to_data(self) -> dict[str, Any]:
         """Return what was given, as plain data in the form that a rig file has."""
         return self.model_dump(by_alias=True, exclude_unset=True)

@@ -123,9 +123,9 @@ def _say(line: str) -> None:
 
 def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
     rig = load_rig(arguments.rig)
-    if rig.motor_driver is not None and rig.motor_driver.profile != "native":
+    if rig.drive_profile != "native":
         raise UserError(
-            f"{arguments.rig}: motor_driver.profile: is {rig.motor_driver.profile}, but the drive here speaks "
+            f"{arguments.rig}: motor_driver.profile: is {rig.drive_profile}, but the drive here speaks "
             "the project's own protocol alone; `run --interface virtual_forceps` simulates the others (docs/drives.md)"
         )
     is_fd = rig.bench.transport == "fd" if arguments.fd is None else bool(arguments.fd)

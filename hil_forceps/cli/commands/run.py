@@ -18,6 +18,7 @@ from hil_forceps.bench.session import (
     feedback_period_s,
     run_session,
     service_config,
+    stamps_are_host_time,
 )
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.adapters import LinkSpec, open_link
@@ -28,7 +29,7 @@ from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.trajectory_file import read_trajectory
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.drives.lint import findings
-from hil_forceps.drives.registry import is_native, machine_for
+from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 
@@ -90,7 +91,7 @@ def run(
     """
     loaded = load_rig(rig)
     _check_profile(rig, loaded, drive)
-    if serial and not is_native(loaded):
+    if serial and loaded.drive_profile != "native":
         raise UserError(
             f"--serial: {rig} describes a drive on a CAN bus (`motor_driver:`); give --interface and --channel"
         )
@@ -106,7 +107,7 @@ def run(
     is_fd = loaded.bench.transport == "fd"
     plan = Plan(
         loaded,
-        Settings(algorithm, compensate, feedback_s, points, same_clock=not is_native(loaded)),
+        Settings(algorithm, compensate, feedback_s, points, same_clock=stamps_are_host_time(loaded)),
         machine,
         service_config(loaded, duration_s, reset_fault),
         recording=out / "run.mcap",
@@ -134,10 +135,9 @@ def run(
 
 def _check_profile(path: Path, rig: Rig, wanted: str | None) -> None:
     """UserError where a drive is asked for that the rig doesn't describe."""
-    described = "native" if rig.motor_driver is None else rig.motor_driver.profile
-    if wanted is not None and wanted != described:
+    if wanted is not None and wanted != rig.drive_profile:
         raise UserError(
-            f"--drive {wanted}: {path} describes a drive that speaks {described}; give its `motor_driver:` "
+            f"--drive {wanted}: {path} describes a drive that speaks {rig.drive_profile}; give its `motor_driver:` "
             "(docs/drives.md has an example for each)"
         )
 
