@@ -12,8 +12,8 @@
     any          -> DISCONNECTED a boot-up message, or nothing for `SILENCE_NS`
 
 A drive latches at SYNC, so a sample's stamp is when SYNC was sent: it goes out behind each tick's reference, and what
-comes back is the next tick's sample. The drive's watchdog is the host's heartbeat. While the drive has torque, that goes
-out in ticks with a reference and only in them.
+comes back is the next tick's sample. The drive's watchdog is the host's heartbeat. While the drive has torque, that
+goes out in ticks with a reference and only in them.
 """
 
 import math

@@ -4,8 +4,8 @@ import math
 from typing import Literal, NamedTuple
 
 Location = Literal["motor", "wire", "jaw", "sensor", "timing"]
-# What runs contain, as far as the places depend on it where an entry is looked for (`hypotheses.entries.Scene`).
-Of = Literal[
+# What runs contain (`hypotheses.entries.Scene`), where the values at which an entry is looked for scale with it.
+RunExtent = Literal[
     "",  # nothing: numbers as they are
     "duration_s",
     "angle_range_rad",
@@ -21,7 +21,7 @@ Of = Literal[
 class Grid(NamedTuple):
     """Values of a shape parameter at which its entry is looked for: shares of what the runs contain."""
 
-    of: Of
+    of: RunExtent
     shares: tuple[float, ...]
 
 
@@ -29,7 +29,7 @@ class Size(NamedTuple):
     """How large an amplitude is taken where its entry is looked for: by what the runs contain."""
 
     share: float
-    of: Of
+    of: RunExtent
     power: int = 1
     at_most_typical: bool = False
 
@@ -45,7 +45,7 @@ class Parameter(NamedTuple):
     typical: float  # a size to begin from: visible, not large
     meaning: str
     plausible: float = math.inf  # the largest that hardware has; what fits beyond only acts like it
-    looked_at: Grid | None = None  # of a shape
+    search_grid: Grid | None = None  # of a shape
     size: Size | None = None  # of an amplitude, where it is not the typical one
     hidden: tuple[float, float] | None = None  # range of a shape where tests hide the effect; even in the logarithm
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil_forceps.effects.entry import Effect, Of, Parameter
+from hil_forceps.effects.entry import Effect, Parameter, RunExtent
 from hil_forceps.rig.catalogue import EFFECTS
 
 STRIBECK_QUANTILES = (0.03, 0.1, 0.3, 0.7)  # of the speed while moving
@@ -101,26 +101,26 @@ def _size(parameter: Parameter, scene: Scene) -> float:
     size = parameter.size
     if size is None:
         return parameter.typical
-    there = _contained(scene, size.of)[0]
-    value = size.share * there if size.power == 1 else size.share / max(there, 1e-9) ** -size.power
+    extent = _extents(scene, size.of)[0]
+    value = size.share * extent if size.power == 1 else size.share / max(extent, 1e-9) ** -size.power
     return min(parameter.typical, value) if size.at_most_typical else value
 
 
 def _shapes(entry: Effect, scene: Scene) -> list[dict[str, float]]:
     """Return values of the parameters that are no amplitudes, one mapping per place to look."""
-    grids = [(p.name, p.looked_at) for p in entry.parameters if p.looked_at is not None]
+    grids = [(p.name, p.search_grid) for p in entry.parameters if p.search_grid is not None]
     places = [
-        [(name, share * there) for share in grid.shares for there in _contained(scene, grid.of)] for name, grid in grids
+        [(name, share * extent) for share in grid.shares for extent in _extents(scene, grid.of)] for name, grid in grids
     ]
     return [dict(place) for place in itertools.product(*places)]
 
 
-def _contained(scene: Scene, of: Of) -> tuple[float, ...]:
+def _extents(scene: Scene, of: RunExtent) -> tuple[float, ...]:
     """Return what the runs contain of something: one number, or some."""
     if of == "":
         return (1.0,)
-    there: float | tuple[float, ...] = getattr(scene, of)
-    return there if isinstance(there, tuple) else (there,)
+    extent: float | tuple[float, ...] = getattr(scene, of)
+    return extent if isinstance(extent, tuple) else (extent,)
 
 
 def quantiles_of_speed(omega: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, ...]:

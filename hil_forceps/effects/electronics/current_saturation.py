@@ -16,7 +16,7 @@ EFFECT = Effect(
             None,
             0.2,
             "the limit that acts",
-            looked_at=Grid("current_max_A", (0.9985, 0.995, 0.98, 0.85, 0.6)),
+            search_grid=Grid("current_max_A", (0.9985, 0.995, 0.98, 0.85, 0.6)),
             hidden=(0.2, 0.2),
         ),
     ),

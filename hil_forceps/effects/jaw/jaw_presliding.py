@@ -21,7 +21,7 @@ EFFECT = Effect(
             None,
             0.02,
             "angle over which it builds up, δ",
-            looked_at=Grid("jaw_range_rad", (0.003, 0.02, 0.1)),
+            search_grid=Grid("jaw_range_rad", (0.003, 0.02, 0.1)),
             hidden=(5.0e-3, 5.0e-2),
         ),
     ),

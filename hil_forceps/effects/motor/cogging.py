@@ -20,7 +20,7 @@ EFFECT = Effect(
             None,
             6.0,
             "periods in a turn of the motor pulley",
-            looked_at=Grid("harmonics_cogging", (1.0,)),
+            search_grid=Grid("harmonics_cogging", (1.0,)),
         ),
     ),
     "Hanselman, Brushless Permanent Magnet Motor Design, 2003",

@@ -19,7 +19,7 @@ EFFECT = Effect(
             None,
             0.3,
             "speed over which it builds up, ω_f",
-            looked_at=Grid("speeds_rad_per_s", (1.0,)),
+            search_grid=Grid("speeds_rad_per_s", (1.0,)),
             hidden=(0.1, 0.6),
         ),
     ),

@@ -20,7 +20,7 @@ EFFECT = Effect(
             None,
             6.0,
             "time constant",
-            looked_at=Grid("duration_s", (0.15, 0.6, 3.0)),
+            search_grid=Grid("duration_s", (0.15, 0.6, 3.0)),
             hidden=(2.0, 8.0),
         ),
     ),

@@ -21,7 +21,7 @@ EFFECT = Effect(
             None,
             6.0,
             "periods in a turn of the motor pulley",
-            looked_at=Grid("harmonics_ripple", (1.0,)),
+            search_grid=Grid("harmonics_ripple", (1.0,)),
         ),
     ),
     "Jahns, Soong, IEEE TIE 43(2), 1996",

@@ -18,7 +18,7 @@ EFFECT = Effect(
             None,
             2.0,
             "time constant",
-            looked_at=Grid("", (0.03, 0.15, 0.7, 3.0)),
+            search_grid=Grid("", (0.03, 0.15, 0.7, 3.0)),
             hidden=(0.1, 2.0),
         ),
     ),

@@ -17,7 +17,7 @@ EFFECT = Effect(
             None,
             5e-6,
             "stretch over which it builds up, s",
-            looked_at=Grid("stretch_range_m", (0.03, 0.15, 0.6)),
+            search_grid=Grid("stretch_range_m", (0.03, 0.15, 0.6)),
             hidden=(5.0e-6, 4.0e-5),
         ),
     ),
