@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.metrics import STEADY_WINDOW_S, WINDOW_S
-from hil_forceps.bench.session import Plan, feedback_period_s, run_session, service_config, stamps_are_host_time
+from hil_forceps.bench.session import Plan, run_session, service_config, stamps_are_host_time
 from hil_forceps.bridge.adapters import Connection, VirtualClock, VirtualTimeLink
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.recording.reader import read_recording
-from hil_forceps.drives.registry import machine_for
+from hil_forceps.drives.registry import machine_for, sample_period_s
 from hil_forceps.report.style import house_style
 from hil_forceps.rig import load_rig
 from virtual_bus.bus.bit_timing import frame_bits
@@ -57,7 +57,7 @@ def run(name: str, out: Path) -> Cost:
     bus = VirtualForcepsBus(
         f"costs-{name}", rig=rig, simulation=SIMULATION, seed=SEED, truth_duration_s=DURATION_S + 5.0
     )
-    settings = Settings("kalman", True, feedback_period_s(rig), PAPER_TRAJECTORY, stamps_are_host_time(rig))
+    settings = Settings("kalman", True, sample_period_s(rig), PAPER_TRAJECTORY, stamps_are_host_time(rig))
     recording, log = out / f"{name}.mcap", out / f"{name}.log"
     plan = Plan(rig, settings, machine_for(rig), service_config(rig, DURATION_S), recording, log, {})
     session = run_session(Connection(VirtualTimeLink(bus), VirtualClock(bus), True, ()), plan)

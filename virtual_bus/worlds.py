@@ -14,11 +14,8 @@ from virtual_bus.bus.node import Node
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, Port
 from virtual_bus.bus.simulation import Simulation
 from virtual_bus.drive import SimulatedDrive
-from virtual_bus.drives.cia402 import SimulatedCia402
-from virtual_bus.drives.odrive import SimulatedODrive
+from virtual_bus.drives.registry import SIMULATED_DRIVES, SimulatedMotorDriver
 from virtual_bus.plant.load import paper_load
-
-AnyDrive = SimulatedDrive | SimulatedODrive | SimulatedCia402
 
 
 @dataclass(slots=True)
@@ -26,7 +23,7 @@ class World:
     """A bus with what hangs on it besides hosts; `lock` is for hosts in several threads."""
 
     simulation: Simulation
-    drive: AnyDrive | None
+    drive: SimulatedMotorDriver | None
     is_fd: bool
     latency_ns: int = 0
     jitter_ns: int = 0
@@ -55,13 +52,11 @@ def drive_world(
     """
     stepper = Simulation(Medium(timing, FaultInjector(faults, seed) if faults else None))
     load = paper_load(simulation)
-    drive: AnyDrive
-    if rig.drive_profile == "odrive":
-        drive = SimulatedODrive(rig, load, seed, truth_duration_s=truth_s)
-    elif rig.drive_profile == "cia402":
-        drive = SimulatedCia402(rig, load, seed, truth_duration_s=truth_s)
-    else:
+    drive: SimulatedMotorDriver
+    if rig.drive_profile == "native":
         drive = SimulatedDrive(rig, load, seed, fd=is_fd, truth_duration_s=truth_s)
+    else:
+        drive = SIMULATED_DRIVES[rig.drive_profile](rig, load, seed, truth_s)
     stepper.add(drive, "drive", Side.DRIVE).on_bus_off = drive.trip
     return World(
         stepper,

@@ -8,14 +8,14 @@ from hil_forceps.bench.assembly import Settings, rigs_for
 from hil_forceps.bench.direct import execute_direct
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import judge
-from hil_forceps.bench.session import Plan, feedback_period_s, run_session, service_config
+from hil_forceps.bench.session import Plan, run_session, service_config
 from hil_forceps.bench.summary import RunRecord
 from hil_forceps.bench.traces import traces_of
 from hil_forceps.bridge.adapters import Connection, LinkSpec, open_link
 from hil_forceps.bridge.results import ServiceResult
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.recording.reader import read_recording
-from hil_forceps.drives.registry import machine_for
+from hil_forceps.drives.registry import machine_for, sample_period_s
 from hil_forceps.report.traces import RunTraces
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -89,7 +89,7 @@ def run_on(
 ) -> Executed:
     """Run the service on an open link, with recording and bus log, and judge what was recorded."""
     same_clock = connection.virtual_time and rig.bench.drive_clock_ppm == 0.0
-    settings = Settings(spec.algorithm, spec.compensated, feedback_period_s(rig), PAPER_TRAJECTORY, same_clock)
+    settings = Settings(spec.algorithm, spec.compensated, sample_period_s(rig), PAPER_TRAJECTORY, same_clock)
     plan = Plan(
         rigs_for(spec, rig, estimator_rig).estimator,
         settings,

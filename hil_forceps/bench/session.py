@@ -48,15 +48,6 @@ class SessionResult(NamedTuple):
         return [text for text in (self.recording.failure, self.bus_log.failure) if text] + dropped
 
 
-def feedback_period_s(rig: Rig) -> float:
-    """Return the nominal time between the samples that a rig's drive sends; UserError when its loop isn't known."""
-    if rig.motor_driver is not None and rig.drive_profile == "odrive":
-        return rig.motor_driver.feedback_period_s
-    if rig.drive_profile == "cia402":
-        return rig.bench.host_period_s  # that of SYNC
-    return rig.require_drive().sample_time_s * rig.bench.feedback_divider
-
-
 def stamps_are_host_time(rig: Rig) -> bool:
     """Tell whether a rig's drive sends no stamps of its own, so that samples are stamped by the host's clock."""
     return rig.drive_profile != "native"

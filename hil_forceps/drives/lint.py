@@ -6,32 +6,23 @@ refused when it is read, and isn't looked for again here.
 
 import math
 from collections.abc import Iterator
-from typing import Literal, NamedTuple
 
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
+from hil_forceps.drives.profile import Finding
+from hil_forceps.drives.registry import maker_profile
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
 LOAD_N_M = 2.0e-3  # at the jaw: the paper's, for the wire's stretch and the current that it takes
-MAX_FRAME_BITS = 135  # of a classic frame of eight bytes, stuffed at worst, with the gap behind it
 FEWEST_PERIODS = 3  # of the host, within a watchdog's time: one late tick must not stop the motor
 LONGEST_WATCHDOG_S = 0.5  # a motor that goes on for longer behind a dead host
 MAX_QUANTUM_SHARE = 0.05  # of the stretch under `LOAD_N_M`, that a count of the encoder may wind
 MAX_BUS_LOAD, HIGH_BUS_LOAD = 0.9, 0.6
-FLOAT_BITS = 24  # of a 32-bit float's significand
-
-
-class Finding(NamedTuple):
-    """What was found at a key of the rig."""
-
-    level: Literal["problem", "note"]
-    key: str
-    text: str
 
 
 def findings(rig: Rig) -> list[Finding]:
     """Return all that was found, problems first, otherwise in the order of the rig's keys."""
-    found = [*_limits(rig), *_watchdog(rig), *_rates(rig), *_quanta(rig), *_current(rig), *_bus(rig)]
+    found = [*_limits(rig), *_watchdog(rig), *_of_profile(rig), *_quanta(rig), *_current(rig), *_bus(rig)]
     return sorted(found, key=lambda finding: finding.level != "problem")
 
 
@@ -57,38 +48,11 @@ def _watchdog(rig: Rig) -> Iterator[Finding]:
         yield Finding("note", key, f"is {watchdog_s:g} s: the motor goes on for so long behind a host that failed")
 
 
-def _rates(rig: Rig) -> Iterator[Finding]:
-    driver, period_s, age_s = rig.motor_driver, rig.bench.host_period_s, rig.limits.max_sample_age_s
-    if driver is None:
-        return
-    if driver.profile == "odrive":
-        feedback_s = driver.feedback_period_s
-        if feedback_s > age_s:
-            yield Finding(
-                "problem",
-                "motor_driver.feedback_period_s",
-                f"is {feedback_s:g} s, longer than limits.max_sample_age_s ({age_s:g} s): samples are too old for a "
-                "reference most of the time",
-            )
-        elif feedback_s > period_s:
-            yield Finding(
-                "note",
-                "motor_driver.feedback_period_s",
-                f"is {feedback_s:g} s: references leave at that pace, not each {period_s:g} s",
-            )
-        if driver.current_period_s > feedback_s:
-            yield Finding(
-                "note",
-                "motor_driver.current_period_s",
-                f"is {driver.current_period_s:g} s, longer than the angle's {feedback_s:g} s: some samples go with an "
-                "older current, others without one are dropped",
-            )
-    elif driver.profile == "cia402" and age_s <= 1.5 * period_s:
-        yield Finding(
-            "problem",
-            "limits.max_sample_age_s",
-            f"is {age_s:g} s, but a sample is asked for a tick before it is used: at least {2.0 * period_s:g} s",
-        )
+def _of_profile(rig: Rig) -> Iterator[Finding]:
+    found = maker_profile(rig)
+    if found is not None:
+        profile, settings = found
+        yield from profile.findings(rig, settings)
 
 
 def _quanta(rig: Rig) -> Iterator[Finding]:
@@ -100,12 +64,12 @@ def _quanta(rig: Rig) -> Iterator[Finding]:
     counts = rig.encoder.counts_per_rev or ANGLE_LSB_PER_REV
     ratio = 1.0 if rig.motor_driver is None else abs(rig.motor_driver.encoder_rev_per_pulley_rev)
     key, quantum_rev = "encoder.counts_per_rev", 1.0 / counts / ratio
-    if rig.drive_profile == "odrive" and rig.motor_driver is not None:
-        reach_rad = max(abs(rig.limits.position_min_rad), abs(rig.limits.position_max_rad))
-        largest_rev = abs(rig.motor_driver.encoder_zero_rev) + reach_rad / (2.0 * math.pi) * ratio
-        float_rev = 2.0 ** (math.ceil(math.log2(max(largest_rev, 1e-6))) - FLOAT_BITS) / ratio
-        if float_rev > quantum_rev:
-            key, quantum_rev = "motor_driver.encoder_zero_rev", float_rev
+    found = maker_profile(rig)
+    if found is not None:
+        profile, settings = found
+        coarser = profile.quantum(rig, settings)
+        if coarser is not None and coarser.pulley_rev > quantum_rev:
+            key, quantum_rev = coarser
     quantum_m = 2.0 * math.pi * quantum_rev * plant.motor_pulley_radius_m
     if quantum_m > MAX_QUANTUM_SHARE * stretch_m:
         yield Finding(
@@ -137,14 +101,11 @@ def _current(rig: Rig) -> Iterator[Finding]:
 
 
 def _bus(rig: Rig) -> Iterator[Finding]:
-    driver, period_s = rig.motor_driver, rig.bench.host_period_s
-    if driver is None or driver.profile == "native":
+    found = maker_profile(rig)
+    if found is None:
         return
-    if driver.profile == "odrive":
-        frames_per_s = 1.0 / driver.feedback_period_s + 1.0 / driver.current_period_s + 1.0 / period_s + 10.0
-    else:  # SYNC, two frames of the drive, a reference; heartbeats of both
-        frames_per_s = 4.0 / period_s + 60.0
-    load = frames_per_s * MAX_FRAME_BITS / rig.bench.bitrate_bit_per_s
+    profile, settings = found
+    load = profile.bus_load(rig, settings)
     text = f"the cyclic frames of one axis load the bus by {100.0 * load:.0f} % at worst"
     if load > MAX_BUS_LOAD:
         yield Finding("problem", "bench.bitrate_bit_per_s", f"{text}; raise it, or lower the rates")

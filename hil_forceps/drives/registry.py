@@ -1,68 +1,37 @@
-"""From a rig to the machine that speaks its drive's protocol."""
+"""The profiles of makers' protocols, and from a rig to the machine that speaks its drive's."""
 
-from collections.abc import Callable, Mapping
+from typing import Final
 
 from firmware_protocol.host_machine import HostConfig, HostMachine
-from hil_forceps.drives.cia402 import HOST_NODE, Cia402, Cia402Config
-from hil_forceps.drives.odrive import ODrive, ODriveConfig
-from hil_forceps.drives.odrive_messages import MAX_NODE
+from hil_forceps.drives.cia402.profile import PROFILE as CIA402
+from hil_forceps.drives.odrive.profile import PROFILE as ODRIVE
 from hil_forceps.drives.port import DriveMachine
+from hil_forceps.drives.profile import Profile
 from hil_forceps.rig import Rig
-from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
+
+PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402)}
+
+
+def maker_profile(rig: Rig) -> tuple[Profile, MotorDriver] | None:
+    """Return the profile that a rig names, with its settings; None for the project's own protocol."""
+    settings = rig.motor_driver
+    return None if settings is None or settings.profile == "native" else (PROFILES[settings.profile], settings)
 
 
 def machine_for(rig: Rig) -> DriveMachine:
-    """Return the machine of the profile that a rig names; the project's own protocol where it names none."""
-    settings = rig.motor_driver
-    if settings is None or rig.drive_profile == "native":
+    """Return the machine that speaks a rig's drive's protocol; UserError where the rig doesn't go with it."""
+    found = maker_profile(rig)
+    if found is None:
         return HostMachine(HostConfig(node=rig.bench.node_id, fd=rig.bench.transport == "fd"))
-    return _PROFILES[settings.profile](rig, settings)
+    profile, settings = found
+    return profile.machine(rig, settings)
 
 
-def _check_node(settings: MotorDriver, lowest: int, highest: int) -> None:
-    if not lowest <= settings.node_id <= highest:
-        raise UserError(
-            f"motor_driver.node_id: is {settings.node_id}, but a drive of the profile {settings.profile} has "
-            f"{lowest} to {highest}; give its own"
-        )
-
-
-def _odrive(rig: Rig, settings: MotorDriver) -> DriveMachine:
-    _check_node(settings, 0, MAX_NODE)
-    return ODrive(
-        ODriveConfig(
-            node=settings.node_id,
-            firmware=settings.firmware,
-            rev_per_pulley_rev=settings.encoder_rev_per_pulley_rev,
-            zero_rev=settings.encoder_zero_rev,
-            velocity_limit_rad_per_s=rig.limits.speed_max_rad_per_s,
-            current_limit_A=settings.current_limit_A,
-            iq_period_ns=round(settings.current_period_s * 1e9),
-        )
-    )
-
-
-def _cia402(rig: Rig, settings: MotorDriver) -> DriveMachine:
-    _check_node(settings, 1, HOST_NODE - 1)  # 127 is the host's
-    counts = rig.encoder.counts_per_rev
-    if counts is None:
-        raise UserError("encoder.counts_per_rev: is ideal, but a CiA 402 drive gives angles in counts; give a number")
-    period_ns = round(rig.bench.host_period_s * 1e9)
-    if period_ns % 1_000_000:
-        raise UserError(
-            f"bench.host_period_s: {rig.bench.host_period_s:g} s is no whole number of ms, which SYNC and the "
-            "interpolation (60C2h) of a CiA 402 drive take; change it"
-        )
-    return Cia402(
-        Cia402Config(
-            node=settings.node_id,
-            counts_per_pulley_rev=counts * settings.encoder_rev_per_pulley_rev,
-            zero_counts=counts * settings.encoder_zero_rev,
-            period_ns=period_ns,
-            host_timeout_ns=round(settings.watchdog_s * 1e9),
-        )
-    )
-
-
-_PROFILES: Mapping[str, Callable[[Rig, MotorDriver], DriveMachine]] = {"odrive": _odrive, "cia402": _cia402}
+def sample_period_s(rig: Rig) -> float:
+    """Return the nominal time between the samples that a rig's drive sends; UserError when its loop isn't known."""
+    found = maker_profile(rig)
+    if found is None:
+        return rig.require_drive().sample_time_s * rig.bench.feedback_divider
+    profile, settings = found
+    return profile.sample_period_s(rig, settings)

@@ -208,10 +208,13 @@ def _version(given: object) -> object:
     return str(given) if isinstance(given, float) else given
 
 
+ProfileName = Literal["native", "odrive", "cia402"]
+
+
 class MotorDriver(Section):
     """The motor driver, where it speaks its maker's protocol (docs/drives.md)."""
 
-    profile: Literal["native", "odrive", "cia402"] = Field(description="what it speaks; `native` is docs/protocol.md")
+    profile: ProfileName = Field(description="what it speaks; `native` is docs/protocol.md")
     firmware: Annotated[Literal["0.5", "0.6"], BeforeValidator(_version)] = Field(
         default="0.6", description="of an ODrive"
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hil_forceps.bench.assembly import Settings
-from hil_forceps.bench.session import Plan, feedback_period_s, run_session, service_config
+from hil_forceps.bench.session import Plan, run_session, service_config
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.cli.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.trajectories import Trajectory
@@ -16,7 +16,7 @@ from hil_forceps.diagnosis.experiment_design.next_experiment import MOST_RIVALS,
 from hil_forceps.diagnosis.identification import Identified, identify
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.diagnosis.validation.verdict import detectable
-from hil_forceps.drives.registry import machine_for
+from hil_forceps.drives.registry import machine_for, sample_period_s
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from tests.hidden_effects.generator import RIG, make_case
@@ -50,7 +50,7 @@ def evenly(run: Run, rig: Rig) -> EvenRun:
 def on_the_bench(rig: Rig, trajectory: Trajectory, out: Path) -> Run:
     """Make the run as `hil-forceps run` does, in virtual time."""
     link = LinkSpec(interface="virtual_forceps", channel=out.name, options={"rig": rig, "simulation": 0, "seed": 3})
-    period_s = feedback_period_s(rig)
+    period_s = sample_period_s(rig)
     plan = Plan(
         rig,
         Settings("kalman", False, period_s, trajectory, same_clock=True),

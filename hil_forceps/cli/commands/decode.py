@@ -17,8 +17,10 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.messages import Control, DriveState, FaultReason, Message, ParamOp
 from firmware_protocol.serial_framing import SerialReader
 from hil_forceps.data.readers.bus_frames import LOG_SUFFIXES, Stamped, read_frames
-from hil_forceps.drives.decode import DECODERS, Decode, Decoded
+from hil_forceps.drives.profile import Decoded
+from hil_forceps.drives.registry import PROFILES
 from hil_forceps.rig.errors import UserError
+from hil_forceps.rig.sections import ProfileName
 
 # One field of a message in SI: its name there and the size of a wire unit.
 _IN_SI = {
@@ -50,7 +52,7 @@ class Printer(Protocol):
 def decode(
     *source: Annotated[str, Parameter(allow_leading_hyphen=True)],
     form: Literal["text", "jsonl", "csv"] = "text",
-    drive: Literal["native", "odrive", "cia402"] = "native",
+    drive: ProfileName = "native",
 ) -> int:
     """Decode frames (`081#1122334455667788`), bus logs (.log .asc .blf .trc) or serial captures (.bin).
 
@@ -71,7 +73,7 @@ def decode(
     if unknown:
         raise UserError([f"decode: unknown option {each}" for each in unknown])
     printer = _PRINTERS[form]()
-    read = _native() if drive == "native" else _of_maker(DECODERS[drive])
+    read = _native() if drive == "native" else _of_maker(PROFILES[drive].decode)
     refused = total = 0
     torn: Counter[str] = Counter()
     for stamped in _frames(source, torn):
@@ -103,7 +105,7 @@ def _native() -> Callable[[Frame], tuple[Decoded | None, str]]:
     return read
 
 
-def _of_maker(decode_frame: Decode) -> Callable[[Frame], tuple[Decoded | None, str]]:
+def _of_maker(decode_frame: Callable[[Frame], Decoded | None]) -> Callable[[Frame], tuple[Decoded | None, str]]:
     return lambda frame: (decode_frame(frame), "not known here")
 
 

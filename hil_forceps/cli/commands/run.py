@@ -15,7 +15,6 @@ from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.session import (
     Plan,
     SessionResult,
-    feedback_period_s,
     run_session,
     service_config,
     stamps_are_host_time,
@@ -29,9 +28,10 @@ from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.trajectory_file import read_trajectory
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.drives.lint import findings
-from hil_forceps.drives.registry import machine_for
+from hil_forceps.drives.registry import machine_for, sample_period_s
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
+from hil_forceps.rig.sections import ProfileName
 
 EXIT_RUN_FAILED = 2
 
@@ -44,7 +44,7 @@ def run(
     channel: str = "",
     serial: str = "",
     baudrate: int = 1_000_000,
-    drive: Literal["native", "odrive", "cia402"] | None = None,
+    drive: ProfileName | None = None,
     option: tuple[str, ...] = (),
     algorithm: str = "kalman",
     compensate: bool = True,
@@ -102,7 +102,7 @@ def run(
     if not (math.isfinite(duration_s) and duration_s > 0.0):
         raise UserError(f"--duration {duration_s}: must be a positive number of seconds")
     make_folder(out)
-    feedback_s = feedback_period_s(loaded)
+    feedback_s = sample_period_s(loaded)
     ready_kernels(loaded, feedback_s)
     is_fd = loaded.bench.transport == "fd"
     plan = Plan(

@@ -9,7 +9,7 @@ from rich.table import Table
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.tables import print_table
-from hil_forceps.drives.scan import Listener
+from hil_forceps.drives.scan import BusListener
 from hil_forceps.rig.errors import UserError
 
 EXIT_NOBODY = 1
@@ -60,7 +60,7 @@ def scan(
         options=interface_options(option),
     )
     connection = open_link(spec)
-    listener = Listener()
+    listener = BusListener()
     try:
         now_ns = connection.clock.now_ns()
         end_ns = now_ns + round(seconds * 1e9)
@@ -74,7 +74,7 @@ def scan(
     return _tell(listener, seconds)
 
 
-def _tell(listener: Listener, seconds: float) -> int:
+def _tell(listener: BusListener, seconds: float) -> int:
     found = listener.found()
     if not found:
         heard = (

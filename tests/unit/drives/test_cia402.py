@@ -12,9 +12,9 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A
 from firmware_protocol.states import HostPhase
-from hil_forceps.drives import canopen_messages as wire
-from hil_forceps.drives.canopen_messages import State
-from hil_forceps.drives.cia402 import HOST_NODE, SDO_TIMEOUT_NS, SILENCE_NS, TRANSITIONS, Cia402, Cia402Config
+from hil_forceps.drives.cia402 import messages as wire
+from hil_forceps.drives.cia402.machine import HOST_NODE, SDO_TIMEOUT_NS, SILENCE_NS, TRANSITIONS, Cia402, Cia402Config
+from hil_forceps.drives.cia402.messages import State
 
 NODE, MS = 5, 1_000_000
 CONFIG = Cia402Config(NODE, 16384.0, 0.0, MS, 100 * MS)

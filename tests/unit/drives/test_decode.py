@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from firmware_protocol.frames import Frame
 from hil_forceps.cli import main as cli
-from hil_forceps.drives import canopen_messages as canopen
-from hil_forceps.drives import odrive_messages as odrive
-from hil_forceps.drives.decode import DECODERS, canopen_frame, odrive_frame
+from hil_forceps.drives.cia402 import messages as canopen
+from hil_forceps.drives.odrive import messages as odrive
+from hil_forceps.drives.registry import PROFILES
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "drives"
 
@@ -35,7 +35,7 @@ CONFIGS = Path(__file__).parents[3] / "configs" / "drives"
     ],
 )
 def test_odrive(frame: Frame, name: str, values: dict[str, object]) -> None:
-    assert odrive_frame(frame) == (name, {"node": 5, **values})
+    assert PROFILES["odrive"].decode(frame) == (name, {"node": 5, **values})
 
 
 @pytest.mark.parametrize(
@@ -65,10 +65,10 @@ def test_odrive(frame: Frame, name: str, values: dict[str, object]) -> None:
     ],
 )
 def test_canopen(frame: Frame, name: str, values: dict[str, object]) -> None:
-    assert canopen_frame(frame) == (name, values)
+    assert PROFILES["cia402"].decode(frame) == (name, values)
 
 
-@pytest.mark.parametrize("profile", sorted(DECODERS))
+@pytest.mark.parametrize("profile", sorted(PROFILES))
 def test_all_that_a_run_put_on_the_bus_is_understood(
     profile: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -85,8 +85,8 @@ def test_all_that_a_run_put_on_the_bus_is_understood(
     assert not [line for line in lines if "refused" in line]
 
 
-@pytest.mark.parametrize("profile", sorted(DECODERS))
+@pytest.mark.parametrize("profile", sorted(PROFILES))
 @given(frame_id=st.integers(0, 0x7FF), data=st.binary(max_size=8))
 def test_no_bytes_raise(profile: str, frame_id: int, data: bytes) -> None:
-    found = DECODERS[profile](Frame(frame_id, data))
+    found = PROFILES[profile].decode(Frame(frame_id, data))
     assert found is None or found.name

@@ -1,48 +1,46 @@
 """No profile gets round the gate: what arrives at the drive lies within the rig's limits, whatever is asked for."""
 
 from pathlib import Path
-from typing import Any
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from hil_forceps.cli import main as cli
+from hil_forceps.drives.registry import PROFILES
 from hil_forceps.rig import load_rig
-from hil_forceps.rig.sections import MotorDriver
-from virtual_bus.drives.cia402 import SimulatedCia402
-from virtual_bus.drives.odrive import SimulatedODrive
+from hil_forceps.rig.sections import ProfileName
+from virtual_bus.drives.registry import SIMULATED_DRIVES
+from virtual_bus.plant.forceps import SimulatedForceps
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "drives"
 LOW_RAD, HIGH_RAD = 0.9, 1.2  # the jaw's motion wants 1.10 down to 0.12
 
 
-def commanded(profile: str, monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """Watch a simulated drive, and return the motor angles that it will be sent, in rad."""
+def commanded(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Watch the forceps, and return the motor angles in rad that its drive will be led to."""
     seen: list[float] = []
-    if profile == "odrive":
-        reference = SimulatedODrive._reference_raw
+    sample = SimulatedForceps.sample
 
-        def of_odrive(self: SimulatedODrive) -> int:
-            raw = reference(self)
-            seen.append(raw / 2**24 * 2.0 * np.pi)
-            return raw
+    def watched(
+        self: SimulatedForceps, now_ns: int, until_ns: int, reference_raw: int | None
+    ) -> tuple[int, int, int, int]:
+        if reference_raw is not None:
+            seen.append(reference_raw / 2**24 * 2.0 * np.pi)
+        return sample(self, now_ns, until_ns, reference_raw)
 
-        monkeypatch.setattr(SimulatedODrive, "_reference_raw", of_odrive)
-    else:
-        follow = SimulatedCia402._follow
-
-        def of_cia402(self: SimulatedCia402, now_ns: int) -> None:
-            follow(self, now_ns)
-            if self.control & 0x0F == 0x0F:
-                seen.append((self._to - self._zero_counts) / self._counts_per_rev * 2.0 * np.pi)
-
-        monkeypatch.setattr(SimulatedCia402, "_follow", of_cia402)
+    monkeypatch.setattr(SimulatedForceps, "sample", watched)
     return seen
 
 
 def profiles() -> list[str]:
-    field: Any = MotorDriver.model_fields["profile"].annotation
-    return [name for name in field.__args__ if name != "native"]
+    return [name for name in get_args(ProfileName) if name != "native"]
+
+
+def test_every_profile_is_there() -> None:
+    assert sorted(profiles()) == sorted(PROFILES) == sorted(SIMULATED_DRIVES)
+    for name in profiles():
+        assert (CONFIGS / f"{name}.yaml").is_file()
 
 
 @pytest.mark.parametrize("profile", profiles())
@@ -53,7 +51,7 @@ def test_nothing_beyond_the_limits_arrives(profile: str, tmp_path: Path, monkeyp
     assert limited.count(str(LOW_RAD)) >= 1
     rig = tmp_path / "rig.yaml"
     rig.write_text(limited)
-    seen = commanded(profile, monkeypatch)
+    seen = commanded(monkeypatch)
     arguments = ["run", "--rig", str(rig), "--interface", "virtual_forceps", "--channel", str(tmp_path)]
     with pytest.raises(SystemExit):
         cli.main([*arguments, "--option", f"rig={rig}", "--duration", "5", "--out", str(tmp_path / "out")])

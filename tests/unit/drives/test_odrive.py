@@ -12,7 +12,7 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A
 from firmware_protocol.states import HostPhase
-from hil_forceps.drives.odrive import FIRST_REFERENCES, HEARTBEAT_TIMEOUT_NS, TRANSITIONS, ODrive, ODriveConfig
+from hil_forceps.drives.odrive.machine import FIRST_REFERENCES, HEARTBEAT_TIMEOUT_NS, TRANSITIONS, ODrive, ODriveConfig
 
 NODE, MS = 5, 1_000_000
 CONFIG = ODriveConfig(NODE, "0.6", 1.0, 0.0, 100.0, 1.0, MS)

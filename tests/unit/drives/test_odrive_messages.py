@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from odrive_can.utils import get_dbc_path
 
 from firmware_protocol.frames import Frame
-from hil_forceps.drives import odrive_messages as wire
-from hil_forceps.drives.odrive_messages import AxisState, Command, Firmware
+from hil_forceps.drives.odrive import messages as wire
+from hil_forceps.drives.odrive.messages import AxisState, Command, Firmware
 
 NODE = 5
 DBC: dict[str, Any] = {

@@ -10,13 +10,14 @@ from firmware_protocol import codec
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveHeartbeat, Feedback
 from hil_forceps.cli import main as cli
-from hil_forceps.drives.scan import Found, Listener
+from hil_forceps.drives.profile import Found
+from hil_forceps.drives.scan import BusListener
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 def heard(*frames: Frame) -> list[Found]:
-    listener = Listener()
+    listener = BusListener()
     for frame in frames:
         listener.receive(frame)
     return listener.found()

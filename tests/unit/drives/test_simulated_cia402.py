@@ -16,7 +16,7 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.states import HostPhase
 from hil_forceps.cli import main as cli
 from hil_forceps.data.recording.reader import read_recording
-from hil_forceps.drives import canopen_messages as wire
+from hil_forceps.drives.cia402 import messages as wire
 from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError

@@ -16,10 +16,11 @@ from odrive_can.odrive import ODriveCAN
 from firmware_protocol.frames import Frame
 from hil_forceps.cli import main as cli
 from hil_forceps.data.recording.reader import read_recording
-from hil_forceps.drives import odrive_messages as wire
+from hil_forceps.drives.odrive import messages as wire
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 from virtual_bus.drives.odrive import CLOSED_LOOP, IDLE, WATCHDOG_EXPIRED, SimulatedODrive
+from virtual_bus.drives.registry import SIMULATED_DRIVES
 from virtual_bus.interface import VirtualForcepsBus
 from virtual_bus.plant.load import paper_load
 
@@ -67,7 +68,7 @@ def test_an_odrive_that_sends_no_current_is_refused_in_one_line(
     def without_iq(*arguments: Any, **keywords: Any) -> SimulatedODrive:
         return SimulatedODrive(*arguments, **keywords, iq=False)
 
-    monkeypatch.setattr("virtual_bus.worlds.SimulatedODrive", without_iq)
+    monkeypatch.setitem(SIMULATED_DRIVES, "odrive", without_iq)
     code, result = run(tmp_path)
     assert code == 2
     assert result["counters"]["service"]["references_sent"] == 0

@@ -28,9 +28,9 @@ from firmware_protocol.messages import DriveState
 from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
-from hil_forceps.drives import odrive_messages as wire
 from hil_forceps.drives import sample_queue
-from hil_forceps.drives.odrive_messages import AxisState, Command, Firmware
+from hil_forceps.drives.odrive import messages as wire
+from hil_forceps.drives.odrive.messages import AxisState, Command, Firmware
 
 HEARTBEAT_TIMEOUT_NS: Final = 350_000_000  # three of its heartbeats and a half, which come every 100 ms
 IDENTIFY_NS: Final = 1_000_000_000  # for all three kinds of frames to come

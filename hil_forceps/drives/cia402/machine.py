@@ -25,9 +25,9 @@ from firmware_protocol.messages import DriveState
 from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
-from hil_forceps.drives import canopen_messages as wire
 from hil_forceps.drives import sample_queue
-from hil_forceps.drives.canopen_messages import Control, Entry, Nmt, State
+from hil_forceps.drives.cia402 import messages as wire
+from hil_forceps.drives.cia402.messages import Control, Entry, Nmt, State
 
 SILENCE_NS: Final = 350_000_000
 SDO_TIMEOUT_NS: Final = 200_000_000

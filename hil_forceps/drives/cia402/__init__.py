@@ -1,0 +1,1 @@
+"""A CiA 402 drive over CANopen."""

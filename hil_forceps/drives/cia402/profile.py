@@ -1,0 +1,179 @@
+"""CiA 402 in the house: from the rig to the machine, what doesn't go together, who is there, and frames in words."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final
+
+from firmware_protocol.frames import Frame
+from hil_forceps.drives.cia402 import messages as wire
+from hil_forceps.drives.cia402.machine import HOST_NODE, Cia402, Cia402Config
+from hil_forceps.drives.port import DriveMachine
+from hil_forceps.drives.profile import Decoded, Finding, Found, Profile, check_node, classic_load, member_name
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+from hil_forceps.rig.sections import MotorDriver
+
+_NMT_WORDS: Final[dict[int, str]] = {
+    wire.NmtState.BOOT_UP: "just booted",
+    wire.NmtState.STOPPED: "stopped",
+    wire.NmtState.OPERATIONAL: "operational",
+    wire.NmtState.PRE_OPERATIONAL: "pre-operational",
+}
+
+
+def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
+    check_node(settings, 1, HOST_NODE - 1)  # 127 is the host's
+    counts = rig.encoder.counts_per_rev
+    if counts is None:
+        raise UserError("encoder.counts_per_rev: is ideal, but a CiA 402 drive gives angles in counts; give a number")
+    period_ns = round(rig.bench.host_period_s * 1e9)
+    if period_ns % 1_000_000:
+        raise UserError(
+            f"bench.host_period_s: {rig.bench.host_period_s:g} s is no whole number of ms, which SYNC and the "
+            "interpolation (60C2h) of a CiA 402 drive take; change it"
+        )
+    return Cia402(
+        Cia402Config(
+            node=settings.node_id,
+            counts_per_pulley_rev=counts * settings.encoder_rev_per_pulley_rev,
+            zero_counts=counts * settings.encoder_zero_rev,
+            period_ns=period_ns,
+            host_timeout_ns=round(settings.watchdog_s * 1e9),
+        )
+    )
+
+
+def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
+    del settings
+    age_s, period_s = rig.limits.max_sample_age_s, rig.bench.host_period_s
+    if age_s <= 1.5 * period_s:
+        yield Finding(
+            "problem",
+            "limits.max_sample_age_s",
+            f"is {age_s:g} s, but a sample is asked for a tick before it is used: at least {2.0 * period_s:g} s",
+        )
+
+
+def _bus_load(rig: Rig, settings: MotorDriver) -> float:
+    del settings
+    cyclic = 4.0  # SYNC, two frames of the drive, a reference
+    heartbeats_per_s = 60.0  # of both
+    return classic_load(rig, cyclic / rig.bench.host_period_s + heartbeats_per_s)
+
+
+class _Listener:
+    """Tells a CANopen node by its heartbeat or boot-up message."""
+
+    def __init__(self) -> None:
+        self._states: dict[int, int] = {}
+
+    def receive(self, frame: Frame) -> bool:
+        """Take one frame."""
+        node, data = frame.arbitration_id & 0x7F, frame.data
+        is_ours = frame.arbitration_id == wire.HEARTBEAT_ID + node and len(data) == 1 and data[0] in _NMT_WORDS
+        if is_ours and node:
+            self._states[node] = data[0]
+            return True
+        return False
+
+    def found(self) -> list[Found]:
+        """Return the nodes heard so far."""
+        return [
+            Found("cia402", node, f"{_NMT_WORDS[state]}; a CANopen node, perhaps no drive")
+            for node, state in sorted(self._states.items())
+        ]
+
+
+def decode(frame: Frame) -> Decoded | None:
+    """Return a CANopen frame by the predefined connection set; PDOs as this project maps them."""
+    function, node, data = frame.arbitration_id & 0x780, frame.arbitration_id & 0x7F, frame.data
+    if frame.arbitration_id == wire.NMT_ID:
+        if len(data) != 2:
+            return None
+        return Decoded("NMT", {"node": data[1], "command": member_name(wire.Nmt, data[0])})
+    if frame.arbitration_id == wire.SYNC_ID:
+        return Decoded("SYNC", {})
+    read = _READERS.get(function)
+    found = None if read is None else read(data)
+    return None if found is None else Decoded(found.name, {"node": node, **found.values})
+
+
+def _emergency(data: bytes) -> Decoded | None:
+    code = wire.parse_emergency(data)
+    return None if code is None else Decoded("EMCY", {"error_code": f"0x{code:04x}"})
+
+
+def _heartbeat(data: bytes) -> Decoded | None:
+    return Decoded("HEARTBEAT", {"state": member_name(wire.NmtState, data[0])}) if len(data) == 1 else None
+
+
+def _sdo_answer(data: bytes) -> Decoded | None:
+    answer = wire.parse_sdo(data)
+    if answer is None:
+        return None
+    values: dict[str, Any] = {"object": f"{answer.object_index:04X}h:{answer.subindex:02X}"}
+    if answer.value is not None:
+        values["value"] = answer.value
+    if answer.abort is not None:
+        values["abort"] = wire.abort_words(answer.abort)
+    return Decoded("SDO_ANSWER", values)
+
+
+def _sdo_request(data: bytes) -> Decoded | None:
+    if len(data) != 8:
+        return None
+    values: dict[str, Any] = {"object": f"{int.from_bytes(data[1:3], 'little'):04X}h:{data[3]:02X}"}
+    if data[0] == 0x40:
+        return Decoded("SDO_READ", values)
+    return Decoded("SDO_WRITE", {**values, "value": int.from_bytes(data[4:], "little")})
+
+
+def _position(data: bytes) -> Decoded | None:
+    if len(data) != 7:
+        return None
+    statusword = int.from_bytes(data[4:6], "little")
+    return Decoded(
+        "TPDO1",
+        {
+            "position_counts": int.from_bytes(data[:4], "little", signed=True),
+            "statusword": f"0x{statusword:04x}",
+            "state": wire.state_of(statusword).name,
+            "mode": int.from_bytes(data[6:], "little", signed=True),
+        },
+    )
+
+
+def _current(data: bytes) -> Decoded | None:
+    if len(data) != 4:
+        return None
+    return Decoded("TPDO2", {"current_A": int.from_bytes(data, "little", signed=True) * 1e-3})
+
+
+def _reference(data: bytes) -> Decoded | None:
+    if len(data) != 6:
+        return None
+    controlword = int.from_bytes(data[:2], "little")
+    target = int.from_bytes(data[2:], "little", signed=True)
+    return Decoded("RPDO1", {"controlword": f"0x{controlword:04x}", "target_counts": target})
+
+
+_READERS: Mapping[int, Callable[[bytes], Decoded | None]] = {
+    wire.EMCY_ID: _emergency,
+    wire.TPDO_IDS[0]: _position,
+    wire.TPDO_IDS[1]: _current,
+    wire.RPDO1_ID: _reference,
+    wire.SDO_ANSWER_ID: _sdo_answer,
+    wire.SDO_REQUEST_ID: _sdo_request,
+    wire.HEARTBEAT_ID: _heartbeat,
+}
+
+PROFILE: Final = Profile(
+    name="cia402",
+    link="can",
+    machine=_machine,
+    sample_period_s=lambda rig, _: rig.bench.host_period_s,  # that of SYNC
+    findings=_findings,
+    bus_load=_bus_load,
+    quantum=lambda _rig, _settings: None,  # counts
+    listener=_Listener,
+    decode=decode,
+)

@@ -1,0 +1,1 @@
+"""An ODrive over CANSimple."""

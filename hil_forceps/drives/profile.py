@@ -1,0 +1,99 @@
+"""What the house knows of a motor driver's protocol: one `Profile` each, from the rig to findings, frames and words."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Final, Literal, NamedTuple, Protocol
+
+from firmware_protocol.frames import Frame
+from hil_forceps.drives.port import DriveMachine
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+from hil_forceps.rig.sections import MotorDriver
+
+MAX_FRAME_BITS: Final = 135  # of a classic frame of eight bytes, stuffed at worst, with the gap behind it
+_FLOAT_BITS: Final = 24  # of a 32-bit float's significand
+
+
+class Finding(NamedTuple):
+    """What was found at a key of the rig: a `problem` where a run can't work or isn't safe, else a `note`."""
+
+    level: Literal["problem", "note"]
+    key: str
+    text: str
+
+
+class Found(NamedTuple):
+    """A drive that was heard."""
+
+    profile: str  # as a rig's `motor_driver.profile` names it
+    node: int
+    says: str  # its state, and what it sends
+
+
+class Decoded(NamedTuple):
+    """A frame in words: what it is, and its values with their units in the names."""
+
+    name: str
+    values: dict[str, Any]
+
+
+class Quantum(NamedTuple):
+    """The steps in which a drive tells its angle, or takes its reference."""
+
+    key: str  # of the rig, that sets it
+    pulley_rev: float
+
+
+class Listener(Protocol):
+    """Hears which drives of one profile are there; sends nothing."""
+
+    def receive(self, frame: Frame) -> bool:
+        """Take one frame; True where it can be nothing but this profile's."""
+
+    def found(self) -> list[Found]:
+        """Return the drives heard so far, by node."""
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """One protocol. Functions take a rig whose `motor_driver.profile` is this one's, with that section."""
+
+    name: str
+    link: Literal["can", "serial"]
+    machine: Callable[[Rig, MotorDriver], DriveMachine]  # UserError where the rig doesn't go with the protocol
+    sample_period_s: Callable[[Rig, MotorDriver], float]  # between the drive's samples
+    findings: Callable[[Rig, MotorDriver], Iterator[Finding]]
+    bus_load: Callable[[Rig, MotorDriver], float]  # share of the line's time that one axis takes, at worst
+    quantum: Callable[[Rig, MotorDriver], Quantum | None]  # coarser than the encoder's count, where it is
+    listener: Callable[[], Listener]
+    decode: Callable[[Frame], Decoded | None]
+
+
+def check_node(settings: MotorDriver, lowest: int, highest: int) -> None:
+    """UserError where the node id isn't one of the protocol."""
+    if not lowest <= settings.node_id <= highest:
+        raise UserError(
+            f"motor_driver.node_id: is {settings.node_id}, but a drive of the profile {settings.profile} has "
+            f"{lowest} to {highest}; give its own"
+        )
+
+
+def classic_load(rig: Rig, frames_per_s: float) -> float:
+    """Return the share of a CAN bus that this many classic frames of eight bytes take, at worst."""
+    return frames_per_s * MAX_FRAME_BITS / rig.bench.bitrate_bit_per_s
+
+
+def float_quantum(rig: Rig, settings: MotorDriver) -> Quantum:
+    """Return the step of an angle in turns that goes as a 32-bit float, at the far end of the limits."""
+    ratio = abs(settings.encoder_rev_per_pulley_rev)
+    reach_rad = max(abs(rig.limits.position_min_rad), abs(rig.limits.position_max_rad))
+    largest_rev = abs(settings.encoder_zero_rev) + reach_rad / (2.0 * math.pi) * ratio
+    step_rev = 2.0 ** (math.ceil(math.log2(max(largest_rev, 1e-6))) - _FLOAT_BITS)
+    return Quantum("motor_driver.encoder_zero_rev", step_rev / ratio)
+
+
+def member_name(kind: type[Enum], value: int) -> str | int:
+    """Return the name of a value, or the value where it has none."""
+    return next((str(member.name) for member in kind if member.value == value), value)
