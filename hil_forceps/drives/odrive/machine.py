@@ -3,11 +3,12 @@
     DISCONNECTED -> IDENTIFYING  heartbeat, encoder estimates and Iq are waited for; nothing is sent
     IDENTIFYING  -> READY        all three came, heartbeats at the pace of heartbeats
     IDENTIFYING  -> REFUSED      one of them does not come: ODrive sends Iq only where it is told to; or what has the
-                                 heartbeat's id comes so fast that something else speaks here
-    READY        -> ENABLING     position control and limits are set; the measured angle is sent as the reference; then
-                                 closed loop is asked for. An ODrive that enters it goes to the last input it was given,
-                                 however old that is.
-    ENABLING     -> RUNNING      the heartbeat says closed loop, behind the first references
+                                 heartbeat's id comes so fast that something else speaks here; or the axis calibrates
+    READY        -> ENABLING     where the axis isn't idle, idle is asked for; with each of the first references go mode
+                                 and limits; then closed loop is asked for. An ODrive that enters it goes to the last
+                                 input it was given, however old that is: so that is the measured angle, and it stays
+                                 what it was when closed loop was asked for until a heartbeat has answered.
+    ENABLING     -> RUNNING      the heartbeat says closed loop, as it was asked to
     RUNNING      -> READY        the heartbeat says otherwise, without an error
     any          -> FAULT        the heartbeat has an error
     FAULT        -> IDENTIFYING  the error is cleared
@@ -36,7 +37,7 @@ HEARTBEAT_TIMEOUT_NS: Final = 350_000_000  # three of its heartbeats and a half,
 IDENTIFY_NS: Final = 1_000_000_000  # for all three kinds of frames to come
 MIN_HEARTBEAT_NS: Final = 5_000_000  # between two; a twentieth of what an ODrive takes unless told otherwise
 MAX_HASTY: Final = 3  # shorter intervals in a row: more than a host that was late makes
-REPEAT_NS: Final = 50_000_000  # between requests of a state that the heartbeat doesn't show yet
+REPEAT_NS: Final = 50_000_000  # between requests of idle that no heartbeat shows yet
 MAX_CURRENT_AGE: Final = 2.5  # periods of Iq, beyond which a sample has no current
 FLIGHT_NS: Final = 10_000_000  # for a request to arrive, and for a heartbeat from before it to have come
 FIRST_REFERENCES: Final = 3  # sent before closed loop is asked for: two may be lost
@@ -113,16 +114,20 @@ class ODrive:
         self._stamp_ns = -1
         self._samples = sample_queue.SampleQueue(self.counters)
         self._since_ns = 0  # of the phase
-        self._settings: list[Frame] = []  # to be sent before the first reference
-        self._references = 0  # sent while enabling
-        self._held_raw: int | None = None  # the reference while enabling: the angle when it began
-        self._asked_ns: int | None = None  # when a state was last asked for
+        self._is_set = False  # mode and limits were sent, once at least
+        self._references = 0  # sent while enabling, since mode and limits were first sent
+        self._newest_raw: int | None = None  # the reference that went out since the last tick, if one did
+        self._held_raw: int | None = None  # the reference with which closed loop was asked for
+        self._closed_asked_ns = 0
         self._wants_idle = False
-        self._idle_ns: int | None = None  # when idle was first asked for
+        self._idle_first_ns: int | None = None  # when idle was first asked for
+        self._idle_last_ns = 0
         self._clears = False
 
     def connect(self, now_ns: int) -> None:
-        """Listen for the drive."""
+        """Listen for the drive; ValueError while connected."""
+        if self.phase not in {HostPhase.DISCONNECTED, HostPhase.REFUSED}:
+            raise ValueError(f"an ODrive that is {self.phase.name} is connected already")
         self._since_ns = now_ns
         self.refusal = ""
         self._heartbeat, self._has_pace, self._hasty = None, False, 0
@@ -132,14 +137,8 @@ class ODrive:
         """Ask for closed loop control; ValueError unless READY."""
         if self.phase is not HostPhase.READY:
             raise ValueError(f"an ODrive that is {self.phase.name} can't be enabled")
-        config = self.config
-        velocity = abs(config.velocity_limit_rad_per_s * config.rev_per_pulley_rev) / (2.0 * math.pi)
-        self._settings = [
-            wire.set_position_control(config.node),
-            wire.set_limits(config.node, velocity, config.current_limit_A),
-        ]
-        self._references, self._held_raw, self._asked_ns, self._wants_idle = 0, None, None, False
-        self._idle_ns = None
+        self._is_set, self._references, self._newest_raw, self._held_raw = False, 0, None, None
+        self._wants_idle, self._idle_first_ns = False, None
         self._fire("enable")
 
     def disable(self) -> None:
@@ -147,7 +146,7 @@ class ODrive:
         if self.phase in {HostPhase.ENABLING, HostPhase.RUNNING}:
             # Closed loop may have been asked for and not be in a heartbeat yet: what the last one said doesn't count.
             self.drive_state = None
-        self._wants_idle, self._asked_ns, self._idle_ns = True, None, None
+        self._wants_idle, self._idle_first_ns = True, None
         self._fire("disable")
 
     def reset_fault(self) -> None:
@@ -173,14 +172,16 @@ class ODrive:
         return []
 
     def setpoint(self, theta_m_ref_raw: int) -> Frame | None:
-        """Return SET_INPUT_POS; while enabling, with the angle at which that began."""
-        if self.phase is HostPhase.ENABLING and not self._settings:
-            if self._held_raw is None:
-                self._held_raw = theta_m_ref_raw
-            theta_m_ref_raw = self._held_raw
+        """Return SET_INPUT_POS; from the request of closed loop until its answer, with the angle at that request."""
+        if self.phase is HostPhase.ENABLING:
+            if self._held_raw is not None:
+                theta_m_ref_raw = self._held_raw
+            elif not self._is_set or self.drive_state is not DriveState.DISABLED:
+                return None
             self._references += 1
         elif self.phase is not HostPhase.RUNNING:
             return None
+        self._newest_raw = theta_m_ref_raw
         self.setpoint_sequence = self.setpoint_sequence + 1 & _SEQUENCE_MASK
         self.counters["setpoints_sent"] += 1
         config = self.config
@@ -207,31 +208,45 @@ class ODrive:
 
     def poll(self, now_ns: int) -> list[Frame]:
         """Return what is due: settings, a request of a state, or an order to forget errors."""
-        node = self.config.node
+        reference_raw, self._newest_raw = self._newest_raw, None
         if self.phase is HostPhase.IDENTIFYING:
             self._identify(now_ns)
-            return []
-        if self._heartbeat is not None and now_ns - self._heartbeat_ns > HEARTBEAT_TIMEOUT_NS:
+        elif self._heartbeat is not None and now_ns - self._heartbeat_ns > HEARTBEAT_TIMEOUT_NS:
             self.drive_state = None  # an old word
             self._fire("gone")
         if self._clears:
             self._clears = False
-            return [wire.clear_errors(node)]
+            return [wire.clear_errors(self.config.node)]
         if self.phase is HostPhase.ENABLING:
-            frames, self._settings = self._settings, []
-            if self._references >= FIRST_REFERENCES and self._is_due(now_ns):
-                frames.append(wire.set_axis_state(node, AxisState.CLOSED_LOOP_CONTROL))
-            return frames
-        if self._wants_idle and self.drive_state not in _NO_TORQUE and self._is_due(now_ns):
-            self._idle_ns = now_ns if self._idle_ns is None else self._idle_ns
-            return [wire.set_axis_state(node, AxisState.IDLE)]
+            return self._enable(reference_raw, now_ns)
+        if self._wants_idle and (self._idle_first_ns is None or self.drive_state not in _NO_TORQUE):
+            return self._ask_idle(now_ns)
         return []
 
-    def _is_due(self, now_ns: int) -> bool:
-        if self._asked_ns is not None and now_ns - self._asked_ns < REPEAT_NS:
-            return False
-        self._asked_ns = now_ns
-        return True
+    def _enable(self, reference_raw: int | None, now_ns: int) -> list[Frame]:
+        """Return the next step towards closed loop; `reference_raw` is what went out in this tick."""
+        if self._held_raw is not None:
+            return []
+        if self.drive_state is not DriveState.DISABLED:  # it has torque by another's word
+            self._is_set, self._references = False, 0
+            return self._ask_idle(now_ns)
+        node, config = self.config.node, self.config
+        if self._is_set and reference_raw is None:  # nothing is asked for without a fresh angle
+            return []
+        if self._references >= FIRST_REFERENCES:
+            self._held_raw, self._closed_asked_ns = reference_raw, now_ns
+            return [wire.set_axis_state(node, AxisState.CLOSED_LOOP_CONTROL)]
+        self._is_set = True
+        velocity = abs(config.velocity_limit_rad_per_s * config.rev_per_pulley_rev) / (2.0 * math.pi)
+        return [wire.set_position_control(node), wire.set_limits(node, velocity, config.current_limit_A)]
+
+    def _ask_idle(self, now_ns: int) -> list[Frame]:
+        if self._idle_first_ns is None:
+            self._idle_first_ns = now_ns
+        elif now_ns - self._idle_last_ns < REPEAT_NS:
+            return []
+        self._idle_last_ns = now_ns
+        return [wire.set_axis_state(self.config.node, AxisState.IDLE)]
 
     def _identify(self, now_ns: int) -> None:
         missing = [
@@ -243,9 +258,15 @@ class ODrive:
             )
             if value is None
         ]
-        if not missing:
+        is_busy = self.drive_state is DriveState.ARMED  # calibrates, looks for an index, homes
+        is_over = now_ns - self._since_ns > IDENTIFY_NS
+        if not missing and not is_busy:
             self._fire("complete")
-        elif self._has_pace and now_ns - self._since_ns > IDENTIFY_NS:
+        elif not missing and is_over and self._heartbeat is not None:
+            state = self._heartbeat.axis_state
+            self.refusal = f"node {self.config.node} calibrates or homes (axis state {state}); wait until it is idle"
+            self._fire("incomplete")
+        elif self._has_pace and missing and is_over:
             key = "iq_rate_ms" if self.config.firmware == "0.5" else "iq_msg_rate_ms"
             self.refusal = (
                 f"node {self.config.node} sends heartbeats, but no {' and no '.join(missing)}; set its cyclic messages "
@@ -261,25 +282,31 @@ class ODrive:
         self._heartbeat, self._heartbeat_ns = heartbeat, now_ns
         if self.phase is HostPhase.IDENTIFYING and not self._has_pace:
             return
+        self._see_state(heartbeat, now_ns)
+
+    def _see_state(self, heartbeat: wire.Heartbeat, now_ns: int) -> None:
         closed = heartbeat.axis_state == AxisState.CLOSED_LOOP_CONTROL
         has_torque = heartbeat.axis_state not in {AxisState.UNDEFINED, AxisState.IDLE}
         if heartbeat.axis_error:
             self.drive_state = DriveState.ARMED if has_torque else DriveState.FAULT
             self._fire("error")
-        else:
-            if closed:
-                self.drive_state = DriveState.OPERATIONAL
-            elif has_torque:  # calibrates, looks for an index, homes
-                self.drive_state = DriveState.ARMED
-            elif not self._wants_idle or self._is_behind_idle(now_ns):
-                self.drive_state = DriveState.DISABLED
-            if self.phase is HostPhase.FAULT:
-                self._since_ns = now_ns
-            self._fire("cleared")
-            if not closed:
-                self._fire("left")
-            elif self._references >= FIRST_REFERENCES:  # else it is in closed loop by somebody else's word
-                self._fire("closed loop")
+            return
+        self._clears = False
+        if closed:
+            self.drive_state = DriveState.OPERATIONAL
+        elif has_torque:  # calibrates, looks for an index, homes
+            self.drive_state = DriveState.ARMED
+        elif not self._wants_idle or self._is_behind_idle(now_ns):
+            self.drive_state = DriveState.DISABLED
+        if self.phase is HostPhase.FAULT:
+            self._since_ns = now_ns
+        self._fire("cleared")
+        if not closed:
+            self._fire("left")
+            if self._held_raw is not None and now_ns - self._closed_asked_ns >= FLIGHT_NS:
+                self._held_raw = None  # the request was lost, or refused: once more, from where the motor is now
+        elif self._held_raw is not None:  # else it is in closed loop by somebody else's word
+            self._fire("closed loop")
 
     def _see_pace(self, now_ns: int) -> None:
         if self._has_pace or self._heartbeat is None:
@@ -299,7 +326,7 @@ class ODrive:
 
     def _is_behind_idle(self, now_ns: int) -> bool:
         """Whether a heartbeat was made after idle was asked for, as far as its arrival tells."""
-        return self._idle_ns is not None and now_ns - self._idle_ns >= FLIGHT_NS
+        return self._idle_first_ns is not None and now_ns - self._idle_first_ns >= FLIGHT_NS
 
     def _see_estimates(self, estimates: wire.Estimates | None, now_ns: int) -> None:
         if estimates is None:

@@ -90,25 +90,57 @@ def test_an_odrive_that_sends_no_current_is_refused_with_the_remedy() -> None:
     assert drive.counters["samples"] == 0
 
 
+def position_of(frame: Frame) -> float:
+    return float(struct.unpack_from("<f", frame.data)[0]) * 2**24
+
+
 def test_the_measured_angle_goes_out_before_closed_loop_is_asked_for() -> None:
     drive = ready()
     drive.enable()
     sent = ticks(drive, 2, FIRST_REFERENCES + 1)
-    assert commands(sent[:2]) == [0x0B, 0x0F]
-    asked = commands(sent).index(0x07)
-    assert commands(sent[2:asked]) == [0x0C] * FIRST_REFERENCES
-    # All the same: the angle when it began, so that a load can't push it away while the heartbeat is waited for.
-    assert len({frame.data for frame in sent[2:asked]}) == 1
-    assert struct.unpack_from("<f", sent[2].data)[0] == pytest.approx(1001 / 2**24)
+    # Mode and limits with each of the first references: one frame may be lost.
+    assert commands(sent) == [0x0B, 0x0F, *[0x0C, 0x0B, 0x0F] * (FIRST_REFERENCES - 1), 0x0C, 0x07]
+    references = [frame for frame in sent if frame.arbitration_id & 0x1F == 0x0C]
+    assert [round(position_of(frame)) for frame in references] == [1001, 1002, 1003]
+    # Then the angle at the request, so that a load can't push the jaw away while the heartbeat is waited for.
+    held = ticks(drive, 10, 50)
+    assert commands(held) == [0x0C] * 50
+    assert {frame.data for frame in held} == {references[-1].data}
 
 
-def test_closed_loop_is_asked_for_again_until_it_is_seen() -> None:
+def test_closed_loop_is_asked_for_again_where_a_heartbeat_says_no_and_from_where_the_motor_is_then() -> None:
     drive = ready()
     drive.enable()
-    sent = commands(ticks(drive, 2, 160))
-    assert sent.count(0x07) == 4  # after the first references, then every 50 ms
-    drive.receive(heartbeat(CLOSED_LOOP), 163 * MS)
-    assert commands(ticks(drive, 163, 160)) == [0x0C] * 160
+    assert commands(ticks(drive, 2, 4))[-1] == 0x07
+    drive.receive(heartbeat(IDLE), 6 * MS)  # made before the request
+    assert commands(ticks(drive, 7, 90)) == [0x0C] * 90
+    drive.receive(heartbeat(IDLE), 106 * MS)
+    sent = ticks(drive, 107, 2, raw=5000)
+    assert commands(sent) == [0x0C, 0x07, 0x0C]
+    assert [round(position_of(sent[place])) for place in (0, 2)] == [5000, 5000]
+    drive.receive(heartbeat(CLOSED_LOOP), 206 * MS)
+    assert drive.phase is HostPhase.RUNNING
+    assert commands(ticks(drive, 207, 160)) == [0x0C] * 160
+
+
+def test_closed_loop_is_not_asked_for_without_a_fresh_reference() -> None:
+    drive = ready()
+    drive.enable()
+    assert commands(ticks(drive, 2, FIRST_REFERENCES)) == [0x0B, 0x0F, *[0x0C, 0x0B, 0x0F] * (FIRST_REFERENCES - 1)]
+    for n in range(10, 300):  # the gate passes nothing any more
+        assert drive.poll(n * MS) == []
+        if n % 100 == 0:
+            drive.receive(heartbeat(IDLE), n * MS)
+    assert commands(ticks(drive, 300, 1)) == [0x0C, 0x07]
+
+
+def test_an_axis_with_torque_by_anothers_word_is_asked_for_idle_before_its_settings_change() -> None:
+    drive = ready()
+    drive.receive(heartbeat(CLOSED_LOOP), 2 * MS)
+    drive.enable()
+    assert commands(ticks(drive, 3, 101)) == [0x07] * 3
+    drive.receive(heartbeat(IDLE), 104 * MS)
+    assert commands(ticks(drive, 105, 2)) == [0x0B, 0x0F, 0x0C, 0x0B, 0x0F]
 
 
 def test_nothing_but_references_feeds_the_watchdog_of_a_running_drive() -> None:
@@ -315,6 +347,49 @@ def test_an_error_in_closed_loop_is_no_end_of_torque() -> None:
 def test_closed_loop_by_somebody_elses_word_is_no_start() -> None:
     drive = ready()
     drive.enable()
+    ticks(drive, 2, 1)
     drive.receive(heartbeat(CLOSED_LOOP), 3 * MS)
-    assert drive.phase.name == "ENABLING"
-    assert commands(ticks(drive, 4, 2))[:2] == [0x0B, 0x0F]
+    assert drive.phase is HostPhase.ENABLING
+    (frame,) = ticks(drive, 4, 1)
+    assert frame == Frame(NODE << 5 | 0x07, struct.pack("<I4x", IDLE))
+
+
+def test_an_axis_that_calibrates_is_refused() -> None:
+    drive = ODrive(CONFIG)
+    drive.connect(0)
+    for n in range(0, 1200, 100):
+        for frame in (heartbeat(3), estimates(0.1), iq(0.0)):
+            drive.receive(frame, n * MS)
+        assert drive.poll(n * MS) == []
+    assert drive.phase is HostPhase.REFUSED
+    assert "axis state 3" in drive.refusal
+
+
+def test_a_reset_that_was_not_needed_does_not_clear_the_next_fault() -> None:
+    drive = running()
+    drive.receive(heartbeat(IDLE, error=0x40), 10 * MS)
+    drive.reset_fault()
+    drive.receive(heartbeat(IDLE), 11 * MS)  # cleared by another
+    assert drive.phase is HostPhase.IDENTIFYING
+    drive.receive(heartbeat(IDLE, error=0x40), 100 * MS)
+    assert drive.poll(101 * MS) == []
+
+
+def test_disabling_asks_for_idle_in_every_phase_of_a_connected_drive() -> None:
+    drive = running()
+    drive.receive(heartbeat(IDLE, error=0x40), 10 * MS)
+    drive.receive(heartbeat(IDLE), 11 * MS)
+    assert drive.phase is HostPhase.IDENTIFYING
+    drive.disable()
+    assert commands(drive.poll(12 * MS)) == [0x07]
+    drive.receive(heartbeat(IDLE, error=0x40), 100 * MS)
+    drive.disable()
+    assert commands(drive.poll(101 * MS)) == [0x07]
+    assert drive.drive_state is DriveState.FAULT
+    drive.receive(heartbeat(IDLE), 201 * MS)
+    assert drive.drive_state is DriveState.DISABLED
+
+
+def test_connecting_twice_raises() -> None:
+    with pytest.raises(ValueError, match="connected already"):
+        running().connect(20 * MS)
