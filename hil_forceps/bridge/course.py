@@ -114,6 +114,8 @@ class Course:
             self._stop(StopReason.DRIVE_FAULT, f"fault while enabling: {self._host.fault_words()}", now_ns)
         elif phase is HostPhase.REFUSED:
             self._stop(StopReason.VERSION_REFUSED, self._host.refusal, now_ns)
+        elif phase is HostPhase.DISCONNECTED:
+            self._stop(StopReason.DRIVE_LOST, "the drive fell silent or restarted while enabling", now_ns)
         elif now_ns >= self._end_ns:
             line = self._pipeline
             why = f"{line.counters['samples']} samples seen"
@@ -181,5 +183,11 @@ class Course:
             self.reason, self.message = reason, message
         else:
             self.message += f"; {message}"
-        self.drive_disabled = self.stage is Stage.CONNECTING or self._host.drive_state is DriveState.FAULT
+        said = self._host.drive_state
+        if self.stage is not Stage.CONNECTING:
+            self.drive_disabled = said is DriveState.FAULT
+        else:
+            self.drive_disabled = said is None or said in _NO_TORQUE
+            if not self.drive_disabled:
+                self.message += "; the drive has torque, which this run did not ask for"
         self.stage = Stage.ENDED
