@@ -68,7 +68,8 @@ class Telemetry(NamedTuple):
 class ServiceResult(NamedTuple):
     """How a run ended.
 
-    `drive_disabled`: after the end the drive itself reported no torque, or this run never asked it for any and it reported nothing else.
+    `drive_disabled`: after the end the drive itself reported no torque, or it reported nothing and was never asked
+    for any.
     """
 
     reason: StopReason

@@ -5,6 +5,7 @@ generated from them.
 """
 
 import math
+import re
 from typing import Annotated, Literal, get_args
 
 from pydantic import (
@@ -198,15 +199,26 @@ class Recording(Section):
 
 
 def _turning(ratio: float) -> float:
-    if ratio == 0.0:
-        raise text_error("is 0, so the encoder would never turn; give its turns for a turn of the pulley")
+    if abs(ratio) < MIN_ENCODER_RATIO:
+        raise text_error(
+            f"is {ratio:g}, so the encoder would hardly ever turn; give its turns for a turn of the pulley"
+        )
     return ratio
+
+
+def _object(given: str) -> str:
+    """Check the name of an object in a CANopen dictionary."""
+    if re.fullmatch(r"[0-9A-Fa-f]{4}h:[0-9A-Fa-f]{2}", given) is None:
+        raise text_error(f"is {given}; write index and subindex as 30D1h:02")
+    return given
 
 
 def _version(given: object) -> object:
     """Take a version for a text, where a file has it as a number."""
     return str(given) if isinstance(given, float) else given
 
+
+MIN_ENCODER_RATIO = 1e-4  # turns of an encoder for a turn of the pulley, of either sign
 
 ProfileName = Literal["native", "odrive", "cia402"]
 
@@ -235,6 +247,14 @@ class MotorDriver(Section):
     )
     current_limit_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] = Field(
         default=1.0, description="what an ODrive is told to limit its current to"
+    )
+    current_object: Annotated[str, AfterValidator(_object)] = Field(
+        default="30D1h:02", description="object of a CiA 402 drive with the measured current; 30D1h:02 is an EPOS4's"
+    )
+    current_object_bits: Literal[16, 32] = Field(default=32, description="size of `current_object`")
+    current_lsb_A: Annotated[Number, Quantity("A", 0.0, 10.0, open_low=True)] = Field(
+        default=1e-3,
+        description="unit of `current_object`; of 6078h it is a thousandth of the rated current (6075h, in mA)",
     )
     watchdog_s: Annotated[Number, Quantity("s", 0.0, 10.0)] = Field(
         default=0.1, description="its watchdog's time, 0: off; set in an ODrive, written to a CiA 402 drive (1016h)"

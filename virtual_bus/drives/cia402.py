@@ -21,9 +21,15 @@ from virtual_bus.truth_log import TruthLog
 PRE_OPERATIONAL, OPERATIONAL, STOPPED = 0x7F, 0x05, 0x04
 NOT_READY, SWITCH_ON_DISABLED, READY, SWITCHED_ON, ENABLED, FAULT = 0x00, 0x40, 0x21, 0x23, 0x27, 0x08
 CSP: Final = 8
+RATED_CURRENT_mA: Final = 500
 HEARTBEAT_LOST, CAN_OVERRUN = 0x8130, 0x8110
-_NO_OBJECT, _READ_ONLY, _NO_MAPPING, _WRONG_LENGTH = 0x06020000, 0x06010002, 0x06040041, 0x06070010
-_MAPPABLE: Final = {0x60400010, 0x607A0020, 0x60410010, 0x60610008, 0x60640020, 0x30D10220, 0x30D10120, 0x60770010}
+_NO_OBJECT, _READ_ONLY, _NO_MAPPING = 0x06020000, 0x06010002, 0x06040041
+_TOO_LONG, _WRONG_LENGTH = 0x06040042, 0x06070010
+_MAPPABLE: Final = {
+    0x60400010, 0x607A0020, 0x60410010, 0x60610008, 0x60640020, 0x30D10220, 0x30D10120, 0x60770010, 0x60780010,
+}  # fmt: skip
+_MAPPINGS: Final = {0x1600, 0x1A00, 0x1A01}
+_READABLE: Final = {0x1000, 0x6041, 0x6061, 0x6064, 0x30D1, 0x6075, 0x6077, 0x6078}
 _SIZES: Final = {1: 0x2F, 2: 0x2B, 4: 0x23}
 _ANSWERS: Final = {1: 0x4F, 2: 0x4B, 4: 0x43}
 
@@ -67,7 +73,7 @@ class SimulatedCia402:
             (0x1000, 0, 4, 0x00020192), (0x1017, 0, 2, 0), (0x1016, 1, 4, 0), (0x6007, 0, 2, 1),
             (0x6040, 0, 2, 0), (0x6041, 0, 2, 0), (0x6060, 0, 1, 1), (0x6061, 0, 1, 1), (0x6064, 0, 4, 0),
             (0x607A, 0, 4, 0), (0x60C2, 1, 1, 1), (0x60C2, 2, 1, 0xFD), (0x30D1, 1, 4, 0), (0x30D1, 2, 4, 0),
-            (0x6077, 0, 2, 0),
+            (0x6075, 0, 4, RATED_CURRENT_mA), (0x6077, 0, 2, 0), (0x6078, 0, 2, 0),
         ):  # fmt: skip
             self._define(index, subindex, size, value)
         for place in range(2):
@@ -151,6 +157,7 @@ class SimulatedCia402:
         self.objects[0x6041, 0] = self.status
         self.objects[0x6061, 0] = self.objects[0x6060, 0]
         self.objects[0x30D1, 1] = self.objects[0x30D1, 2] = milliamperes
+        self.objects[0x6077, 0] = self.objects[0x6078, 0] = round(1e3 * milliamperes / self.objects[0x6075, 0])
 
     def _packed(self, mapping: int) -> bytes:
         data = b""
@@ -224,19 +231,27 @@ class SimulatedCia402:
         if command == 0x40:
             value = self.objects[place] & ((1 << 8 * size) - 1)
             return struct.pack("<BHB", _ANSWERS[size], index, subindex) + value.to_bytes(4, "little")
-        if command != _SIZES[size]:
-            return self._abort(index, subindex, _WRONG_LENGTH)
         value = int.from_bytes(data[4 : 4 + size], "little")
-        if index in {0x1000, 0x6041, 0x6061, 0x6064, 0x30D1, 0x6077}:
-            return self._abort(index, subindex, _READ_ONLY)
-        if index in {0x1600, 0x1A00, 0x1A01} and subindex and value not in _MAPPABLE:
-            return self._abort(index, subindex, _NO_MAPPING)
+        abort = _WRONG_LENGTH if command != _SIZES[size] else self._objection(index, subindex, value)
+        if abort:
+            return self._abort(index, subindex, abort)
         self.objects[place] = value
         if index == 0x6040:
             self._obey(value)
         if index == 0x607A:
             self._follow(now_ns)
         return struct.pack("<BHB4x", 0x60, index, subindex)
+
+    def _objection(self, index: int, subindex: int, value: int) -> int:
+        """Return the abort code of a value that can't be written, 0 where it can."""
+        if index in _READABLE:
+            return _READ_ONLY
+        if index not in _MAPPINGS:
+            return 0
+        if subindex:
+            return 0 if value in _MAPPABLE else _NO_MAPPING
+        bits = sum(self.objects[index, place] & 0xFF for place in range(1, min(value, 8) + 1))
+        return 0 if value <= 8 and bits <= 64 else _TOO_LONG
 
     @staticmethod
     def _abort(index: int, subindex: int, code: int) -> bytes:

@@ -25,6 +25,7 @@ ESTOP_REQUESTED: Final = {"0.5": 0x4000, "0.6": 0x2000000}
 INVALID_STATE: Final = {"0.5": 0x1, "0.6": 0x10}  # 0.6: bad configuration
 BUS_OFF: Final = {"0.5": 0x200, "0.6": 0x40}  # controller failed; missing input
 _POSITION_CONTROL, _PASSTHROUGH = 3, 1
+MAX_INPUT_REV: Final = 2.0**31  # beyond, an angle has no place in the simulation's integers
 
 
 class SimulatedODrive:
@@ -85,7 +86,7 @@ class SimulatedODrive:
         elif command == 0x0B and len(data) == 8:
             self.modes = struct.unpack("<II", data)
         elif command == 0x0C and len(data) == 8:
-            self.input_pos_rev = struct.unpack_from("<f", data)[0]
+            self._see_input(struct.unpack_from("<f", data)[0])
         elif command == 0x0F and len(data) == 8:
             self.limits = struct.unpack("<ff", data)
         elif command == 0x18:
@@ -143,6 +144,12 @@ class SimulatedODrive:
     def _reference_raw(self) -> int:
         turns = (self.input_pos_rev - self._settings.encoder_zero_rev) / self._settings.encoder_rev_per_pulley_rev
         return round(turns * ANGLE_LSB_PER_REV)
+
+    def _see_input(self, position_rev: float) -> None:
+        if abs(position_rev) < MAX_INPUT_REV:
+            self.input_pos_rev = position_rev
+        else:  # NaN, too
+            self.counters["not_understood"] += 1
 
     def _request(self, state: int) -> None:
         if state == IDLE:

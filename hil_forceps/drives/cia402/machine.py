@@ -7,18 +7,19 @@
     READY        -> ENABLING     6040h goes 06, 07, 0F as the statusword follows; 607Ah is the measured angle
     ENABLING     -> RUNNING      the statusword says operation enabled
     RUNNING      -> READY        the statusword says otherwise, without a fault
+    set up       -> REFUSED      it leaves mode 8 or the NMT state operational, by another master's word
     any          -> FAULT        the statusword says fault, once the set-up is written
     FAULT        -> IDENTIFYING  the statusword says otherwise: position, current and mode are looked at once more
     any          -> DISCONNECTED a boot-up message, or nothing for `SILENCE_NS`
 
-A drive latches at SYNC, so a sample's stamp is when SYNC was sent: it goes out behind each tick's reference, and what
-comes back is the next tick's sample. The drive's watchdog is the host's heartbeat. While the drive has torque, that
-goes out in ticks with a reference and only in them.
+A drive latches at SYNC, so a sample's stamp is when SYNC was sent (`sync_cycle`): it goes out behind each tick's
+reference, and what comes back is the next tick's sample. The target is the measured angle until operation is asked for,
+and from then on the angle at that request until the drive follows. The drive's watchdog is the host's heartbeat. While
+the drive has torque, that goes out in ticks with a reference and only in them.
 """
 
 import math
-import struct
-from typing import Final, NamedTuple
+from typing import Final
 
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState
@@ -27,30 +28,25 @@ from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue
 from hil_forceps.drives.cia402 import messages as wire
-from hil_forceps.drives.cia402.messages import Control, Entry, Nmt, State
+from hil_forceps.drives.cia402 import sync_cycle
+from hil_forceps.drives.cia402.messages import Control, Entry, Nmt, NmtState, State
+from hil_forceps.drives.cia402.objects import HOST_NODE, MODE_CSP, RPDO1, TPDO1, TPDO2, Cia402Config, entries
+from hil_forceps.drives.cia402.setup import SetUp
 
 SILENCE_NS: Final = 350_000_000
-SDO_TIMEOUT_NS: Final = 200_000_000
-SDO_TRIES: Final = 3
 CONFIRM_NS: Final = 500_000_000  # after NMT start, for position, current and mode
 HEARTBEAT_PERIOD_NS: Final = 20_000_000
-HOST_NODE: Final = 127
-MODE_CSP: Final = 8
-DEVICE_PROFILE: Final = 402
 _SEQUENCE_MASK: Final = 0xFF
-_SYNCHRONOUS, _AT_ONCE = 1, 255
-_TPDO1: Final = struct.Struct("<ihb")  # 6064h, 6041h, 6061h
-_TPDO2: Final = struct.Struct("<i")  # the current, mA
-_RPDO1: Final = struct.Struct("<Hi")  # 6040h, 607Ah
 _INT32: Final = 1 << 31
+_NO_TORQUE: Final = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
 COUNTERS: Final = (
     "setpoints_sent",
-    "syncs_sent",
     "not_for_us",
     "bad_length",
-    "unpaired",
+    "unknown_status",
     "emergencies",
+    *sync_cycle.COUNTERS,
     *sample_queue.COUNTERS,
 )
 
@@ -62,30 +58,22 @@ TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
     (P.IDENTIFYING, "refuse"): P.REFUSED,
     (P.IDENTIFYING, "fault"): P.FAULT,
     (P.READY, "enable"): P.ENABLING,
+    (P.READY, "refuse"): P.REFUSED,
     (P.READY, "fault"): P.FAULT,
     (P.READY, "gone"): P.DISCONNECTED,
     (P.ENABLING, "enabled"): P.RUNNING,
     (P.ENABLING, "disable"): P.READY,
     (P.ENABLING, "fault"): P.FAULT,
+    (P.ENABLING, "refuse"): P.REFUSED,
     (P.ENABLING, "gone"): P.DISCONNECTED,
     (P.RUNNING, "left"): P.READY,
     (P.RUNNING, "disable"): P.READY,
     (P.RUNNING, "fault"): P.FAULT,
+    (P.RUNNING, "refuse"): P.REFUSED,
     (P.RUNNING, "gone"): P.DISCONNECTED,
     (P.FAULT, "cleared"): P.IDENTIFYING,
     (P.FAULT, "gone"): P.DISCONNECTED,
 }
-
-
-class Cia402Config(NamedTuple):
-    """One drive and how its encoder sits on the motor pulley."""
-
-    node: int
-    counts_per_pulley_rev: float  # with the sign of the direction
-    zero_counts: float  # what 6064h is at the angle 0 of the motor pulley
-    period_ns: int  # of the host's loop, of SYNC, and of the interpolation (60C2h)
-    host_timeout_ns: int  # of the host's heartbeat; 0: not watched
-    current_object: tuple[int, int] = (0x30D1, 2)  # EPOS4: current actual value, mA, 32 bit
 
 
 class Cia402:
@@ -102,40 +90,37 @@ class Cia402:
         self.drive_state: DriveState | None = None
         self.setpoint_sequence = 0
         self.counters = dict.fromkeys(COUNTERS, 0)
-        self._state: State | None = None
+        self._state: State | None = None  # None: not heard, or not understood
         self._mode: int | None = None
         self._emergency: int | None = None
-        self._setup: list[Entry] = []
-        self._sdo_sent_ns: int | None = None
-        self._sdo_tries = 0
-        self._identified = False
+        self._set_up: SetUp | None = None
         self._started_ns: int | None = None
         self._heard_ns = 0
-        self._sync_ns: int | None = None
         self._heartbeat_ns: int | None = None
         self._heartbeat_period_ns = HEARTBEAT_PERIOD_NS
         if config.host_timeout_ns:
             self._heartbeat_period_ns = min(HEARTBEAT_PERIOD_NS, config.host_timeout_ns // 3)
-        self._position: tuple[int, int] | None = None  # counts, and when SYNC asked for them
+        self._cycle = sync_cycle.SyncCycle(self.counters)
         self._counts: int | None = None  # newest
         self._current_seen = False
-        self._held_raw: int | None = None
+        self._held_raw: int | None = None  # the target with which operation was asked for
         self._wants_off = False
+        self._is_operational = True  # by its heartbeats; NMT start was sent
         self._reset_step = 0
         self._references_before = 0  # sent when the last tick was over
         self._outbox: list[Frame] = []
         self._samples = sample_queue.SampleQueue(self.counters)
 
     def connect(self, now_ns: int) -> None:
-        """Set the drive up, from the beginning."""
+        """Set the drive up, from the beginning; ValueError while connected."""
+        if self.phase not in {HostPhase.DISCONNECTED, HostPhase.REFUSED}:
+            raise ValueError(f"a drive that is {self.phase.name} is connected already")
         self._fire("connect")
-        if self.phase is HostPhase.IDENTIFYING:
-            self.refusal = ""
-            self._set_up(now_ns)
+        self.refusal = ""
+        self._begin_set_up(now_ns)
 
-    def _set_up(self, now_ns: int) -> None:
-        self._setup = self._entries()
-        self._sdo_sent_ns, self._sdo_tries, self._identified = None, 0, False
+    def _begin_set_up(self, now_ns: int) -> None:
+        self._set_up = SetUp(self.config.node, entries(self.config))
         self._started_ns = None
         self._heard_ns = now_ns
         self._outbox = [wire.nmt(Nmt.PRE_OPERATIONAL, self.config.node)]
@@ -144,7 +129,7 @@ class Cia402:
         """Ask for operation; ValueError unless READY."""
         if self.phase is not HostPhase.READY:
             raise ValueError(f"a drive that is {self.phase.name} can't be enabled")
-        self._held_raw, self._wants_off = None, False
+        self._held_raw, self._wants_off, self._reset_step = None, False, 0
         self._fire("enable")
 
     def disable(self) -> None:
@@ -175,15 +160,18 @@ class Cia402:
         return []
 
     def setpoint(self, theta_m_ref_raw: int) -> Frame | None:
-        """Return controlword and target; while enabling, the angle at which that began, as the drive follows."""
+        """Return controlword and target; from the request of operation until it is there, the angle at that request."""
         state = self._state
         if state is None or state not in wire.TOWARDS_ENABLED:
             return None
         control = wire.TOWARDS_ENABLED[state]
         if self.phase is HostPhase.ENABLING:
-            if self._held_raw is None:
+            if control is not Control.ENABLE_OPERATION:
+                self._held_raw = None
+            elif self._held_raw is None:
                 self._held_raw = theta_m_ref_raw
-            theta_m_ref_raw = self._held_raw
+            else:
+                theta_m_ref_raw = self._held_raw
         elif self.phase is not HostPhase.RUNNING:
             return None
         config = self.config
@@ -203,11 +191,7 @@ class Cia402:
         elif function == wire.SDO_ANSWER_ID:
             self._see_answer(wire.parse_sdo(data), now_ns)
         elif function == wire.HEARTBEAT_ID:
-            self._heard_ns = now_ns
-            if data == bytes((wire.NmtState.BOOT_UP,)):
-                if self.phase is HostPhase.IDENTIFYING:  # what was written to it is lost
-                    self._set_up(now_ns)
-                self._fire("gone")
+            self._see_heartbeat(data, now_ns)
         elif function == wire.EMCY_ID:
             self._see_emergency(wire.parse_emergency(data))
         else:
@@ -215,65 +199,38 @@ class Cia402:
 
     def poll(self, now_ns: int) -> list[Frame]:
         """Return what is due: a request, a controlword that takes torque off, SYNC, the heartbeat."""
-        if self.phase in {HostPhase.DISCONNECTED, HostPhase.REFUSED}:
-            return self._off()
-        frames: list[Frame] = []
-        if self.phase is HostPhase.IDENTIFYING:
-            frames += self._identify(now_ns)
-        elif now_ns - self._heard_ns > SILENCE_NS:
+        frames = self._identify(now_ns) if self.phase is HostPhase.IDENTIFYING else []
+        if self.phase is not HostPhase.IDENTIFYING and now_ns - self._heard_ns > SILENCE_NS:
+            self._state = self.drive_state = None  # an old word
             self._fire("gone")
-            return self._off()
         frames += self._off()
-        if self._started_ns is not None:
-            has_sent = self.counters["setpoints_sent"] != self._references_before
-            self._references_before = self.counters["setpoints_sent"]
-            is_due = self._heartbeat_ns is None or now_ns - self._heartbeat_ns >= self._heartbeat_period_ns
-            if is_due and (has_sent or not self._needs_references()):
-                self._heartbeat_ns = now_ns
-                frames.append(wire.heartbeat(HOST_NODE))
-            self._sync_ns = now_ns
-            self.counters["syncs_sent"] += 1
+        is_over = self.phase in {HostPhase.DISCONNECTED, HostPhase.REFUSED} and not self._wants_off
+        if self._started_ns is None or is_over:
+            return frames
+        has_sent = self.counters["setpoints_sent"] != self._references_before
+        self._references_before = self.counters["setpoints_sent"]
+        is_due = self._heartbeat_ns is None or now_ns - self._heartbeat_ns >= self._heartbeat_period_ns
+        if is_due and (has_sent or not self._needs_references()):
+            self._heartbeat_ns = now_ns
+            frames.append(wire.heartbeat(HOST_NODE))
+        if self._cycle.poll(now_ns):
             frames.append(wire.sync())
         return frames
 
     def _needs_references(self) -> bool:
         """Whether the drive may take this host for alive only in a tick that has sent a reference."""
-        is_enabling = self.phase in {HostPhase.ENABLING, HostPhase.RUNNING}
-        has_torque = self._state is not None and self._state not in wire.TORQUE_FREE
-        return is_enabling or has_torque
+        return self.phase in {HostPhase.ENABLING, HostPhase.RUNNING} or self.drive_state not in _NO_TORQUE
 
     def _off(self) -> list[Frame]:
         if self._reset_step and self._state in {State.FAULT, State.FAULT_REACTION}:
             self._reset_step -= 1
             control = Control.DISABLE_VOLTAGE if self._reset_step else Control.FAULT_RESET
             return [self._command(control, self._counts or 0)]
-        if self._wants_off and self._state is not None and self._state not in wire.TORQUE_FREE:
-            return [self._command(Control.DISABLE_VOLTAGE, self._counts or 0)]
-        return []
-
-    def _entries(self) -> list[Entry]:
-        config, node = self.config, self.config.node
-        index, subindex = config.current_object
-        consumer = (HOST_NODE << 16 | config.host_timeout_ns // 1_000_000) if config.host_timeout_ns else 0
-        position = (wire.mapped(0x6064, 0, 32), wire.mapped(0x6041, 0, 16), wire.mapped(0x6061, 0, 8))
-        return [
-            Entry(0x1017, 0, 2, 100),
-            Entry(0x1016, 1, 4, consumer),
-            *wire.pdo_mapping(0x1800, 0x1A00, wire.TPDO_IDS[0] + node, _SYNCHRONOUS, position),
-            *wire.pdo_mapping(
-                0x1801, 0x1A01, wire.TPDO_IDS[1] + node, _SYNCHRONOUS, (wire.mapped(index, subindex, 32),)
-            ),
-            *wire.pdo_mapping(
-                0x1400,
-                0x1600,
-                wire.RPDO1_ID + node,
-                _AT_ONCE,
-                (wire.mapped(0x6040, 0, 16), wire.mapped(0x607A, 0, 32)),
-            ),
-            Entry(0x60C2, 1, 1, config.period_ns // 1_000_000),
-            Entry(0x60C2, 2, 1, -3),
-            Entry(0x6060, 0, 1, MODE_CSP),
-        ]
+        if not self._wants_off or self._started_ns is None or self.drive_state in _NO_TORQUE:
+            return []
+        if not self._is_operational:  # it takes no PDOs
+            return [wire.sdo_write(self.config.node, Entry(0x6040, 0, 2, Control.DISABLE_VOLTAGE))]
+        return [self._command(Control.DISABLE_VOLTAGE, self._counts or 0)]
 
     def _identify(self, now_ns: int) -> list[Frame]:
         if self._outbox:
@@ -281,45 +238,44 @@ class Cia402:
             return frames
         if self._started_ns is not None:
             self._confirm(now_ns)
-        elif self._sdo_sent_ns is None or now_ns - self._sdo_sent_ns >= SDO_TIMEOUT_NS:
-            return self._next_request(now_ns)
-        return []
-
-    def _next_request(self, now_ns: int) -> list[Frame]:
-        node = self.config.node
-        if self._identified and not self._setup:
-            self._started_ns = self._heard_ns = now_ns
-            return [wire.nmt(Nmt.START, node)]
-        self._sdo_sent_ns = now_ns
-        if not self._identified:  # as long as nobody is there; the service's own time-out ends that
-            return [wire.sdo_read(node, 0x1000, 0)]
-        self._sdo_tries += 1
-        if self._sdo_tries > SDO_TRIES:
-            where = f"{self._setup[0].object_index:04X}h:{self._setup[0].subindex:02X}"
-            self._refuse(f"node {node} does not answer requests for {where}")
             return []
-        return [wire.sdo_write(node, self._setup[0])]
+        assert self._set_up is not None
+        if self._set_up.is_done:
+            self._started_ns = self._heard_ns = now_ns
+            return [wire.nmt(Nmt.START, self.config.node)]
+        frames = self._set_up.poll(now_ns)
+        if self._set_up.refusal:
+            self._refuse(self._set_up.refusal)
+        return frames
 
     def _see_answer(self, answer: wire.SdoAnswer | None, now_ns: int) -> None:
-        if answer is None or self.phase is not HostPhase.IDENTIFYING or self._sdo_sent_ns is None:
+        is_asked = self.phase is HostPhase.IDENTIFYING and self._set_up is not None
+        if answer is None or not is_asked or self._set_up is None or not self._set_up.receive(answer):
             self.counters["bad_length" if answer is None else "not_for_us"] += 1
             return
         self._heard_ns = now_ns
-        wanted = (self._setup[0].object_index, self._setup[0].subindex) if self._identified else (0x1000, 0)
-        if (answer.object_index, answer.subindex) != wanted:
-            self.counters["not_for_us"] += 1
+        if self._set_up.refusal:
+            self._refuse(self._set_up.refusal)
+
+    def _see_heartbeat(self, data: bytes, now_ns: int) -> None:
+        if len(data) != 1:
+            self.counters["bad_length"] += 1
             return
-        if answer.abort is not None:
-            where = f"{answer.object_index:04X}h:{answer.subindex:02X}"
-            self._refuse(f"node {self.config.node} refuses {where} ({wire.abort_words(answer.abort)})")
-        elif not self._identified:
-            if (answer.value or 0) & 0xFFFF != DEVICE_PROFILE:
-                profile = (answer.value or 0) & 0xFFFF
-                self._refuse(f"node {self.config.node} is no CiA 402 drive: its device type is of profile {profile}")
-            self._identified = True
-        else:
-            self._setup.pop(0)
-        self._sdo_sent_ns, self._sdo_tries = None, 0
+        self._heard_ns = now_ns
+        if data[0] == NmtState.BOOT_UP:
+            if self.phase is HostPhase.IDENTIFYING:  # what was written to it is lost
+                self._begin_set_up(now_ns)
+            self._state = self.drive_state = None
+            self._fire("gone")
+            return
+        self._is_operational = data[0] == NmtState.OPERATIONAL
+        is_behind_start = self._started_ns is not None and now_ns - self._started_ns > CONFIRM_NS
+        if is_behind_start and not self._is_operational:
+            self._state = self.drive_state = None  # its PDOs have ended
+            self._refuse(
+                f"node {self.config.node} left the NMT state operational by another's word (heartbeat says "
+                f"0x{data[0]:02x}); only one master may be on the bus"
+            )
 
     def _confirm(self, now_ns: int) -> None:
         assert self._started_ns is not None
@@ -337,55 +293,61 @@ class Cia402:
                 )
 
     def _refuse(self, words: str) -> None:
-        self.refusal = words
         self._fire("refuse")
+        if self.phase is HostPhase.REFUSED and not self.refusal:
+            self.refusal = words
 
     def _see_position(self, data: bytes, now_ns: int) -> None:
-        if len(data) != _TPDO1.size:
+        if len(data) != TPDO1.size:
             self.counters["bad_length"] += 1
             return
-        counts, statusword, mode = _TPDO1.unpack(data)
+        counts, statusword, mode = TPDO1.unpack(data)
         self._heard_ns = now_ns
         self._counts, self._mode = counts, mode
         self._see_state(wire.state_of(statusword & 0xFFFF))
-        if self._position is not None:
-            self.counters["unpaired"] += 1
-        self._position = None if self._sync_ns is None else (counts, self._sync_ns)
+        if mode != MODE_CSP and self.phase in {HostPhase.READY, HostPhase.ENABLING, HostPhase.RUNNING}:
+            self._refuse(
+                f"node {self.config.node} went from mode {MODE_CSP} to mode {mode} (6061h) by another's word; only one "
+                "master may write 6060h"
+            )
+        self._cycle.see_position(counts)
 
-    def _see_state(self, state: State) -> None:
+    def _see_state(self, state: State | None) -> None:
         self._state = state
         if state in {State.FAULT, State.FAULT_REACTION}:
             # While it reacts to a fault it still has torque, for braking.
             self.drive_state = DriveState.FAULT if state is State.FAULT else DriveState.ARMED
             if self._started_ns is not None:  # set up; before that the set-up goes on
                 self._fire("fault")
-        elif state is State.OPERATION_ENABLED:
+            return
+        self._reset_step = 0
+        if state is State.OPERATION_ENABLED:
             self.drive_state = DriveState.OPERATIONAL
-            self._fire("enabled")
-        else:
-            self.drive_state = DriveState.DISABLED if state in wire.TORQUE_FREE else DriveState.ARMED
-            if self.phase is HostPhase.FAULT:  # position, current and mode are looked at once more
-                self._started_ns = self._heard_ns
-            self._fire("cleared")
-            self._fire("left")
+            if self._held_raw is not None:  # else by another's word
+                self._fire("enabled")
+            return
+        self.counters["unknown_status"] += state is None
+        self.drive_state = DriveState.DISABLED if state in wire.TORQUE_FREE else DriveState.ARMED
+        if self.phase is HostPhase.FAULT:  # position, current and mode are looked at once more
+            self._started_ns = self._heard_ns
+        self._fire("cleared")
+        self._fire("left")
 
     def _see_current(self, data: bytes, now_ns: int) -> None:
-        if len(data) != _TPDO2.size:
+        config = self.config
+        layout = TPDO2[config.current_bits]
+        if len(data) != layout.size:
             self.counters["bad_length"] += 1
             return
         self._current_seen = True
-        if self._position is None:
-            self.counters["unpaired"] += 1
+        latched = self._cycle.see_current()
+        if latched is None or self.phase is HostPhase.IDENTIFYING:
             return
-        (counts, stamp_ns), self._position = self._position, None
-        if self.phase is HostPhase.IDENTIFYING:
-            return
-        config = self.config
         self._samples.append(
-            stamp_ns=stamp_ns,
+            stamp_ns=latched.stamp_ns,
             received_ns=now_ns,
-            pulley_rev=(counts - config.zero_counts) / config.counts_per_pulley_rev,
-            current_A=_TPDO2.unpack(data)[0] * 1e-3 * math.copysign(1.0, config.counts_per_pulley_rev),
+            pulley_rev=(latched.counts - config.zero_counts) / config.counts_per_pulley_rev,
+            current_A=layout.unpack(data)[0] * config.current_lsb_A * math.copysign(1.0, config.counts_per_pulley_rev),
             state=self.drive_state,
             setpoint_sequence=self.setpoint_sequence,
         )
@@ -399,7 +361,7 @@ class Cia402:
 
     def _command(self, control: Control, counts: int) -> Frame:
         wrapped = (counts + _INT32) % (2 * _INT32) - _INT32
-        return Frame(wire.RPDO1_ID + self.config.node, _RPDO1.pack(control, wrapped))
+        return Frame(wire.RPDO1_ID + self.config.node, RPDO1.pack(control, wrapped))
 
     def _fire(self, event: str) -> None:
         self.phase = TRANSITIONS.get((self.phase, event), self.phase)

@@ -101,13 +101,13 @@ _UPLOADED: Final = {0x4F: 1, 0x4B: 2, 0x43: 4}
 _EMCY: Final = struct.Struct("<HB5x")
 
 
-def state_of(statusword: int) -> State:
-    """Return the state that a statusword says."""
+def state_of(statusword: int) -> State | None:
+    """Return the state that a statusword says; None where it is none of CiA 402."""
     for state in State:
         mask, bits = state.value
         if statusword & mask == bits:
             return state
-    return State.NOT_READY
+    return None
 
 
 def nmt(command: Nmt, node: int) -> Frame:

@@ -1,17 +1,20 @@
 """CiA 402 in the house: from the rig to the machine, what doesn't go together, who is there, and frames in words."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 from firmware_protocol.frames import Frame
 from hil_forceps.drives.cia402 import messages as wire
-from hil_forceps.drives.cia402.machine import HOST_NODE, Cia402, Cia402Config
+from hil_forceps.drives.cia402.machine import Cia402
+from hil_forceps.drives.cia402.objects import HOST_NODE, Cia402Config
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Decoded, Finding, Found, Profile, check_node, classic_load, member_name
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
 
+MAX_COUNTS: Final = 1 << 31
 _NMT_WORDS: Final[dict[int, str]] = {
     wire.NmtState.BOOT_UP: "just booted",
     wire.NmtState.STOPPED: "stopped",
@@ -31,6 +34,15 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
             f"bench.host_period_s: {rig.bench.host_period_s:g} s is no whole number of ms, which SYNC and the "
             "interpolation (60C2h) of a CiA 402 drive take; change it"
         )
+    reach_rad = max(abs(rig.limits.position_min_rad), abs(rig.limits.position_max_rad))
+    ratio = settings.encoder_rev_per_pulley_rev
+    largest = counts * (abs(settings.encoder_zero_rev) + abs(ratio) * reach_rad / (2.0 * math.pi))
+    if largest >= MAX_COUNTS:
+        raise UserError(
+            f"motor_driver.encoder_zero_rev: is {settings.encoder_zero_rev:g}; with the limits of the angle that makes "
+            f"{largest:.3g} counts, and a CiA 402 drive's position (6064h) has 32 bits; set the drive's zero nearer"
+        )
+    index, subindex = settings.current_object.split("h:")
     return Cia402(
         Cia402Config(
             node=settings.node_id,
@@ -38,6 +50,9 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
             zero_counts=counts * settings.encoder_zero_rev,
             period_ns=period_ns,
             host_timeout_ns=round(settings.watchdog_s * 1e9),
+            current_object=(int(index, 16), int(subindex, 16)),
+            current_bits=settings.current_object_bits,
+            current_lsb_A=settings.current_lsb_A,
         )
     )
 
@@ -131,21 +146,22 @@ def _position(data: bytes) -> Decoded | None:
     if len(data) != 7:
         return None
     statusword = int.from_bytes(data[4:6], "little")
+    state = wire.state_of(statusword)
     return Decoded(
         "TPDO1",
         {
             "position_counts": int.from_bytes(data[:4], "little", signed=True),
             "statusword": f"0x{statusword:04x}",
-            "state": wire.state_of(statusword).name,
+            "state": "unknown" if state is None else state.name,
             "mode": int.from_bytes(data[6:], "little", signed=True),
         },
     )
 
 
 def _current(data: bytes) -> Decoded | None:
-    if len(data) != 4:
+    if len(data) not in {2, 4}:
         return None
-    return Decoded("TPDO2", {"current_A": int.from_bytes(data, "little", signed=True) * 1e-3})
+    return Decoded("TPDO2", {"current_counts": int.from_bytes(data, "little", signed=True)})  # the unit is the rig's
 
 
 def _reference(data: bytes) -> Decoded | None:

@@ -13,8 +13,11 @@ from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives.cia402 import messages as wire
-from hil_forceps.drives.cia402.machine import HOST_NODE, SDO_TIMEOUT_NS, SILENCE_NS, TRANSITIONS, Cia402, Cia402Config
+from hil_forceps.drives.cia402.machine import SILENCE_NS, TRANSITIONS, Cia402
 from hil_forceps.drives.cia402.messages import State
+from hil_forceps.drives.cia402.objects import HOST_NODE, Cia402Config
+from hil_forceps.drives.cia402.setup import SDO_TIMEOUT_NS
+from hil_forceps.drives.cia402.sync_cycle import ANSWER_NS
 
 NODE, MS = 5, 1_000_000
 CONFIG = Cia402Config(NODE, 16384.0, 0.0, MS, 100 * MS)
@@ -166,6 +169,17 @@ def test_the_controlword_follows_the_statusword_and_the_target_is_the_measured_a
     assert targets == {4096}
 
 
+def test_the_target_is_where_the_motor_is_when_operation_is_asked_for() -> None:
+    drive, n = ready()
+    drive.enable()
+    states = [State.SWITCH_ON_DISABLED] * 3 + [State.READY_TO_SWITCH_ON] + [State.SWITCHED_ON] * 3
+    targets = []
+    for k, state in enumerate(states):  # the motor is turned meanwhile, by hand
+        frames = tick(drive, n + k, state, raw=(k + 1) << 20)
+        targets += [struct.unpack_from("<Hi", frame.data)[1] for frame in frames if frame.arbitration_id == 0x205]
+    assert targets == [1024, 2048, 3072, 4096, 5120, 5120, 5120]
+
+
 def test_sync_goes_out_behind_the_reference() -> None:
     drive, n = running()
     frames = tick(drive, n, State.OPERATION_ENABLED)
@@ -186,25 +200,55 @@ def test_the_hosts_heartbeat_goes_out_with_references_and_only_with_them() -> No
 def test_a_sample_is_stamped_with_the_sync_that_asked_for_it() -> None:
     drive, n = running()
     drive.take_samples()
-    drive.poll(n * MS)
-    drive.receive(position(4096, State.OPERATION_ENABLED), n * MS + 300_000)
-    drive.receive(current(-250), n * MS + 400_000)
+    drive.receive(position(4096, State.OPERATION_ENABLED), n * MS - 700_000)
+    drive.receive(current(-250), n * MS - 600_000)
     (sample,) = drive.take_samples()
-    assert sample.stamp_ns == n * MS
-    assert sample.received_ns == n * MS + 400_000
+    assert sample.stamp_ns == (n - 1) * MS
+    assert sample.received_ns == n * MS - 600_000
     assert sample.theta_m * ANGLE_LSB_RAD == pytest.approx(0.5 * math.pi)
     assert sample.current * CURRENT_LSB_A == pytest.approx(-0.25)
     assert sample.state == DriveState.OPERATIONAL
 
 
-def test_half_a_sample_is_none() -> None:
+@pytest.mark.parametrize("delay_ms", [1, 3, 20, 45])
+def test_on_a_slow_path_samples_are_fewer_and_their_stamps_are_true(delay_ms: int) -> None:
+    drive, n = running()
+    drive.receive(position(1, State.OPERATION_ENABLED), n * MS)
+    drive.receive(current(100), n * MS)
+    drive.take_samples()
+    asked: list[int] = []
+    for k in range(n, n + 200):
+        for sync_ms in [each for each in asked if each + delay_ms == k]:  # the counts say which SYNC is answered
+            drive.receive(position(sync_ms, State.OPERATION_ENABLED), k * MS)
+            drive.receive(current(100), k * MS)
+        if wire.sync() in drive.poll(k * MS):
+            asked.append(k)
+    samples = drive.take_samples()
+    assert len(samples) == len(asked) - 1 >= 200 // delay_ms - 1
+    scale = 2**24 / CONFIG.counts_per_pulley_rev
+    assert [sample.stamp_ns for sample in samples] == [round(sample.theta_m / scale) * MS for sample in samples]
+
+
+def test_one_sync_has_one_sample() -> None:
     drive, n = running()
     drive.take_samples()
-    for k in range(3):
-        drive.poll((n + k) * MS)
-        drive.receive(position(k, State.OPERATION_ENABLED), (n + k) * MS)
+    for _ in range(3):
+        drive.receive(position(1, State.OPERATION_ENABLED), n * MS)
+        drive.receive(current(100), n * MS)
+    assert len(drive.take_samples()) == 1
+    assert drive.counters["unpaired"] == 4
+
+
+def test_frames_of_two_syncs_make_no_sample() -> None:
+    drive, n = running()
+    drive.take_samples()
+    drive.receive(position(1, State.OPERATION_ENABLED), n * MS)
+    later = n + ANSWER_NS // MS
+    assert wire.sync() not in drive.poll((later - 2) * MS)
+    assert wire.sync() in drive.poll(later * MS)  # the current is given up
+    drive.receive(current(100), later * MS)
     assert drive.take_samples() == []
-    assert drive.counters["unpaired"] == 2
+    assert (drive.counters["unpaired"], drive.counters["syncs_unanswered"]) == (1, 1)
 
 
 def test_a_fault_is_told_by_its_emergency_and_reset_by_one_edge() -> None:
@@ -242,7 +286,7 @@ def test_a_boot_up_or_silence_is_a_lost_drive() -> None:
 def test_gear_sign_and_zero_are_those_of_the_rig(ratio: float) -> None:
     drive = Cia402(CONFIG._replace(counts_per_pulley_rev=ratio, zero_counts=77.0))
     frame = drive._command(wire.Control.ENABLE_OPERATION, round(77.0 + 0.25 * ratio))
-    drive._sync_ns = 0
+    drive._cycle.poll(0)
     drive.phase = HostPhase.RUNNING
     counts = struct.unpack_from("<Hi", frame.data)[1]
     drive.receive(position(counts, State.OPERATION_ENABLED), MS)
@@ -356,3 +400,57 @@ def test_a_current_that_no_recording_holds_is_counted() -> None:
     drive.receive(current(2**31 - 1), n * MS)
     assert drive.take_samples() == []
     assert drive.counters["out_of_range"] == 1
+
+
+def test_a_statusword_of_no_state_is_no_end_of_torque() -> None:
+    drive, n = running()
+    drive.receive(Frame(0x180 + NODE, struct.pack("<ihb", 1, 0x0003, 8)), n * MS)
+    assert drive.drive_state is DriveState.ARMED
+    assert drive.phase is HostPhase.READY
+    assert drive.counters["unknown_status"] == 1
+    drive.disable()
+    assert controls(drive.poll(n * MS)) == [0x00]
+
+
+def test_a_drive_that_leaves_its_mode_while_running_is_refused_and_its_torque_taken_off() -> None:
+    drive, n = running()
+    drive.receive(position(1, State.OPERATION_ENABLED, mode=1), n * MS)
+    assert drive.phase is HostPhase.REFUSED
+    assert "from mode 8 to mode 1" in drive.refusal
+    assert drive.setpoint(0) is None
+    drive.disable()
+    drive.receive(current(0), n * MS)
+    frames = drive.poll(n * MS)
+    assert controls(frames) == [0x00]
+    assert frames[-1] == wire.sync()  # or nothing would say that the torque is off
+    drive.receive(position(1, State.SWITCH_ON_DISABLED, mode=1), (n + 1) * MS)
+    assert drive.drive_state is DriveState.DISABLED
+
+
+def test_a_drive_that_another_master_stops_is_refused() -> None:
+    drive, n = running()
+    drive.receive(Frame(0x700 + NODE, b"\x7f"), n * MS)  # perhaps made before NMT start
+    assert drive.phase is HostPhase.RUNNING
+    later = n + 501
+    for k in range(n, later):
+        tick(drive, k, State.OPERATION_ENABLED)
+    drive.receive(Frame(0x700 + NODE, b"\x7f"), later * MS)
+    assert drive.phase.name == "REFUSED"
+    assert "left the NMT state operational" in drive.refusal
+    assert drive.drive_state is None
+    drive.disable()
+    assert Frame(0x605, bytes.fromhex("2b40600000000000")) in drive.poll(later * MS)
+
+
+def test_a_reset_that_was_not_needed_does_not_clear_the_next_fault() -> None:
+    drive, n = running()
+    drive.receive(position(1, State.FAULT), n * MS)
+    drive.reset_fault()
+    drive.receive(position(1, State.SWITCH_ON_DISABLED), n * MS)
+    assert [controls(tick(drive, n + k, State.FAULT)) for k in range(1, 4)] == [[], [], []]
+
+
+def test_connecting_twice_raises() -> None:
+    drive, n = running()
+    with pytest.raises(ValueError, match="connected already"):
+        drive.connect(n * MS)

@@ -56,7 +56,7 @@ def test_odrive(frame: Frame, name: str, values: dict[str, object]) -> None:
             {"node": 5, "object": "1A01h:01", "abort": "abort 0x06040041: it can't be mapped to a PDO"},
         ),
         (Frame(0x085, bytes.fromhex("3081110000000000")), "EMCY", {"node": 5, "error_code": "0x8130"}),
-        (Frame(0x285, bytes.fromhex("b3ffffff")), "TPDO2", {"node": 5, "current_A": -0.077}),
+        (Frame(0x285, bytes.fromhex("b3ffffff")), "TPDO2", {"node": 5, "current_counts": -77}),
         (
             Frame(0x205, bytes.fromhex("0f00d2ffffff")),
             "RPDO1",

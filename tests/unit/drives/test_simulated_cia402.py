@@ -1,6 +1,7 @@
 """Service, bus in virtual time, simulated CiA 402 drive, forceps; and others' CANopen against both ends."""
 
 import json
+import shutil
 import struct
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,10 +29,10 @@ RIG = load_rig(RIG_FILE)
 NODE, MS = 5, 1_000_000
 
 
-def run(tmp_path: Path, rig: Path = RIG_FILE, *more: str) -> tuple[int, dict[str, Any]]:
+def run(tmp_path: Path, rig: Path = RIG_FILE, *more: str, duration: str = "3") -> tuple[int, dict[str, Any]]:
     arguments = ["run", "--rig", str(rig), "--interface", "virtual_forceps", "--channel", str(tmp_path)]
     with pytest.raises(SystemExit) as ended:
-        cli.main([*arguments, "--option", f"rig={rig}", "--duration", "3", "--out", str(tmp_path / "out"), *more])
+        cli.main([*arguments, "--option", f"rig={rig}", "--duration", duration, "--out", str(tmp_path / "out"), *more])
     return int(ended.value.code or 0), json.loads((tmp_path / "out" / "run.json").read_text())
 
 
@@ -92,12 +93,46 @@ def test_a_drive_that_reboots_while_running_ends_the_run(
     assert len(read_recording(tmp_path / "out" / "run.mcap").samples["stamp_ns"]) > 1300
 
 
+def test_a_drive_whose_current_is_in_thousandths_of_its_rated_one(tmp_path: Path) -> None:
+    """As most makers have it: 6078h, 16 bits, in thousandths of 6075h."""
+    rig = tmp_path / "rig.yaml"
+    keys = "  current_object: 6078h:00\n  current_object_bits: 16\n  current_lsb_A: 5.0e-4\n"
+    rig.write_text(RIG_FILE.read_text().replace("  profile: cia402\n", "  profile: cia402\n" + keys))
+    code, _ = run(tmp_path, rig, "--option", "simulation=2", duration="11")
+    assert code == 0
+    here = read_recording(tmp_path / "out" / "run.mcap").samples["current_A"]
+    shutil.rmtree(tmp_path / "out")
+    code, _ = run(tmp_path / "epos", RIG_FILE, "--option", "simulation=2", duration="11")
+    assert code == 0
+    there = read_recording(tmp_path / "epos" / "out" / "run.mcap").samples["current_A"]
+    assert np.ptp(there) > 0.1
+    assert float(np.abs(here[:11000] - there[:11000]).max()) < 0.02
+
+
+def sdo(drive: SimulatedCia402, index: int, subindex: int, size: int, value: int) -> int:
+    """Write an object; return the abort code, 0 where it was taken."""
+    command = {1: 0x2F, 2: 0x2B, 4: 0x23}[size]
+    drive.take_outbox()
+    drive.receive(Frame(0x605, struct.pack("<BHBI", command, index, subindex, value)), MS)
+    (answer,) = [frame for frame in drive.take_outbox() if frame.arbitration_id == 0x585]
+    return int.from_bytes(answer.data[4:], "little") if answer.data[0] == 0x80 else 0
+
+
+@pytest.mark.parametrize(("count", "abort"), [(1, 0), (2, 0), (3, 0x06040042), (8, 0x06040042), (9, 0x06040042)])
+def test_what_a_frame_does_not_hold_can_not_be_mapped(count: int, abort: int) -> None:
+    peer = drive()
+    for place in range(1, 9):
+        assert sdo(peer, 0x1A00, place, 4, 0x60640020) == 0
+    assert sdo(peer, 0x1A00, 0, 1, count) == abort
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         ({"encoder.counts_per_rev": "ideal"}, "encoder.counts_per_rev: is ideal"),
         ({"bench.host_period_s": 1.5e-3}, "bench.host_period_s: 0.0015 s is no whole number of ms"),
         ({"motor_driver.node_id": 0}, "node_id: is 0, but a drive of the profile cia402 has 1 to 126"),
+        ({"motor_driver.encoder_zero_rev": 1e6}, r"encoder_zero_rev: is 1e\+06; .* 1.64e\+10 counts"),
     ],
 )
 def test_rigs_that_can_not_be_are_told(change: dict[str, object], said: str) -> None:

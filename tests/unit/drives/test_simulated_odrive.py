@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 import struct
 import time
 from pathlib import Path
@@ -215,3 +216,15 @@ def test_positions_are_32_bit_floats_in_turns() -> None:
     frame = next(frame for frame in drive.take_outbox() if frame.arbitration_id == NODE << 5 | 0x09)
     position = struct.unpack_from("<f", frame.data)[0]
     assert position * 2.0 * np.pi == pytest.approx(float(drive._forceps.truth(0).theta_m_rad), abs=5e-4)
+
+
+@pytest.mark.parametrize("position_rev", [math.nan, math.inf, 1e30, -3e9])
+def test_a_position_that_nothing_holds_is_no_input(position_rev: float) -> None:
+    odrive = SimulatedODrive(RIG, paper_load(0))
+    odrive.receive(Frame(NODE << 5 | 0x0B, struct.pack("<II", 3, 1)), 0)
+    odrive.receive(Frame(NODE << 5 | 0x0C, struct.pack("<fhh", 0.125, 0, 0)), 0)
+    odrive.receive(Frame(NODE << 5 | 0x07, struct.pack("<I4x", CLOSED_LOOP)), 0)
+    odrive.receive(Frame(NODE << 5 | 0x0C, struct.pack("<fhh", position_rev, 0, 0)), MS)
+    odrive.wake(10 * MS)
+    assert (odrive.state, odrive.input_pos_rev) == (CLOSED_LOOP, 0.125)
+    assert odrive.counters["not_understood"] == 1
