@@ -111,7 +111,9 @@ class Course:
         elif self._stop_requested():
             self._stop(StopReason.STOP_REQUESTED, "stopped on request while enabling", now_ns)
         elif phase is HostPhase.FAULT:
-            self._stop(StopReason.DRIVE_FAULT, f"fault while enabling: {self._host.fault_words()}", now_ns)
+            self._stop(
+                StopReason.DRIVE_FAULT, f"fault while enabling: {self._host.fault_words()}{self._lateness()}", now_ns
+            )
         elif phase is HostPhase.REFUSED:
             self._stop(StopReason.VERSION_REFUSED, self._host.refusal, now_ns)
         elif phase is HostPhase.DISCONNECTED:
@@ -132,7 +134,7 @@ class Course:
     def _trouble(self, now_ns: int) -> tuple[StopReason, str]:
         host, silent_ns = self._host, now_ns - self.last_sample_ns
         if host.phase is HostPhase.FAULT:
-            return StopReason.DRIVE_FAULT, f"the drive latched a fault: {host.fault_words()}"
+            return StopReason.DRIVE_FAULT, f"the drive latched a fault: {host.fault_words()}{self._lateness()}"
         if host.phase is HostPhase.REFUSED:
             return StopReason.VERSION_REFUSED, host.refusal
         if host.phase is HostPhase.DISCONNECTED or silent_ns > self._silence_ns:
@@ -141,6 +143,13 @@ class Course:
                 f"the drive fell silent or restarted: last sample {silent_ns / 1e6:.0f} ms ago",
             )
         return StopReason.DRIVE_STOPPED, "the drive left operation by itself, without a fault"
+
+    def _lateness(self) -> str:
+        """Return words where references stayed away because samples came too late: a watchdog then did what it must."""
+        counters = self._pipeline.counters
+        if counters["stale"] <= counters["passed"]:
+            return ""
+        return f"; {counters['stale']} references stayed away, their samples were older than limits.max_sample_age_s"
 
     def _enough(self) -> tuple[StopReason, str] | None:
         pipeline, config = self._pipeline, self._config

@@ -1,5 +1,6 @@
 """`run`, `drive` and rigs whose drive speaks its maker's protocol: what doesn't go together is told in one line."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -58,3 +59,19 @@ def test_the_simulated_process_does_not_pretend_to_be_an_odrive(capsys: pytest.C
     arguments = ["--rig", str(ODRIVE), "--interface", "virtual", "--channel", "profiles", "--duration", "0.1"]
     assert process.main(arguments) == 2
     assert "motor_driver.profile: is odrive" in capsys.readouterr().err
+
+
+def test_a_path_that_takes_too_long_is_told_by_its_age(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """A SYNC's answer comes 10 ms later; the age is that, and no reference leaves from such a sample."""
+    rig = tmp_path / "rig.yaml"
+    text = (ODRIVE.parent / "cia402.yaml").read_text(encoding="utf-8")
+    rig.write_text(text.replace("latency_s: 1.5e-4", "latency_s: 5.0e-3"), encoding="utf-8")
+    channel = ("--interface", "virtual_forceps", "--channel", str(tmp_path), "--option", f"rig={rig}")
+    said = refused(capsys, "run", "--rig", str(rig), *channel, "--duration", "2", "--out", str(tmp_path / "out"))
+    assert "older than limits.max_sample_age_s" in said
+    rig.write_text(rig.read_text(encoding="utf-8").replace("max_sample_age_s: 3.0e-3", "max_sample_age_s: 0.02"))
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", "--rig", str(rig), *channel, "--duration", "2", "--out", str(tmp_path / "out")])
+    assert ended.value.code == 0
+    age_us = json.loads((tmp_path / "out" / "run.json").read_text())["timing"]["age"]["p50_us"]
+    assert age_us > 10_000.0
