@@ -173,11 +173,12 @@ def test_the_target_is_where_the_motor_is_when_operation_is_asked_for() -> None:
     drive, n = ready()
     drive.enable()
     states = [State.SWITCH_ON_DISABLED] * 3 + [State.READY_TO_SWITCH_ON] + [State.SWITCHED_ON] * 3
+    states += [State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.SWITCHED_ON]  # it fell back once
     targets = []
     for k, state in enumerate(states):  # the motor is turned meanwhile, by hand
         frames = tick(drive, n + k, state, raw=(k + 1) << 20)
         targets += [struct.unpack_from("<Hi", frame.data)[1] for frame in frames if frame.arbitration_id == 0x205]
-    assert targets == [1024, 2048, 3072, 4096, 5120, 5120, 5120]
+    assert targets == [1024, 2048, 3072, 4096, 5120, 5120, 5120, 8192, 9216, 9216]
 
 
 def test_sync_goes_out_behind_the_reference() -> None:
