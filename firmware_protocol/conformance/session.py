@@ -307,6 +307,30 @@ class Session(Probe):
         require(self.identity is not None, "the drive does not answer DISCOVER")
         self.recover()
 
+    def require_judgeable(self, moves: bool) -> None:
+        """Inconclusive where the drive is in no position to be judged, with what to do about it.
+
+        Checks hold the angle against what it was: without torque the motor has to stand still, inside its limits; and
+        with room for a step where it is to move. What the drive itself does wrong is for the checks to say: a motor
+        that moves by a current, and no measurements at all.
+        """
+        begin = len(self.samples)
+        self.run(50 * MS + 20 * self.period_ns)
+        if len(self.samples) == begin:
+            return
+        try:
+            self.rest()
+        except Inconclusive as reason:
+            if any(abs(each.current) > self.margins.idle_current_raw for each in self.samples[begin:]):
+                return
+            raise Inconclusive(f"{reason}; take the load off the jaw, or hold it") from None
+        theta, low, high = (self.measured().theta_m, self.originals[Index.THETA_MIN], self.originals[Index.THETA_MAX])
+        inside = f"the motor is at {theta}, its limits are {low} to {high} (2^-24 rev)"
+        require(low <= theta <= high, f"{inside}; move it within, or change theta_min_raw and theta_max_raw")
+        step = self.margins.move_raw
+        has_room = theta + step <= high or theta - step >= low
+        require(has_room or not moves, f"{inside}: no room for the motion of {step}; move it, or change the limits")
+
     def close(self) -> None:
         """Leave the drive as it was found, DISABLED, and say nothing more."""
         try:

@@ -75,8 +75,9 @@ class Suite:
         self._capabilities = port.capabilities
 
     def open(self) -> None:
-        """Get to know the drive; Inconclusive when it does not say enough to go on."""
+        """Get to know the drive; Inconclusive when it does not say enough to go on, or can't be judged as it is."""
         self.session.open()
+        self.session.require_judgeable(self.allow_motion)
 
     def close(self) -> None:
         """Leave the drive as it was found; Inconclusive when that fails."""

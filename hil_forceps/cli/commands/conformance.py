@@ -133,7 +133,7 @@ def open_suite(port: LinkPort, node: int | None, margins: Margins, allow_motion:
     try:
         suite.open()
     except Inconclusive as reason:
-        raise UserError(f"node {node} does not say enough to be judged: {reason}") from None
+        raise UserError(f"node {node} can't be judged: {reason}") from None
     return suite
 
 

@@ -136,6 +136,54 @@ def test_a_drive_that_can_not_be_brought_back_ends_the_run() -> None:
         suite.close()
 
 
+class Moved(Device):
+    """Something moves the motor, or the drive itself does with a current, where it has no torque."""
+
+    current_without_torque = 0
+
+    def move(self) -> None:
+        super().move()
+        if self.goal() is None:
+            self.angle += 20.0
+            self.current = self.current_without_torque
+
+
+class MovedByItself(Moved):
+    current_without_torque = 500
+
+
+class Mute(Device):
+    """Measures nothing."""
+
+    def sample(self, now_us: int) -> list[Frame]:  # noqa: ARG002
+        return []
+
+
+def test_a_motor_that_something_moves_is_not_judged() -> None:
+    with pytest.raises(Inconclusive, match="does not come to rest without torque; take the load off the jaw"):
+        opened(DirectPort(Moved()))
+
+
+@pytest.mark.parametrize(("device", "number"), [(MovedByItself(), 91), (Mute(), 70)])
+def test_what_the_drive_does_wrong_is_a_verdict_all_the_same(device: Device, number: int) -> None:
+    (result,) = opened(DirectPort(device)).run((number,))
+    assert result.verdict is not Verdict.PASS
+
+
+@pytest.mark.parametrize("allow_motion", [False, True])
+def test_a_motor_beyond_its_limits_is_not_judged(allow_motion: bool) -> None:
+    device = Device(theta_min_raw=ANGLE + 1)
+    with pytest.raises(Inconclusive, match="move it within, or change theta_min_raw"):
+        opened(DirectPort(device), allow_motion)
+
+
+def test_a_motor_without_room_is_judged_where_it_is_not_to_move() -> None:
+    limits = {"theta_min_raw": ANGLE - 1000, "theta_max_raw": ANGLE + 1000}
+    opened(DirectPort(Device(**limits)), allow_motion=False)
+    with pytest.raises(Inconclusive, match="no room for the motion of 262144"):
+        opened(DirectPort(Device(**limits)))
+
+
 def test_drives_are_found_by_discover() -> None:
     (identity,) = discover(DirectPort(Device()), MS)
     assert (identity.node, identity.serial_number) == (NODE, SERIAL_NUMBER)
