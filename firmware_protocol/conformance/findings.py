@@ -9,6 +9,10 @@ class Inconclusive(Exception):  # noqa: N818
     """It can't be told from here: something that the check needs was not to be had."""
 
 
+class Disturbed(Exception):  # noqa: N818
+    """Something outside moves the motor: no check says anything of the drive any more."""
+
+
 def expect(condition: bool, finding: str) -> None:
     """Raise Violation with the finding unless the condition holds."""
     if not condition:

@@ -3,12 +3,12 @@
 from typing import Final, NamedTuple
 
 from firmware_protocol.conformance import wire
-from firmware_protocol.conformance.findings import Inconclusive, Violation, require
+from firmware_protocol.conformance.findings import Disturbed, Inconclusive, Violation, require
 from firmware_protocol.conformance.port import MS, Margins, Port
 from firmware_protocol.conformance.probe import Probe, Sample
 from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, Frame, arbitration_id
 from firmware_protocol.messages import Control, DriveState, FaultReason, Function, Identity, ParamOp
-from firmware_protocol.parameters import BY_INDEX, DICTIONARY, Access, Index
+from firmware_protocol.parameters import BY_INDEX, DICTIONARY, INT32_MAX, INT32_MIN, Access, Index
 
 LOW: Final = 0
 ENABLE: Final = int(Control.ENABLE)
@@ -38,6 +38,7 @@ class Session(Probe):
     """The drive under test; `originals` are its values as found, `identity` who it is."""
 
     def __init__(self, port: Port, node: int, margins: Margins) -> None:
+        self._position_limits = (INT32_MIN, INT32_MAX)  # as found
         super().__init__(port, node, margins)
         self.home = node
         self.serial_number = 0
@@ -47,6 +48,7 @@ class Session(Probe):
         self.timings: list[MeasuredTime] = []
         self._baseline: dict[int, int] = {}
         self._held: dict[int, int] = {}  # what was last written or read, by index
+        self._was_inside, self._was_pushed = False, False
 
     # -- parameters ---------------------------------------------------------------------------------------------------
 
@@ -302,6 +304,7 @@ class Session(Probe):
         }
         self._held = dict(writable)
         self._baseline = {**writable, **BASELINE}
+        self._position_limits = (self.originals[Index.THETA_MIN], self.originals[Index.THETA_MAX])
         self.find()
         self.identity = next((m for _, m in self.identities if m.node == self.node), None)
         require(self.identity is not None, "the drive does not answer DISCOVER")
@@ -324,12 +327,32 @@ class Session(Probe):
             if any(abs(each.current) > self.margins.idle_current_raw for each in self.samples[begin:]):
                 return
             raise Inconclusive(f"{reason}; take the load off the jaw, or hold it") from None
-        theta, low, high = (self.measured().theta_m, self.originals[Index.THETA_MIN], self.originals[Index.THETA_MAX])
+        theta, (low, high) = self.measured().theta_m, self._position_limits
         inside = f"the motor is at {theta}, its limits are {low} to {high} (2^-24 rev)"
         require(low <= theta <= high, f"{inside}; move it within, or change theta_min_raw and theta_max_raw")
         step = self.margins.move_raw
         has_room = theta + step <= high or theta - step >= low
         require(has_room or not moves, f"{inside}: no room for the motion of {step}; move it, or change the limits")
+
+    def _on_sample(self, sample: Sample) -> None:
+        """Note who took the motor beyond its limits: the drive, or something outside."""
+        low, high = self._position_limits
+        if low <= sample.theta_m <= high:
+            self._was_inside, self._was_pushed = True, False
+        elif self._was_inside:
+            self._was_inside = False
+            no_current = abs(sample.current) <= self.margins.idle_current_raw
+            self._was_pushed = no_current and sample.state != DriveState.OPERATIONAL
+        super()._on_sample(sample)
+
+    def require_undisturbed(self) -> None:
+        """Disturbed where something has pushed the motor beyond its limits, while the drive gave it no torque."""
+        if self._was_pushed:
+            low, high = self._position_limits
+            raise Disturbed(
+                f"something pushed the motor to {self.measured().theta_m}, beyond its limits {low} to {high} (2^-24 "
+                "rev), while the drive gave it no torque; take the load off the jaw, or hold it"
+            )
 
     def close(self) -> None:
         """Leave the drive as it was found, DISABLED, and say nothing more."""

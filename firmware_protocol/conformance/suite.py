@@ -84,7 +84,10 @@ class Suite:
         self.session.close()
 
     def run(self, numbers: Iterable[int], show: Callable[[str], None] = lambda _: None) -> list[Result]:
-        """Judge these requirements, in the order in which the checks disturb each other least; `show` is told each."""
+        """Judge these requirements, in the order in which the checks disturb each other least; `show` is told each.
+
+        Disturbed where something outside moves the motor meanwhile.
+        """
         wanted = set(numbers)
         for each in sorted((c for c in CHECKS if c.requirement in wanted), key=lambda c: (c.last, c.requirement)):
             show(f"{name_of(each.requirement)} {each.name}")
@@ -127,6 +130,8 @@ class Suite:
             verdict = Verdict.INCONCLUSIVE
             evidence += f" (this host stood still in each of {attempts} tries)"
         self._recover(each)
+        if verdict is not Verdict.PASS:
+            self.session.require_undisturbed()
         return CheckResult(each.name, verdict, evidence, attempt, timings)
 
     def _try(self, each: Check) -> tuple[Verdict, str, str]:

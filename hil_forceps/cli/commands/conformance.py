@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from firmware_protocol.conformance.catalogue import REQUIREMENTS, name_of
-from firmware_protocol.conformance.findings import Inconclusive
+from firmware_protocol.conformance.findings import Disturbed, Inconclusive
 from firmware_protocol.conformance.port import MS, REAL, VIRTUAL, Margins
 from firmware_protocol.conformance.registry import CHECKS, Need
 from firmware_protocol.conformance.report import certificate, is_well, junit
@@ -150,6 +150,8 @@ def _run(suite: Suite, numbers: Sequence[int]) -> list[Result]:
     show = _progress(len({c.name for c in CHECKS if c.requirement in numbers}))
     try:
         results = suite.run(numbers, show)
+    except Disturbed as reason:
+        raise UserError(f"node {suite.session.home} can't be judged any further: {reason}") from None
     finally:
         try:
             suite.close()

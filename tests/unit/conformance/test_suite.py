@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pytest
 
 from firmware_protocol.conformance.catalogue import REQUIREMENTS
-from firmware_protocol.conformance.findings import Inconclusive
+from firmware_protocol.conformance.findings import Disturbed, Inconclusive
 from firmware_protocol.conformance.port import MS, REAL, VIRTUAL
 from firmware_protocol.conformance.report import certificate, is_well, junit
 from firmware_protocol.conformance.suite import NEEDS_MOTION, CheckResult, Result, Suite, Verdict, discover
@@ -168,6 +168,38 @@ def test_a_motor_that_something_moves_is_not_judged() -> None:
 def test_what_the_drive_does_wrong_is_a_verdict_all_the_same(device: Device, number: int) -> None:
     (result,) = opened(DirectPort(device)).run((number,))
     assert result.verdict is not Verdict.PASS
+
+
+class PushedLater(Device):
+    """A load begins to push once the drive has given torque, and goes on where it gives none."""
+
+    pushed = False
+
+    def move(self) -> None:
+        super().move()
+        self.pushed |= self.goal() is not None
+        if self.pushed and self.goal() is None:
+            self.angle += 2000.0
+
+
+class PushesItself(Device):
+    """Goes where it likes with torque, and stays there."""
+
+    def move(self) -> None:
+        super().move()
+        if self.goal() is not None:
+            self.angle += 30000.0
+
+
+def test_a_load_that_pushes_the_motor_beyond_its_limits_ends_the_run() -> None:
+    suite = opened(DirectPort(PushedLater(theta_max_raw=ANGLE + (1 << 19))))
+    with pytest.raises(Disturbed, match="something pushed the motor"):
+        suite.run(REQUIREMENTS)
+
+
+def test_a_drive_that_goes_beyond_its_limits_by_itself_is_judged() -> None:
+    suite = opened(DirectPort(PushesItself(theta_max_raw=ANGLE + (1 << 19))))
+    assert by_verdict(suite.run(REQUIREMENTS), Verdict.FAIL)
 
 
 @pytest.mark.parametrize("allow_motion", [False, True])
