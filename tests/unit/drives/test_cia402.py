@@ -356,3 +356,15 @@ def test_a_current_that_no_recording_holds_is_counted() -> None:
     drive.receive(current(2**31 - 1), n * MS)
     assert drive.take_samples() == []
     assert drive.counters["out_of_range"] == 1
+
+
+def test_frames_with_29_bits_are_somebody_elses() -> None:
+    drive, n = running()
+    drive.take_samples()
+    before = dict(drive.counters)
+    foreign = (position(5, State.FAULT), current(7), boot_up(), Frame(0x80 + NODE, bytes.fromhex("3081110000000000")))
+    for frame in foreign:
+        drive.receive(frame._replace(is_extended=True), n * MS)
+    assert drive.phase is HostPhase.RUNNING
+    assert drive.take_samples() == []
+    assert drive.counters == {**before, "not_for_us": before["not_for_us"] + len(foreign)}

@@ -318,3 +318,13 @@ def test_closed_loop_by_somebody_elses_word_is_no_start() -> None:
     drive.receive(heartbeat(CLOSED_LOOP), 3 * MS)
     assert drive.phase.name == "ENABLING"
     assert commands(ticks(drive, 4, 2))[:2] == [0x0B, 0x0F]
+
+
+def test_frames_with_29_bits_are_somebody_elses() -> None:
+    drive = running()
+    before = dict(drive.counters)
+    for frame in (heartbeat(IDLE, error=1), estimates(0.3), iq(2.0)):
+        drive.receive(frame._replace(is_extended=True), 10 * MS)
+    assert drive.phase is HostPhase.RUNNING
+    assert drive.take_samples() == []
+    assert drive.counters == {**before, "not_for_us": before["not_for_us"] + 3}
