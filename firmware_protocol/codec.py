@@ -44,11 +44,11 @@ _BENCH_ID: Final = Function.BENCH_SENSOR << NODE_BITS
 
 
 def _seal8(identifier: int, body: bytes) -> Frame:
-    return make(Frame, (identifier, body + _BYTE[autosar(body, _SEED8[identifier])], False))
+    return make(Frame, (identifier, body + _BYTE[autosar(body, _SEED8[identifier])], False, False))
 
 
 def _seal16(identifier: int, body: bytes) -> Frame:
-    return make(Frame, (identifier, body + crc_hqx(body, _SEED16[identifier]).to_bytes(2, "little"), True))
+    return make(Frame, (identifier, body + crc_hqx(body, _SEED16[identifier]).to_bytes(2, "little"), True, False))
 
 
 def _unfit(error: Exception) -> ValueError:
@@ -169,9 +169,9 @@ class Decoder:
 
     def decode(self, frame: Frame) -> Message | None:
         """Return the message, or None with one counter advanced."""
-        identifier, data, is_fd = frame
+        identifier, data, is_fd, is_extended = frame
         route = _ROUTES.get(identifier)
-        if route is None:
+        if route is None or is_extended:
             self.counters["unknown_id"] += 1
             return None
         node, length, wanted_fd, check, seed, build = route

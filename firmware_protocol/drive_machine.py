@@ -96,7 +96,7 @@ class DriveMachine:
     def receive(self, frame: Frame, now_us: int, theta_m_raw: int) -> list[Frame]:
         """Take one frame; `theta_m_raw` is the angle now, wrapped or not. Return the answers to send."""
         handler = self._handlers.get(frame.arbitration_id)
-        if handler is None:
+        if handler is None or frame.is_extended:
             self.counters["not_for_us"] += 1
             return []
         self._expire(now_us)

@@ -164,7 +164,7 @@ class HostMachine:
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take one frame from the bus."""
         handler = self._routes.get(frame.arbitration_id)
-        if handler is None:
+        if handler is None or frame.is_extended:
             self.counters["not_for_us"] += 1
             return
         message = self._decoder.decode(frame)

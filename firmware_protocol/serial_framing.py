@@ -26,8 +26,8 @@ _DELIMITER: Final = b"\x00"
 
 def encode_serial(frame: Frame) -> bytes:
     """Return the packet with its delimiter; ValueError when the id or the length can't be on a CAN bus."""
-    identifier, data, is_fd = frame
-    if not 0 <= identifier <= MAX_ID:
+    identifier, data, is_fd, is_extended = frame
+    if is_extended or not 0 <= identifier <= MAX_ID:
         raise ValueError(f"id {identifier:#x}: an 11-bit id is wanted")
     if not _length_fits(len(data), is_fd):
         raise ValueError(f"{len(data)} bytes do not fit one {'FD' if is_fd else 'classic'} frame")

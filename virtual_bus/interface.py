@@ -43,9 +43,9 @@ def _faults_of(faults: str | Path | Iterable[object] | None) -> tuple[Fault, ...
 
 def frame_of(message: can.Message) -> Frame:
     """Turn a python-can message into a frame; CanOperationError when it is none that this bus carries."""
-    if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
-        raise CanOperationError("this bus carries data frames with 11-bit ids only", errno.EINVAL)
-    frame = Frame(message.arbitration_id, bytes(message.data), message.is_fd)
+    if message.is_remote_frame or message.is_error_frame:
+        raise CanOperationError("this bus carries data frames only", errno.EINVAL)
+    frame = Frame(message.arbitration_id, bytes(message.data), message.is_fd, message.is_extended_id)
     try:
         frame_bits(frame)
     except ValueError as error:
@@ -254,7 +254,8 @@ class VirtualForcepsBus(can.BusABC):
 
     def _wants(self, frame: Frame) -> bool:
         return any(
-            not each.get("extended", False) and not (each["can_id"] ^ frame.arbitration_id) & each["can_mask"]
+            each.get("extended", frame.is_extended) == frame.is_extended
+            and not (each["can_id"] ^ frame.arbitration_id) & each["can_mask"]
             for each in self._filters or ()
         )
 
@@ -262,7 +263,7 @@ class VirtualForcepsBus(can.BusABC):
         return can.Message(
             timestamp=time_ns / NS_PER_S,
             arbitration_id=frame.arbitration_id,
-            is_extended_id=False,
+            is_extended_id=frame.is_extended,
             data=frame.data,
             is_fd=frame.is_fd,
             bitrate_switch=frame.is_fd,

@@ -175,6 +175,8 @@ class Probe:
     # -- in -----------------------------------------------------------------------------------------------------------
 
     def _on_frame(self, time_ns: int, frame: Frame) -> None:
+        if frame.is_extended:
+            return  # somebody else's: the protocol has no such ids
         function, node = split_id(frame.arbitration_id)
         if function not in wire.DRIVE_FUNCTIONS:
             if node == self.node and frame.arbitration_id not in self.sent:

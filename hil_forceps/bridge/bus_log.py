@@ -26,6 +26,8 @@ CLOSE_TIMEOUT_S = 10.0
 CHANNEL = "can0"  # what candump's format wants to call the bus; there is only one
 BLF_CHANNEL = 1
 NO_DATE = "Thu Jan  1 00:00:00.000 am 1970"
+_EXTENDED = 1 << 29  # above the highest bit of an id
+_MAX_HEADS = 4096
 
 Arrivals = Sequence[tuple[int, Frame]]
 Entry = tuple[bool, Arrivals]  # received or sent, and what
@@ -54,18 +56,20 @@ class CandumpWriter:
 
     def __init__(self, file: IO[str]) -> None:
         self._file = file
-        self._heads: dict[int, str] = {}  # by id, FD ids negative
+        self._heads: dict[int, str] = {}  # by id with `_EXTENDED`, FD ids negative; at most `_MAX_HEADS`
         self._last_s = 0.0
 
     def write(self, is_received: bool, frames: Arrivals) -> None:
         """Write frames; a time before the last written becomes that, since the format knows no going back."""
         heads, last_s, text = self._heads, self._last_s, ""
         end = " R\n" if is_received else " T\n"
-        for time_ns, (identifier, data, is_fd) in frames:
+        for time_ns, (identifier, data, is_fd, is_extended) in frames:
             time_s = time_ns * 1e-9
             if time_s > last_s:  # noqa: PLR1730 a call of max costs as much as the rest of the line
                 last_s = time_s
-            key = ~identifier if is_fd else identifier
+            key = identifier | _EXTENDED if is_extended else identifier
+            if is_fd:
+                key = ~key
             head = heads.get(key) or self._head(key)
             text += f"({last_s:f}{head}{data.hex().upper()}{end}"
         self._last_s = last_s
@@ -76,7 +80,11 @@ class CandumpWriter:
         self._file.close()
 
     def _head(self, key: int) -> str:
-        head = f") {CHANNEL} {key:03X}#" if key >= 0 else f") {CHANNEL} {~key:03X}##1"  # 1: bit-rate switch
+        identifier, flags = (key, "#") if key >= 0 else (~key, "##1")  # 1: bit-rate switch
+        shown = f"{identifier ^ _EXTENDED:08X}" if identifier & _EXTENDED else f"{identifier:03X}"
+        head = f") {CHANNEL} {shown}{flags}"
+        if len(self._heads) >= _MAX_HEADS:  # a flood of foreign ids
+            self._heads.clear()
         self._heads[key] = head
         return head
 
@@ -102,7 +110,7 @@ class PythonCanWriter:
                     timestamp=time_ns * 1e-9,
                     arbitration_id=frame.arbitration_id,
                     data=frame.data,
-                    is_extended_id=False,
+                    is_extended_id=frame.is_extended,
                     is_fd=frame.is_fd,
                     bitrate_switch=frame.is_fd,
                     is_rx=is_received,

@@ -10,14 +10,13 @@ from collections import deque
 
 import can
 
-from firmware_protocol.frames import Frame
+from firmware_protocol.frames import MAX_BASE_ID, MAX_EXTENDED_ID, Frame, make
 from hil_forceps.bridge.clocks import VirtualTimeBus
 from hil_forceps.bridge.ports import Clock, Received, SendResult
 
 MAX_DRAIN = 512  # frames taken by one call; the rest waits in the kernel, so a flood can't hold up a tick
 GIVE_UP_AFTER = 100
 MAX_ECHOES = 64
-MAX_STANDARD_ID = 0x7FF
 CAN_ERR_BUSOFF = 0x40  # linux/can/error.h: class of a SocketCAN error frame, in its id
 OLDEST_STAMP_NS = 1_000_000_000  # a stamp further back isn't of this clock (devices that count from power-on)
 DEAD = frozenset({
@@ -58,7 +57,7 @@ class PythonCanLink:
         message = can.Message(
             arbitration_id=frame.arbitration_id,
             data=frame.data,
-            is_extended_id=False,
+            is_extended_id=frame.is_extended,
             is_fd=frame.is_fd,
             bitrate_switch=frame.is_fd,
             check=False,
@@ -69,7 +68,7 @@ class PythonCanLink:
         return result
 
     def send_foreign(self, frame: Frame, remote: bool) -> SendResult:
-        """Send what is not of this protocol: a data frame with an extended id, or a remote frame of that length."""
+        """Send what no drive's protocol has: the frame with an extended id, or as a remote frame of that length."""
         if not self._up:
             return SendResult.BUS_DOWN
         message = can.Message(
@@ -106,7 +105,10 @@ class PythonCanLink:
             if message is None:
                 break
             if self._is_data(message):
-                frame = Frame(message.arbitration_id, bytes(message.data), message.is_fd)
+                frame = make(
+                    Frame,
+                    (message.arbitration_id, bytes(message.data), message.is_fd, message.is_extended_id),
+                )
                 if self._sent and frame in self._sent:
                     self._sent.remove(frame)
                     self.counters["own"] += 1
@@ -136,7 +138,8 @@ class PythonCanLink:
         if self._marks_own and not message.is_rx:  # our own, played back by the interface
             self.counters["own"] += 1
             return False
-        if message.is_extended_id or message.is_remote_frame or message.arbitration_id > MAX_STANDARD_ID:
+        highest = MAX_EXTENDED_ID if message.is_extended_id else MAX_BASE_ID
+        if message.is_remote_frame or message.arbitration_id > highest:
             self.counters["not_ours"] += 1
             return False
         return True

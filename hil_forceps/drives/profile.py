@@ -69,6 +69,7 @@ class Profile:
     quantum: Callable[[Rig, MotorDriver], Quantum | None]  # coarser than the encoder's count, where it is
     listener: Callable[[], Listener]
     decode: Callable[[Frame], Decoded | None]
+    has_extended_ids: bool = False  # frames with ids of 29 bits may be its own
 
 
 def check_node(settings: MotorDriver, lowest: int, highest: int) -> None:

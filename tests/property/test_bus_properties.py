@@ -12,7 +12,7 @@ from virtual_bus.bus.medium import Medium
 from virtual_bus.bus.simulation import Simulation
 
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
-IDS = st.integers(0, 0x7FF)
+IDS = st.tuples(st.integers(0, 0x7FF), st.just(False)) | st.tuples(st.integers(0, 0x1FFFFFFF), st.just(True))
 RUNS = st.sampled_from([b"\x00", b"\xff", b"\xf0", b"\x0f", b"\x3c", b"\x55"])
 
 
@@ -20,8 +20,13 @@ def payloads(length: int) -> st.SearchStrategy[bytes]:
     return st.binary(min_size=length, max_size=length) | RUNS.map(lambda byte: byte * length)
 
 
-CLASSIC = st.builds(Frame, IDS, st.integers(0, 8).flatmap(payloads), st.just(False))
-FD = st.builds(Frame, IDS, st.sampled_from(FD_LENGTHS).flatmap(payloads), st.just(True))
+def frames(lengths: st.SearchStrategy[int], is_fd: bool) -> st.SearchStrategy[Frame]:
+    made = st.tuples(IDS, lengths.flatmap(payloads))
+    return made.map(lambda drawn: Frame(drawn[0][0], drawn[1], is_fd, drawn[0][1]))
+
+
+CLASSIC = frames(st.integers(0, 8), False)
+FD = frames(st.sampled_from(FD_LENGTHS), True)
 
 
 def stuff_bits(bits: str) -> int:
@@ -47,10 +52,18 @@ def binary(data: bytes) -> str:
     return "".join(format(byte, "08b") for byte in data)
 
 
+def written_id(frame: Frame) -> str:
+    """Write SOF and all up to and with RTR (RRS): for an extended frame SRR and IDE stand amid the id."""
+    if not frame.is_extended:
+        return f"0{frame.arbitration_id:011b}0"
+    bits = f"{frame.arbitration_id:029b}"
+    return f"0{bits[:11]}11{bits[11:]}0"
+
+
 @given(CLASSIC)
 @settings(max_examples=300)
 def test_classic_bits_equal_the_reference(frame: Frame) -> None:
-    body = f"0{frame.arbitration_id:011b}000{len(frame.data):04b}{binary(frame.data)}"
+    body = f"{written_id(frame)}00{len(frame.data):04b}{binary(frame.data)}"  # IDE, r0 or r1, r0
     body += crc15(body)
     assert frame_bits(frame) == (len(body) + stuff_bits(body) + 10, 0)
 
@@ -60,19 +73,19 @@ def test_classic_bits_equal_the_reference(frame: Frame) -> None:
 def test_fd_bits_equal_the_reference(frame: Frame) -> None:
     length = len(frame.data)
     dlc = FD_LENGTHS.index(length)
-    head = f"0{frame.arbitration_id:011b}00101"
+    head = written_id(frame) + ("101" if frame.is_extended else "0101")  # IDE of a base frame; FDF, res, BRS
     # A stuff bit behind the last bit of the head is already fast; behind the data there is a fixed one anyway.
     whole = f"{head}0{dlc:04b}{binary(frame.data)}"
     in_head = stuff_bits(head[:-1])
     in_all = stuff_bits(whole[:-1])
     crc = 4 + (17 + 6 if length <= 16 else 21 + 7)
-    assert frame_bits(frame) == (17 + 9 + in_head, 5 + 8 * length + crc + 1 + in_all - in_head)
+    assert frame_bits(frame) == (len(head) + 9 + in_head, 5 + 8 * length + crc + 1 + in_all - in_head)
 
 
 @given(CLASSIC | FD)
 @settings(max_examples=300)
 def test_bits_stay_within_their_bounds(frame: Frame) -> None:
-    fewest, most = frame_bits_bounds(len(frame.data), frame.is_fd)
+    fewest, most = frame_bits_bounds(len(frame.data), frame.is_fd, frame.is_extended)
     bits = frame_bits(frame)
     assert fewest.nominal <= bits.nominal <= most.nominal
     assert fewest.nominal + fewest.data <= bits.nominal + bits.data <= most.nominal + most.data
@@ -106,7 +119,11 @@ class Sender:
 
 def schedules(function: int) -> st.SearchStrategy[list[tuple[int, Frame]]]:
     frame = st.builds(
-        Frame, st.integers(0, 31).map(lambda node: function << 5 | node), st.binary(max_size=8), st.just(False)
+        Frame,
+        st.integers(0, 31).map(lambda node: function << 5 | node),
+        st.binary(max_size=8),
+        st.just(False),
+        st.booleans(),
     )
     return st.lists(st.tuples(st.integers(0, 5_000_000), frame), max_size=25)
 

@@ -197,7 +197,7 @@ class Events:
     def any_frame(self) -> None:
         """Let come a message of any kind to this drive or another, whole or damaged, or noise."""
         rng = self.rng
-        identifier, data, is_fd = rng.choice(POOL)
+        identifier, data, is_fd, _ = rng.choice(POOL)
         if identifier >> 5 == Function.ESTOP:
             return
         if rng.random() < 0.7:

@@ -13,9 +13,9 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.golden.vectors import draw_messages
 from firmware_protocol.serial_framing import FD_LENGTHS, SerialReader, encode_serial
 
-classic = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8), st.just(False))
+classic = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8), st.just(False), st.just(False))
 fd_payloads = st.sampled_from(sorted(FD_LENGTHS)).flatmap(lambda n: st.binary(min_size=n, max_size=n))
-frames = classic | st.builds(Frame, st.integers(0, 0x7FF), fd_payloads, st.just(True))
+frames = classic | st.builds(Frame, st.integers(0, 0x7FF), fd_payloads, st.just(True), st.just(False))
 GOOD = codec.encode_setpoint(1, -77, 3, 4)
 
 

@@ -4,7 +4,9 @@ Classical base frame: SOF 1, id 11, RTR 1, IDE 1, r0 1, DLC 4, data 8n, CRC 15 a
 EOF 7 are not. FD base frame, always with bit-rate switch: SOF 1, id 11, RRS 1, IDE 1, FDF 1, res 1, BRS 1 at the
 nominal rate; ESI 1, DLC 4, data 8n, stuff count 4, CRC 17 or 21 with fixed stuff bits, CRC delimiter 1 at the data
 rate; ACK 2, EOF 7 nominal again. The rate changes inside BRS and inside the CRC delimiter at the same share of a bit,
-so counting BRS whole as nominal and the delimiter whole as data gives the same time.
+so counting BRS whole as nominal and the delimiter whole as data gives the same time. An extended frame has, for the 11
+bits of the id and the bit behind them: id 11, SRR 1 and IDE 1, both recessive, id 18, RTR 1 (RRS 1 in FD); then, for
+IDE and r0 of a classical frame, r1 1 and r0 1, and in FD at once FDF.
 """
 
 from typing import NamedTuple
@@ -12,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_protocol.frames import Frame
+from firmware_protocol.frames import MAX_BASE_ID, MAX_EXTENDED_ID, Frame
 from virtual_bus.kernel import kernel
 
 INTERMISSION_BITS = 3
@@ -24,10 +26,14 @@ RECOVERY_SEQUENCES = 128  # of 11 recessive bits each, until a node that went bu
 RECOVERY_SEQUENCE_BITS = 11
 
 NS_PER_S = 1_000_000_000
-MAX_ID = 0x7FF
 
 _CLASSIC_FIXED_BITS = 44  # everything but data and stuff bits, without intermission
+_CLASSIC_STUFFED_BITS = 34  # of these, up to the end of the CRC
+_EXTENSION_BITS = 20  # more of an extended classical frame: 18 of the id, SRR, r1
 _FD_HEAD_BITS = 17
+_FD_EXTENSION_BITS = 19  # more of an extended FD frame: 18 of the id, SRR
+_FD_MOST_HEAD_STUFF_BITS = 3  # FDF 1, res 0 and BRS 1 end a run
+_FD_MOST_EXTENDED_HEAD_STUFF_BITS = 7  # the same, and SRR and IDE are ones
 _FD_TAIL_BITS = 9
 _FD_FIXED_DATA_BITS = 10  # ESI, DLC, stuff count, CRC delimiter
 _FD_DLC_OF_LENGTH = {
@@ -94,6 +100,30 @@ def _push_bytes(word: int, count: int, last: int, run: int, stuffed: int, crc: i
 
 
 @kernel
+def _extended_id(arbitration_id: int) -> int:
+    """Write the bits from SOF to the end of an extended id: 11 of it, SRR 1, IDE 1, 18 of it."""
+    return (arbitration_id >> 18) << 20 | 0b11 << 18 | arbitration_id & 0x3FFFF
+
+
+@kernel
+def _fd_head(arbitration_id: int, is_extended: bool) -> tuple[int, int]:
+    """Write the bits of an FD frame from SOF to BRS; return them and their number."""
+    if is_extended:  # RRS 0, FDF 1, res 0, BRS 1 behind the id
+        return _extended_id(arbitration_id) << 4 | 0b0101, _FD_HEAD_BITS + _FD_EXTENSION_BITS
+    return arbitration_id << 5 | 0b00101, _FD_HEAD_BITS  # RRS 0, IDE 0, FDF 1, res 0, BRS 1
+
+
+@kernel
+def _stuff_bits_behind_head(length: int, data: int, last: int, run: int, stuffed: int, crc: int) -> int:
+    """Return the stuff bits of a classical frame, those of its head included, which left things as they are here."""
+    last, run, stuffed, crc = _push_bytes(data, length, last, run, stuffed, crc)
+    sent = crc
+    last, run, stuffed, crc = _push(sent >> 8, 7, last, run, stuffed, crc)
+    last, run, stuffed, crc = _push_bytes(sent, 1, last, run, stuffed, crc)
+    return stuffed + (1 if run == 5 else 0)
+
+
+@kernel
 def classic_stuff_bits(arbitration_id: int, length: int, data: int) -> int:
     """Return the stuff bits of a classical base data frame, CRC-15 (polynomial 0x4599) included.
 
@@ -103,24 +133,30 @@ def classic_stuff_bits(arbitration_id: int, length: int, data: int) -> int:
     head = arbitration_id << 7 | length
     last, run, stuffed, crc = _push(head >> 16, 3, -1, 0, 0, 0)
     last, run, stuffed, crc = _push_bytes(head, 2, last, run, stuffed, crc)
-    last, run, stuffed, crc = _push_bytes(data, length, last, run, stuffed, crc)
-    sent = crc
-    last, run, stuffed, crc = _push(sent >> 8, 7, last, run, stuffed, crc)
-    last, run, stuffed, crc = _push_bytes(sent, 1, last, run, stuffed, crc)
-    return stuffed + (1 if run == 5 else 0)
+    return _stuff_bits_behind_head(length, data, last, run, stuffed, crc)
 
 
 @kernel
-def fd_stuff_bits(arbitration_id: int, dlc: int, data: bytes) -> tuple[int, int]:
-    """Return the dynamic stuff bits of an FD base frame in (nominal, data) phase; the CRC field has fixed ones only.
+def extended_stuff_bits(arbitration_id: int, length: int, data: int) -> int:
+    """Do as `classic_stuff_bits` for an extended frame."""
+    head = _extended_id(arbitration_id) << 7 | length  # RTR, r1, r0 and four bits of DLC
+    last, run, stuffed, crc = _push(head >> 32, 7, -1, 0, 0, 0)
+    last, run, stuffed, crc = _push_bytes(head, 4, last, run, stuffed, crc)
+    return _stuff_bits_behind_head(length, data, last, run, stuffed, crc)
+
+
+@kernel
+def fd_stuff_bits(arbitration_id: int, is_extended: bool, dlc: int, data: bytes) -> tuple[int, int]:
+    """Return the dynamic stuff bits of an FD frame in (nominal, data) phase; the CRC field has fixed ones only.
 
     A run of five that ends with the last data bit gets none: the fixed stuff bit ahead of the stuff count breaks it.
     """
-    last, run, head, crc = _push(arbitration_id << 5 | 0b00101, 17, -1, 0, 0, 0)  # RRS 0, IDE 0, FDF 1, res 0, BRS 1
+    head, head_bits = _fd_head(arbitration_id, is_extended)
+    last, run, nominal, crc = _push(head, head_bits, -1, 0, 0, 0)
     last, run, body, crc = _push(dlc, 5, last, run, 0, crc)  # ESI 0: an error-active sender
     for byte in data:
         last, run, body, crc = _push(byte, 8, last, run, body, crc)
-    return head, body
+    return nominal, body
 
 
 def _fd_crc_bits(length: int) -> int:
@@ -130,37 +166,56 @@ def _fd_crc_bits(length: int) -> int:
 
 def frame_bits(frame: Frame) -> FrameBits:
     """Count the bits of this frame as it is stuffed; ValueError when no such frame can be sent."""
-    arbitration_id, data, is_fd = frame
+    arbitration_id, data, is_fd, is_extended = frame
     length = len(data)
-    if not 0 <= arbitration_id <= MAX_ID:
-        raise ValueError(f"an arbitration id has 11 bits, {arbitration_id:#x} has not")
+    if not 0 <= arbitration_id <= (MAX_EXTENDED_ID if is_extended else MAX_BASE_ID):
+        raise ValueError(f"an arbitration id has {29 if is_extended else 11} bits, {arbitration_id:#x} has not")
     if not is_fd:
         if length > 8:
             raise ValueError(f"a classical frame carries at most 8 bytes, not {length}")
-        stuffed = classic_stuff_bits(arbitration_id, length, int.from_bytes(data, "big", signed=True))
+        number = int.from_bytes(data, "big", signed=True)
+        if is_extended:
+            stuffed = _EXTENSION_BITS + extended_stuff_bits(arbitration_id, length, number)
+        else:
+            stuffed = classic_stuff_bits(arbitration_id, length, number)
         return FrameBits(_CLASSIC_FIXED_BITS + 8 * length + stuffed, 0)
     dlc = _FD_DLC_OF_LENGTH.get(length)
     if dlc is None:
         raise ValueError(f"no CAN FD frame carries {length} bytes")
-    head, body = fd_stuff_bits(arbitration_id, dlc, data)
+    nominal, body = fd_stuff_bits(arbitration_id, is_extended, dlc, data)
+    if is_extended:
+        nominal += _FD_EXTENSION_BITS
     return FrameBits(
-        _FD_HEAD_BITS + _FD_TAIL_BITS + head, _FD_FIXED_DATA_BITS + 8 * length + _fd_crc_bits(length) + body
+        _FD_HEAD_BITS + _FD_TAIL_BITS + nominal, _FD_FIXED_DATA_BITS + 8 * length + _fd_crc_bits(length) + body
     )
 
 
-def frame_bits_bounds(length: int, is_fd: bool = False) -> tuple[FrameBits, FrameBits]:
+def frame_bits_bounds(length: int, is_fd: bool = False, is_extended: bool = False) -> tuple[FrameBits, FrameBits]:
     """Return fewest and most bits of any frame with `length` bytes, without intermission.
 
     One stuff bit follows the first five equal bits and then every four: (stuffed region - 1) // 4 at most. An FD frame
-    can't have more than three of them before its data phase.
+    can't have more than three of them before its data phase, an extended one more than seven.
     """
     if not is_fd:
-        fewest = _CLASSIC_FIXED_BITS + 8 * length
-        return FrameBits(fewest, 0), FrameBits(fewest + (34 + 8 * length - 1) // 4, 0)
-    nominal = _FD_HEAD_BITS + _FD_TAIL_BITS
-    data = _FD_FIXED_DATA_BITS + 8 * length + _fd_crc_bits(length)
-    stuffed = (_FD_HEAD_BITS + 5 + 8 * length - 1) // 4
-    return FrameBits(nominal, data), FrameBits(nominal + 3, data + stuffed - 3)
+        more = _EXTENSION_BITS if is_extended else 0
+        fewest = _CLASSIC_FIXED_BITS + more + 8 * length
+        return FrameBits(fewest, 0), FrameBits(fewest + (_CLASSIC_STUFFED_BITS + more + 8 * length - 1) // 4, 0)
+    head = _FD_HEAD_BITS + (_FD_EXTENSION_BITS if is_extended else 0)
+    in_head = _FD_MOST_EXTENDED_HEAD_STUFF_BITS if is_extended else _FD_MOST_HEAD_STUFF_BITS
+    nominal, data = head + _FD_TAIL_BITS, _FD_FIXED_DATA_BITS + 8 * length + _fd_crc_bits(length)
+    stuffed = (head + 5 + 8 * length - 1) // 4
+    return FrameBits(nominal, data), FrameBits(nominal + in_head, data + stuffed - in_head)
+
+
+def arbitration_key(arbitration_id: int, is_extended: bool) -> int:
+    """Return a number that is the lower, the sooner a frame wins the bus (ISO 11898-1:2015, 10.3).
+
+    It is the bits that arbitrate, 0 winning: 11 of the id, then RTR 0 and IDE 0 of a base frame against SRR 1 and IDE 1
+    of an extended one, and its other 18.
+    """
+    if is_extended:
+        return (arbitration_id >> 18) << 19 | 1 << 18 | arbitration_id & 0x3FFFF
+    return arbitration_id << 19
 
 
 class BitTiming(NamedTuple):
@@ -175,9 +230,10 @@ class BitTiming(NamedTuple):
 
     def frame_ns(self, frame: Frame) -> int:
         """Return the time from SOF to the end of EOF, when receivers have the frame; ValueError as `frame_bits`."""
-        arbitration_id, data, is_fd = frame
+        arbitration_id, data, is_fd, is_extended = frame
         length = len(data)
-        if not is_fd and length <= 8 and 0 <= arbitration_id <= MAX_ID:  # `frame_bits` without the detour
+        # `frame_bits` without the detour, for most frames
+        if not is_fd and not is_extended and length <= 8 and 0 <= arbitration_id <= MAX_BASE_ID:
             stuffed = classic_stuff_bits(arbitration_id, length, int.from_bytes(data, "big", signed=True))
             return (_CLASSIC_FIXED_BITS + 8 * length + stuffed) * NS_PER_S // self.bitrate_bit_per_s
         nominal, fast = frame_bits(frame)
@@ -192,12 +248,13 @@ class Clash(NamedTuple):
 
 
 def clash(first: Frame, second: Frame, timing: BitTiming) -> Clash | None:
-    """Find where two frames with the same id differ; None when they are the same bits and so one frame."""
+    """Find where two frames that share an arbitration key differ; None when they are the same bits and so one frame."""
     bits_a, bits_b = _unstuffed(first), _unstuffed(second)
     index = next((i for i, (a, b) in enumerate(zip(bits_a, bits_b, strict=False)) if a != b), None)
     if index is None:
         return None
     nominal_bits = data_bits = 0
+    head_bits = _FD_HEAD_BITS + (_FD_EXTENSION_BITS if first.is_extended else 0)
     run, last = 0, ""
     for position in range(index + 1):
         width = 1
@@ -205,7 +262,7 @@ def clash(first: Frame, second: Frame, timing: BitTiming) -> Clash | None:
             width, run, last = 2, 1, "1" if last == "0" else "0"
         run = run + 1 if bits_a[position] == last else 1
         last = bits_a[position]
-        if first.is_fd and second.is_fd and position >= _FD_HEAD_BITS:
+        if first.is_fd and second.is_fd and position >= head_bits:
             data_bits += width
         else:
             nominal_bits += width
@@ -217,5 +274,8 @@ def _unstuffed(frame: Frame) -> str:
     """Write the bits from SOF to the last data bit; where these agree, so do the CRCs."""
     data = "".join(f"{byte:08b}" for byte in frame.data)
     if frame.is_fd:
-        return f"{frame.arbitration_id << 5 | 0b00101:017b}{_FD_DLC_OF_LENGTH[len(frame.data)]:05b}{data}"
+        head, head_bits = _fd_head(frame.arbitration_id, frame.is_extended)
+        return f"{head:0{head_bits}b}{_FD_DLC_OF_LENGTH[len(frame.data)]:05b}{data}"
+    if frame.is_extended:
+        return f"{_extended_id(frame.arbitration_id) << 7 | len(frame.data):039b}{data}"
     return f"{frame.arbitration_id << 7 | len(frame.data):019b}{data}"

@@ -5,6 +5,7 @@ A fault file is a YAML list; times are seconds since the world began:
     - {fault: drop, function: SETPOINT, direction: to_drive, from_s: 2.0, to_s: 2.05}
     - {fault: delay, direction: to_host, probability: 0.01, delay_s: 2.0e-3}
     - {fault: bus_off, node: drive, from_s: 4.0, to_s: 4.1}
+    - {fault: drop, id: 0x8001, extended: true, count: 1}
 
 - drop: sent and acknowledged, but lost by the receiver. duplicate: received twice. delay: received `delay_s` later, and
   what follows in the same direction waits behind it. reorder: received after the next frame of its direction.
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from firmware_protocol.frames import NODE_BITS, Frame
+from firmware_protocol.frames import MAX_BASE_ID, MAX_EXTENDED_ID, NODE_BITS, Frame
 from firmware_protocol.messages import Function
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.yaml_loader import load_document
@@ -62,6 +63,7 @@ class Fault:
     to_ns: int = FOREVER_NS
     function: int | None = None
     arbitration_id: int | None = None
+    is_extended: bool = False  # whether that has 29 bits
     sender: Side | None = None  # of the frame; for bus_off the node concerned
     count: int | None = None  # at most so many frames
     probability: float = 1.0
@@ -96,6 +98,13 @@ class _Reader:
             return None
         return value
 
+    def flag(self, key: str) -> bool:
+        value = self._entry.get(key, False)
+        if not isinstance(value, bool):
+            self.problem(key, f"must be true or false, not {value!r}")
+            return False
+        return value
+
     def choice(self, key: str, choices: Mapping[str, str]) -> str | None:
         value = self._entry.get(key)
         if value is None:
@@ -116,7 +125,7 @@ class _Reader:
 
 
 _COMMON = {"fault", "from_s", "to_s"}
-_MATCH = {"function", "id", "direction", "count", "probability"}
+_MATCH = {"function", "id", "extended", "direction", "count", "probability"}
 _KEYS = {
     FaultKind.DELAY: _COMMON | _MATCH | {"delay_s"},
     FaultKind.CORRUPT_PAYLOAD: _COMMON | _MATCH | {"bits"},
@@ -147,6 +156,9 @@ def _parse_entry(entry: object, where: str, problems: list[str]) -> Fault | None
         reader.problem("to_s", f"must be later than from_s ({from_s:g}), not {to_s:g}")
     delay_s = reader.number("delay_s", 0.0, 1e-9, 1e3) if kind is FaultKind.DELAY else 0.0
     bits = reader.integer("bits", 1, 512)
+    is_extended = reader.flag("extended")
+    if is_extended and "id" not in entry:
+        reader.problem("extended", "goes with an id; give that")
     if kind is FaultKind.BUS_OFF and "node" not in entry:
         reader.problem("node", "is needed: host or drive")
     sender = reader.choice("node", _NODES) if kind is FaultKind.BUS_OFF else reader.choice("direction", _DIRECTIONS)
@@ -155,7 +167,8 @@ def _parse_entry(entry: object, where: str, problems: list[str]) -> Fault | None
         from_ns=round(from_s * _NS_PER_S),
         to_ns=FOREVER_NS if math.isinf(to_s) else round(to_s * _NS_PER_S),
         function=reader.function(),
-        arbitration_id=reader.integer("id", 0, 0x7FF),
+        arbitration_id=reader.integer("id", 0, MAX_EXTENDED_ID if is_extended else MAX_BASE_ID),
+        is_extended=is_extended,
         sender=None if sender is None else Side(sender),
         count=reader.integer("count", 1, 1 << 31),
         probability=reader.number("probability", 1.0, 0.0, 1.0),
@@ -205,9 +218,11 @@ class _Armed:
         fault = self.fault
         if not (self.left and fault.from_ns <= now_ns < fault.to_ns) or fault.sender not in (None, sender):
             return False
-        if fault.function is not None and frame.arbitration_id >> NODE_BITS != fault.function:
+        if fault.function is not None and (frame.is_extended or frame.arbitration_id >> NODE_BITS != fault.function):
             return False
-        if fault.arbitration_id is not None and frame.arbitration_id != fault.arbitration_id:
+        if fault.arbitration_id is not None and (
+            frame.arbitration_id != fault.arbitration_id or frame.is_extended != fault.is_extended
+        ):
             return False
         if fault.probability < 1.0 and self.random.random() >= fault.probability:
             return False

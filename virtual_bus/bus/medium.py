@@ -1,10 +1,11 @@
 """The bus itself, in virtual time: arbitration, bit times, error frames, error counters (ISO 11898-1:2015).
 
-What is modelled: the lowest id among all that wait wins an idle bus; a frame reaches everybody else at the end of its
-EOF; a frame that fails (CRC error by fault, nobody there to acknowledge, two senders of one id that differ) costs its
-time and an error frame, moves the error counters and is sent again; bus-off empties the node's queue and ends after
-128 sequences of 11 recessive bits. What is not: the 8 bits by which an error-passive sender suspends its next frame,
-and how the length of an error flag depends on who is passive (the longest is always taken).
+What is modelled: the lowest id among all that wait wins an idle bus, a base frame before an extended one whose id
+begins with its own; a frame reaches everybody else at the end of its EOF; a frame that fails (CRC error by fault,
+nobody there to acknowledge, two senders of one id that differ) costs its time and an error frame, moves the error
+counters and is sent again; bus-off empties the node's queue and ends after 128 sequences of 11 recessive bits. What is
+not: the 8 bits by which an error-passive sender suspends its next frame, and how the length of an error flag depends on
+who is passive (the longest is always taken).
 """
 
 from collections.abc import Callable
@@ -18,12 +19,14 @@ from virtual_bus.bus.bit_timing import (
     INTERMISSION_BITS,
     RECOVERY_SEQUENCES,
     BitTiming,
+    arbitration_key,
     clash,
 )
 from virtual_bus.bus.faults import FOREVER_NS, FaultInjector, FaultKind, Side, StateChange
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, NEVER_SEQUENCES, OffBus, Port, PortState
 
-# What waits: id first, then order of arrival; port, frame and its time on the wire. A heap of these is the arbitration.
+# What waits: what arbitrates first (`arbitration_key`), then order of arrival; port, frame and its time on the wire. A
+# heap of these is the arbitration.
 _Entry = tuple[int, int, Port, Frame, int]
 
 _BUS_OFF = PortState.BUS_OFF  # looked up for every frame
@@ -86,7 +89,8 @@ class Medium:
         if self.gone or port.queued >= port.queue_frames or port.state is _BUS_OFF:
             self.refuses(port)
             return False
-        entry = (frame[0], self._order, port, frame, self._frame_ns(frame))
+        key = arbitration_key(frame[0], True) if frame[3] else frame[0] << 19
+        entry = (key, self._order, port, frame, self._frame_ns(frame))
         self._order += 1
         port.queued += 1
         if not self._pending:
@@ -209,7 +213,7 @@ class Medium:
                 self._plan_special()
 
     def _meet(self, entry: _Entry, now_ns: int) -> _Entry:
-        """Let senders of one id meet after arbitration; return who goes on, or make the flight fail.
+        """Let senders of one id and format meet after arbitration; return who goes on, or make the flight fail.
 
         Same bits: one frame of several senders. Else whoever sends the first recessive bit sees an error: an error
         active one destroys the frame for all, an error passive one drops out and the other never notices.

@@ -89,6 +89,8 @@ class SimulatedCia402:
         """Take a frame from the bus."""
         self.wake(now_ns - 1)
         arbitration_id, data = frame.arbitration_id, frame.data
+        if frame.is_extended:
+            return
         if arbitration_id == 0x000 and len(data) == 2 and data[1] in (0, self.node):
             self._network(data[0], now_ns)
         elif arbitration_id == 0x080 and self.nmt == OPERATIONAL:

@@ -77,7 +77,7 @@ class SimulatedODrive:
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take a frame from the bus."""
         self.wake(now_ns - 1)
-        if frame.arbitration_id >> 5 != self._settings.node_id:
+        if frame.is_extended or frame.arbitration_id >> 5 != self._settings.node_id:
             return
         self._fed_ns = now_ns
         command, data = frame.arbitration_id & 0x1F, frame.data

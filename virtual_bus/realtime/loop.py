@@ -31,6 +31,7 @@ _FROM_DRIVE = {
         Function.IDENTITY,
     )
 }
+_FOREIGN = 1 << NODE_BITS + 6  # what is counted for a function where the id has 29 bits: above all of them
 
 
 class Lateness:
@@ -206,7 +207,7 @@ class RealTimeLoop:
     def _take(self, frames: list[Frame], at_ns: int) -> None:
         heard = []
         for frame in frames:
-            function = frame[0] >> NODE_BITS
+            function = _FOREIGN if frame[3] else frame[0] >> NODE_BITS
             if function in _FROM_DRIVE:
                 self._echoed += 1  # udp_multicast hears itself
             else:
@@ -230,4 +231,5 @@ class RealTimeLoop:
 
 def _by_name(counts: Counter[int]) -> dict[str, int]:
     names = {int(function): function.name for function in Function}
+    names[_FOREIGN] = "extended id"
     return {names.get(function, f"0x{function:02x}"): counts[function] for function in sorted(counts)}

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import can
 
-from firmware_protocol.frames import Frame
+from firmware_protocol.frames import Frame, make
 from hil_forceps.rig.errors import UserError
 
 MAX_FRAMES_AT_ONCE = 256  # a flood can't keep the loop from its samples
@@ -52,17 +52,22 @@ class CanTransport:
             if message is None:
                 break
             timeout_s = 0.0
-            if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
+            if message.is_remote_frame or message.is_error_frame:
                 self.counters["not_ours"] += 1
             else:
-                frames.append(Frame(message.arbitration_id, bytes(message.data), message.is_fd))
+                frames.append(
+                    make(
+                        Frame,
+                        (message.arbitration_id, bytes(message.data), message.is_fd, message.is_extended_id),
+                    )
+                )
         return frames
 
     def send(self, frames: Iterable[Frame]) -> None:
         """See `Transport`."""
-        for identifier, data, is_fd in frames:
+        for identifier, data, is_fd, is_extended in frames:
             message = can.Message(
-                arbitration_id=identifier, data=data, is_extended_id=False, is_fd=is_fd, bitrate_switch=is_fd
+                arbitration_id=identifier, data=data, is_extended_id=is_extended, is_fd=is_fd, bitrate_switch=is_fd
             )
             try:
                 self._bus.send(message, timeout=0.0)

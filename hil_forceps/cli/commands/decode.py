@@ -13,7 +13,7 @@ from cyclopts import Parameter
 
 from firmware_protocol import scales
 from firmware_protocol.codec import Decoder
-from firmware_protocol.frames import Frame
+from firmware_protocol.frames import MAX_EXTENDED_ID, Frame
 from firmware_protocol.messages import Control, DriveState, FaultReason, Message, ParamOp
 from firmware_protocol.serial_framing import SerialReader
 from hil_forceps.data.readers.bus_frames import LOG_SUFFIXES, Stamped, read_frames
@@ -39,7 +39,7 @@ _CANDUMP = re.compile(
 )
 _SERIAL_SUFFIXES = {".bin"}
 _CHUNK_BYTES = 1 << 16
-_STANDARD_ID_DIGITS = 3
+_BASE_ID_DIGITS = 3
 
 
 class Printer(Protocol):
@@ -74,9 +74,12 @@ def decode(
         raise UserError([f"decode: unknown option {each}" for each in unknown])
     printer = _PRINTERS[form]()
     read = _native() if drive == "native" else _of_maker(PROFILES[drive].decode)
+    has_extended_ids = drive != "native" and PROFILES[drive].has_extended_ids
     refused = total = 0
     torn: Counter[str] = Counter()
     for stamped in _frames(source, torn):
+        if stamped.frame.is_extended and not has_extended_ids:
+            continue  # somebody else's on the same bus
         message, reason = read(stamped.frame)
         printer(stamped, message, reason)
         total += 1
@@ -144,10 +147,14 @@ def _candump_lines(lines: Iterable[str], where: str) -> Iterator[Stamped]:
         match = _CANDUMP.fullmatch(text)
         if match is None:
             raise UserError(f"{where}:{number}: '{text[:60]}' is not a frame; write hex id#data: 081#1122334455667788")
-        if match["remote"] or len(match["id"]) > _STANDARD_ID_DIGITS:
+        if match["remote"]:
             continue  # somebody else's on the same bus, left out as in a log file
         time_s = float(match["time"]) if match["time"] else None
-        yield Stamped(time_s, Frame(int(match["id"], 16), bytes.fromhex(match["data"]), match["fd"] is not None))
+        is_extended = len(match["id"]) > _BASE_ID_DIGITS
+        arbitration_id = int(match["id"], 16)
+        if arbitration_id > MAX_EXTENDED_ID:
+            continue  # an error frame, as candump writes it
+        yield Stamped(time_s, Frame(arbitration_id, bytes.fromhex(match["data"]), match["fd"] is not None, is_extended))
 
 
 def _file(path: Path, torn: Counter[str]) -> Iterator[Stamped]:
@@ -176,12 +183,16 @@ def _label(message: Decoded | None, reason: str) -> str:
     return f"refused: {reason}" if message is None else message.name
 
 
+def _id_digits(frame: Frame) -> str:
+    return f"{frame.arbitration_id:08X}" if frame.is_extended else f"{frame.arbitration_id:03X}"
+
+
 def _text() -> Printer:
     def show(stamped: Stamped, message: Decoded | None, reason: str) -> None:
         time = "" if stamped.time_s is None else f"{stamped.time_s:.6f} "
         values = {} if message is None else message.values
         shown = " ".join(f"{k}={v:.9g}" if isinstance(v, float) else f"{k}={v}" for k, v in values.items())
-        raw = f"{stamped.frame.arbitration_id:03X}#{stamped.frame.data.hex().upper()}"
+        raw = f"{_id_digits(stamped.frame)}#{stamped.frame.data.hex().upper()}"
         sys.stdout.write(f"{time}{raw:<21} {_label(message, reason)} {shown}".rstrip() + "\n")
 
     return show
@@ -190,6 +201,7 @@ def _text() -> Printer:
 def _jsonl() -> Printer:
     def show(stamped: Stamped, message: Decoded | None, reason: str) -> None:
         row: dict[str, Any] = {"time_s": stamped.time_s, "arbitration_id": stamped.frame.arbitration_id}
+        row |= {"is_extended": True} if stamped.frame.is_extended else {}
         row["data"] = stamped.frame.data.hex()
         row |= {"refused": reason} if message is None else {"message": message.name, **message.values}
         sys.stdout.write(json.dumps(row) + "\n")
@@ -202,7 +214,7 @@ def _csv() -> Printer:
     writer.writerow(("time_s", "arbitration_id", "message", "signal", "value"))
 
     def show(stamped: Stamped, message: Decoded | None, reason: str) -> None:
-        head = (stamped.time_s, f"0x{stamped.frame.arbitration_id:03X}", _label(message, reason))
+        head = (stamped.time_s, f"0x{_id_digits(stamped.frame)}", _label(message, reason))
         if message is None:
             writer.writerow((*head, "", stamped.frame.data.hex()))
             return

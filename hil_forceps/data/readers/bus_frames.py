@@ -21,7 +21,7 @@ class Stamped(NamedTuple):
 
 
 def read_frames(path: Path, kind: str = "") -> Iterator[Stamped]:
-    """Yield the data frames with 11-bit ids; others on the same bus are passed over.
+    """Yield the data frames, with ids of 11 and of 29 bits; error and remote frames are passed over.
 
     `kind`, one of `LOG_SUFFIXES`, says the format, else the suffix does. UserError when there is no such file or it
     can't be read as that.
@@ -33,9 +33,10 @@ def read_frames(path: Path, kind: str = "") -> Iterator[Stamped]:
         # Opened here: a reader of python-can that refuses a file's head leaves the file open.
         with _open(path, kind) as file:
             for message in _reader(can, kind)(file):
-                if message.is_error_frame or message.is_remote_frame or message.is_extended_id:
+                if message.is_error_frame or message.is_remote_frame:
                     continue
-                yield Stamped(message.timestamp, Frame(message.arbitration_id, bytes(message.data), message.is_fd))
+                frame = Frame(message.arbitration_id, bytes(message.data), message.is_fd, message.is_extended_id)
+                yield Stamped(message.timestamp, frame)
     except OSError as error:
         raise UserError(f"{path}: not readable as a {kind} log: {error.strerror or error}") from error
     except Exception as error:  # python-can's readers raise whatever their parsers raise on a broken file

@@ -105,6 +105,8 @@ def read_bus_log(path: str | Path, kind: str = "") -> list[Run]:
     begin_s: float | None = None
     count = 0
     for stamped in read_frames(path, kind):
+        if stamped.frame.is_extended:
+            continue  # somebody else's on the same bus
         message = decoder.decode(stamped.frame)
         if message is None:
             continue

@@ -184,7 +184,9 @@ class Cia402:
         """Take one frame from the bus."""
         node, data = self.config.node, frame.data
         function = frame.arbitration_id - node
-        if function == wire.TPDO_IDS[0]:
+        if frame.is_extended:  # the predefined connection set has ids of 11 bits only
+            self.counters["not_for_us"] += 1
+        elif function == wire.TPDO_IDS[0]:
             self._see_position(data, now_ns)
         elif function == wire.TPDO_IDS[1]:
             self._see_current(data, now_ns)

@@ -85,7 +85,7 @@ class _Listener:
         """Take one frame."""
         node, data = frame.arbitration_id & 0x7F, frame.data
         is_ours = frame.arbitration_id == wire.HEARTBEAT_ID + node and len(data) == 1 and data[0] in _NMT_WORDS
-        if is_ours and node:
+        if is_ours and node and not frame.is_extended:
             self._states[node] = data[0]
             return True
         return False
@@ -101,6 +101,8 @@ class _Listener:
 def decode(frame: Frame) -> Decoded | None:
     """Return a CANopen frame by the predefined connection set; PDOs as this project maps them."""
     function, node, data = frame.arbitration_id & 0x780, frame.arbitration_id & 0x7F, frame.data
+    if frame.is_extended:
+        return None
     if frame.arbitration_id == wire.NMT_ID:
         if len(data) != 2:
             return None

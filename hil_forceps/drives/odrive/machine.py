@@ -192,7 +192,9 @@ class ODrive:
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take one frame from the bus."""
         node, data = self.config.node, frame.data
-        if frame.arbitration_id == wire.frame_id(node, Command.ENCODER_ESTIMATES):
+        if frame.is_extended:  # CANSimple has ids of 11 bits only
+            self.counters["not_for_us"] += 1
+        elif frame.arbitration_id == wire.frame_id(node, Command.ENCODER_ESTIMATES):
             self._see_estimates(wire.parse_estimates(data), now_ns)
         elif frame.arbitration_id == wire.frame_id(node, Command.GET_IQ):
             current = wire.parse_iq(data)

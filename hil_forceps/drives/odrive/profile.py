@@ -81,6 +81,8 @@ class _Listener:
 
     def receive(self, frame: Frame) -> bool:
         """Take one frame; its ids may be others' too."""
+        if frame.is_extended:
+            return False
         node, command = wire.node_and_command(frame.arbitration_id)
         known = self._heard.get(node)
         if command == wire.Command.HEARTBEAT:
@@ -113,6 +115,8 @@ def _words(said: _Heard) -> str:
 
 def decode(frame: Frame) -> Decoded | None:
     """Return a frame of CANSimple; None for a command that isn't known here or has another length."""
+    if frame.is_extended:
+        return None
     (node, number), data = wire.node_and_command(frame.arbitration_id), frame.data
     try:
         command = wire.Command(number)

@@ -7,15 +7,22 @@ import can
 import pytest
 
 from firmware_protocol.frames import Frame
+from hil_forceps.bridge import bus_log
 from hil_forceps.bridge.bus_log import BATCH_ENTRIES, BusLog, CandumpWriter, LoggedLink, LogReport, open_bus_log
 from hil_forceps.bridge.ports import SendResult
+from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.rig.errors import UserError
 
 BEGIN_NS = 5_000_000_000
 
 
 def some_frame(k: int) -> Frame:
-    return Frame(0x64, bytes(16), True) if k % 10 == 9 else Frame(0x44 + k % 3, bytes([k % 256, 0xAB]))
+    """One in ten is FD; of the others some have an id of 29 bits, among them one whose number another has with 11."""
+    if k % 10 == 9:
+        return Frame(0x64, bytes(16), True)
+    if k % 10 == 8:
+        return Frame(0x64 if k % 20 == 8 else 0x1FFFFFFF - k, bytes(16), True, True)
+    return Frame(0x44 + k % 3, bytes([k % 256, 0xAB]), is_extended=k % 10 == 7)
 
 
 def write(path: Path, frames: int, threaded: bool = False) -> LogReport:
@@ -34,6 +41,13 @@ def test_logs_read_back_with_python_can(tmp_path: Path, suffix: str) -> None:
     assert len(messages) == frames
     assert messages[3].timestamp - messages[0].timestamp == pytest.approx(7.5e-4, abs=1e-6)
     assert (messages[9].is_fd, len(messages[9].data)) == (True, 16)
+    assert [
+        Frame(message.arbitration_id, bytes(message.data), message.is_fd, message.is_extended_id)
+        for message in messages
+    ] == [some_frame(k) for k in range(frames)]
+    assert [stamped.frame for stamped in read_frames(tmp_path / f"bus{suffix}")] == [
+        some_frame(k) for k in range(frames)
+    ]
     assert [message.is_rx for message in messages[:4]] == [True, False, True, False]
 
 
@@ -116,7 +130,7 @@ def test_our_candump_format_is_python_cans_to_the_byte(tmp_path: Path) -> None:
                 timestamp=k * 250_000 * 1e-9,
                 arbitration_id=frame.arbitration_id,
                 data=frame.data,
-                is_extended_id=False,
+                is_extended_id=frame.is_extended,
                 is_fd=frame.is_fd,
                 bitrate_switch=frame.is_fd,
                 is_rx=k % 2 == 0,
@@ -134,3 +148,13 @@ def test_time_in_a_log_never_goes_back(tmp_path: Path) -> None:
     assert [line[:10] for line in (tmp_path / "bus.log").read_text().splitlines()] == ["(0.002000)"] * 2 + [
         "(0.003000)"
     ]
+
+
+def test_a_flood_of_ids_does_not_grow_the_writer(tmp_path: Path) -> None:
+    with (tmp_path / "bus.log").open("w") as file:
+        writer = CandumpWriter(file)
+        for k in range(3 * bus_log._MAX_HEADS):
+            writer.write(True, [(k, Frame(k, b"", is_extended=True))])
+        assert len(writer._heads) <= bus_log._MAX_HEADS
+        writer.close()
+    assert (tmp_path / "bus.log").read_text().splitlines()[-1].split()[2] == f"{3 * bus_log._MAX_HEADS - 1:08X}#"

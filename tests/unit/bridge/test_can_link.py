@@ -149,7 +149,7 @@ def test_bus_off_is_noticed_by_state_and_by_error_frame(bus: ScriptedBus, link: 
 def test_what_is_not_for_us_is_counted_apart(bus: ScriptedBus, link: PythonCanLink) -> None:
     bus.messages = [
         can.Message(arbitration_id=4, is_error_frame=True),
-        can.Message(arbitration_id=0x44, is_extended_id=True),
+        can.Message(arbitration_id=0x800, is_extended_id=False, check=False),
         can.Message(arbitration_id=0x44, is_extended_id=False, is_remote_frame=True),
         can.Message(arbitration_id=0x44, is_extended_id=False, is_rx=False),
         can.Message(arbitration_id=0x44, is_extended_id=False, data=b"1"),
@@ -157,6 +157,27 @@ def test_what_is_not_for_us_is_counted_apart(bus: ScriptedBus, link: PythonCanLi
     assert [frame for _, frame in link.receive()] == [Frame(0x44, b"1")]
     assert (link.counters["error_frames"], link.counters["not_ours"], link.counters["own"]) == (1, 2, 1)
     assert link.is_up()
+
+
+def test_frames_with_extended_ids_come_in_and_go_out_as_such(bus: ScriptedBus, link: PythonCanLink) -> None:
+    frames = [Frame(0x44, b"1", is_extended=True), Frame(0x1FFFFFFF, bytes(12), True, True), Frame(0x44, b"2")]
+    for frame in frames:
+        assert link.send(frame) is SendResult.SENT
+    assert [(m.arbitration_id, m.is_extended_id, m.is_fd) for m in bus.sent] == [
+        (0x44, True, False),
+        (0x1FFFFFFF, True, True),
+        (0x44, False, False),
+    ]
+    bus.messages = [*bus.sent, can.Message(arbitration_id=0x20000000, is_extended_id=True, check=False)]
+    assert [frame for _, frame in link.receive()] == frames
+    assert link.counters["not_ours"] == 1
+
+
+def test_an_echo_is_told_from_the_same_number_with_29_bits(bus: ScriptedBus) -> None:
+    link = PythonCanLink(bus, MonotonicClock(), echoes=True)
+    link.send(FRAME)
+    bus.messages = [can.Message(arbitration_id=FRAME.arbitration_id, data=FRAME.data, is_extended_id=True)]
+    assert [frame for _, frame in link.receive()] == [FRAME._replace(is_extended=True)]
 
 
 def test_what_an_interface_plays_back_unmarked_is_known_again(bus: ScriptedBus) -> None:

@@ -38,10 +38,14 @@ def traffic(node: int = 1, fd: bool = False, first_us: int = 1_000_000) -> list[
 
 def write(path: Path, frames: list[tuple[float, Frame]]) -> Path:
     with can.Logger(path) as log:
-        for time_s, (identifier, data, is_fd) in frames:
+        for time_s, (identifier, data, is_fd, is_extended) in frames:
             log.on_message_received(
                 can.Message(
-                    timestamp=1e9 + time_s, arbitration_id=identifier, data=data, is_extended_id=False, is_fd=is_fd
+                    timestamp=1e9 + time_s,
+                    arbitration_id=identifier,
+                    data=data,
+                    is_extended_id=is_extended,
+                    is_fd=is_fd,
                 )
             )
     return path
@@ -64,6 +68,16 @@ def test_every_kind_of_log_gives_the_run(suffix: str, tmp_path: Path) -> None:
     (run,) = read_run(write(tmp_path / f"bus.{suffix}", traffic()))
     assert run.name == "bus"
     check(run)
+
+
+@pytest.mark.parametrize("suffix", ["log", "asc", "blf"])
+def test_the_same_numbers_with_29_bits_are_somebody_elses(suffix: str, tmp_path: Path) -> None:
+    frames = traffic()
+    foreign = [(time_s, frame._replace(data=bytes(len(frame.data)), is_extended=True)) for time_s, frame in frames]
+    path = tmp_path / f"bus.{suffix}"
+    (run,) = read_run(write(path, [each for pair in zip(frames, foreign, strict=True) for each in pair]))
+    check(run)
+    assert run.notes == read_run(write(tmp_path / f"alone.{suffix}", frames))[0].notes
 
 
 def test_a_candump_without_its_suffix_is_told_by_its_lines(tmp_path: Path) -> None:

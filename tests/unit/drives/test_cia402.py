@@ -455,3 +455,15 @@ def test_connecting_twice_raises() -> None:
     drive, n = running()
     with pytest.raises(ValueError, match="connected already"):
         drive.connect(n * MS)
+
+
+def test_frames_with_29_bits_are_somebody_elses() -> None:
+    drive, n = running()
+    drive.take_samples()
+    before = dict(drive.counters)
+    foreign = (position(5, State.FAULT), current(7), boot_up(), Frame(0x80 + NODE, bytes.fromhex("3081110000000000")))
+    for frame in foreign:
+        drive.receive(frame._replace(is_extended=True), n * MS)
+    assert drive.phase is HostPhase.RUNNING
+    assert drive.take_samples() == []
+    assert drive.counters == {**before, "not_for_us": before["not_for_us"] + len(foreign)}

@@ -90,3 +90,12 @@ def test_all_that_a_run_put_on_the_bus_is_understood(
 def test_no_bytes_raise(profile: str, frame_id: int, data: bytes) -> None:
     found = PROFILES[profile].decode(Frame(frame_id, data))
     assert found is None or found.name
+
+
+@pytest.mark.parametrize(
+    ("profile", "frame"),
+    [("odrive", odrive.estop(5)), ("cia402", canopen.sync()), ("cia402", canopen.heartbeat(5))],
+)
+def test_an_id_with_29_bits_is_not_read_as_one_with_11(profile: str, frame: Frame) -> None:
+    assert PROFILES[profile].decode(frame) is not None
+    assert PROFILES[profile].decode(frame._replace(is_extended=True)) is None

@@ -393,3 +393,13 @@ def test_disabling_asks_for_idle_in_every_phase_of_a_connected_drive() -> None:
 def test_connecting_twice_raises() -> None:
     with pytest.raises(ValueError, match="connected already"):
         running().connect(20 * MS)
+
+
+def test_frames_with_29_bits_are_somebody_elses() -> None:
+    drive = running()
+    before = dict(drive.counters)
+    for frame in (heartbeat(IDLE, error=1), estimates(0.3), iq(2.0)):
+        drive.receive(frame._replace(is_extended=True), 10 * MS)
+    assert drive.phase is HostPhase.RUNNING
+    assert drive.take_samples() == []
+    assert drive.counters == {**before, "not_for_us": before["not_for_us"] + 3}

@@ -89,3 +89,13 @@ def test_what_is_no_heartbeat_of_canopen(frame: Frame) -> None:
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=64)), max_size=30))
 def test_whatever_comes_nothing_raises(frames: list[tuple[int, bytes]]) -> None:
     heard(*(Frame(arbitration_id, data, len(data) > 8) for arbitration_id, data in frames))
+
+
+def test_ids_with_29_bits_are_of_none_that_has_11() -> None:
+    frames = [
+        codec.encode(DriveHeartbeat(3, 0, 0, 1, 0, 0, 0, 0)),
+        *[Frame(5 << 5 | 1, bytes.fromhex("0000000101000000"))] * 2,
+        Frame(0x705, b"\x05"),
+    ]
+    assert {found.profile for found in heard(*frames)} == {"native", "odrive", "cia402"}
+    assert heard(*(frame._replace(is_extended=True) for frame in frames)) == []

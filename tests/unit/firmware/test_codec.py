@@ -208,7 +208,7 @@ POOL = [codec.encode(message, fd) for message, fd in draw_messages(random.Random
 def random_frames(rng: random.Random, count: int) -> Iterator[Frame]:
     """Messages with random fields, whole or with a bit, a length, an id or a format that is not theirs; noise."""
     for i in range(count):
-        identifier, data, is_fd = POOL[rng.randrange(len(POOL))]
+        identifier, data, is_fd, _ = POOL[rng.randrange(len(POOL))]
         kind = i % 8
         if kind == 0 and data:
             bit = rng.randrange(8 * len(data))

@@ -250,3 +250,23 @@ def test_counters_can_be_shared() -> None:
     counters = {"bad_crc": 5, "mine": 1}
     codec.Decoder(counters).decode(Frame(0x41, bytes(8)))
     assert counters == {"bad_crc": 6, "mine": 1, "unknown_id": 0, "bad_length": 0, "bad_format": 0}
+
+
+def test_a_known_id_with_29_bits_is_not_known() -> None:
+    decoder = codec.Decoder()
+    assert decoder.decode(codec.encode_feedback(1, 1, 2, 3)._replace(is_extended=True)) is None
+    assert decoder.counters["unknown_id"] == 1
+
+
+def test_frames_built_the_fast_way_have_all_their_fields() -> None:
+    """`make` fills in no defaults: a shorter tuple would compare unequal and lack its last field."""
+    for frame in (
+        codec.encode_setpoint(1, 1, 2, 3),
+        codec.encode_setpoint(1, 1, 2, 3, fd=True),
+        codec.encode_feedback(1, 1, 2, 3),
+        codec.encode_timing(1, 1, 2, 3, 0, 0),
+        codec.encode_fd_feedback(1, 1, 2, 3, 4, 5, 0, 0),
+        codec.encode_bench_sensor(1, 1, 2, 3),
+    ):
+        assert len(frame) == len(Frame._fields)
+        assert frame == Frame(frame.arbitration_id, frame.data, frame.is_fd)

@@ -7,6 +7,7 @@ from firmware_protocol.drive_machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame, arbitration_id
 from firmware_protocol.golden.scenarios import Script
 from firmware_protocol.messages import (
+    Discover,
     DriveHeartbeat,
     DriveState,
     Estop,
@@ -14,6 +15,8 @@ from firmware_protocol.messages import (
     Feedback,
     Function,
     HostHeartbeat,
+    ParamOp,
+    ParamRequest,
     Timing,
 )
 
@@ -140,6 +143,24 @@ def test_hfp_140_and_142_estop(node: int, payload: bytes, is_fd: bool) -> None:
         s.receive(Frame(arbitration_id(Function.ESTOP, node), payload, is_fd))
         assert (s.drive.state, s.drive.fault) == (FAULT, FaultReason.ESTOP)
         assert s.drive.reference_raw is None
+
+
+def test_hfp_002_the_same_frames_with_29_bits_are_nothing() -> None:
+    s = Script("others")
+    s.run()
+    frames = [
+        codec.encode(Estop(NODE)),
+        codec.encode(Estop(0)),
+        codec.encode_setpoint(NODE, 0, 1, 1),
+        codec.encode(ParamRequest(NODE, ParamOp.READ, 1, 0)),
+        codec.encode(Discover(0)),
+    ]
+    for frame in frames:
+        s.receive(frame._replace(is_extended=True))
+    assert s.drive.state is OPERATIONAL
+    assert rejected(s) == 0
+    assert s.drive.counters["not_for_us"] == len(frames)
+    assert all(step["frames"] == [] for step in s.steps[-len(frames) :])
 
 
 def test_hfp_012_013_frames_for_others_are_nothing() -> None:

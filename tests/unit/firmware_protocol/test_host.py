@@ -598,3 +598,15 @@ def test_config_is_checked(wrong: dict[str, int]) -> None:
         HostConfig(**{"node": 1, **wrong})  # type: ignore[arg-type]
     HostConfig(node=0, heartbeat_period_ns=1)
     HostConfig(node=30)
+
+
+def test_frames_of_the_drive_with_29_bits_are_somebody_elses() -> None:
+    desk = Desk()
+    desk.ready()
+    host = desk.host
+    host.take_samples()
+    before = dict(host.counters)
+    for frame in (codec.encode_feedback(NODE, 1, 2, 3), codec.encode_timing(NODE, 5, 3, 0, 0, 0)):
+        host.receive(frame._replace(is_extended=True), desk.now_ns)
+    assert host.take_samples() == []
+    assert host.counters == {**before, "not_for_us": before["not_for_us"] + 2}

@@ -40,7 +40,14 @@ def test_all_lengths_that_can_frames_have_pass() -> None:
 
 @pytest.mark.parametrize(
     "frame",
-    [Frame(0x800, b""), Frame(-1, b""), Frame(1, bytes(9)), Frame(1, bytes(9), True), Frame(1, bytes(65), True)],
+    [
+        Frame(0x41, b"", is_extended=True),
+        Frame(0x800, b""),
+        Frame(-1, b""),
+        Frame(1, bytes(9)),
+        Frame(1, bytes(9), True),
+        Frame(1, bytes(65), True),
+    ],
 )
 def test_frames_that_no_bus_has_are_the_callers_mistake(frame: Frame) -> None:
     with pytest.raises(ValueError, match=r"11-bit|fit"):

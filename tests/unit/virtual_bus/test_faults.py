@@ -87,6 +87,23 @@ def test_matching(match: dict[str, object], hit: Frame) -> None:
     assert what.counters[FaultKind.DROP] == 1
 
 
+def test_an_extended_id_is_matched_as_one_and_is_no_function() -> None:
+    extended = FEEDBACK._replace(is_extended=True)
+    what = injector({"fault": "drop", "id": 0x081, "extended": True})
+    assert what.route(extended, Side.DRIVE, 0) == []
+    assert what.route(FEEDBACK, Side.DRIVE, 0) == [(0, FEEDBACK)]
+    for match in ({"function": "FEEDBACK"}, {"id": 0x081}):
+        what = injector({"fault": "drop", **match})
+        assert what.route(extended, Side.DRIVE, 0) == [(0, extended)]
+        assert what.route(FEEDBACK, Side.DRIVE, 0) == []
+    with pytest.raises(UserError, match=r"extended: goes with an id"):
+        parse_faults([{"fault": "drop", "extended": True}])
+    with pytest.raises(UserError, match=r"extended: must be true or false"):
+        parse_faults([{"fault": "drop", "id": 5, "extended": 1}])
+    with pytest.raises(UserError, match=r"id: must be a whole number from 0 to 2047"):
+        parse_faults([{"fault": "drop", "id": 0x8001}])
+
+
 def test_probability_is_seeded_and_about_right() -> None:
     entry: dict[str, object] = {"fault": "drop", "probability": 0.25}
     first, again, other = (numbers(deliver(injector(entry, seed=s), 250)) for s in (1, 1, 2))

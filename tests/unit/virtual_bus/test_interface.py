@@ -11,6 +11,7 @@ from pathlib import Path
 
 import can
 import pytest
+from can.typechecking import CanFilter
 
 from firmware_protocol.frames import Frame
 from virtual_bus import worlds
@@ -256,7 +257,6 @@ def test_bus_gone_is_an_error_that_costs_the_wait() -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        message(0x12345, extended=True),
         message(0x41, is_remote_frame=True),
         message(0x41, is_error_frame=True),
         message(0x41, bytes(12), is_fd=True),
@@ -266,6 +266,29 @@ def test_frames_this_bus_does_not_carry(bus: VirtualForcepsBus, wrong: can.Messa
     with pytest.raises(can.CanOperationError) as caught:
         bus.send(wrong)
     assert caught.value.error_code == errno.EINVAL
+
+
+def test_extended_ids_travel_as_such(bus: VirtualForcepsBus) -> None:
+    """0x42 with 29 bits is not the 0x42 with 11; a filter that says nothing of it lets both pass."""
+    sent = [message(0x42, b"\x01", extended=True), message(0x1FFFFFFF, b"\x02", extended=True)]
+    with VirtualForcepsBus("unit") as second:
+        for each in sent:
+            bus.send(each)
+        assert bus.send_frame(Frame(0x8001, b"\x03", is_extended=True))
+        heard = [second.recv(timeout=0.5e-3) for _ in range(3)]
+        assert [(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in heard if m] == [
+            (0x42, True, b"\x01"),
+            (0x8001, True, b"\x03"),
+            (0x1FFFFFFF, True, b"\x02"),
+        ]
+        for wanted, extended in ((True, True), (False, False), (None, True)):
+            only: CanFilter = {"can_id": 0x42, "can_mask": 0x7FF}
+            second.set_filters([only if wanted is None else {**only, "extended": wanted}])
+            bus.send(sent[0])
+            found = second.recv(timeout=0.5e-3)
+            assert (found is not None) is extended
+    with pytest.raises(can.CanOperationError, match="29 bits"):
+        bus.send(can.Message(arbitration_id=0x20000000, is_extended_id=True, check=False))
 
 
 def test_fd_frames_travel_where_fd_is_on(bus: VirtualForcepsBus) -> None:

@@ -304,3 +304,23 @@ def test_what_is_no_frame_is_refused_where_it_is_submitted() -> None:
     with pytest.raises(ValueError, match="11 bits"):
         simulation.medium.submit(ports[0], Frame(0x900, b""), 0)
     assert ports[0].queued == 0
+
+
+def test_a_base_frame_goes_before_an_extended_one_whose_id_begins_with_its_own() -> None:
+    extended = [Frame(0x100 << 18 | low, b"", is_extended=True) for low in (0, 5)]
+    lower = Frame(0x0FF << 18 | 0x3FFFF, b"", is_extended=True)
+    high = Talker([(0, each) for each in (extended[1], Frame(0x101, b""), extended[0])])
+    low, listener = Talker([(0, Frame(0x100, b"")), (0, lower)]), Talker()
+    simulation, ports = bus(high, low, listener)
+    simulation.advance_until(2 * MS)
+    assert [frame for _, frame in listener.heard] == [lower, Frame(0x100, b""), *extended, Frame(0x101, b"")]
+    assert [port.error_frames for port in ports] == [0, 0, 0]
+
+
+def test_one_number_as_a_base_and_as_an_extended_id_does_not_clash() -> None:
+    a, b = Talker([(0, Frame(0x80, b"\x01"))]), Talker([(0, Frame(0x80, b"\x02", is_extended=True))])
+    listener = Talker()
+    simulation, ports = bus(a, b, listener)
+    simulation.advance_until(MS)
+    assert [frame.data for _, frame in listener.heard] == [b"\x02", b"\x01"]  # 0x80 begins with eleven zeros
+    assert [port.error_frames for port in ports] == [0, 0, 0]

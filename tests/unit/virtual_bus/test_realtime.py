@@ -3,11 +3,13 @@
 from collections import deque
 from collections.abc import Iterable
 
+import can
 import pytest
 
 from firmware_protocol.frames import Frame
 from virtual_bus.bus.faults import FaultInjector, Side, parse_faults
 from virtual_bus.realtime.loop import FaultyWire, Lateness, RealTimeLoop
+from virtual_bus.realtime.transports import open_can
 
 MS = 1_000_000
 FEEDBACK, SETPOINT, ESTOP = 0x081, 0x041, 0x001
@@ -194,3 +196,29 @@ def test_lateness_quantiles_and_histogram() -> None:
     assert histogram[-1] == [None, 1]
     assert sum(count for _, count in histogram) == 101
     assert Lateness().quantile_us(0.99) == 0
+
+
+def test_an_extended_id_is_nobodys_function() -> None:
+    """Or the drive's own ids, made 29 bits long by somebody else, would count as echoes."""
+    transport = FakeTransport()
+    foreign = Frame(FEEDBACK, b"", is_extended=True)
+    transport.arrivals.append((5 * MS + 100, foreign))
+    node, summary = run(transport)
+    assert [frame for _, frame in node.heard] == [foreign]
+    assert summary["received"] == {"extended id": 1}
+
+
+def test_a_can_transport_carries_both_kinds_of_ids() -> None:
+    frames = [Frame(0x41, b"\x01"), Frame(0x41, b"\x02", is_extended=True), Frame(0x1FFFFFFF, bytes(12), True, True)]
+    with can.Bus("extended", interface="virtual", preserve_timestamps=True) as other:
+        transport = open_can("virtual", "extended", True, {})
+        transport.send(frames)
+        messages = [other.recv(1.0) for _ in frames]
+        assert [m.is_extended_id for m in messages if m] == [False, True, True]
+        for each in messages:
+            assert each is not None
+            other.send(each)
+        other.send(can.Message(arbitration_id=0x41, is_extended_id=False, is_remote_frame=True))
+        assert transport.receive(1.0) == frames
+        assert transport.counters["not_ours"] == 1
+        transport.close()
