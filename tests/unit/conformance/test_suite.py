@@ -210,10 +210,12 @@ def test_a_motor_beyond_its_limits_is_not_judged(allow_motion: bool) -> None:
 
 
 def test_a_motor_without_room_is_judged_where_it_is_not_to_move() -> None:
-    device = Device(theta_min_raw=ANGLE - 1000, theta_max_raw=ANGLE + 1000)
-    opened(DirectPort(device), allow_motion=False)
+    def cramped() -> Device:
+        return Device(theta_min_raw=ANGLE - 1000, theta_max_raw=ANGLE + 1000)
+
+    opened(DirectPort(cramped()), allow_motion=False)
     with pytest.raises(Inconclusive, match="no room for the motion of 262144"):
-        opened(DirectPort(device))
+        opened(DirectPort(cramped()))
 
 
 def test_drives_are_found_by_discover() -> None:
