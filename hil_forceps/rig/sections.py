@@ -245,7 +245,7 @@ class MotorDriver(Section):
     mit_variant: MitVariant | None = Field(default=None, description="firmware of a mini cheetah drive (`mit`)")
     reply_id: Annotated[Whole, Quantity("", 0, 0x7FF)] | None = Field(
         default=None,
-        description="`mit`: id of its answers; without it a bgkatz's and a DaMiao's default, 0, or a CubeMars' own node",
+        description="`mit`: id of its answers; absent: 0, the default of bgkatz and DaMiao, or a CubeMars' own node",
     )
     position_range_rad: Annotated[Number, Quantity("rad", 0.0, 1e4, open_low=True)] | None = Field(
         default=None, description="`mit`: ± range of its position field (P_MAX), as it is set in the drive"

@@ -33,6 +33,7 @@ class Special(IntEnum):
     SET_ZERO = 0xFE
 
 
+_SPECIAL_CODES: Final = frozenset(int(each) for each in Special)
 # Upper half of the first byte of a DaMiao's answer; above these are faults.
 DISABLED, ENABLED = 0x0, 0x1
 FAULT_WORDS: Final[dict[Variant, dict[int, str]]] = {
@@ -114,7 +115,7 @@ def special(node: int, which: Special) -> Frame:
 
 def special_of(data: bytes) -> Special | None:
     """Return which frame without values this is; None where it is none."""
-    if len(data) != 8 or data[:7] != _SPECIAL or data[7] not in iter(Special):
+    if len(data) != 8 or data[:7] != _SPECIAL or data[7] not in _SPECIAL_CODES:
         return None
     return Special(data[7])
 

@@ -31,6 +31,7 @@ _RANGES: Final = (
     "kd_range_N_m_s_per_rad",
     "torque_range_N_m",
 )
+GAIN_MARGIN: Final = 2.0  # 6 dB, the textbooks' least
 _FRAMES_PER_TICK: Final = 2.0  # a command and its answer
 _BYTES: Final = 8
 
@@ -38,7 +39,9 @@ _BYTES: Final = 8
 def _needed(settings: MotorDriver, key: str) -> float:
     value: float | None = getattr(settings, key)
     if value is None:
-        raise UserError(f"motor_driver.{key}: is missing; a drive of the profile mit does not tell it, and has no default")
+        raise UserError(
+            f"motor_driver.{key}: is missing; a drive of the profile mit does not tell it, and has no default"
+        )
     return value
 
 
@@ -56,8 +59,8 @@ def _config(rig: Rig, settings: MotorDriver) -> MitConfig:
     reach_rad = _reach_rad(rig, settings)
     if reach_rad >= ranges.position_rad:
         raise UserError(
-            f"motor_driver.position_range_rad: is {ranges.position_rad:g} rad, but limits: reach to {reach_rad:.4g} rad "
-            "of the drive's shaft, where positions saturate or wrap; set the drive's range or its zero, or limits:"
+            f"motor_driver.position_range_rad: is {ranges.position_rad:g} rad, but limits: reach to {reach_rad:.4g} "
+            "rad of the drive's shaft, where angles saturate or wrap; widen it, move the drive's zero, or narrow limits:"
         )
     reply_id = settings.reply_id
     if reply_id is None:
@@ -95,6 +98,13 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
     yield from _gains(config)
     yield from _torque(config, rig.plant())
     yield from _stiffness(config, rig.plant())
+    if config.variant == "cubemars":
+        yield Finding(
+            "note",
+            "motor_driver.watchdog_s",
+            "the AK manual (V1.0.8) documents no time-out in MIT mode: see on the bench what the motor does when the bus "
+            "is pulled",
+        )
     age_s, period_s = rig.limits.max_sample_age_s, rig.bench.host_period_s
     if age_s < 2.0 * period_s:
         yield Finding(
@@ -133,7 +143,9 @@ def _torque(config: MitConfig, plant: PlantParameters) -> Iterator[Finding]:
             "nothing to estimate from",
         )
     elif step_N_m > MAX_QUANTUM_SHARE * load_N_m:
-        yield Finding("note", key, f"{text}, {100.0 * step_N_m / load_N_m:.0f} % of what {LOAD_N_M * 1e3:g} mN m at the jaw take")
+        yield Finding(
+            "note", key, f"{text}, {100.0 * step_N_m / load_N_m:.0f} % of what {LOAD_N_M * 1e3:g} mN m at the jaw take"
+        )
     ratio = abs(config.rev_per_pulley_rev)
     torque_N_m = config.ranges.torque_N_m / wire.CODES
     damping_N_m = config.kd_N_m_s_per_rad * config.ranges.speed_rad_per_s / wire.CODES
@@ -148,18 +160,22 @@ def _torque(config: MitConfig, plant: PlantParameters) -> Iterator[Finding]:
 
 
 def _stiffness(config: MitConfig, plant: PlantParameters) -> Iterator[Finding]:
-    """The loop has no integral part, so the pulley gives way under load."""
+    """The gain around compensation and position loop.
+
+    A reference that steps by d asks for the torque kp d at once. The estimator takes that for load, and equation (10)
+    adds the stretch that such a load makes, kp d / (k r_m^2), to the reference.
+    """
     loop_N_m_per_rad = config.kp_N_m_per_rad * config.rev_per_pulley_rev**2
     wire_N_m_per_rad = plant.wire_stiffness_N_per_m * plant.motor_pulley_radius_m**2
-    if loop_N_m_per_rad < wire_N_m_per_rad:
-        load_N_m = LOAD_N_M * plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
-        yield Finding(
-            "note",
-            "motor_driver.kp_N_m_per_rad",
-            f"is {loop_N_m_per_rad:.3g} N m/rad at the pulley, softer than the wire ({wire_N_m_per_rad:.3g}): under "
-            f"{LOAD_N_M * 1e3:g} mN m at the jaw it gives way by {math.degrees(load_N_m / loop_N_m_per_rad):.2g} degrees "
-            "of the pulley, as the drive has no integral part",
-        )
+    gain = loop_N_m_per_rad / wire_N_m_per_rad
+    text = (
+        f"is {loop_N_m_per_rad:.3g} N m/rad at the pulley, {gain:.2g} times the wire's {wire_N_m_per_rad:.3g}: "
+        "the compensation feeds that share of a step back"
+    )
+    if gain >= 1.0:
+        yield Finding("problem", "motor_driver.kp_N_m_per_rad", f"{text} and oscillates; lower it")
+    elif gain > 1.0 / GAIN_MARGIN:
+        yield Finding("note", "motor_driver.kp_N_m_per_rad", f"{text}; a gain margin of {GAIN_MARGIN:g} is usual")
 
 
 def _quantum(rig: Rig, settings: MotorDriver) -> Quantum:
