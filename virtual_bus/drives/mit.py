@@ -248,7 +248,7 @@ class SimulatedMit:
         packed = packed << 12 | _to_code(speed_rad_per_s, spans.speed_rad_per_s, 12)
         packed = packed << 12 | _to_code(min(max(last, -span), span), span, 12)
         status = self.fault or (ENABLED if self.enabled else DISABLED)
-        head = status << 4 | self._node if self._variant == "damiao" else self._node
+        head = status << 4 | self._node & 0xF if self._variant == "damiao" else self._node
         extra = {
             "bgkatz": b"\xff",  # what is left of the voltage
             "cubemars": bytes((_ROOM_DEGC, self.fault)),

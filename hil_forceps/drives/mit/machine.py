@@ -107,7 +107,7 @@ class Mit:
 
     def __init__(self, config: MitConfig) -> None:
         """ValueError for an id, a ratio, a range or a gain that can't be."""
-        ids_are_right = 1 <= config.node <= wire.MAX_NODE[config.variant] and 0 <= config.reply_id <= wire.MAX_ID
+        ids_are_right = 1 <= config.node <= wire.MAX_NODE and 0 <= config.reply_id <= wire.MAX_ID
         if not ids_are_right or config.rev_per_pulley_rev == 0.0 or not all(each > 0.0 for each in config.ranges):
             raise ValueError(f"no mini cheetah drive: {config}")
         ranges = config.ranges
@@ -205,7 +205,7 @@ class Mit:
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take one frame from the bus."""
         config, reply = self.config, wire.parse_reply(frame.data)
-        is_ours = reply is not None and wire.node_of(config.variant, reply) == config.node
+        is_ours = reply is not None and wire.is_from(config.variant, config.node, reply)
         if frame.arbitration_id != config.reply_id or frame.is_fd:
             self.counters["not_for_us"] += 1
             if is_ours and frame.arbitration_id != config.node:

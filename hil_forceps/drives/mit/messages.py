@@ -3,7 +3,8 @@
 Big-endian bit fields. A command is p16 v12 kp12 kd12 t12 on the motor's id; an answer is the motor's id, p16 v12 t12
 and up to two bytes that each maker fills otherwise. Each field is a code over a range that both sides must know:
 nothing on the bus tells it. Sources: bgkatz/motorcontrol, `Core/Src/can.c`, `math_ops.c`, `stm32f4xx_it.c` (3586419);
-CubeMars, AK Series Actuator Driver Manual V1.0.8, 5.3; DaMiao, manuals of DM-J4310-2EC and DM-H6215.
+CubeMars, AK Series Actuator Driver Manual V1.0.8, 5.3, and Gimbal Motor Drive User Manual V1.0 for GL II, which
+answers as DaMiao's do; DaMiao, manuals of DM-J4310-2EC and DM-H6215.
 """
 
 from enum import IntEnum
@@ -13,7 +14,7 @@ from firmware_protocol.frames import Frame
 
 Variant = Literal["bgkatz", "cubemars", "damiao"]
 
-MAX_NODE: Final[dict[Variant, int]] = {"bgkatz": 126, "cubemars": 126, "damiao": 15}  # DaMiao answers with four bits
+MAX_NODE: Final = 126
 MAX_ID: Final = 0x7FF
 POSITION_CODES: Final = (1 << 16) - 1
 CODES: Final = (1 << 12) - 1
@@ -145,9 +146,9 @@ def parse_reply(data: bytes) -> Reply | None:
     return Reply(data[0], packed >> 24, packed >> 12 & CODES, packed & CODES, data[6:])
 
 
-def node_of(variant: Variant, reply: Reply) -> int:
-    """Return which motor an answer says it is from."""
-    return reply.head & 0xF if variant == "damiao" else reply.head
+def is_from(variant: Variant, node: int, reply: Reply) -> bool:
+    """Tell whether an answer is from this motor; a DaMiao's has the lower half of its id alone."""
+    return (reply.head ^ node) & 0xF == 0 if variant == "damiao" else reply.head == node
 
 
 def status_of(variant: Variant, reply: Reply) -> int | None:

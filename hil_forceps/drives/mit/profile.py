@@ -50,7 +50,7 @@ def _config(rig: Rig, settings: MotorDriver) -> MitConfig:
     variant = settings.mit_variant
     if variant is None:
         raise UserError("motor_driver.mit_variant: is missing; give bgkatz, cubemars or damiao")
-    check_node(settings, 1, wire.MAX_NODE[variant])
+    check_node(settings, 1, wire.MAX_NODE)
     ranges = wire.Ranges(*(_needed(settings, key) for key in _RANGES))
     gains = {key: _needed(settings, key) for key in ("kp_N_m_per_rad", "kd_N_m_s_per_rad")}
     for (key, gain), high in zip(gains.items(), (ranges.kp_N_m_per_rad, ranges.kd_N_m_s_per_rad), strict=True):
@@ -60,7 +60,7 @@ def _config(rig: Rig, settings: MotorDriver) -> MitConfig:
     if reach_rad >= ranges.position_rad:
         raise UserError(
             f"motor_driver.position_range_rad: is {ranges.position_rad:g} rad, but limits: reach to {reach_rad:.4g} "
-            "rad of the drive's shaft, where angles saturate or wrap; widen it, move the drive's zero, or narrow limits:"
+            "rad of the drive's shaft, where angles saturate or wrap; widen it, or narrow limits:"
         )
     reply_id = settings.reply_id
     if reply_id is None:
@@ -102,8 +102,8 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
         yield Finding(
             "note",
             "motor_driver.watchdog_s",
-            "the AK manual (V1.0.8) documents no time-out in MIT mode: see on the bench what the motor does when the bus "
-            "is pulled",
+            "the AK manual (V1.0.8) documents no time-out in MIT mode: see on the bench what the motor does when its "
+            "bus is pulled",
         )
     age_s, period_s = rig.limits.max_sample_age_s, rig.bench.host_period_s
     if age_s < 2.0 * period_s:
