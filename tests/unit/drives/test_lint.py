@@ -46,7 +46,7 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
         ("mit", {"motor_driver.torque_range_N_m": 0.5}, "note", "motor_driver.torque_range_N_m", "in steps of 0.244"),
         ("mit", {"motor_driver.kp_range_N_m_per_rad": 500.0}, "problem", "motor_driver.kp_N_m_per_rad", "sent as 0:"),
         ("mit", {"motor_driver.kd_range_N_m_s_per_rad": 5.0}, "problem", "motor_driver.kd_N_m_s_per_rad", "sent as 0:"),
-        ("mit", {"motor_driver.kp_range_N_m_per_rad": 30.0}, "note", "motor_driver.kp_N_m_per_rad", "sent as 0.0513"),
+        ("mit", {"motor_driver.kp_range_N_m_per_rad": 60.0}, "note", "motor_driver.kp_N_m_per_rad", "sent as 0.044"),
         ("mit", {"motor_driver.kp_N_m_per_rad": 0.11}, "problem", "motor_driver.kp_N_m_per_rad", "and oscillates"),
         ("mit", {"motor_driver.kp_N_m_per_rad": 0.06}, "note", "motor_driver.kp_N_m_per_rad", "gain margin of 2"),
         ("mit", {"motor_driver.mit_variant": "cubemars"}, "note", "motor_driver.watchdog_s", "documents no time-out"),

@@ -231,7 +231,7 @@ def test_a_damiao_is_off_when_it_says_so() -> None:
 def test_a_damiao_that_does_not_enter_gets_no_gains() -> None:
     drive = ready(DAMIAO, lambda _: damiao(DISABLED))
     drive.enable()
-    sent = ticks(drive, 16, 200, answers=lambda _: damiao(DISABLED))
+    sent = ticks(drive, 16, 200, answers=lambda frame: damiao(DISABLED) if frame == ENTER else None)
     assert all(ENTER in frames for frames in sent)
     assert drive.phase is HostPhase.ENABLING
 

@@ -5,7 +5,7 @@ import math
 import struct
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import can
 import numpy as np
@@ -17,7 +17,9 @@ from firmware_protocol.frames import Frame
 from hil_forceps.cli import main as cli
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.mit import messages as wire
+from hil_forceps.drives.mit.machine import Mit
 from hil_forceps.drives.mit.messages import Codes, Special
+from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 from virtual_bus.drives.mit import COMMUNICATION_LOST, DISABLED, ENABLED, SimulatedMit
@@ -236,7 +238,7 @@ def test_behind_the_time_out_a_bgkatz_lets_go_and_stays_in_motor_mode() -> None:
     assert drive.command.kp > 0.0
     drive.receive(ENTER, 26 * MS + 1)  # feeds no time-out
     drive.wake(30 * MS)
-    assert (drive.command.kp, drive.enabled) == (0.0, True)
+    assert (drive.command.kp, drive.enabled, drive.reference_rad()) == (0.0, True, None)
     drive.receive(command(kp=800), 31 * MS)
     assert drive.reference_rad() is not None
 
@@ -327,6 +329,27 @@ def test_the_gains_of_the_frame_are_those_of_the_loop() -> None:
     expected_A = -kp_N_m_per_rad * 0.05 / 0.0135
     assert currents[0] == pytest.approx(expected_A, rel=0.02)
     assert currents[1] == pytest.approx(2.0 * expected_A, rel=0.02)
+
+
+@pytest.mark.parametrize("current_range_A", [None, 1.5])
+@pytest.mark.parametrize("ratio", [1.0, 2.0, -0.5])
+def test_a_current_comes_back_as_itself_whatever_the_gear(ratio: float, current_range_A: float | None) -> None:
+    change = {
+        "encoder_rev_per_pulley_rev": ratio,
+        "feedback_current_range_A": current_range_A,
+        "position_range_rad": 6.4,
+    }
+    drive = mit("damiao", **change)
+    rig = RIG.with_changes(
+        {"motor_driver.mit_variant": "damiao", **{f"motor_driver.{key}": value for key, value in change.items()}}
+    )
+    host = cast(Mit, machine_for(rig))
+    drive._current_A = 0.25
+    drive._answer()
+    reply = wire.parse_reply(drive.take_outbox()[0].data)
+    assert reply is not None
+    current_A = wire.measured(reply.torque, host.config.current_range_A, wire.CODES)
+    assert current_A == pytest.approx(0.25, abs=2.0 * abs(host.config.current_range_A) / wire.CODES)
 
 
 def test_a_rig_without_ranges_has_no_simulated_drive() -> None:
