@@ -6,6 +6,7 @@ from firmware_protocol.frames import arbitration_id
 from firmware_protocol.host_machine import HostConfig, HostMachine
 from firmware_protocol.messages import Function
 from hil_forceps.drives.cia402.profile import PROFILE as CIA402
+from hil_forceps.drives.mit.profile import PROFILE as MIT
 from hil_forceps.drives.odrive.profile import PROFILE as ODRIVE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
@@ -13,7 +14,7 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.consistency import native_bus_load
 from hil_forceps.rig.sections import MotorDriver
 
-PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402)}
+PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402, MIT)}
 
 
 def maker_profile(rig: Rig) -> tuple[Profile, MotorDriver] | None:

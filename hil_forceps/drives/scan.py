@@ -1,7 +1,7 @@
 """Who is on a bus, by listening alone: what heartbeats say of their protocols, nodes and states.
 
 Nothing is sent, so a drive that says nothing by itself is not found: a CANopen drive whose heartbeat is off (1017h), or
-one that answers only when asked.
+one that answers only when asked, as all of the profile mit.
 """
 
 from firmware_protocol.codec import Decoder

@@ -220,7 +220,8 @@ def _version(given: object) -> object:
 
 MIN_ENCODER_RATIO = 1e-4  # turns of an encoder for a turn of the pulley, of either sign
 
-ProfileName = Literal["native", "odrive", "cia402"]
+ProfileName = Literal["native", "odrive", "cia402", "mit"]
+MitVariant = Literal["bgkatz", "cubemars", "damiao"]
 
 
 class MotorDriver(Section):
@@ -257,7 +258,38 @@ class MotorDriver(Section):
         description="unit of `current_object`; of 6078h it is a thousandth of the rated current (6075h, in mA)",
     )
     watchdog_s: Annotated[Number, Quantity("s", 0.0, 10.0)] = Field(
-        default=0.1, description="its watchdog's time, 0: off; set in an ODrive, written to a CiA 402 drive (1016h)"
+        default=0.1,
+        description="its watchdog's time, 0: off; set in an ODrive or a mini cheetah drive, written to a CiA 402 drive "
+        "(1016h)",
+    )
+    mit_variant: MitVariant | None = Field(default=None, description="firmware of a mini cheetah drive (`mit`)")
+    reply_id: Annotated[Whole, Quantity("", 0, 0x7FF)] | None = Field(
+        default=None,
+        description="`mit`: id of its answers; absent: 0, the default of bgkatz and DaMiao, or a CubeMars' own node",
+    )
+    position_range_rad: Annotated[Number, Quantity("rad", 0.0, 1e4, open_low=True)] | None = Field(
+        default=None, description="`mit`: ± range of its position field (P_MAX), as it is set in the drive"
+    )
+    speed_range_rad_per_s: Annotated[Number, Quantity("rad_per_s", 0.0, 1e5, open_low=True)] | None = Field(
+        default=None, description="`mit`: ± range of its speed field (V_MAX)"
+    )
+    kp_range_N_m_per_rad: Annotated[Number, Quantity("N_m_per_rad", 0.0, 1e5, open_low=True)] | None = Field(
+        default=None, description="`mit`: range of its kp field, from 0 (KP_MAX)"
+    )
+    kd_range_N_m_s_per_rad: Annotated[Number, Quantity("N_m_s_per_rad", 0.0, 1e4, open_low=True)] | None = Field(
+        default=None, description="`mit`: range of its kd field, from 0 (KD_MAX)"
+    )
+    torque_range_N_m: Annotated[Number, Quantity("N_m", 0.0, 1e4, open_low=True)] | None = Field(
+        default=None, description="`mit`: ± range of its torque field (T_MAX; bgkatz: I_MAX KT GR), and of the answer's"
+    )
+    feedback_current_range_A: Annotated[Number, Quantity("A", 0.0, 1e3, open_low=True)] | None = Field(
+        default=None, description="`mit`: ± range of the answer's last field where the firmware tells a current there"
+    )
+    kp_N_m_per_rad: Annotated[Number, Quantity("N_m_per_rad", 0.0, 1e5, open_low=True)] | None = Field(
+        default=None, description="`mit`: stiffness that is sent with references, of the drive's own shaft"
+    )
+    kd_N_m_s_per_rad: Annotated[Number, Quantity("N_m_s_per_rad", 0.0, 1e4, open_low=True)] | None = Field(
+        default=None, description="`mit`: damping that is sent with references, towards no speed"
     )
 
 

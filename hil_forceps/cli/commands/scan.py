@@ -82,7 +82,10 @@ def _tell(listener: BusListener, seconds: float) -> int:
             if listener.frames
             else "nothing came; check bit rate, wiring, termination and the drive's power"
         )
-        sys.stdout.write(f"nobody recognised in {seconds:g} s: {heard}\n")
+        sys.stdout.write(
+            f"nobody recognised in {seconds:g} s: {heard}; a mini cheetah drive (mit) says nothing by itself, and is "
+            "found by `run` alone\n"
+        )
         return EXIT_NOBODY
     table = Table(box=SIMPLE_HEAD, padding=(0, 1))
     for name in ("profile", "node", "says"):

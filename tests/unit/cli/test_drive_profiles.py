@@ -55,6 +55,34 @@ def test_run_refuses_what_check_calls_a_problem(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("  mit_variant: bgkatz\n", "", "motor_driver.mit_variant: is missing; give bgkatz, cubemars or damiao"),
+        (
+            "  torque_range_N_m: 1.35e-2 ",
+            "  # ",
+            "motor_driver.torque_range_N_m: is missing; a drive of the profile mit",
+        ),
+        ("node_id: 5", "node_id: 0", "motor_driver.node_id: is 0, but a drive of the profile mit has 1 to 126"),
+        ("position_range_rad: 3.2", "position_range_rad: 1.6", "but limits: reach to 1.6 rad of the drive's shaft"),
+        (
+            "kp_N_m_per_rad: 0.05",
+            "kp_N_m_per_rad: 0.6",
+            "motor_driver.kp_N_m_per_rad: is 0.6, but its field ends at 0.5",
+        ),
+    ],
+)
+def test_a_rig_that_a_mini_cheetah_drive_can_not_take(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, old: str, new: str, told: str
+) -> None:
+    text = ODRIVE.with_name("mit.yaml").read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(text.replace(old, new), encoding="utf-8")
+    assert told in refused(capsys, "check", str(rig))
+
+
 def test_the_simulated_process_does_not_pretend_to_be_an_odrive(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--rig", str(ODRIVE), "--interface", "virtual", "--channel", "profiles", "--duration", "0.1"]
     assert process.main(arguments) == 2

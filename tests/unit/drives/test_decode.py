@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from firmware_protocol.frames import Frame
 from hil_forceps.cli import main as cli
 from hil_forceps.drives.cia402 import messages as canopen
+from hil_forceps.drives.mit import messages as mit
 from hil_forceps.drives.odrive import messages as odrive
 from hil_forceps.drives.registry import PROFILES
 
@@ -66,6 +67,29 @@ def test_odrive(frame: Frame, name: str, values: dict[str, object]) -> None:
 )
 def test_canopen(frame: Frame, name: str, values: dict[str, object]) -> None:
     assert PROFILES["cia402"].decode(frame) == (name, values)
+
+
+COMMAND = {
+    "node": 5, "position_of_range": 1.0, "speed_of_range": 0.00024, "kp_of_range": 0.5, "kd_of_range": 0.0,
+    "torque_of_range": -0.00024,
+}  # fmt: skip
+REPLY = {"position_of_range": -1.0, "speed_of_range": -0.00024, "torque_of_range": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("frame", "name", "values"),
+    [
+        (mit.special(5, mit.Special.ENTER), "ENTER", {"node": 5}),
+        (mit.special(5, mit.Special.EXIT), "EXIT", {"node": 5}),
+        (mit.command(5, mit.Codes(0xFFFF, 2048, 2048, 0, 2047)), "COMMAND", {**COMMAND, "kp_of_range": 0.50012}),
+        (Frame(0x000, bytes.fromhex("0500007fffff")), "REPLY", {"head": "0x05", **REPLY, "extra": ""}),
+        (Frame(0x000, bytes.fromhex("0500007fffffff")), "REPLY", {"head": "0x05", **REPLY, "extra": "ff"}),
+        (Frame(0x005, bytes.fromhex("0500007fffff2800")), "REPLY", {"head": "0x05", **REPLY, "extra": "2800"}),
+        (Frame(0x015, bytes.fromhex("1500007fffff2828")), "REPLY", {"head": "0x15", **REPLY, "extra": "2828"}),
+    ],
+)
+def test_mini_cheetah(frame: Frame, name: str, values: dict[str, object]) -> None:
+    assert PROFILES["mit"].decode(frame) == (name, values)
 
 
 @pytest.mark.parametrize("profile", sorted(PROFILES))

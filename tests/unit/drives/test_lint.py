@@ -9,10 +9,12 @@ from hil_forceps.drives.lint import findings
 from hil_forceps.rig import load_rig
 
 CONFIGS = Path(__file__).parents[3] / "configs"
-RIGS = {name: load_rig(CONFIGS / "drives" / f"{name}.yaml") for name in ("odrive", "cia402")}
+RIGS = {name: load_rig(CONFIGS / "drives" / f"{name}.yaml") for name in ("odrive", "cia402", "mit")}
 
 
-@pytest.mark.parametrize("path", ["paper.yaml", "realistic.yaml", "drives/odrive.yaml", "drives/cia402.yaml"])
+@pytest.mark.parametrize(
+    "path", ["paper.yaml", "realistic.yaml", "drives/odrive.yaml", "drives/cia402.yaml", "drives/mit.yaml"]
+)
 def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
     assert findings(load_rig(CONFIGS / path)) == []
 
@@ -33,6 +35,23 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
         ("odrive", {"motor_driver.current_limit_A": 0.1}, "note", "motor_driver.current_limit_A", "saturates"),
         ("cia402", {"bench.bitrate_bit_per_s": 400_000}, "problem", "bench.bitrate_bit_per_s", "load the bus by 98 %"),
         ("cia402", {"bench.bitrate_bit_per_s": 500_000}, "note", "bench.bitrate_bit_per_s", "load the bus by 79 %"),
+        ("mit", {"limits.max_sample_age_s": 1.5e-3}, "problem", "limits.max_sample_age_s", "behind a lost answer"),
+        ("mit", {"motor_driver.position_range_rad": 95.5}, "note", "motor_driver.position_range_rad", "of its stretch"),
+        (
+            "mit",
+            {"motor_driver.torque_range_N_m": 18.0},
+            "problem",
+            "motor_driver.torque_range_N_m",
+            "in steps of 8.79",
+        ),
+        ("mit", {"motor_driver.torque_range_N_m": 0.5}, "note", "motor_driver.torque_range_N_m", "in steps of 0.244"),
+        ("mit", {"motor_driver.kp_range_N_m_per_rad": 500.0}, "problem", "motor_driver.kp_N_m_per_rad", "sent as 0:"),
+        ("mit", {"motor_driver.kd_range_N_m_s_per_rad": 5.0}, "problem", "motor_driver.kd_N_m_s_per_rad", "sent as 0:"),
+        ("mit", {"motor_driver.kp_range_N_m_per_rad": 60.0}, "note", "motor_driver.kp_N_m_per_rad", "sent as 0.044"),
+        ("mit", {"motor_driver.kp_N_m_per_rad": 0.11}, "problem", "motor_driver.kp_N_m_per_rad", "and oscillates"),
+        ("mit", {"motor_driver.kp_N_m_per_rad": 0.06}, "note", "motor_driver.kp_N_m_per_rad", "gain margin of 2"),
+        ("mit", {"motor_driver.mit_variant": "cubemars"}, "note", "motor_driver.watchdog_s", "documents no time-out"),
+        ("mit", {"motor_driver.watchdog_s": 0.0}, "problem", "motor_driver.watchdog_s", "nothing stops the motor"),
     ],
 )
 def test_what_does_not_go_together_is_found(
@@ -41,6 +60,11 @@ def test_what_does_not_go_together_is_found(
     found = [(finding.level, finding.key) for finding in findings(RIGS[profile].with_changes(change))]
     assert (level, key) in found
     assert said in next(f.text for f in findings(RIGS[profile].with_changes(change)) if f.key == key)
+
+
+def test_a_torque_that_stays_where_none_is_asked_for_is_told() -> None:
+    found = findings(RIGS["mit"].with_changes({"motor_driver.torque_range_N_m": 2.0}))
+    assert any("no code is zero: 0.486 mN m stay on the pulley" in finding.text for finding in found)
 
 
 def test_the_command_tells_problems_first_and_answers_no(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -57,6 +57,13 @@ def test_nobody_is_an_answer_of_its_own(capsys: pytest.CaptureFixture[str]) -> N
     assert "no heartbeat of a drive that is known here" in out
 
 
+def test_a_drive_that_only_answers_is_not_heard_and_that_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    rig = f"rig={CONFIGS / 'drives' / 'mit.yaml'}"
+    code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "mit", "--option", rig)
+    assert code == 1
+    assert "a mini cheetah drive (mit) says nothing by itself" in out
+
+
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "1e9"])
 def test_how_long_is_checked(seconds: str) -> None:
     with pytest.raises(SystemExit) as ended:
