@@ -4,13 +4,14 @@ from typing import Final
 
 from firmware_protocol.host_machine import HostConfig, HostMachine
 from hil_forceps.drives.cia402.profile import PROFILE as CIA402
+from hil_forceps.drives.moteus.profile import PROFILE as MOTEUS
 from hil_forceps.drives.odrive.profile import PROFILE as ODRIVE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import MotorDriver
 
-PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402)}
+PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402, MOTEUS)}
 
 
 def maker_profile(rig: Rig) -> tuple[Profile, MotorDriver] | None:

@@ -208,7 +208,7 @@ def _version(given: object) -> object:
     return str(given) if isinstance(given, float) else given
 
 
-ProfileName = Literal["native", "odrive", "cia402"]
+ProfileName = Literal["native", "odrive", "cia402", "moteus"]
 
 
 class MotorDriver(Section):
@@ -234,10 +234,12 @@ class MotorDriver(Section):
         default=1e-3, description="period of an ODrive's current frames, as it is set in the drive"
     )
     current_limit_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] = Field(
-        default=1.0, description="what an ODrive is told to limit its current to"
+        default=1.0,
+        description="what an ODrive is told to limit its current to, and a moteus as the torque that it makes",
     )
     watchdog_s: Annotated[Number, Quantity("s", 0.0, 10.0)] = Field(
-        default=0.1, description="its watchdog's time, 0: off; set in an ODrive, written to a CiA 402 drive (1016h)"
+        default=0.1,
+        description="its watchdog's time, 0: off; set in an ODrive, written to a CiA 402 drive (1016h) and a moteus",
     )
 
 
