@@ -58,3 +58,26 @@ def test_the_simulated_process_does_not_pretend_to_be_an_odrive(capsys: pytest.C
     arguments = ["--rig", str(ODRIVE), "--interface", "virtual", "--channel", "profiles", "--duration", "0.1"]
     assert process.main(arguments) == 2
     assert "motor_driver.profile: is odrive" in capsys.readouterr().err
+
+
+MOTEUS = ODRIVE.with_name("moteus.yaml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("transport: fd", "transport: classic", "bench.transport: is classic, but a moteus speaks CAN FD alone"),
+        ("node_id: 5", "node_id: 0", "motor_driver.node_id: is 0, but a drive of the profile moteus has 1 to 126"),
+    ],
+)
+def test_run_refuses_what_a_moteus_can_not_have(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, old: str, new: str, told: str
+) -> None:
+    text = MOTEUS.read_text(encoding="utf-8")
+    assert old in text
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(text.replace(old, new), encoding="utf-8")
+    virtual = ("--interface", "virtual_forceps", "--channel", "profiles")
+    said = refused(capsys, "run", "--rig", str(rig), *virtual, "--out", str(tmp_path / "out"))
+    assert told in said
+    assert not (tmp_path / "out").exists()

@@ -9,10 +9,12 @@ from hil_forceps.drives.lint import findings
 from hil_forceps.rig import load_rig
 
 CONFIGS = Path(__file__).parents[3] / "configs"
-RIGS = {name: load_rig(CONFIGS / "drives" / f"{name}.yaml") for name in ("odrive", "cia402")}
+RIGS = {name: load_rig(CONFIGS / "drives" / f"{name}.yaml") for name in ("odrive", "cia402", "moteus")}
 
 
-@pytest.mark.parametrize("path", ["paper.yaml", "realistic.yaml", "drives/odrive.yaml", "drives/cia402.yaml"])
+@pytest.mark.parametrize(
+    "path", ["paper.yaml", "realistic.yaml", "drives/odrive.yaml", "drives/cia402.yaml", "drives/moteus.yaml"]
+)
 def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
     assert findings(load_rig(CONFIGS / path)) == []
 
@@ -32,6 +34,14 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
         ("odrive", {"motor_driver.encoder_zero_rev": 1e4}, "note", "motor_driver.encoder_zero_rev", "of its stretch"),
         ("odrive", {"motor_driver.current_limit_A": 0.1}, "note", "motor_driver.current_limit_A", "saturates"),
         ("cia402", {"bench.bitrate_bit_per_s": 500_000}, "problem", "bench.bitrate_bit_per_s", "load the bus by 110 %"),
+        ("moteus", {"bench.transport": "classic"}, "problem", "bench.transport", "CAN FD alone"),
+        ("moteus", {"bench.bitrate_bit_per_s": 500_000}, "problem", "bench.bitrate_bit_per_s", "a moteus has 1000000"),
+        ("moteus", {"bench.data_bitrate_bit_per_s": 2_000_000}, "problem", "bench.data_bitrate_bit_per_s", "5000000"),
+        ("moteus", {"limits.max_sample_age_s": 1.2e-3}, "problem", "limits.max_sample_age_s", "a tick before"),
+        ("moteus", {"bench.latency_s": 4e-4}, "note", "bench.host_period_s", "than a reference and its answer"),
+        ("moteus", {"bench.host_period_s": 4e-4}, "note", "bench.bitrate_bit_per_s", "load the bus by 72 %"),
+        ("moteus", {"motor_driver.current_limit_A": 0.1}, "note", "motor_driver.current_limit_A", "saturates"),
+        ("moteus", {"motor_driver.watchdog_s": 0.0}, "problem", "motor_driver.watchdog_s", "nothing stops the motor"),
         ("cia402", {"bench.bitrate_bit_per_s": 800_000}, "note", "bench.bitrate_bit_per_s", "load the bus by 69 %"),
     ],
 )
