@@ -2,6 +2,7 @@
 
 import math
 import struct
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,7 +16,10 @@ from firmware_protocol.states import HostPhase
 from hil_forceps.drives.moteus import messages as wire
 from hil_forceps.drives.moteus.machine import FLIGHT_NS, IDENTIFY_EVERY_NS, TRANSITIONS, Moteus, MoteusConfig
 from hil_forceps.drives.moteus.messages import Mode
+from hil_forceps.drives.registry import machine_for
+from hil_forceps.rig import load_rig
 
+RIG_FILE = Path(__file__).parents[3] / "configs" / "drives" / "moteus.yaml"
 NODE, MS = 5, 1_000_000
 CONFIG = MoteusConfig(NODE, 1.0, 0.0, 0.0135, 0.1, 100 * MS)
 IDENTITY = struct.pack("<BBBii", 0x2A, 0x81, 0x02, 0x010100, 5)
@@ -398,3 +402,16 @@ def test_whatever_comes_nothing_raises_and_no_torque_is_asked_for(
         assert set(commands(session.drive.poll(now_ns))) <= {-1}
     stamps = [sample.stamp_ns for sample in session.drive.take_samples()]
     assert stamps == sorted(set(stamps))
+
+
+@pytest.mark.parametrize("ratio", [1.0, -4.0])
+def test_the_torque_limit_is_the_rigs_current_at_what_the_moteus_calls_its_output(ratio: float) -> None:
+    """The rig's torque constant is at the pulley, which turns once for `ratio` turns of that output."""
+    rig = load_rig(RIG_FILE).with_changes(
+        {"motor_driver.encoder_rev_per_pulley_rev": ratio, "motor_driver.current_limit_A": 0.5}
+    )
+    drive = machine_for(rig)
+    assert isinstance(drive, Moteus)
+    torque_constant = rig.plant().torque_constant_N_m_per_A
+    assert drive.config.max_torque_N_m == pytest.approx(0.5 * torque_constant / abs(ratio))
+    assert drive.config.watchdog_s == 0.1
