@@ -24,7 +24,7 @@ from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.registry import machine_for, sample_period_s
 from hil_forceps.report.style import house_style
 from hil_forceps.rig import load_rig
-from virtual_bus.bus.bit_timing import frame_bits
+from virtual_bus.bus.bit_timing import BitTiming, frame_bits
 from virtual_bus.interface import VirtualForcepsBus
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -33,6 +33,7 @@ RIGS = {
     "odrive": CONFIGS / "drives" / "odrive.yaml",
     "cia402": CONFIGS / "drives" / "cia402.yaml",
     "mit": CONFIGS / "drives" / "mit.yaml",
+    "moteus": CONFIGS / "drives" / "moteus.yaml",
 }
 SIMULATION, SEED, DURATION_S = 2, 1, 20.0
 STEADY_S = STEADY_WINDOW_S[SIMULATION]
@@ -49,7 +50,7 @@ class Cost(NamedTuple):
     jaw_error_rad: NDArray[np.float64]
     age_us: float
     bits_per_s: float
-    bitrate_bit_per_s: int
+    bus_share: float
 
 
 def run(name: str, out: Path) -> Cost:
@@ -71,15 +72,18 @@ def run(name: str, out: Path) -> Cost:
     shown = operational & (time_s >= WINDOW_S[0]) & (time_s <= WINDOW_S[1])
     reference_rad = np.array([PAPER_TRAJECTORY(t) for t in time_s[shown]])
     frames = list(read_frames(log))
-    bits = sum(frame_bits(each.frame).nominal for each in frames)
+    timing = BitTiming(rig.bench.bitrate_bit_per_s, rig.bench.data_bitrate_bit_per_s)
+    bits = sum(sum(frame_bits(each.frame)) for each in frames)
+    busy_s = sum(timing.frame_ns(each.frame) for each in frames) * 1e-9
+    logged_s = frames[-1].time_s - frames[0].time_s
     return Cost(
         time_s[shown],
         truth["tau_w_N_m"][rows][shown],
         samples["tau_w_estimate_N_m"][shown],
         truth["theta_j_rad"][rows][shown] - reference_rad,
         session.service.timing["age"]["p50_us"],
-        bits / (frames[-1].time_s - frames[0].time_s),
-        rig.bench.bitrate_bit_per_s,
+        bits / logged_s,
+        busy_s / logged_s,
     )
 
 
@@ -99,7 +103,7 @@ def table(costs: dict[str, Cost]) -> list[str]:
             f"{np.degrees(np.mean(cost.jaw_error_rad[steady])):.3f}",
             f"{cost.age_us * 1e-3:.2f}",
             f"{cost.bits_per_s * 1e-3:.0f}",
-            f"{100.0 * cost.bits_per_s / cost.bitrate_bit_per_s:.0f} %",
+            f"{100.0 * cost.bus_share:.0f} %",
         )
         lines.append(f"| {' | '.join(cells)} |")
     return lines

@@ -7,6 +7,7 @@ from firmware_protocol.host_machine import HostConfig, HostMachine
 from firmware_protocol.messages import Function
 from hil_forceps.drives.cia402.profile import PROFILE as CIA402
 from hil_forceps.drives.mit.profile import PROFILE as MIT
+from hil_forceps.drives.moteus.profile import PROFILE as MOTEUS
 from hil_forceps.drives.odrive.profile import PROFILE as ODRIVE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
@@ -14,7 +15,7 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.consistency import native_bus_load
 from hil_forceps.rig.sections import MotorDriver
 
-PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402, MIT)}
+PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402, MIT, MOTEUS)}
 
 
 def maker_profile(rig: Rig) -> tuple[Profile, MotorDriver] | None:

@@ -220,7 +220,7 @@ def _version(given: object) -> object:
 
 MIN_ENCODER_RATIO = 1e-4  # turns of an encoder for a turn of the pulley, of either sign
 
-ProfileName = Literal["native", "odrive", "cia402", "mit"]
+ProfileName = Literal["native", "odrive", "cia402", "mit", "moteus"]
 MitVariant = Literal["bgkatz", "cubemars", "damiao"]
 
 
@@ -247,7 +247,8 @@ class MotorDriver(Section):
         default=1e-3, description="period of an ODrive's current frames, as it is set in the drive"
     )
     current_limit_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] = Field(
-        default=1.0, description="what an ODrive is told to limit its current to"
+        default=1.0,
+        description="what an ODrive is told to limit its current to, and a moteus as the torque that it makes",
     )
     current_object: Annotated[str, AfterValidator(_object)] = Field(
         default="30D1h:02", description="object of a CiA 402 drive with the measured current; 30D1h:02 is an EPOS4's"
@@ -260,7 +261,7 @@ class MotorDriver(Section):
     watchdog_s: Annotated[Number, Quantity("s", 0.0, 10.0)] = Field(
         default=0.1,
         description="its watchdog's time, 0: off; set in an ODrive or a mini cheetah drive, written to a CiA 402 drive "
-        "(1016h)",
+        "(1016h) and a moteus",
     )
     mit_variant: MitVariant | None = Field(default=None, description="firmware of a mini cheetah drive (`mit`)")
     reply_id: Annotated[Whole, Quantity("", 0, 0x7FF)] | None = Field(

@@ -7,6 +7,7 @@ from hil_forceps.rig import Rig
 from virtual_bus.bus.node import Node
 from virtual_bus.drives.cia402 import SimulatedCia402
 from virtual_bus.drives.mit import SimulatedMit
+from virtual_bus.drives.moteus import SimulatedMoteus
 from virtual_bus.drives.odrive import SimulatedODrive
 from virtual_bus.plant.load import LoadProfile
 from virtual_bus.truth_log import TruthLog
@@ -42,4 +43,5 @@ SIMULATED_DRIVES: Final[dict[str, _Maker]] = {
     "odrive": SimulatedODrive,
     "cia402": SimulatedCia402,
     "mit": SimulatedMit,
+    "moteus": SimulatedMoteus,
 }

@@ -103,3 +103,26 @@ def test_a_path_that_takes_too_long_is_told_by_its_age(capsys: pytest.CaptureFix
     assert ended.value.code == 0
     age_us = json.loads((tmp_path / "out" / "run.json").read_text())["timing"]["age"]["p50_us"]
     assert age_us > 10_000.0
+
+
+MOTEUS = ODRIVE.with_name("moteus.yaml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("transport: fd", "transport: classic", "bench.transport: is classic, but a moteus speaks CAN FD alone"),
+        ("node_id: 5", "node_id: 0", "motor_driver.node_id: is 0, but a drive of the profile moteus has 1 to 126"),
+    ],
+)
+def test_run_refuses_what_a_moteus_can_not_have(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, old: str, new: str, told: str
+) -> None:
+    text = MOTEUS.read_text(encoding="utf-8")
+    assert old in text
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(text.replace(old, new), encoding="utf-8")
+    virtual = ("--interface", "virtual_forceps", "--channel", "profiles")
+    said = refused(capsys, "run", "--rig", str(rig), *virtual, "--out", str(tmp_path / "out"))
+    assert told in said
+    assert not (tmp_path / "out").exists()

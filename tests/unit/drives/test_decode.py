@@ -10,10 +10,18 @@ from firmware_protocol.frames import Frame
 from hil_forceps.cli import main as cli
 from hil_forceps.drives.cia402 import messages as canopen
 from hil_forceps.drives.mit import messages as mit
+from hil_forceps.drives.moteus import messages as moteus
 from hil_forceps.drives.odrive import messages as odrive
 from hil_forceps.drives.registry import PROFILES
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "drives"
+_ASKED = {
+    "read_int8_0x000": "mode",
+    "read_float_0x001": "position velocity",
+    "read_float_0x004": "q_current",
+    "read_int8_0x00f": "fault",
+    "read_int32_0x070": "clock_ms",
+}
 
 
 @pytest.mark.parametrize(
@@ -90,6 +98,62 @@ REPLY = {"position_of_range": -1.0, "speed_of_range": -0.00024, "torque_of_range
 )
 def test_mini_cheetah(frame: Frame, name: str, values: dict[str, object]) -> None:
     assert PROFILES["mit"].decode(frame) == (name, values)
+
+
+@pytest.mark.parametrize(
+    ("frame", "name", "values"),
+    [
+        (moteus.stop(5), "STOP", {"from": 0, "to": 5, "mode": "STOPPED", **_ASKED}),
+        (moteus.query(5), "QUERY", {"from": 0, "to": 5, **_ASKED}),
+        (
+            Frame(0x500, bytes.fromhex("2f01000080be0000c07f0000807f2a8102010101000500000050"), True),
+            "REPLY",
+            {
+                "from": 5,
+                "to": 0,
+                "position_rev": -0.25,
+                "velocity_rev_per_s": None,
+                "torque_N_m": None,
+                "firmware": "1.1.1",
+                "register_map": 5,
+            },
+        ),
+        (Frame(0x500, bytes.fromhex("31830201"), True), "REPLY", {"from": 5, "to": 0, "read_error": "0x103"}),
+        (Frame(0x500, bytes.fromhex("252a0100"), True), "REPLY", {"from": 5, "to": 0, "0x02a": 1}),
+    ],
+)
+def test_moteus(frame: Frame, name: str, values: dict[str, object]) -> None:
+    found = PROFILES["moteus"].decode(frame)
+    assert found is not None
+    assert (found.name, found.values) == (name, values)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        Frame(0x500, moteus.query(5).data, True, True),
+        Frame(0x1_8005, moteus.query(5).data, True, True),
+        Frame(0x8005, b"\x60", True, True),
+        Frame(0x8005, b"\x50\x50", True, True),
+    ],
+)
+def test_what_is_no_moteus(frame: Frame) -> None:
+    assert PROFILES["moteus"].decode(frame) is None
+
+
+def test_ids_with_29_bits_are_shown_with_eight_digits(capsys: pytest.CaptureFixture[str]) -> None:
+    """And are left out where the drive has none of them."""
+    frames = ["00008005##11100110F", "500##1210000210F00"]
+    for drive, code, shown in (("moteus", 0, frames), ("odrive", 1, frames[1:])):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["decode", *frames, "--drive", drive])
+        assert (ended.value.code or 0) == code
+        lines = capsys.readouterr().out.splitlines()
+        assert [line.split("#")[0] for line in lines] == [each.split("#")[0] for each in shown]
+    for form, told in (("jsonl", '"is_extended": true'), ("csv", "0x00008005")):
+        with pytest.raises(SystemExit):
+            cli.main(["decode", *frames, "--drive", "moteus", "--form", form])
+        assert capsys.readouterr().out.count(told) >= 1
 
 
 @pytest.mark.parametrize("profile", sorted(PROFILES))

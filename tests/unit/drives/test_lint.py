@@ -9,12 +9,10 @@ from hil_forceps.drives.lint import findings
 from hil_forceps.rig import load_rig
 
 CONFIGS = Path(__file__).parents[3] / "configs"
-RIGS = {name: load_rig(CONFIGS / "drives" / f"{name}.yaml") for name in ("odrive", "cia402", "mit")}
+RIGS = {name: load_rig(CONFIGS / "drives" / f"{name}.yaml") for name in ("odrive", "cia402", "mit", "moteus")}
 
 
-@pytest.mark.parametrize(
-    "path", ["paper.yaml", "realistic.yaml", "drives/odrive.yaml", "drives/cia402.yaml", "drives/mit.yaml"]
-)
+@pytest.mark.parametrize("path", ["paper.yaml", "realistic.yaml", *(f"drives/{name}.yaml" for name in sorted(RIGS))])
 def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
     assert findings(load_rig(CONFIGS / path)) == []
 
@@ -52,6 +50,14 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
         ("mit", {"motor_driver.kp_N_m_per_rad": 0.06}, "note", "motor_driver.kp_N_m_per_rad", "gain margin of 2"),
         ("mit", {"motor_driver.mit_variant": "cubemars"}, "note", "motor_driver.watchdog_s", "documents no time-out"),
         ("mit", {"motor_driver.watchdog_s": 0.0}, "problem", "motor_driver.watchdog_s", "nothing stops the motor"),
+        ("moteus", {"bench.transport": "classic"}, "problem", "bench.transport", "CAN FD alone"),
+        ("moteus", {"bench.bitrate_bit_per_s": 500_000}, "problem", "bench.bitrate_bit_per_s", "a moteus has 1000000"),
+        ("moteus", {"bench.data_bitrate_bit_per_s": 2_000_000}, "problem", "bench.data_bitrate_bit_per_s", "5000000"),
+        ("moteus", {"limits.max_sample_age_s": 1.2e-3}, "problem", "limits.max_sample_age_s", "a tick before"),
+        ("moteus", {"bench.latency_s": 4e-4}, "note", "bench.host_period_s", "than a reference and its answer"),
+        ("moteus", {"bench.host_period_s": 4e-4}, "note", "bench.bitrate_bit_per_s", "load the bus by 72 %"),
+        ("moteus", {"motor_driver.current_limit_A": 0.1}, "note", "motor_driver.current_limit_A", "saturates"),
+        ("moteus", {"motor_driver.watchdog_s": 0.0}, "problem", "motor_driver.watchdog_s", "nothing stops the motor"),
     ],
 )
 def test_what_does_not_go_together_is_found(

@@ -46,6 +46,37 @@ def test_each_simulated_drive_is_told(rig: str, row: tuple[str, ...], capsys: py
     assert row[2] in line
 
 
+def test_a_moteus_says_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    rig = f"rig={CONFIGS / 'drives' / 'moteus.yaml'}"
+    code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "moteus", "--option", rig)
+    assert code == 1
+    assert "nothing came" in out
+
+
+def test_a_moteus_is_told_by_its_answers_to_somebody_else() -> None:
+    """Two, in frames of CAN FD whose ids have as many bits as they need; nobody else's look like them."""
+    reply = bytes.fromhex("21000a 2e01 0000803f 00000000 210f00 5050".replace(" ", "")).ljust(20, b"\x50")
+    timeout = bytes.fromhex("24040b000000000000002300000000 50".replace(" ", ""))
+    base, wide = Frame(0x500, reply, True), Frame(0x800, timeout, True, True)
+    assert heard(base, base, wide, wide) == [
+        ("moteus", 5, "position; answers another program"),
+    ]
+    fault = Frame(0x800, bytes.fromhex("2100012 10f21".replace(" ", "")), True, True)
+    assert heard(fault, fault) == [
+        ("moteus", 8, "fault 33 (motor driver fault, often under voltage); answers another program")
+    ]
+    for other in (
+        base._replace(is_fd=False, data=reply[:8]),
+        base._replace(is_extended=True),
+        wide._replace(is_extended=False, arbitration_id=0x7FF),
+        base._replace(data=reply[:12]),
+        base._replace(data=b"\x21\x00\x63" + reply[3:]),
+        Frame(0x8005, reply, True, True),
+        Frame(0x8005, bytes.fromhex("1100110f"), True, True),
+    ):
+        assert heard(other, other) == []
+
+
 def test_nobody_is_an_answer_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
     # Too short for an ODrive's second heartbeat.
     rig = f"rig={CONFIGS / 'drives' / 'odrive.yaml'}"
