@@ -7,12 +7,15 @@ from enum import Enum
 from typing import Any, Final, Literal, NamedTuple, Protocol
 
 from firmware_protocol.frames import Frame
+from hil_forceps.drives.framing import NATIVE, Framing
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
 
 MAX_FRAME_BITS: Final = 135  # of a classic frame of eight bytes, stuffed at worst, with the gap behind it
+LOAD_N_M: Final = 2.0e-3  # at the jaw: the paper's, for the wire's stretch and the current that it takes
+MAX_QUANTUM_SHARE: Final = 0.05  # of the stretch, or of the load itself, that a step of a sensor may be
 _FLOAT_BITS: Final = 24  # of a 32-bit float's significand
 
 
@@ -69,6 +72,8 @@ class Profile:
     quantum: Callable[[Rig, MotorDriver], Quantum | None]  # coarser than the encoder's count, where it is
     listener: Callable[[], Listener]
     decode: Callable[[Frame], Decoded | None]
+    framing: Framing = NATIVE  # of its packets on a serial line
+    ask: tuple[Frame, ...] = ()  # who is there, where drives say nothing by themselves; moves and changes nothing
 
 
 def check_node(settings: MotorDriver, lowest: int, highest: int) -> None:

@@ -4,13 +4,15 @@ from typing import Final
 
 from firmware_protocol.host_machine import HostConfig, HostMachine
 from hil_forceps.drives.cia402.profile import PROFILE as CIA402
+from hil_forceps.drives.dynamixel.profile import PROFILE as DYNAMIXEL
+from hil_forceps.drives.framing import NATIVE, Framing
 from hil_forceps.drives.odrive.profile import PROFILE as ODRIVE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import MotorDriver
 
-PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402)}
+PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402, DYNAMIXEL)}
 
 
 def maker_profile(rig: Rig) -> tuple[Profile, MotorDriver] | None:
@@ -26,6 +28,12 @@ def machine_for(rig: Rig) -> DriveMachine:
         return HostMachine(HostConfig(node=rig.bench.node_id, fd=rig.bench.transport == "fd"))
     profile, settings = found
     return profile.machine(rig, settings)
+
+
+def framing_for(rig: Rig) -> Framing:
+    """Return how packets of a rig's drive are packed on a serial line."""
+    found = maker_profile(rig)
+    return NATIVE if found is None else found[0].framing
 
 
 def sample_period_s(rig: Rig) -> float:

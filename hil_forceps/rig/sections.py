@@ -208,7 +208,7 @@ def _version(given: object) -> object:
     return str(given) if isinstance(given, float) else given
 
 
-ProfileName = Literal["native", "odrive", "cia402"]
+ProfileName = Literal["native", "odrive", "cia402", "dynamixel"]
 
 
 class MotorDriver(Section):
@@ -218,8 +218,9 @@ class MotorDriver(Section):
     firmware: Annotated[Literal["0.5", "0.6"], BeforeValidator(_version)] = Field(
         default="0.6", description="of an ODrive"
     )
-    node_id: Annotated[Whole, Quantity("", 0, 126)] = Field(
-        default=1, description="its node on the bus; an ODrive's is 62 at most"
+    node_id: Annotated[Whole, Quantity("", 0, 252)] = Field(
+        default=1,
+        description="its node on the bus, or a Dynamixel's id; an ODrive's is 62 at most, a CANopen node's 126",
     )
     encoder_rev_per_pulley_rev: Annotated[Number, Quantity("", -1e4, 1e4), AfterValidator(_turning)] = Field(
         default=1.0, description="turns of the encoder for a turn of the motor pulley; negative: it counts backwards"
@@ -234,10 +235,14 @@ class MotorDriver(Section):
         default=1e-3, description="period of an ODrive's current frames, as it is set in the drive"
     )
     current_limit_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] = Field(
-        default=1.0, description="what an ODrive is told to limit its current to"
+        default=1.0, description="what an ODrive or a Dynamixel is told to limit its current to"
     )
     watchdog_s: Annotated[Number, Quantity("s", 0.0, 10.0)] = Field(
-        default=0.1, description="its watchdog's time, 0: off; set in an ODrive, written to a CiA 402 drive (1016h)"
+        default=0.1,
+        description="its watchdog's time, 0: off; set in an ODrive, written to a CiA 402 drive (1016h), a Dynamixel",
+    )
+    baudrate_bit_per_s: Annotated[Whole, Quantity("bit_per_s", 9_600, 4_500_000)] = Field(
+        default=1_000_000, description="rate of a serial line, as it is set in a Dynamixel"
     )
 
 

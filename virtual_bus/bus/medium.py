@@ -37,7 +37,7 @@ class Medium:
 
     def __init__(self, timing: BitTiming | None = None, faults: FaultInjector | None = None) -> None:
         self.timing = BitTiming() if timing is None else timing
-        self._frame_ns = self.timing.frame_ns
+        self.frame_ns = self.timing.frame_ns
         self.ports: list[Port] = []
         self.gone = False
         self._flight_end_ns = FOREVER_NS
@@ -86,7 +86,7 @@ class Medium:
         if self.gone or port.queued >= port.queue_frames or port.state is _BUS_OFF:
             self.refuses(port)
             return False
-        entry = (frame[0], self._order, port, frame, self._frame_ns(frame))
+        entry = (frame[0], self._order, port, frame, self.frame_ns(frame))
         self._order += 1
         port.queued += 1
         if not self._pending:

@@ -28,12 +28,14 @@ from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.trajectory_file import read_trajectory
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.drives.lint import findings
-from hil_forceps.drives.registry import machine_for, sample_period_s
+from hil_forceps.drives.registry import framing_for, machine_for, maker_profile, sample_period_s
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import ProfileName
 
 EXIT_RUN_FAILED = 2
+NATIVE_BAUDRATE = 1_000_000
+VIRTUAL_INTERFACE = "virtual_forceps"  # has the drive's own kind of line in it
 
 
 def run(
@@ -43,7 +45,7 @@ def run(
     interface: str = "",
     channel: str = "",
     serial: str = "",
-    baudrate: int = 1_000_000,
+    baudrate: int | None = None,
     drive: ProfileName | None = None,
     option: tuple[str, ...] = (),
     algorithm: str = "kalman",
@@ -71,7 +73,7 @@ def run(
     serial
         Serial port, pyserial URL, or udp://ADDRESS:PORT (a packet a datagram) instead of a CAN interface.
     baudrate
-        Of the serial port.
+        Of the serial port; without it 1 Mbit/s, or what the rig says of its drive's line.
     drive
         What the motor driver speaks, as a check against `motor_driver:` of the rig.
     option
@@ -91,10 +93,7 @@ def run(
     """
     loaded = load_rig(rig)
     _check_profile(rig, loaded, drive)
-    if serial and loaded.drive_profile != "native":
-        raise UserError(
-            f"--serial: {rig} describes a drive on a CAN bus (`motor_driver:`); give --interface and --channel"
-        )
+    line_rate = _check_line(rig, loaded, interface, serial, baudrate)
     machine = machine_for(loaded)
     _check_settings(rig, loaded)
     points = PAPER_TRAJECTORY if trajectory is None else read_trajectory(trajectory)
@@ -121,8 +120,9 @@ def run(
         fd=is_fd,
         bitrate_bit_per_s=loaded.bench.bitrate_bit_per_s,
         data_bitrate_bit_per_s=loaded.bench.data_bitrate_bit_per_s,
-        baudrate=baudrate,
+        baudrate=line_rate,
         options=interface_options(option),
+        framing=framing_for(loaded),
     )
     connection = open_link(link)
     for note in connection.notes:
@@ -140,6 +140,29 @@ def _check_profile(path: Path, rig: Rig, wanted: str | None) -> None:
             f"--drive {wanted}: {path} describes a drive that speaks {rig.drive_profile}; give its `motor_driver:` "
             "(docs/drives.md has an example for each)"
         )
+
+
+def _check_line(path: Path, rig: Rig, interface: str, serial: str, baudrate: int | None) -> int:
+    """Return the rate of a serial line; UserError where the drive is on another kind of line."""
+    found = maker_profile(rig)
+    if found is None:
+        return NATIVE_BAUDRATE if baudrate is None else baudrate
+    profile, settings = found
+    if profile.link == "can" and serial:
+        raise UserError(
+            f"--serial: {path} describes a drive on a CAN bus (`motor_driver:`); give --interface and --channel"
+        )
+    if profile.link == "serial" and interface and interface != VIRTUAL_INTERFACE:
+        raise UserError(
+            f"--interface {interface}: {path} describes a drive on a serial line (`motor_driver:`); give "
+            f"--serial PORT, or --interface {VIRTUAL_INTERFACE} for a simulated one"
+        )
+    if profile.link == "serial" and baudrate not in {None, settings.baudrate_bit_per_s}:
+        raise UserError(
+            f"--baudrate {baudrate}: {path} says motor_driver.baudrate_bit_per_s: {settings.baudrate_bit_per_s}, by "
+            "which samples are stamped; leave it out, or change it there"
+        )
+    return settings.baudrate_bit_per_s
 
 
 def _check_settings(path: Path, rig: Rig) -> None:
