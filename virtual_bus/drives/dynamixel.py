@@ -41,8 +41,8 @@ class SimulatedDynamixel:
     """One servo on a forceps; a `Node`.
 
     `goal_follows`: whether switching torque on makes the present position the goal; the maker doesn't say. The load
-    begins with the first answer that says torque while there is a goal current: what a host can see; with
-    `load_restarts` again with each first one after another. `truth` is kept for `truth_duration_s`, once a loop.
+    begins with the first answer that says torque while there is a goal current, what a host can see, and anew with each
+    first one after another. `truth` is kept for `truth_duration_s`, once a loop.
     """
 
     def __init__(
@@ -54,7 +54,6 @@ class SimulatedDynamixel:
         jaw_start_rad: float = PAPER_JAW_START_RAD,
         *,
         goal_follows: bool = True,
-        load_restarts: bool = False,
     ) -> None:
         """UserError when the rig doesn't say enough."""
         settings = rig.motor_driver
@@ -64,7 +63,6 @@ class SimulatedDynamixel:
         self._settings: MotorDriver = settings
         self._period_ns = round(rig.require_drive().sample_time_s * 1e9)
         self._goal_follows = goal_follows
-        self._load_restarts = load_restarts
         self.truth = TruthLog(math.ceil(truth_duration_s * 1e9 / self._period_ns))
         self.counters = {"not_understood": 0, "answers": 0, "reboots": 0, "watchdog_trips": 0}
         self.zero_ns: int | None = None
@@ -199,7 +197,7 @@ class SimulatedDynamixel:
         if asked[:1] not in {bytes((READ,)), bytes((SYNC_READ,))} or _word(asked[3:]) < 10:
             return
         has_torque = bool(self.table.get(TORQUE) and self.table.get(table.GOAL_CURRENT))
-        if has_torque and not self._had_torque and (self.zero_ns is None or self._load_restarts):
+        if has_torque and not self._had_torque:
             self.zero_ns = now_ns
             self._forceps.start_load(now_ns)
         self._had_torque = has_torque
