@@ -72,7 +72,8 @@ class SimulatedDynamixel:
         self._had_torque = False  # in the last answer with feedback
         self._heard_ns = 0
         self._loops = 0
-        self._turns_off = 0  # counts by which the present position differs from the encoder's own
+        self._own_counts = 0
+        self._turns_off = 0  # counts by which the present position differs from them
         self._answers: deque[tuple[int, Frame]] = deque()
         self._outbox: list[Frame] = []
         self._loop(0)
@@ -209,8 +210,8 @@ class SimulatedDynamixel:
         reference = self._reference_raw() if self._is_driven() else None
         theta_m, current, _, _ = self._forceps.sample(at_ns, at_ns + self._period_ns, reference)
         ratio, zero = self._settings.encoder_rev_per_pulley_rev, self._settings.encoder_zero_rev
-        own_counts = math.floor((zero + theta_m / ANGLE_LSB_PER_REV * ratio) * COUNTS_PER_REV + 0.5)
-        self.table.put(POSITION, own_counts + self._turns_off + self.table.get(20))
+        self._own_counts = math.floor((zero + theta_m / ANGLE_LSB_PER_REV * ratio) * COUNTS_PER_REV + 0.5)
+        self.table.put(POSITION, self._own_counts + self._turns_off + self.table.get(20))
         units = round(math.copysign(1.0, ratio) * current * CURRENT_LSB_A / CURRENT_UNIT_A)
         self.table.put(PRESENT_CURRENT, units)
         self.table.put(TICK, at_ns // 1_000_000 % 32_768)
@@ -236,8 +237,9 @@ class SimulatedDynamixel:
         return round(turns / self._settings.encoder_rev_per_pulley_rev * ANGLE_LSB_PER_REV)
 
     def _count_from_one_turn(self) -> None:
-        own = self._present() - self._turns_off - self.table.get(20)
+        own = self._own_counts
         self._turns_off = own % COUNTS_PER_REV - own
+        self.table.put(POSITION, own + self._turns_off + self.table.get(20))
 
 
 def _word(data: bytes) -> int:
