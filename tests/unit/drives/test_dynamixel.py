@@ -1,4 +1,4 @@
-"""The Dynamixel profile: who says what when, what feeds the watchdog, what ends it, and that nothing from outside raises.
+"""The Dynamixel profile: who says what when, what feeds the watchdog, what ends it; nothing from outside raises.
 
 The servo is the simulated one, without a line between: an answer is there at the next tick.
 """
@@ -96,6 +96,14 @@ def running(**more: Any) -> Bench:
     return bench
 
 
+def phase(bench: Bench) -> HostPhase:
+    return bench.drive.phase
+
+
+def state(bench: Bench) -> DriveState | None:
+    return bench.drive.drive_state
+
+
 def instructions(frames: list[Frame]) -> list[int]:
     return [frame.data[0] for frame in frames]
 
@@ -134,7 +142,7 @@ def test_the_set_up_is_made_without_torque_and_writes_what_is_kept_only_where_it
     again = Bench()
     again.servo.table = rig_servo.servo.table
     again.until(HostPhase.READY)
-    assert [address for address in written(again.sent, 9) + written(again.sent, 11)] == []
+    assert written(again.sent, 9) == written(again.sent, 11) == []
 
 
 @pytest.mark.parametrize("level", [0, 1])
@@ -265,7 +273,7 @@ def test_a_sample_is_one_answer_and_its_stamp_is_when_the_question_was_through()
 
 
 @pytest.mark.parametrize("ratio", [1.0, -3.0])
-def test_units_ratio_and_sign(ratio: float) -> None:
+def test_units_ratio_and_sign(ratio: float, monkeypatch: pytest.MonkeyPatch) -> None:
     drive = Dynamixel(CONFIG._replace(counts_per_pulley_rev=4096.0 * ratio))
     bench = Bench(rig=RIG)
     bench.drive = drive
@@ -273,7 +281,7 @@ def test_units_ratio_and_sign(ratio: float) -> None:
     bench.until(HostPhase.READY)
     bench.tick()
     position = int.from_bytes(bench.servo.table.data[132:136], "little", signed=True)
-    bench.servo._loop = lambda _: None  # type: ignore[method-assign] # values as they are put
+    monkeypatch.setattr(SimulatedDynamixel, "_loop", lambda *_: None)  # values as they are put
     bench.servo.table.put(126, 100)
     bench.samples.clear()
     bench.tick(2)
@@ -352,9 +360,9 @@ def test_a_line_that_is_cut_ends_in_silence_before_the_watchdog_and_stays_silent
     bench.tick(200)
     assert len(bench.sent) - first == asked
     assert bench.get(98) == TRIPPED
-    assert bench.drive.phase is HostPhase.RUNNING  # the service has ended the run by then
+    assert phase(bench) is HostPhase.RUNNING  # the service has ended the run by then
     bench.tick(SILENCE_NS // MS)
-    assert bench.drive.phase is HostPhase.DISCONNECTED
+    assert phase(bench) is HostPhase.DISCONNECTED
 
 
 def test_a_hardware_error_is_told_in_words_with_the_sample_that_has_it() -> None:
@@ -463,11 +471,11 @@ def test_no_torque_is_asked_for_until_it_is_read() -> None:
 
     bench.to_servo = stubborn
     bench.drive.disable()
-    assert bench.drive.drive_state is None
+    assert state(bench) is None
     bench.tick(2)
-    assert bench.drive.drive_state not in {DriveState.DISABLED, DriveState.FAULT}
+    assert state(bench) not in {DriveState.DISABLED, DriveState.FAULT}
     bench.tick(20)
-    assert bench.drive.drive_state is DriveState.DISABLED
+    assert state(bench) is DriveState.DISABLED
     assert held == [0]
     assert bench.get(64) == 0
 
