@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from firmware_protocol.frames import Frame
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.metrics import STEADY_WINDOW_S, WINDOW_S
 from hil_forceps.bench.session import Plan, run_session, service_config, stamps_are_host_time
@@ -23,8 +24,10 @@ from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.registry import machine_for, sample_period_s
 from hil_forceps.report.style import house_style
-from hil_forceps.rig import load_rig
+from hil_forceps.rig import Rig, load_rig
 from virtual_bus.bus.bit_timing import frame_bits
+from virtual_bus.bus.half_duplex import BITS_PER_BYTE
+from virtual_bus.drives.registry import SERIAL_LINES
 from virtual_bus.interface import VirtualForcepsBus
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -32,6 +35,7 @@ RIGS = {
     "native": CONFIGS / "realistic.yaml",
     "odrive": CONFIGS / "drives" / "odrive.yaml",
     "cia402": CONFIGS / "drives" / "cia402.yaml",
+    "dynamixel": CONFIGS / "drives" / "dynamixel.yaml",
 }
 SIMULATION, SEED, DURATION_S = 2, 1, 20.0
 STEADY_S = STEADY_WINDOW_S[SIMULATION]
@@ -70,7 +74,7 @@ def run(name: str, out: Path) -> Cost:
     shown = operational & (time_s >= WINDOW_S[0]) & (time_s <= WINDOW_S[1])
     reference_rad = np.array([PAPER_TRAJECTORY(t) for t in time_s[shown]])
     frames = list(read_frames(log))
-    bits = sum(frame_bits(each.frame).nominal for each in frames)
+    bits, rate = _bits(rig, [each.frame for each in frames])
     return Cost(
         time_s[shown],
         truth["tau_w_N_m"][rows][shown],
@@ -78,8 +82,17 @@ def run(name: str, out: Path) -> Cost:
         truth["theta_j_rad"][rows][shown] - reference_rad,
         session.service.timing["age"]["p50_us"],
         bits / (frames[-1].time_s - frames[0].time_s),
-        rig.bench.bitrate_bit_per_s,
+        rate,
     )
+
+
+def _bits(rig: Rig, frames: list[Frame]) -> tuple[int, int]:
+    """Return how many bits the frames took on their line, and its rate."""
+    codec = SERIAL_LINES.get(rig.drive_profile)
+    if codec is None or rig.motor_driver is None:
+        return sum(frame_bits(frame).nominal for frame in frames), rig.bench.bitrate_bit_per_s
+    bits = BITS_PER_BYTE * sum(len(codec.encode(frame)) for frame in frames)
+    return bits, rig.motor_driver.baudrate_bit_per_s
 
 
 def table(costs: dict[str, Cost]) -> list[str]:

@@ -152,10 +152,12 @@ def _check_line(path: Path, rig: Rig, interface: str, serial: str, baudrate: int
         raise UserError(
             f"--serial: {path} describes a drive on a CAN bus (`motor_driver:`); give --interface and --channel"
         )
-    if profile.link == "serial" and interface and interface != VIRTUAL_INTERFACE:
+    if profile.link == "can" and not interface:
+        raise UserError(f"{path}: motor_driver.profile: {profile.name} is on a CAN bus; give --interface and --channel")
+    if profile.link == "serial" and not serial and interface != VIRTUAL_INTERFACE:
         raise UserError(
-            f"--interface {interface}: {path} describes a drive on a serial line (`motor_driver:`); give "
-            f"--serial PORT, or --interface {VIRTUAL_INTERFACE} for a simulated one"
+            f"{path}: motor_driver.profile: {profile.name} is on a serial line; give --serial PORT, or --interface "
+            f"{VIRTUAL_INTERFACE} for a simulated one"
         )
     if profile.link == "serial" and baudrate not in {None, settings.baudrate_bit_per_s}:
         raise UserError(

@@ -46,11 +46,10 @@ class Enabling:
         self._references += 1
         return self._held_raw
 
-    def order(self, has_torque: bool) -> tuple[Item, int] | None:
+    def order(self) -> tuple[Item, int] | None:
         """Return what is to be written now; None while references are sent."""
         if self.step in _OF_REFERENCES:
-            is_ready = has_torque or self.step is Step.REFERENCES
-            if self._references < FIRST_REFERENCES or not is_ready:
+            if self._references < FIRST_REFERENCES:
                 return None
             self._go_to(Step(self.step + 1))
         if self.step is Step.TORQUE:
@@ -62,7 +61,7 @@ class Enabling:
         self._go_to(Step(self.step + 1))
 
     def without_torque(self) -> None:
-        """Order torque once more, where the servo says that it has none."""
+        """Order torque once more: the servo says that it has none, as it does in the sample of each reference."""
         if self.step is Step.REFERENCES_UNDER_TORQUE:
             self._go_to(Step.TORQUE)
 

@@ -268,7 +268,7 @@ class Dynamixel:
         if self.phase is HostPhase.IDENTIFYING:
             return self._next_of_set_up(now_ns)
         if self.phase is HostPhase.ENABLING:
-            order = self._enabling.order(self._feedback is not None and self._feedback.torque_enable == 1)
+            order = self._enabling.order()
             if order is not None:
                 self._ordered = order
                 return self._write("order", *order)

@@ -33,12 +33,18 @@ def test_an_odrive_is_not_on_a_serial_port(capsys: pytest.CaptureFixture[str], t
     assert not (tmp_path / "out").exists()
 
 
-def test_a_dynamixel_is_not_on_a_can_bus(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    virtual = ("--interface", "virtual", "--channel", "profiles")
-    said = refused(capsys, "run", "--rig", str(DYNAMIXEL), *virtual, "--out", str(tmp_path / "out"))
-    assert "--interface virtual: " in said
-    assert "give --serial PORT, or --interface virtual_forceps" in said
+@pytest.mark.parametrize("line", [("--interface", "virtual", "--channel", "profiles"), ()])
+def test_a_dynamixel_is_not_on_a_can_bus(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, line: tuple[str, ...]
+) -> None:
+    said = refused(capsys, "run", "--rig", str(DYNAMIXEL), *line, "--out", str(tmp_path / "out"))
+    assert "motor_driver.profile: dynamixel is on a serial line; give --serial PORT, or --interface virtual_" in said
     assert not (tmp_path / "out").exists()
+
+
+def test_an_odrive_wants_an_interface(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    said = refused(capsys, "run", "--rig", str(ODRIVE), "--out", str(tmp_path / "out"))
+    assert "motor_driver.profile: odrive is on a CAN bus; give --interface and --channel" in said
 
 
 def test_a_line_has_one_rate(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

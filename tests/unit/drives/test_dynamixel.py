@@ -485,9 +485,11 @@ def test_disabling_while_torque_is_asked_for_ends_without() -> None:
         bench = ready()
         bench.drive.enable()
         bench.tick(ticks)
+        first = len(bench.sent)
         bench.drive.disable()
         bench.tick(10)
         assert (bench.get(64), bench.drive.drive_state) == (0, DriveState.DISABLED), ticks
+        assert [frame for frame in bench.sent[first:] if frame.data[:3] == bytes((READ, 64, 0))], ticks
 
 
 def test_echoes_of_a_two_wire_adapter_are_known() -> None:
