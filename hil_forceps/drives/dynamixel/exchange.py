@@ -73,6 +73,10 @@ class HalfDuplex:
         self.waiting_for = None
         return answer
 
+    def forget(self) -> None:
+        """Wait for nothing: what still comes answers a question of before."""
+        self.waiting_for = None
+
     def gives_up(self, now_ns: int) -> Request | None:
         """Return the request whose answer can't be expected any more, once."""
         request = self.waiting_for

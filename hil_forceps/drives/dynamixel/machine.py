@@ -309,6 +309,7 @@ class Dynamixel:
     def _begin_set_up(self, at_ns: int) -> None:
         self._set_up, self._tries, self._round_trips_ns = self._new_set_up(), 0, []
         self._waits_until_ns, self._feedback = at_ns, None
+        self._line.forget()
         self.drive_state = None
 
     def _next_of_set_up(self, now_ns: int) -> Request | None:

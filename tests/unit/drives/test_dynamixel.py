@@ -426,6 +426,21 @@ def test_a_servo_that_restarts_while_it_is_set_up_is_set_up_anew() -> None:
     assert bench.get(98) == 5
 
 
+def test_whoever_connects_again_waits_for_nothing_of_before() -> None:
+    bench = running()
+    bench.servo.restart()
+    bench.tick(8)
+    assert phase(bench) is HostPhase.DISCONNECTED
+    answer = Frame(NODE, bytes((0x55, 0, 2, 0, 0, 5)) + bytes(6), True)
+    bench.drive.disable()
+    bench.tick(6)
+    bench.drive.connect(bench.now_ns)
+    bench.drive.receive(answer, bench.now_ns)
+    assert phase(bench) is HostPhase.IDENTIFYING
+    bench.until(HostPhase.READY)
+    assert bench.get(98) == 5
+
+
 def test_a_servo_without_indirect_addresses_is_refused() -> None:
     bench = Bench()
     bench.to_servo = lambda frame: [] if frame.data[:3] == bytes((WRITE, 168, 0)) else [frame]

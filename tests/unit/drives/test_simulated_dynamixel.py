@@ -23,9 +23,6 @@ from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.dynamixel import packets as wire
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
-from virtual_bus.bus.faults import Side
-from virtual_bus.bus.half_duplex import HalfDuplexLine
-from virtual_bus.bus.simulation import Simulation
 from virtual_bus.drives import dynamixel_table as table
 from virtual_bus.drives.dynamixel import OVERLOAD, SimulatedDynamixel
 from virtual_bus.drives.dynamixel_packets import CODEC
@@ -308,51 +305,6 @@ def test_a_restart_forgets_turns_and_indirect_addresses() -> None:
 def test_it_is_made_for_its_own_rigs() -> None:
     with pytest.raises(UserError, match="must be dynamixel here"):
         SimulatedDynamixel(load_rig(RIG_FILE.parent / "odrive.yaml"), paper_load(0))
-
-
-class Talker:
-    """A node that says what it is told to, and notes what it hears."""
-
-    def __init__(self, says: list[tuple[int, Frame]]) -> None:
-        self.says = says
-        self.heard: list[tuple[int, Frame]] = []
-
-    def receive(self, frame: Frame, now_ns: int) -> None:
-        self.heard.append((now_ns, frame))
-
-    def next_wake_ns(self) -> int:
-        return self.says[0][0] if self.says else 1 << 60
-
-    def wake(self, now_ns: int) -> None:
-        self.due = [frame for at_ns, frame in self.says if at_ns <= now_ns]
-        self.says = [each for each in self.says if each[0] > now_ns]
-
-    def take_outbox(self) -> list[Frame]:
-        due, self.due = getattr(self, "due", []), []
-        return due
-
-
-def test_the_line_takes_ten_bits_a_byte_and_keeps_a_senders_order() -> None:
-    line = HalfDuplexLine(CODEC, 1_000_000)
-    simulation = Simulation(line)
-    first, second = Talker([(0, wire.read(9, 0, 2)), (0, wire.ping(1))]), Talker([])
-    for node in (first, second):
-        simulation.add(node, "talker", Side.HOST)
-    simulation.advance_until(MS)
-    assert second.heard == [(140_000, wire.read(9, 0, 2)), (240_000, wire.ping(1))]
-    assert line.collisions == 0
-
-
-def test_two_that_talk_at_once_are_not_understood() -> None:
-    line = HalfDuplexLine(CODEC, 1_000_000)
-    simulation = Simulation(line)
-    first, second = Talker([(0, wire.ping(1)), (MS, wire.ping(3))]), Talker([(50_000, wire.ping(2))])
-    for node in (first, second):
-        simulation.add(node, "talker", Side.HOST)
-    simulation.advance_until(2 * MS)
-    assert first.heard == []
-    assert second.heard == [(MS + 100_000, wire.ping(3))]
-    assert line.collisions == 2
 
 
 @pytest.fixture
