@@ -16,7 +16,7 @@ from hil_forceps.rig.errors import UserError
 FEWEST_PERIODS = 3  # of the host, within a watchdog's time: one late tick must not stop the motor
 LONGEST_WATCHDOG_S = 0.5  # a motor that goes on for longer behind a dead host
 MAX_BUS_LOAD, HIGH_BUS_LOAD = 0.9, 0.6
-_TOLD_A_CURRENT = frozenset({"odrive", "moteus"})  # profiles that tell their drive `current_limit_A`
+_TOLD_A_CURRENT = frozenset({"odrive", "moteus", "dynamixel"})  # profiles that tell their drive `current_limit_A`
 
 
 def findings(rig: Rig) -> list[Finding]:
@@ -106,7 +106,8 @@ def _bus(rig: Rig) -> Iterator[Finding]:
     profile, settings = found
     load = profile.bus_load(rig, settings)
     text = f"the cyclic frames of one axis load the bus by {100.0 * load:.0f} % at worst"
+    key = "bench.bitrate_bit_per_s" if profile.link == "can" else "motor_driver.baudrate_bit_per_s"
     if load > MAX_BUS_LOAD:
-        yield Finding("problem", "bench.bitrate_bit_per_s", f"{text}; raise it, or lower the rates")
+        yield Finding("problem", key, f"{text}; raise it, or lower the rates")
     elif load > HIGH_BUS_LOAD:
-        yield Finding("note", "bench.bitrate_bit_per_s", text)
+        yield Finding("note", key, text)

@@ -220,7 +220,7 @@ def _version(given: object) -> object:
 
 MIN_ENCODER_RATIO = 1e-4  # turns of an encoder for a turn of the pulley, of either sign
 
-ProfileName = Literal["native", "odrive", "cia402", "mit", "moteus"]
+ProfileName = Literal["native", "odrive", "cia402", "mit", "moteus", "dynamixel"]
 MitVariant = Literal["bgkatz", "cubemars", "damiao"]
 
 
@@ -231,8 +231,9 @@ class MotorDriver(Section):
     firmware: Annotated[Literal["0.5", "0.6"], BeforeValidator(_version)] = Field(
         default="0.6", description="of an ODrive"
     )
-    node_id: Annotated[Whole, Quantity("", 0, 126)] = Field(
-        default=1, description="its node on the bus; an ODrive's is 62 at most"
+    node_id: Annotated[Whole, Quantity("", 0, 252)] = Field(
+        default=1,
+        description="its node on the bus, or a Dynamixel's id; an ODrive's is 62 at most, a CANopen node's 126",
     )
     encoder_rev_per_pulley_rev: Annotated[Number, Quantity("", -1e4, 1e4), AfterValidator(_turning)] = Field(
         default=1.0, description="turns of the encoder for a turn of the motor pulley; negative: it counts backwards"
@@ -248,7 +249,8 @@ class MotorDriver(Section):
     )
     current_limit_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] = Field(
         default=1.0,
-        description="what an ODrive is told to limit its current to, and a moteus as the torque that it makes",
+        description="what an ODrive or a Dynamixel is told to limit its current to, and a moteus as the torque that it "
+        "makes",
     )
     current_object: Annotated[str, AfterValidator(_object)] = Field(
         default="30D1h:02", description="object of a CiA 402 drive with the measured current; 30D1h:02 is an EPOS4's"
@@ -261,7 +263,7 @@ class MotorDriver(Section):
     watchdog_s: Annotated[Number, Quantity("s", 0.0, 10.0)] = Field(
         default=0.1,
         description="its watchdog's time, 0: off; set in an ODrive or a mini cheetah drive, written to a CiA 402 drive "
-        "(1016h) and a moteus",
+        "(1016h), a moteus and a Dynamixel",
     )
     mit_variant: MitVariant | None = Field(default=None, description="firmware of a mini cheetah drive (`mit`)")
     reply_id: Annotated[Whole, Quantity("", 0, 0x7FF)] | None = Field(
@@ -291,6 +293,9 @@ class MotorDriver(Section):
     )
     kd_N_m_s_per_rad: Annotated[Number, Quantity("N_m_s_per_rad", 0.0, 1e4, open_low=True)] | None = Field(
         default=None, description="`mit`: damping that is sent with references, towards no speed"
+    )
+    baudrate_bit_per_s: Annotated[Whole, Quantity("bit_per_s", 9_600, 4_500_000)] = Field(
+        default=1_000_000, description="rate of a serial line, as it is set in a Dynamixel"
     )
 
 

@@ -5,7 +5,10 @@ from typing import Final, Protocol
 
 from hil_forceps.rig import Rig
 from virtual_bus.bus.node import Node
+from virtual_bus.bus.wire import LineCodec
 from virtual_bus.drives.cia402 import SimulatedCia402
+from virtual_bus.drives.dynamixel import SimulatedDynamixel
+from virtual_bus.drives.dynamixel_packets import CODEC
 from virtual_bus.drives.mit import SimulatedMit
 from virtual_bus.drives.moteus import SimulatedMoteus
 from virtual_bus.drives.odrive import SimulatedODrive
@@ -44,4 +47,7 @@ SIMULATED_DRIVES: Final[dict[str, _Maker]] = {
     "cia402": SimulatedCia402,
     "mit": SimulatedMit,
     "moteus": SimulatedMoteus,
+    "dynamixel": SimulatedDynamixel,
 }
+SERIAL_LINES: Final[dict[str, LineCodec]] = {"dynamixel": CODEC}
+"""How those that hang on a serial line pack their frames; the others hang on a CAN bus."""

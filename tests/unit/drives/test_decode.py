@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from firmware_protocol.frames import Frame
 from hil_forceps.cli import main as cli
 from hil_forceps.drives.cia402 import messages as canopen
+from hil_forceps.drives.dynamixel import packets as dynamixel
 from hil_forceps.drives.mit import messages as mit
 from hil_forceps.drives.moteus import messages as moteus
 from hil_forceps.drives.odrive import messages as odrive
@@ -156,6 +157,52 @@ def test_ids_with_29_bits_are_shown_with_eight_digits(capsys: pytest.CaptureFixt
         assert capsys.readouterr().out.count(told) >= 1
 
 
+@pytest.mark.parametrize(
+    ("frame", "name", "values"),
+    [
+        (dynamixel.ping(5), "PING", {}),
+        (dynamixel.reboot(5), "REBOOT", {}),
+        (dynamixel.read(5, 224, 10), "READ", {"item": "Indirect Data 1 to 10 (224)", "size": 10}),
+        (dynamixel.write(5, 64, b"\x01"), "WRITE", {"item": "Torque Enable (64)", "value": 1}),
+        (dynamixel.write(5, 700, b"\x01\x02"), "WRITE", {"item": "700", "value": 513}),
+        (Frame(5, bytes.fromhex("5587")), "STATUS", {"error": "access error", "alert": True}),
+        (
+            Frame(5, bytes.fromhex("5580 02 01 20 05 9cff ffffffff"), True),
+            "STATUS",
+            {
+                "alert": True,
+                "position_counts": -1,
+                "current_A": -0.269,
+                "torque_enable": 1,
+                "hardware_error": "0x20",
+                "bus_watchdog": 5,
+            },
+        ),
+    ],
+)
+def test_dynamixel(frame: Frame, name: str, values: dict[str, object]) -> None:
+    assert PROFILES["dynamixel"].decode(frame) == (name, {"id": 5, **values})
+
+
+def test_a_goal_for_one_servo_of_many() -> None:
+    frame = dynamixel.write_unanswered(5, 116, (-3 & 0xFFFFFFFF).to_bytes(4, "little"))
+    found = PROFILES["dynamixel"].decode(frame)
+    assert found == ("SYNC_WRITE", {"id": 254, "item": "Goal Position (116)", "size": 4, "servo_5": -3})
+
+
+def test_a_capture_of_a_serial_line_is_read_by_its_own_framing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capture = tmp_path / "line.bin"
+    capture.write_bytes(b"noise" + dynamixel.encode(dynamixel.ping(5)) + dynamixel.encode(dynamixel.reboot(6)))
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["decode", str(capture), "--drive", "dynamixel"])
+    shown = capsys.readouterr()
+    assert [line.split()[1:] for line in shown.out.splitlines()] == [["PING", "id=5"], ["REBOOT", "id=6"]]
+    assert ended.value.code == 1
+    assert "skipped_bytes 5" in shown.err
+
+
 @pytest.mark.parametrize("profile", sorted(PROFILES))
 def test_all_that_a_run_put_on_the_bus_is_understood(
     profile: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -174,7 +221,7 @@ def test_all_that_a_run_put_on_the_bus_is_understood(
 
 
 @pytest.mark.parametrize("profile", sorted(PROFILES))
-@given(frame_id=st.integers(0, 0x7FF), data=st.binary(max_size=8))
+@given(frame_id=st.integers(0, 0x7FF), data=st.binary(max_size=64))
 def test_no_bytes_raise(profile: str, frame_id: int, data: bytes) -> None:
     found = PROFILES[profile].decode(Frame(frame_id, data))
     assert found is None or found.name

@@ -11,6 +11,7 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveHeartbeat, Feedback
 from hil_forceps.cli import main as cli
 from hil_forceps.drives.profile import Found
+from hil_forceps.drives.registry import PROFILES
 from hil_forceps.drives.scan import BusListener
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -75,6 +76,48 @@ def test_a_moteus_is_told_by_its_answers_to_somebody_else() -> None:
         Frame(0x8005, bytes.fromhex("1100110f"), True, True),
     ):
         assert heard(other, other) == []
+
+
+def test_a_servo_that_says_nothing_by_itself_is_asked_by_a_ping(capsys: pytest.CaptureFixture[str]) -> None:
+    rig = f"rig={CONFIGS / 'drives' / 'dynamixel.yaml'}"
+    channel = ("--interface", "virtual_forceps", "--channel", "asked", "--option", rig)
+    code, out = scan(capsys, *channel, "--seconds", "0.2")
+    assert code == 1
+    assert "nothing came" in out
+    code, out = scan(capsys, *channel, "--seconds", "0.2", "--ask", "dynamixel")
+    assert code == 0
+    assert [line.split() for line in out.splitlines() if "XM430" in line] == [
+        ["dynamixel", "5", "XM430-W350,", "firmware", "45"]
+    ]
+
+
+def test_a_drive_that_tells_by_itself_is_not_asked(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["scan", "--interface", "virtual", "--ask", "odrive"])
+    assert ended.value.code == 2
+    assert "--ask odrive: such a drive tells by itself" in capsys.readouterr().err
+
+
+def test_what_a_ping_brings_is_told_also_of_servos_that_are_not_known() -> None:
+    listener = BusListener(PROFILES["dynamixel"])
+    for frame in (
+        Frame(7, bytes.fromhex("5580240426")),
+        Frame(3, bytes.fromhex("5500060426")),
+        Frame(9, bytes.fromhex("550006")),
+        Frame(254, bytes.fromhex("01")),
+    ):
+        listener.receive(frame)
+    assert listener.frames == 4
+    assert listener.found() == [
+        Found("dynamixel", 3, "XM430-W210, firmware 38"),
+        Found(
+            "dynamixel",
+            7,
+            "model number 1060, which is not known here, firmware 38; alerts: Hardware Error Status (70) says what is "
+            "wrong",
+        ),
+    ]
+    assert heard(Frame(3, bytes.fromhex("5500060426"))) == []  # on a CAN bus that may be anybody's
 
 
 def test_nobody_is_an_answer_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
