@@ -1,8 +1,8 @@
 """What a drive's protocol costs: simulation 2 of the paper through every profile, against the truth of the world.
 
 python -m tools.drive_costs [--out DIR]: prints a table and writes it to DIR/drive-costs.md, with a figure. The
-forceps, the encoder, the noise and the drive's position loop are the same behind each. A sample is held against what
-the world was at the instant when it came to the host, so the time that it took counts as an error.
+forceps, the encoder (but for a Dynamixel's), the noise and the drive's position loop are the same behind each. A sample
+is held against what the world was at the instant when it came to the host, so the time that it took counts as an error.
 """
 
 import argparse
