@@ -77,7 +77,7 @@ def run(name: str, out: Path) -> Cost:
         samples["tau_w_estimate_N_m"][shown],
         truth["theta_j_rad"][rows][shown] - reference_rad,
         session.service.timing["age"]["p50_us"],
-        bits / (frames[-1].time_s - frames[0].time_s),
+        bits / ((frames[-1].time_ns - frames[0].time_ns) * 1e-9),
         rig.bench.bitrate_bit_per_s,
     )
 

@@ -10,12 +10,20 @@ from hil_forceps.rig import Rig
 Progress = Callable[[int, int], None]  # bytes read, bytes in all
 
 
+class Choice(NamedTuple):
+    """What of a bus log is wanted; None where it may be all."""
+
+    bus: str | None = None  # an interface of candump, a channel of the others
+    node: int | None = None
+
+
 class Request(NamedTuple):
     """One file to be read."""
 
     path: Path
     progress: Progress | None = None
     rig: Rig | None = None  # what a recording of this format doesn't say may stand there
+    choice: Choice = Choice()
 
 
 class Format(NamedTuple):

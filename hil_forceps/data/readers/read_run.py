@@ -7,7 +7,7 @@ import numpy as np
 
 from hil_forceps.data.readers import bus_frames, csv_table, emps, epos_studio, parquet_table, recording_file
 from hil_forceps.data.readers import surgical_tool as surgical
-from hil_forceps.data.readers.format import Format, Progress, Request
+from hil_forceps.data.readers.format import Choice, Format, Progress, Request
 from hil_forceps.data.run import Run
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -30,15 +30,20 @@ _SNIFFED_BYTES = 4096
 _HDF5 = b"\x89HDF"
 
 
-def read_run(path: str | Path, progress: Progress | None = None, rig: Rig | None = None) -> list[Run]:
+def read_run(
+    path: str | Path,
+    progress: Progress | None = None,
+    rig: Rig | None = None,
+    choice: Choice = Choice(),  # noqa: B008 - a constant
+) -> list[Run]:
     """Return every run in a file or folder, at least one; with a rig, what its recordings don't say is added.
 
     A file has one of `FORMATS`. A folder is a data set of the surgical tool, or holds files of any format; its bus logs
     are read only when nothing else in it is a run, for the service writes both of one run. `progress` is told bytes
-    read and bytes in all, of each CSV. Raises UserError, with the place in the file where there is one, for whatever
-    can't be used.
+    read and bytes in all, of each CSV. `choice` is of bus logs; other files have one bus. Raises UserError, with the
+    place in the file where there is one, for whatever can't be used.
     """
-    found = _read(Request(Path(path), progress, rig))
+    found = _read(Request(Path(path), progress, rig, choice))
     load_N_m = None if rig is None else rig.recording.constant_load_N_m
     return found if load_N_m is None else [_with_load(run, load_N_m) for run in found]
 
