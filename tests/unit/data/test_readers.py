@@ -165,7 +165,7 @@ def test_every_wrong_unit_is_told_at_once(tmp_path: Path) -> None:
 
 def test_a_channel_in_another_unit_beside_its_own_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("time_s,theta_m_rad,theta_m_deg,current_A\n0,1,57,2\n1,1,57,2\n")
+    path.write_text("time_s,theta_m_rad,theta_m_deg,current_A\n0,1,57,2\n0.001,1,57,2\n")
     (run,) = read_run(path)
     assert sorted(run.columns) == ["current_A", "theta_m_rad", "time_s"]
     assert run.notes == ("column 'theta_m_deg' is not one of a run and was left out (meant theta_m_rad?)",)
