@@ -83,6 +83,8 @@ def diagnose(
         raise UserError(f"--without {unknown[0]}: is no effect of the catalogue; see docs/diagnosis.md")
     if jobs is not None and jobs < 1:
         raise UserError(f"--jobs {jobs}: must be 1 or more")
+    if seed < 0:
+        raise UserError(f"--seed {seed}: must be 0 or more")
     if budget is not None and not budget > 0.0:
         raise UserError(f"--budget {budget}: must be more than 0 seconds")
     known = load_rig(rig)

@@ -12,7 +12,7 @@ import numpy as np
 from hil_forceps.data.column_names import name_problems
 from hil_forceps.data.readers.csv_block import Layout, parse_block
 from hil_forceps.data.readers.cut_text import no_end_note, zero_bytes_note
-from hil_forceps.data.readers.format import Format, Progress
+from hil_forceps.data.readers.format import Format, NoRunError, Progress
 from hil_forceps.data.run import KNOWN_COLUMNS, Column, Run, columns_problem
 from hil_forceps.data.time_order import check_time_unit, drop_repeats
 from hil_forceps.rig.errors import UserError
@@ -108,7 +108,9 @@ def _layout(path: Path, line: int, header: str) -> tuple[Layout, list[str]]:
         # Names in other units are told one by one; strangers only are probably no header at all.
         wrong = [error for error in errors if "unit of a run" in error]
         first = f"none of the columns of a run ({', '.join(KNOWN_COLUMNS)}) is in the first line"
-        errors = wrong or [first]
+        if not wrong:
+            raise NoRunError(f"{path}:{line}: {first}")
+        errors = wrong
     if errors:
         raise UserError([f"{path}:{line}: {error}" for error in errors])
     return Layout(tuple(names), delimiter), notes

@@ -6,8 +6,13 @@ from typing import Literal, NamedTuple
 
 from hil_forceps.data.run import Run
 from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
 
 Progress = Callable[[int, int], None]  # bytes read, bytes in all
+
+
+class NoRunError(UserError):
+    """A table of other people's: in a folder of runs it is left out, by itself it is refused."""
 
 
 class Choice(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 
 from hil_forceps.data.readers import bus_frames, csv_table, emps, epos_studio, parquet_table, recording_file
 from hil_forceps.data.readers import surgical_tool as surgical
-from hil_forceps.data.readers.format import Choice, Format, Progress, Request
+from hil_forceps.data.readers.format import Choice, Format, NoRunError, Progress, Request
 from hil_forceps.data.run import Run
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -91,21 +91,28 @@ def _read(request: Request) -> list[Run]:
 def _folder(request: Request) -> list[Run]:
     suffixes = {suffix: each.in_folder for each in FORMATS for suffix in each.suffixes}
     files = sorted(file for file in request.path.iterdir() if file.suffix.lower() in suffixes and file.is_file())
+    seen = [file for file in files if not file.name.startswith(".")]
+    # macOS puts a ._ file beside each file on a disk of another system; none of them is anybody's run.
+    hidden = tuple(f"{file.name} was left out: a hidden file" for file in files if file.name.startswith("."))
     for turn in ("each", "otherwise"):
-        chosen = [file for file in files if suffixes[file.suffix.lower()] == turn]
+        chosen = [file for file in seen if suffixes[file.suffix.lower()] == turn]
         if chosen:
-            return _all(chosen, request)
+            return _all(chosen, request, hidden)
     return list(surgical.iter_surgical_tool(request.path))
 
 
-def _all(files: Iterable[Path], request: Request) -> list[Run]:
+def _all(files: Iterable[Path], request: Request, notes: tuple[str, ...]) -> list[Run]:
     runs: list[Run] = []
     problems: list[str] = []
+    strange: list[str] = []
     for file in files:
         try:
             runs += _read(request._replace(path=file))
+        except NoRunError as error:
+            strange += error.problems
+            notes += (f"{file.name} was left out: no column of a run is in it",)
         except UserError as error:
             problems += error.problems
-    if problems:
-        raise UserError(problems)
-    return runs
+    if problems or not runs:
+        raise UserError([*problems, *strange])
+    return [Run(run.name, run.columns, (*run.notes, *notes)) for run in runs] if notes else runs
