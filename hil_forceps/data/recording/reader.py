@@ -194,7 +194,7 @@ def _collect(data: bytes, name: str) -> _Found:
                 room -= len(chunks[-1])
             elif opcode == Opcode.DATA_END:
                 return _Found(metadata, chunks, "")
-        except (McapError, ValueError, struct.error, zstandard.ZstdError, MemoryError) as error:
+        except (McapError, ValueError, struct.error, zstandard.ZstdError) as error:
             place = f"after {len(chunks)} chunks, in the record that ends at byte {end}"
             return _Found(metadata, chunks, f"damaged {place}: {str(error) or type(error).__name__}")
     return _Found(metadata, chunks, f"cut off or damaged at byte {end} of {len(data)}: it has no end")
