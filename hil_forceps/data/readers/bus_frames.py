@@ -63,9 +63,8 @@ def of_bus(path: Path, frames: Iterable[LoggedFrame], bus: str | None) -> Iterat
         elif len(others) < MAX_BUSES:
             others.add(frame.bus)
     if not is_there:
-        raise UserError(
-            f"{path}: no frame of a bus {bus!r} in it; --bus takes one of {', '.join(sorted(others)) or '-'}"
-        )
+        there = ", ".join(sorted(others)) or "no bus"
+        raise UserError(f"{path}: no frame of bus {bus!r} in it; --bus takes what is there: {there}")
 
 
 def _as_runs(kind: str) -> Callable[[Request], list[Run]]:

@@ -86,7 +86,7 @@ def asc_frames(path: Path, lines: Iterator[Line], account: Account) -> Iterator[
             continue
         if head.is_relative is None:
             told = (
-                "the head doesn't say what stamps count from; write `base hex timestamps absolute` (or relative) there"
+                "the head doesn't say what stamps count from; write there `base hex timestamps absolute`, or relative"
             )
             raise UserError(f"{path}:{line.number}: {told}")
         stamp_ns = seconds_ns(event[1], event[2])
