@@ -30,7 +30,7 @@ def _hang(_: int, __: FrameType | None) -> None:
     raise HangError
 
 
-def fuzz(name: str, fuzzer: Fuzzer, count: int, number: int) -> int:
+def fuzz(name: str, fuzzer: Fuzzer, count: int, number: int, *, shrink: bool = True) -> int:
     """Check so many inputs of one seed; return how many were read. Whatever a check raises goes through."""
     read = 0
 
@@ -38,13 +38,15 @@ def fuzz(name: str, fuzzer: Fuzzer, count: int, number: int) -> int:
         max_examples=count,
         deadline=None,
         database=None,
-        phases=(Phase.generate, Phase.shrink),
+        report_multiple_bugs=False,
+        phases=(Phase.generate, Phase.shrink) if shrink else (Phase.generate,),
         suppress_health_check=list(HealthCheck),
     )
     @seed(number)
     @given(fuzzer.inputs)
     def run(content: object) -> None:
         nonlocal read
+        signal.signal(signal.SIGVTALRM, _hang)
         signal.setitimer(signal.ITIMER_VIRTUAL, HANG_S)
         try:
             read += fuzzer.check(content)
@@ -63,7 +65,6 @@ latest: dict[str, object] = {}  # the last input of each fuzzer: after a finding
 
 def campaign(total: int, first_seed: int, names: Sequence[str], out: Path) -> int:
     """Share `total` inputs among the fuzzers; return how many found something."""
-    signal.signal(signal.SIGVTALRM, _hang)
     share = -(-total // len(names))
     bad = 0
     for name in names:
