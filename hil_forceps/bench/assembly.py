@@ -101,12 +101,19 @@ def _settings(values: Any) -> Settings:
     """Return settings out of JSON; TypeError or ValueError for what they can't be."""
     if not isinstance(values, dict) or not isinstance(points := values.get("trajectory"), dict):
         raise TypeError("no settings with a trajectory")
-    numbers = {name: tuple(float(number) for number in each) for name, each in points.items()}
+    numbers = {name: _numbers(each) for name, each in points.items()}
     settings = Settings(**{**values, "trajectory": Trajectory(**numbers)})
     if not isinstance(values.get("algorithm"), str):
         raise TypeError("an algorithm that is no name")
     if not all(isinstance(value, bool) for value in (settings.compensated, settings.same_clock)):
         raise TypeError("a yes or no that is neither")
-    if not 0.0 < float(settings.sample_time_s) <= MAX_SAMPLE_TIME_S:
-        raise ValueError(f"a sample time of {settings.sample_time_s} s")
+    (sample_time_s,) = _numbers([settings.sample_time_s])
+    if not 0.0 < sample_time_s <= MAX_SAMPLE_TIME_S:
+        raise ValueError(f"a sample time of {sample_time_s} s")
     return settings
+
+
+def _numbers(values: object) -> tuple[float, ...]:
+    if not isinstance(values, list) or not all(type(value) in {int, float} for value in values):
+        raise TypeError("no list of numbers")
+    return tuple(map(float, values))

@@ -119,7 +119,7 @@ def _layout(path: Path, line: int, header: str) -> tuple[Layout, list[str]]:
 def _blocks(path: Path, file: TextIO, line: int, notes: list[str]) -> Iterator[str]:
     """Yield the rest of the file in pieces that end where a line ends; a note where the file doesn't."""
     while text := file.read(BLOCK_CHARACTERS):
-        tail = "" if text.endswith("\n") else file.readline(LONGEST_LINE)
+        tail = "" if text.endswith("\n") or "\0" in text else file.readline(LONGEST_LINE)
         if len(tail) == LONGEST_LINE and not tail.endswith("\n"):
             raise UserError(f"{path}: a line of more than {LONGEST_LINE} characters: not a CSV file")
         text += tail

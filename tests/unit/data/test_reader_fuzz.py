@@ -54,7 +54,7 @@ def of_python_can(path: Path, account: Account) -> Iterator[LoggedFrame]:
 
 def endless(path: Path, account: Account) -> Iterator[LoggedFrame]:
     """Come to no end, and yield nothing."""
-    while path:
+    while path.name:
         account.others.clear()
     yield LoggedFrame(None, "", Frame(0, b""))
 
@@ -62,7 +62,6 @@ def endless(path: Path, account: Account) -> Iterator[LoggedFrame]:
 def uncounted(path: Path, account: Account) -> Iterator[LoggedFrame]:
     """Raise what Python raises."""
     raise ValueError(f"{path}: not enough values to unpack {account}")
-    yield
 
 
 # python-can leaves a file open when its reader is stopped.
