@@ -267,6 +267,8 @@ def test_blf_damage_of_other_kinds_is_told_with_its_place(tmp_path: Path) -> Non
         (whole[: second + 4], f"byte {second}: the end of the file, within an object"),
         (whole[: second + 33] + b"\xff" + whole[second + 34 :], f"at byte {second}, which can't be unpacked"),
         (whole[:second] + b"JUNK" + whole[second + 4 :], f"byte {second}, where no object begins"),
+        (whole[: second + 8] + bytes(4) + whole[second + 12 :], f"byte {second}, where an object says that it has 0"),
+        (whole[: second + 8] + b"\xff" * 4 + whole[second + 12 :], "where an object says that it has 4294967295"),
         (whole[: second + 16] + b"\x07" + whole[second + 17 :], "packed by method 7; only zlib"),
     ):
         found, account = read(tmp_path / "a.blf", changed)
