@@ -7,7 +7,7 @@ TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects fuzz hidden-effects real-data drive-costs benchmark wheel clean
+.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects fuzz fuzz-readers hidden-effects real-data drive-costs benchmark wheel clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 18
@@ -81,6 +81,13 @@ effects: install  ## put model and world together from the files of their effect
 # Ten million bytes into every reader and state machine of the Python side.
 fuzz: install  ## ten million bytes into every reader and state machine
 	$(PY) -m firmware_protocol.conformance.fuzz 10000000
+
+# Damaged files into every reader of logs, tables, recordings, rigs: some 2 ms an input. 100 000 take four minutes of a
+# core, N=10000000 a night of several: give each core a SEED of its own. The same N and SEED give the same inputs.
+N ?= 100000
+SEED ?= 0
+fuzz-readers: install  ## damaged files into every reader, N=100000 of them; N=10000000 at night
+	$(PY) -m tests.reader_fuzz.campaign $(N) --seed $(SEED) --out $(OUT)/reader-fuzz
 
 # Effects hidden in data and diagnosed, hours of it; goes on where it was stopped. Then the tables of docs/diagnosis.md.
 hidden-effects: install  ## the campaign of effects hidden in data; hours

@@ -77,7 +77,7 @@ def run(name: str, out: Path) -> Cost:
     reference_rad = np.array([PAPER_TRAJECTORY(t) for t in time_s[shown]])
     frames = list(read_frames(log))
     bits, busy_s = _line_use(rig, [each.frame for each in frames])
-    logged_s = frames[-1].time_s - frames[0].time_s
+    logged_s = ((frames[-1].time_ns or 0) - (frames[0].time_ns or 0)) * 1e-9
     return Cost(
         time_s[shown],
         truth["tau_w_N_m"][rows][shown],

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from firmware_protocol.messages import PROTOCOL_MAJOR, PROTOCOL_MINOR
 from hil_forceps import __version__
@@ -13,11 +13,13 @@ from hil_forceps.control.gate import DEFAULT_MAX_GAP_S, Gate
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.data.recording.reader import Recording
 from hil_forceps.data.recording.writer import Outcome
+from hil_forceps.data.strict_json import parse_json
 from hil_forceps.estimation.registry import ALGORITHMS, ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig, dump_rig, parse_rig
 from hil_forceps.rig.errors import UserError
 
 GAP_PERIODS = 5
+MAX_SAMPLE_TIME_S = 100.0  # the rig's longest, a thousand times over
 
 
 class Settings(NamedTuple):
@@ -90,8 +92,28 @@ def settings_of(recording: Recording) -> tuple[Rig, Settings]:
     """Return the rig and the settings that a recording was made with; UserError when it doesn't say."""
     try:
         rig = parse_rig(recording.metadata["rig"], f"{recording.name}: rig")
-        values = json.loads(recording.metadata["settings"])
-        values["trajectory"] = Trajectory(**{name: tuple(points) for name, points in values["trajectory"].items()})
-        return rig, Settings(**values)
+        return rig, _settings(parse_json(recording.metadata["settings"]))
     except (KeyError, TypeError, ValueError) as error:
         raise UserError(f"{recording.name}: does not say which rig and settings it was made with ({error})") from error
+
+
+def _settings(values: Any) -> Settings:
+    """Return settings out of JSON; TypeError or ValueError for what they can't be."""
+    if not isinstance(values, dict) or not isinstance(points := values.get("trajectory"), dict):
+        raise TypeError("no settings with a trajectory")
+    numbers = {name: _numbers(each) for name, each in points.items()}
+    settings = Settings(**{**values, "trajectory": Trajectory(**numbers)})
+    if not isinstance(values.get("algorithm"), str):
+        raise TypeError("an algorithm that is no name")
+    if not all(isinstance(value, bool) for value in (settings.compensated, settings.same_clock)):
+        raise TypeError("a yes or no that is neither")
+    (sample_time_s,) = _numbers([settings.sample_time_s])
+    if not 0.0 < sample_time_s <= MAX_SAMPLE_TIME_S:
+        raise ValueError(f"a sample time of {sample_time_s} s")
+    return settings
+
+
+def _numbers(values: object) -> tuple[float, ...]:
+    if not isinstance(values, list) or not all(type(value) in {int, float} for value in values):
+        raise TypeError("no list of numbers")
+    return tuple(map(float, values))

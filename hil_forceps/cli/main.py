@@ -3,7 +3,7 @@
 import logging
 import os
 import sys
-from typing import Any
+from typing import Any, TextIO
 
 from cyclopts import App, CycloptsError
 
@@ -48,6 +48,9 @@ for _name, _path, _help in (
 def main(arguments: list[str] | None = None) -> None:
     """Run one command; exit code 2 with one clear line for each thing that the user can mend."""
     logging.getLogger("can").setLevel(logging.CRITICAL)  # every problem is told once, by us
+    if _is_closed(sys.stdout):
+        sys.stderr.write("hil-forceps: standard output is closed; send it to a file, or to /dev/null\n")
+        sys.exit(EXIT_USER_ERROR)
     try:
         code = _run(arguments)
         sys.stdout.flush()
@@ -61,6 +64,10 @@ def main(arguments: list[str] | None = None) -> None:
         _drop_output()
         code = EXIT_USER_ERROR
     sys.exit(code)
+
+
+def _is_closed(stream: TextIO | None) -> bool:
+    return stream is None
 
 
 def _run(arguments: list[str] | None) -> int:

@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
+from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.audit.audit import Finding, Severity
@@ -26,7 +27,12 @@ WHERE_TO_GET = (
 _STYLES: dict[Severity, str] = {"problem": "bold red", "warning": "yellow", "note": "dim"}
 
 
-def read_sources(sources: Sequence[Path], progress: Progress, rig: Rig | None = None) -> list[tuple[Path, Run]]:
+def read_sources(
+    sources: Sequence[Path],
+    progress: Progress,
+    rig: Rig | None = None,
+    choice: Choice = Choice(),  # noqa: B008 - a constant
+) -> list[tuple[Path, Run]]:
     """Return every run of every source with its source; UserError with the problems of all of them."""
     missing = [source for source in sources if not source.exists()]
     if missing or not sources:
@@ -37,7 +43,7 @@ def read_sources(sources: Sequence[Path], progress: Progress, rig: Rig | None = 
     for source in sources:
         task = progress.add_task(f"reading {source.name}", total=None)
         try:
-            found += [(source, run) for run in read_run(source, _teller(progress, task), rig)]
+            found += [(source, run) for run in read_run(source, _teller(progress, task), rig, choice)]
         except UserError as error:
             problems += error.problems
         progress.remove_task(task)

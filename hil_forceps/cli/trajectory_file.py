@@ -1,29 +1,34 @@
 """Trajectories as files: `time_s,theta_j_rad`."""
 
 import csv
-import math
 from pathlib import Path
 
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.readers.csv_block import finite_number
 from hil_forceps.rig.errors import UserError
+
+MAX_FILE_BYTES = 64 << 20  # an hour at 1 kHz
 
 
 def read_trajectory(path: Path) -> Trajectory:
     """Read `time_s,theta_j_rad`; UserError with the line for anything but finite numbers and increasing times."""
     try:
-        rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: can't be read: {error}") from error
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 20} MiB; give fewer points")
+        text = path.read_text(encoding="utf-8-sig")
+        rows = list(csv.reader(text.splitlines()))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise UserError(f"{path}: can't be read: {error}; save it as CSV in UTF-8") from error
     if not rows or [cell.strip() for cell in rows[0]] != ["time_s", "theta_j_rad"]:
         raise UserError(f"{path}:1: the header must be time_s,theta_j_rad")
+    if not text.endswith("\n"):
+        raise UserError(f"{path}:{len(rows)}: the last line has no line end and may be cut off; complete it")
     points: list[tuple[float, float]] = []
     for line, row in enumerate(rows[1:], 2):
-        try:
-            time_s, angle_rad = (float(cell) for cell in row)
-        except ValueError:
-            raise UserError(f"{path}:{line}: '{','.join(row)}' is not two numbers") from None
-        if not (math.isfinite(time_s) and math.isfinite(angle_rad)):
-            raise UserError(f"{path}:{line}: not finite")
+        numbers = [number for cell in row if (number := finite_number(cell)) is not None]
+        if len(row) != 2 or len(numbers) != 2:
+            raise UserError(f"{path}:{line}: {','.join(row)[:60]!r} is not two finite numbers; correct the line")
+        time_s, angle_rad = numbers
         if points and time_s <= points[-1][0]:
             raise UserError(f"{path}:{line}: time_s does not increase")
         points.append((time_s, angle_rad))

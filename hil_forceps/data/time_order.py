@@ -9,6 +9,9 @@ from hil_forceps.rig.errors import UserError
 
 Columns = dict[str, Column]
 
+LONGEST_SAMPLE_TIME_S = 0.1  # of a drive's loop that a rig may state (hil_forceps/rig/sections.py)
+_UNITS_S = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
 
 def drop_repeats(columns: Columns, label: str, where: Callable[[int], str]) -> tuple[Columns, tuple[str, ...]]:
     """Drop each row that is equal to the row before it in every column; return the rest and a note.
@@ -41,3 +44,14 @@ def drop_repeats(columns: Columns, label: str, where: Callable[[int], str]) -> t
         f"{count} the row before and {'were' if late.size > 1 else 'was'} dropped, the first at {where(int(late[0]))}"
     )
     return {name: values[kept] for name, values in columns.items()}, (note,)
+
+
+def check_time_unit(time_s: Column, label: str) -> None:
+    """UserError where rows come so seldom that no drive does it: then the stamps are hardly seconds."""
+    usual_s = float(np.median(np.diff(time_s)))
+    if usual_s <= LONGEST_SAMPLE_TIME_S * (1.0 + 1e-9):
+        return
+    units = ((unit, size) for unit, size in _UNITS_S.items() if usual_s * size <= LONGEST_SAMPLE_TIME_S)
+    unit, size = next(units, ("ns", 1e-9))
+    told = f"time_s: rows are {usual_s:.6g} s apart, and no drive of a rig samples slower than every 0.1 s"
+    raise UserError(f"{label}: {told}; if the stamps are {unit}, multiply them by {size:g}")

@@ -9,8 +9,16 @@ class UserError(Exception):
     problems: tuple[str, ...]
 
     def __init__(self, problems: str | Sequence[str]) -> None:
-        self.problems = (problems,) if isinstance(problems, str) else tuple(problems)
+        each = (problems,) if isinstance(problems, str) else tuple(problems)
+        self.problems = tuple(map(_one_line, each))
         super().__init__(self.problems)
 
     def __str__(self) -> str:
         return "\n".join(self.problems)
+
+
+def _one_line(problem: str) -> str:
+    """Escape what would break the line, or steer a terminal: problems quote files and libraries."""
+    if problem.isprintable():
+        return problem
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in problem)

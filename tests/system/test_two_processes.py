@@ -164,7 +164,8 @@ def test_killed_run_leaves_a_faulted_drive_and_a_readable_recording(
     assert recording.result == {}
     assert len(recording.samples) > 100
     assert recording.samples["state"][-1] == DriveState.OPERATIONAL
-    assert recording.notes == ("recording is cut off: it has no end",)
+    (note,) = recording.notes
+    assert note.startswith("recording is cut off or damaged at byte ")
     replayed = start("replay", out / "run.mcap").end()
     assert replayed.code == 0
     assert "all identical" in replayed.out

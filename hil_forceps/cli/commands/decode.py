@@ -2,20 +2,22 @@
 
 import csv
 import json
-import re
+import math
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol, TextIO
 
 from cyclopts import Parameter
 
 from firmware_protocol import scales
 from firmware_protocol.codec import Decoder
-from firmware_protocol.frames import MAX_EXTENDED_ID, Frame
+from firmware_protocol.frames import Frame
 from firmware_protocol.messages import Control, DriveState, FaultReason, Message, ParamOp
-from hil_forceps.data.readers.bus_frames import LOG_SUFFIXES, Stamped, read_frames
+from hil_forceps.data.readers.bus_frames import LOG_SUFFIXES, of_bus, read_frames
+from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame, show
+from hil_forceps.data.readers.bus_logs.candump import parse_entry
 from hil_forceps.drives.framing import NATIVE, Framing
 from hil_forceps.drives.profile import Decoded
 from hil_forceps.drives.registry import PROFILES
@@ -32,20 +34,15 @@ _IN_SI = {
     "stamp_us": ("stamp_s", scales.STAMP_LSB_NS * 1e-9),
 }
 _NAMED = {"state": DriveState, "fault": FaultReason, "op": ParamOp}
-_CANDUMP = re.compile(
-    r"(?:\((?P<time>\d+\.\d+)\)\s+\S+\s+)?"
-    r"(?P<id>[0-9A-Fa-f]{8}|[0-9A-Fa-f]{3})#(?:(?P<remote>R\d?)|(?P<fd>#[0-9A-Fa-f])?(?P<data>(?:[0-9A-Fa-f]{2})*))"
-    r"(?:\s+[RT])?"
-)
 _SERIAL_SUFFIXES = {".bin"}
 _CHUNK_BYTES = 1 << 16
-_BASE_ID_DIGITS = 3
+_LONGEST_LINE = 4096
 
 
 class Printer(Protocol):
     """One way of showing a message."""
 
-    def __call__(self, stamped: Stamped, message: Decoded | None, reason: str) -> None:
+    def __call__(self, logged: LoggedFrame, message: Decoded | None, reason: str) -> None:
         """Show one frame; `message` is None when it was refused for `reason`."""
 
 
@@ -53,6 +50,8 @@ def decode(
     *source: Annotated[str, Parameter(allow_leading_hyphen=True)],
     form: Literal["text", "jsonl", "csv"] = "text",
     drive: ProfileName = "native",
+    bus: str | None = None,
+    node: int | None = None,
 ) -> int:
     """Decode frames (`081#1122334455667788`), bus logs (.log .asc .blf .trc) or serial captures (.bin).
 
@@ -63,9 +62,13 @@ def decode(
     source
         Frames as `candump -L` writes them, or files, or - for such lines on stdin.
     form
-        One line a frame for people, JSON lines, or CSV (time, id, message, signal, value).
+        One line a frame for people, JSON lines, or CSV (time, bus, id, message, signal, value).
     drive
         What the drive on the bus speaks.
+    bus
+        Of a log with several buses, the one to show: candump's interface, the channel of the others.
+    node
+        Show what is of this node alone.
     """
     if not source:
         raise UserError("decode: nothing to decode; give frames like 081#1122334455667788, a log file, or - for stdin")
@@ -78,14 +81,17 @@ def decode(
     refused = total = 0
     torn: Counter[str] = Counter()
     framing = NATIVE if drive == "native" else PROFILES[drive].framing
-    for stamped in _frames(source, torn, framing):
-        if stamped.frame.is_extended and not has_extended_ids:
+    damage: list[str] = []
+    for logged in _frames(source, bus, torn, damage, framing):
+        if logged.frame.is_extended and not has_extended_ids:
             continue  # somebody else's on the same bus
-        message, reason = read(stamped.frame)
-        printer(stamped, message, reason)
+        message, reason = read(logged.frame)
+        if node is not None and message is not None and message.values.get("node", node) != node:
+            continue
+        printer(logged, message, reason)
         total += 1
         refused += message is None
-    problems = [] if total or torn else [f"no frames in {' '.join(source)}"]
+    problems = [*damage] if total or torn else [*damage, f"no frames in {' '.join(source)}"]
     if refused:
         hint = "; where the drive speaks its maker's protocol, name it with --drive" if drive == "native" else ""
         problems.append(f"{refused} of {total} frames could not be decoded{hint}")
@@ -130,53 +136,60 @@ def _signal(name: str, value: int) -> tuple[str, Any]:
     return name, value
 
 
-def _frames(sources: Iterable[str], torn: Counter[str], framing: Framing) -> Iterator[Stamped]:
+def _frames(
+    sources: Iterable[str], bus: str | None, torn: Counter[str], damage: list[str], framing: Framing
+) -> Iterator[LoggedFrame]:
     for source in sources:
         if source == "-":
-            yield from _candump_lines(sys.stdin, "stdin")
+            yield from of_bus(Path("stdin"), _candump_lines(_stdin_lines(), "stdin"), bus)
         elif "#" in source:
             yield from _candump_lines([source], "argument")
         else:
-            yield from _file(Path(source), torn, framing)
+            yield from _file(Path(source), bus, torn, damage, framing)
 
 
-def _candump_lines(lines: Iterable[str], where: str) -> Iterator[Stamped]:
+def _stdin_lines() -> Iterator[str]:
+    stream: TextIO | None = sys.stdin
+    if stream is None:
+        raise UserError("decode -: standard input is closed; send frames there, or name a file")
+    return iter(lambda: stream.readline(_LONGEST_LINE), "")
+
+
+def _candump_lines(lines: Iterable[str], where: str) -> Iterator[LoggedFrame]:
     for number, line in enumerate(lines, 1):
         text = line.strip()
         if not text:
             continue
-        match = _CANDUMP.fullmatch(text)
-        if match is None:
-            raise UserError(f"{where}:{number}: '{text[:60]}' is not a frame; write hex id#data: 081#1122334455667788")
-        if match["remote"]:
-            continue  # somebody else's on the same bus, left out as in a log file
-        time_s = float(match["time"]) if match["time"] else None
-        is_extended = len(match["id"]) > _BASE_ID_DIGITS
-        arbitration_id = int(match["id"], 16)
-        if arbitration_id > MAX_EXTENDED_ID:
-            continue  # an error frame, as candump writes it
-        yield Stamped(time_s, Frame(arbitration_id, bytes.fromhex(match["data"]), match["fd"] is not None, is_extended))
+        entry = parse_entry(text)
+        if entry is None:
+            raise UserError(f"{where}:{number}: {show(text)} is not a frame; write hex id#data: 081#1122334455667788")
+        if entry.frame is not None:  # else somebody else's on the same bus, left out as in a log file
+            yield LoggedFrame(entry.time_ns, entry.bus, entry.frame)
 
 
-def _file(path: Path, torn: Counter[str], framing: Framing) -> Iterator[Stamped]:
+def _file(
+    path: Path, bus: str | None, torn: Counter[str], damage: list[str], framing: Framing
+) -> Iterator[LoggedFrame]:
     if not path.is_file():
         raise UserError(f"{path}: is a folder; name a file in it" if path.is_dir() else f"{path}: no such file")
     suffix = path.suffix.lower()
     if suffix in _SERIAL_SUFFIXES:
         yield from _serial_capture(path, torn, framing)
     elif suffix in LOG_SUFFIXES:
-        yield from read_frames(path)
+        account = Account()
+        yield from of_bus(path, read_frames(path, account=account), bus)
+        damage += [f"{path}: {told}" for told in account.told()]
     else:
         known = " ".join(sorted(LOG_SUFFIXES | _SERIAL_SUFFIXES))
         raise UserError(f"{path}: unknown kind of log '{path.suffix}'; known are {known}")
 
 
-def _serial_capture(path: Path, torn: Counter[str], framing: Framing) -> Iterator[Stamped]:
+def _serial_capture(path: Path, torn: Counter[str], framing: Framing) -> Iterator[LoggedFrame]:
     reader = framing.reader()
     with path.open("rb") as file:
         while chunk := file.read(_CHUNK_BYTES):
             for frame in reader.feed(chunk):
-                yield Stamped(None, frame)
+                yield LoggedFrame(None, "", frame)
     torn.update({name: count for name, count in reader.counters.items() if count})
 
 
@@ -189,40 +202,47 @@ def _id_digits(frame: Frame) -> str:
 
 
 def _text() -> Printer:
-    def show(stamped: Stamped, message: Decoded | None, reason: str) -> None:
-        time = "" if stamped.time_s is None else f"{stamped.time_s:.6f} "
+    def show_frame(logged: LoggedFrame, message: Decoded | None, reason: str) -> None:
+        time = "" if logged.time_s is None else f"{logged.time_s:.6f} "
+        bus = logged.bus and f"{logged.bus} "
         values = {} if message is None else message.values
         shown = " ".join(f"{k}={v:.9g}" if isinstance(v, float) else f"{k}={v}" for k, v in values.items())
-        raw = f"{_id_digits(stamped.frame)}#{stamped.frame.data.hex().upper()}"
-        sys.stdout.write(f"{time}{raw:<21} {_label(message, reason)} {shown}".rstrip() + "\n")
+        raw = f"{_id_digits(logged.frame)}#{logged.frame.data.hex().upper()}"
+        sys.stdout.write(f"{time}{bus}{raw:<21} {_label(message, reason)} {shown}".rstrip() + "\n")
 
-    return show
+    return show_frame
 
 
 def _jsonl() -> Printer:
-    def show(stamped: Stamped, message: Decoded | None, reason: str) -> None:
-        row: dict[str, Any] = {"time_s": stamped.time_s, "arbitration_id": stamped.frame.arbitration_id}
-        row |= {"is_extended": True} if stamped.frame.is_extended else {}
-        row["data"] = stamped.frame.data.hex()
-        row |= {"refused": reason} if message is None else {"message": message.name, **message.values}
-        sys.stdout.write(json.dumps(row) + "\n")
+    def show_frame(logged: LoggedFrame, message: Decoded | None, reason: str) -> None:
+        row: dict[str, Any] = {"time_s": logged.time_s, "bus": logged.bus or None}
+        row["arbitration_id"] = logged.frame.arbitration_id
+        row |= {"is_extended": True} if logged.frame.is_extended else {}
+        row["data"] = logged.frame.data.hex()
+        row |= {"refused": reason} if message is None else {"message": message.name, **_finite(message.values)}
+        sys.stdout.write(json.dumps(row, allow_nan=False) + "\n")
 
-    return show
+    return show_frame
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    """Replace what JSON has no number for: a maker's drive may send NaN and infinity as a 32-bit float."""
+    return {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in values.items()}
 
 
 def _csv() -> Printer:
     writer = csv.writer(sys.stdout, lineterminator="\n")
-    writer.writerow(("time_s", "arbitration_id", "message", "signal", "value"))
+    writer.writerow(("time_s", "bus", "arbitration_id", "message", "signal", "value"))
 
-    def show(stamped: Stamped, message: Decoded | None, reason: str) -> None:
-        head = (stamped.time_s, f"0x{_id_digits(stamped.frame)}", _label(message, reason))
+    def show_frame(logged: LoggedFrame, message: Decoded | None, reason: str) -> None:
+        head = (logged.time_s, logged.bus, f"0x{_id_digits(logged.frame)}", _label(message, reason))
         if message is None:
-            writer.writerow((*head, "", stamped.frame.data.hex()))
+            writer.writerow((*head, "", logged.frame.data.hex()))
             return
         for name, value in message.values.items():
             writer.writerow((*head, name, value))
 
-    return show
+    return show_frame
 
 
 _PRINTERS = {"text": _text, "jsonl": _jsonl, "csv": _csv}

@@ -19,6 +19,7 @@ from hil_forceps.cli.progress import progress_on
 from hil_forceps.cli.threads import over_threads
 from hil_forceps.cli.trajectory_file import write_trajectory
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.result import Diagnosis, Rung, to_json
@@ -43,6 +44,8 @@ def diagnose(
     without: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
     budget: float | None = None,
     figures: bool = False,
+    bus: str | None = None,
+    node: int | None = None,
 ) -> int:
     """Show what a rig's simulation gets wrong about measured runs, name the cause, extend the rig, measure the gain.
 
@@ -70,16 +73,22 @@ def diagnose(
         drive whose law is known.
     figures
         Write the figures as files, too.
+    bus
+        Of bus logs with drives on several buses, the one to read: candump's interface, the channel of the others.
+    node
+        Of bus logs with several drives, the one to read.
     """
     deadline = None if budget is None else time.monotonic() + budget
     if unknown := [name for name in without if name not in EFFECT_IDS]:
         raise UserError(f"--without {unknown[0]}: is no effect of the catalogue; see docs/diagnosis.md")
     if jobs is not None and jobs < 1:
         raise UserError(f"--jobs {jobs}: must be 1 or more")
+    if seed < 0:
+        raise UserError(f"--seed {seed}: must be 0 or more")
     if budget is not None and not budget > 0.0:
         raise UserError(f"--budget {budget}: must be more than 0 seconds")
     known = load_rig(rig)
-    read = _read(runs, known)
+    read = _read(runs, known, Choice(bus, node))
     make_folder(out)
     console = Console(stderr=True)
     threads = jobs or os.cpu_count() or 1
@@ -136,8 +145,8 @@ def _leave_trajectory(trajectory: Trajectory | None, path: Path) -> None:
         write_trajectory(trajectory, path)
 
 
-def _read(paths: Sequence[Path], rig: Rig) -> list[Run]:
-    read = [run for path in paths for run in read_run(path, rig=rig)]
+def _read(paths: Sequence[Path], rig: Rig, choice: Choice) -> list[Run]:
+    read = [run for path in paths for run in read_run(path, rig=rig, choice=choice)]
     if not read:
         raise UserError("no runs were given")
     names = [run.name for run in read]

@@ -11,6 +11,7 @@ from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.reading import bar, read_sources, show_audit
 from hil_forceps.data.readers.csv_table import write_csv
+from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.parquet_table import require_parquet, write_parquet
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.audit.audit import audit
@@ -23,6 +24,8 @@ def import_(
     out: Path | None = None,
     form: Annotated[Literal["csv", "parquet"], Parameter(name="--format")] = "csv",
     rig: Path | None = None,
+    bus: str | None = None,
+    node: int | None = None,
 ) -> int:
     """Write runs in the project's own format, one file each, SI units in the columns' names; audit them.
 
@@ -40,6 +43,10 @@ def import_(
     rig
         Rig file to audit against; without it only what needs no rig is looked at. Its section `recording:` says what a
         file doesn't hold: the rated torque, a constant load.
+    bus
+        Of a bus log with drives on several buses, the one to read: candump's interface, the channel of the others.
+    node
+        Of a bus log with several drives, the one to read.
     """
     if out is None:
         raise UserError("import: --out DIR is missing; name the folder for the runs")
@@ -47,7 +54,7 @@ def import_(
     if form == "parquet":
         require_parquet()
     with telling_when_compiling(), bar() as progress:
-        found = read_sources(source, progress, known)
+        found = read_sources(source, progress, known, Choice(bus, node))
         make_folder(out)
         paths = _paths(found, out, form)
         task = progress.add_task("writing", total=len(found))

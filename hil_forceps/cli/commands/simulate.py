@@ -13,6 +13,7 @@ from rich.table import Table
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.reading import bar, read_sources
+from hil_forceps.data.readers.format import Choice
 from hil_forceps.diagnosis.validation.beside import Beside, simulate_beside
 from hil_forceps.report.overlay import SHOWN, beside_figure
 from hil_forceps.report.save import save_figure
@@ -20,7 +21,7 @@ from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 
 
-def simulate(rig: Path, *, like: Path, out: Path | None = None) -> int:
+def simulate(rig: Path, *, like: Path, out: Path | None = None, bus: str | None = None, node: int | None = None) -> int:
     """Simulate what was measured: same reference and load, the rig's values as they are; print the errors.
 
     In closed loop when the rig has a `drive` and the run a reference. Else the measured motion drives the simulation,
@@ -34,12 +35,16 @@ def simulate(rig: Path, *, like: Path, out: Path | None = None) -> int:
         Run to simulate: any file or folder that `import` reads.
     out
         Folder for a CSV and a figure of each run.
+    bus
+        Of a bus log with drives on several buses, the one to read: candump's interface, the channel of the others.
+    node
+        Of a bus log with several drives, the one to read.
     """
     known = load_rig(rig)
     if out is not None:
         make_folder(out)
     with telling_when_compiling(), bar() as progress:
-        runs = [run for _, run in read_sources([like], progress)]
+        runs = [run for _, run in read_sources([like], progress, choice=Choice(bus, node))]
         task = progress.add_task("simulating", total=len(runs))
         results = []
         for run in runs:

@@ -1,67 +1,82 @@
-"""Frames out of the bus logs that python-can reads: candump, ASC, BLF, TRC."""
+"""Frames out of bus logs: candump, ASC, BLF, TRC."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import BinaryIO
 
-from firmware_protocol.frames import Frame
+from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame
+from hil_forceps.data.readers.bus_logs.asc import asc_frames
+from hil_forceps.data.readers.bus_logs.blf import MAGIC, blf_frames
+from hil_forceps.data.readers.bus_logs.candump import candump_frames
+from hil_forceps.data.readers.bus_logs.text_lines import text_lines
+from hil_forceps.data.readers.bus_logs.trc import trc_frames
 from hil_forceps.data.readers.format import Format, Request
 from hil_forceps.data.run import Run
 from hil_forceps.rig.errors import UserError
 
-LOG_SUFFIXES = frozenset({".log", ".asc", ".blf", ".trc"})
+MAX_BUSES = 256  # names of buses that are told; a log with more is none
+_TEXT_LOGS = {".log": candump_frames, ".asc": asc_frames, ".trc": trc_frames}
+LOG_SUFFIXES = frozenset((*_TEXT_LOGS, ".blf"))
 
 
-class Stamped(NamedTuple):
-    """A frame and when it was on the bus; None where nobody said."""
+def read_frames(path: Path, kind: str = "", account: Account | None = None) -> Iterator[LoggedFrame]:
+    """Yield the data frames, in the order of the log; what else stands in it goes to `account`.
 
-    time_s: float | None
-    frame: Frame
-
-
-def read_frames(path: Path, kind: str = "") -> Iterator[Stamped]:
-    """Yield the data frames, with ids of 11 and of 29 bits; error and remote frames are passed over.
-
-    `kind`, one of `LOG_SUFFIXES`, says the format, else the suffix does. UserError when there is no such file or it
-    can't be read as that.
+    `kind`, one of `LOG_SUFFIXES`, says the format, else the suffix does. At most one frame for each line of a text, or
+    for 16 unpacked bytes of a BLF. UserError when there is no such file, it isn't of that format, or nothing in it can
+    be read.
     """
-    import can  # noqa: PLC0415 - a third of a second that only this branch needs
-
     kind = kind or path.suffix.lower()
+    account = Account() if account is None else account
+    count = 0
     try:
-        # Opened here: a reader of python-can that refuses a file's head leaves the file open.
-        with _open(path, kind) as file:
-            for message in _reader(can, kind)(file):
-                if message.is_error_frame or message.is_remote_frame:
-                    continue
-                frame = Frame(message.arbitration_id, bytes(message.data), message.is_fd, message.is_extended_id)
-                yield Stamped(message.timestamp, frame)
+        with path.open("rb") as file:
+            for frame in _frames_of(path, file, kind, account):
+                count += 1
+                yield frame
     except OSError as error:
         raise UserError(f"{path}: not readable as a {kind} log: {error.strerror or error}") from error
-    except Exception as error:  # python-can's readers raise whatever their parsers raise on a broken file
-        raise UserError(f"{path}: not readable as a {kind} log: {error}") from error
+    if not count and (account.damage or account.unreadable):
+        first = account.first_unreadable or account.damage
+        remedy = "give it the suffix of what it is, or save it again"
+        raise UserError(f"{path}: not readable as a {kind} log: nothing in it is a frame, first {first}; {remedy}")
 
 
-def _open(path: Path, kind: str) -> IO[Any]:
-    return path.open("rb") if kind == ".blf" else path.open(encoding="utf-8")
+def _frames_of(path: Path, file: BinaryIO, kind: str, account: Account) -> Iterator[LoggedFrame]:
+    if kind == ".blf":
+        return blf_frames(path, file, account)
+    return _TEXT_LOGS[kind](path, text_lines(path, file), account)
 
 
-def _reader(can: Any, kind: str) -> Any:
-    readers = {".log": can.CanutilsLogReader, ".asc": can.ASCReader, ".blf": can.BLFReader, ".trc": can.TRCReader}
-    return readers[kind]
+def of_bus(path: Path, frames: Iterable[LoggedFrame], bus: str | None) -> Iterator[LoggedFrame]:
+    """Yield the frames of one bus, of all when None; UserError, with the buses there are, when none is of this one."""
+    if bus is None:
+        yield from frames
+        return
+    others: set[str] = set()
+    is_there = False
+    for frame in frames:
+        if frame.bus == bus:
+            is_there = True
+            yield frame
+        elif len(others) < MAX_BUSES:
+            others.add(frame.bus)
+    if not is_there:
+        there = ", ".join(sorted(others)) or "no bus"
+        raise UserError(f"{path}: no frame of bus {bus!r} in it; --bus takes what is there: {there}")
 
 
 def _as_runs(kind: str) -> Callable[[Request], list[Run]]:
     def read(request: Request) -> list[Run]:
-        from hil_forceps.data.readers.bus_run import read_bus_log  # noqa: PLC0415 - python-can, for bus logs only
+        from hil_forceps.data.readers.bus_run import read_bus_log  # noqa: PLC0415 - the protocol, for bus logs only
 
-        return read_bus_log(request.path, kind)
+        return read_bus_log(request.path, kind, request.choice)
 
     return read
 
 
-_CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]{3,8}#")
+_CANDUMP = re.compile(rb"(?:\xef\xbb\xbf)?\s*\([0-9]+\.[0-9]+\)\s+\S+\s+[0-9A-Fa-f]{3,8}#")
 # The service writes a recording and a bus log of one run: logs are read only where nothing else in a folder is a run.
 CANDUMP = Format(
     "candump",
@@ -72,5 +87,5 @@ CANDUMP = Format(
     in_folder="otherwise",
 )
 ASC = Format("ASC", (".asc",), _as_runs(".asc"), by_suffix=True, in_folder="otherwise")
-BLF = Format("BLF", (".blf",), _as_runs(".blf"), magic=(b"LOGG",), in_folder="otherwise")
+BLF = Format("BLF", (".blf",), _as_runs(".blf"), magic=(MAGIC,), in_folder="otherwise")
 TRC = Format("TRC", (".trc",), _as_runs(".trc"), by_suffix=True, in_folder="otherwise")

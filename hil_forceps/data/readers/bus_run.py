@@ -1,6 +1,6 @@
 """Runs out of a bus log: what host and drive said, put together as the host would have heard it."""
 
-import math
+from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,14 +10,17 @@ from firmware_protocol import scales
 from firmware_protocol.codec import Decoder
 from firmware_protocol.messages import BenchSensor, DriveState, FdFeedback, Feedback, Message, Setpoint, Timing
 from firmware_protocol.samples import RawBench, RawSample, SampleAssembler
-from hil_forceps.data.readers.bus_frames import read_frames
+from hil_forceps.data.readers.bus_frames import MAX_BUSES, of_bus, read_frames
+from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame
+from hil_forceps.data.readers.bus_logs.candump import RECORD_AGAIN
+from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.recording.reader import Recording
 from hil_forceps.data.recording.writer import Outcome
 from hil_forceps.data.run import Run
 from hil_forceps.rig.errors import UserError
 
 MAX_SAMPLES = 20_000_000
-_LONGEST_LOG_S = 1e9  # a stamp in s since 1970 is 1.8e9, and is counted from the log's first
+_LONGEST_LOG_NS = 10**18  # a stamp since 1970 is 1.8e18, and is counted from the log's first
 _SAMPLE = np.dtype(
     [
         ("stamp_ns", "i8"),
@@ -67,7 +70,7 @@ class _Drive:
         self.bench += self.assembler.take_bench()
         return not self.assembler.restarted
 
-    def recording(self, name: str, refused: int) -> Recording:
+    def recording(self, name: str, notes: tuple[str, ...]) -> Recording:
         """Return it as the service would have recorded it, without what only the service knows."""
         samples = np.zeros(len(self.samples), dtype=_SAMPLE)
         fields = list(zip(*self.samples, strict=True)) or [()] * len(RawSample._fields)
@@ -86,60 +89,122 @@ class _Drive:
             bench[field] = [reading[place] for reading in self.bench]
         bench["theta_j_rad"] *= scales.ANGLE_LSB_RAD
         bench["tau_w_N_m"] *= scales.BENCH_TORQUE_LSB_N_M
-        return Recording(name, {}, {}, samples, references, bench, np.empty(0, np.uint8), self._notes(refused))
+        return Recording(name, {}, {}, samples, references, bench, np.empty(0, np.uint8), (*self._lost(), *notes))
 
-    def _notes(self, refused: int) -> tuple[str, ...]:
+    def _lost(self) -> tuple[str, ...]:
         lost = self.counters["lost_feedback"]
-        notes = [f"{lost} samples are missing in the log"] if lost else []
-        return (*notes, f"{refused} frames of the log are not of this protocol") if refused else tuple(notes)
+        return (f"{lost} samples are missing in the log",) if lost else ()
 
 
-def read_bus_log(path: str | Path, kind: str = "") -> list[Run]:
+def read_bus_log(path: str | Path, kind: str = "", choice: Choice = Choice()) -> list[Run]:  # noqa: B008 - a constant
     """Return a run for each drive in the log, and for each time it was switched on and became operational.
 
-    `kind` as for `read_frames`. Raises UserError when the log can't be read or no drive in it ever became operational.
+    `kind` as for `read_frames`. Raises UserError when the log can't be read or says no times, when drives speak on
+    several buses and none is chosen, when what is chosen isn't there, or no drive in it ever became operational.
     """
     path = Path(path)
-    decoder = Decoder()
-    drives: dict[int, list[_Drive]] = {}
-    begin_s: float | None = None
-    count = 0
-    for stamped in read_frames(path, kind):
-        if stamped.frame.is_extended:
-            continue  # somebody else's on the same bus
-        message = decoder.decode(stamped.frame)
-        if message is None:
-            continue
-        time_s = stamped.time_s or 0.0
-        begin_s = time_s if begin_s is None else begin_s
-        if not abs(time_s - begin_s) < _LONGEST_LOG_S or not math.isfinite(begin_s):
-            raise UserError(f"{path}: frame {count + 1}: its time, {time_s!r} s, makes no sense")
-        count += 1
-        if count > MAX_SAMPLES:
-            raise UserError(f"{path}: more than {MAX_SAMPLES} frames; cut the log")
-        _hear(drives.setdefault(message.node, [_Drive()]), message, round((time_s - begin_s) * 1e9))
-    refused = sum(decoder.counters.values())
-    if not count:
-        raise UserError(f"{path}: no frame of this protocol in it ({refused} others)")
-    runs = _runs(path, drives, refused)
+    account = Account()
+    heard = _Heard(path)
+    for logged in of_bus(path, read_frames(path, kind, account), choice.bus):
+        heard.take(logged)
+    if not heard.count:
+        raise UserError(f"{path}: no frame of this protocol in it ({heard.refused} others){_said(account)}")
+    drives = heard.chosen(choice.node)
+    notes = (*heard.notes(), *account.told())
+    runs = [
+        (node, recording.to_run())
+        for node, each in sorted(drives.items())
+        for recording in (drive.recording(path.stem, notes) for drive in each)
+        if np.count_nonzero(recording.samples["state"] == DriveState.OPERATIONAL) > 1
+    ]
     if not runs:
-        raise UserError(f"{path}: holds no run: no drive in it ever became operational")
-    return runs
+        raise UserError(f"{path}: holds no run: no drive in it ever became operational{_said(account)}")
+    if len(runs) == 1:
+        return [runs[0][1]]
+    return [Run(f"{run.name}-node{node}-{place}", run.columns, run.notes) for place, (node, run) in enumerate(runs, 1)]
+
+
+def _said(account: Account) -> str:
+    return "".join(f"; {told}" for told in account.told())
+
+
+class _Heard:
+    """All that was said, by bus and node."""
+
+    def __init__(self, path: Path) -> None:
+        self.count = 0
+        self._path = path
+        self._decoder = Decoder()
+        self._drives: dict[str, dict[int, list[_Drive]]] = {}
+        self._counts: Counter[tuple[str, int]] = Counter()
+        self._begin_ns: int | None = None
+        self._last_ns = 0
+        self._steps_back = 0
+        self._longest_step_back_ns = 0
+
+    @property
+    def refused(self) -> int:
+        """How many frames are not of this protocol."""
+        return sum(self._decoder.counters.values())
+
+    def take(self, logged: LoggedFrame) -> None:
+        """Take one frame of the log."""
+        if logged.frame.is_extended:
+            return  # somebody else's on the same bus
+        message = self._decoder.decode(logged.frame)
+        if message is None:
+            return
+        if logged.time_ns is None:
+            raise UserError(f"{self._path}: its frames have no times; {RECORD_AGAIN}")
+        begin_ns = self._begin_ns = logged.time_ns if self._begin_ns is None else self._begin_ns
+        time_ns = logged.time_ns - begin_ns
+        if abs(time_ns) >= _LONGEST_LOG_NS:
+            told = f"its time, {logged.time_ns / 1e9:.6f} s, makes no sense after {begin_ns / 1e9:.6f} s"
+            raise UserError(f"{self._path}: frame {self.count + 1}: {told}; cut the log there")
+        if time_ns < self._last_ns:
+            self._steps_back += 1
+            self._longest_step_back_ns = max(self._longest_step_back_ns, self._last_ns - time_ns)
+        self._last_ns = time_ns
+        self.count += 1
+        if self.count > MAX_SAMPLES:
+            raise UserError(f"{self._path}: more than {MAX_SAMPLES} frames; cut the log")
+        nodes = self._drives.setdefault(logged.bus, {})
+        if len(self._drives) > MAX_BUSES:
+            raise UserError(f"{self._path}: names more than {MAX_BUSES} buses; choose one with --bus")
+        self._counts[logged.bus, message.node] += 1
+        _hear(nodes.setdefault(message.node, [_Drive()]), message, time_ns)
+
+    def chosen(self, node: int | None) -> dict[int, list[_Drive]]:
+        """Return the drives of the one bus, or of one node on it; UserError with all of them where that is unclear."""
+        if len(self._drives) > 1:
+            told = f"drives speak on {len(self._drives)} buses: {self._listed()}"
+            raise UserError(f"{self._path}: {told}; choose one with --bus")
+        (drives,) = self._drives.values()
+        if node is None:
+            return drives
+        if node not in drives:
+            raise UserError(f"{self._path}: node {node} isn't in it; --node takes one of {self._listed()}")
+        return {node: drives[node]}
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what is strange about the log's times and frames."""
+        notes = []
+        if self.refused:
+            notes.append(f"{self.refused} frames of the log are not of this protocol")
+        if self._steps_back:
+            longest_ms = self._longest_step_back_ns * 1e-6
+            notes.append(f"the log's time goes back {self._steps_back} times, by {longest_ms:.6g} ms at most")
+        return tuple(notes)
+
+    def _listed(self) -> str:
+        several = len(self._drives) > 1
+        return ", ".join(
+            f"{f'{bus or None} ' if several else ''}node {node} ({count} frames)"
+            for (bus, node), count in sorted(self._counts.items())[:MAX_BUSES]
+        )
 
 
 def _hear(drives: list[_Drive], message: Message, time_ns: int) -> None:
     if not drives[-1].hear(message, time_ns):
         drives.append(_Drive())
         drives[-1].hear(message, time_ns)
-
-
-def _runs(path: Path, drives: dict[int, list[_Drive]], refused: int) -> list[Run]:
-    heard = [(node, drive) for node, each in sorted(drives.items()) for drive in each]
-    runs = []
-    for node, drive in heard:
-        recording = drive.recording(path.stem, refused)
-        if np.count_nonzero(recording.samples["state"] == DriveState.OPERATIONAL) > 1:
-            runs.append((node, recording.to_run()))
-    if len(runs) == 1:
-        return [runs[0][1]]
-    return [Run(f"{run.name}-node{node}-{place}", run.columns, run.notes) for place, (node, run) in enumerate(runs, 1)]

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from hil_forceps.rig.errors import UserError
 Table = NDArray[np.float64]
 
 _SHOWN = 40
+_NUMBER = re.compile(r"[ \t]*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?[ \t]*")
 
 
 class Layout:
@@ -81,10 +83,9 @@ def _slow(path: Path, line: int, text: str, layout: Layout) -> Table:
 
 def finite_number(cell: str) -> float | None:
     """Return the number in a cell; None where there is none, or one that is not finite."""
-    try:
-        number = float(cell)
-    except ValueError:
+    if _NUMBER.fullmatch(cell) is None:  # float() takes 1_000 and digits of other scripts, too
         return None
+    number = float(cell)
     return number if math.isfinite(number) else None
 
 

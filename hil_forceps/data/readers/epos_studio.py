@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hil_forceps.data.readers.csv_block import finite_number
+from hil_forceps.data.readers.cut_text import whole_lines
 from hil_forceps.data.readers.format import Format
 from hil_forceps.data.run import ANGLE_FROM_SPEED, Column, Run
 from hil_forceps.data.time_order import drop_repeats
@@ -44,9 +45,10 @@ def read_epos_studio(path: Path, rig: Rig | None) -> Run:
 
     `rig` says the rated torque (`recording.rated_torque_N_m`) and the encoder's counts where the file needs them.
     """
-    table = _table(path, _text(path))
+    text, cut = _text(path)
+    table = _table(path, text)
     columns = {"time_s": _channel(path, table, 0, _SECONDS)}
-    notes: list[str] = []
+    notes = [cut] if cut else []
     used = {0}
     if (position := _find(table, "position actual value")) is not None:
         used.add(position)
@@ -75,17 +77,19 @@ def read_epos_studio(path: Path, rig: Rig | None) -> Run:
     return Run(path.stem, columns, (*notes, *more))
 
 
-def _text(path: Path) -> str:
+def _text(path: Path) -> tuple[str, str]:
+    """Return the text, and a note where its end is missing."""
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 20} MiB; not a recording of EPOS Studio")
         data = path.read_bytes()
     except OSError as error:
         raise UserError(f"{path}: {error.strerror or error}") from error
+    whole, cut = whole_lines(data)
     try:
-        return data.decode("utf-8-sig")
+        return whole.decode("utf-8-sig"), cut
     except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
+        return whole.decode("cp1252", errors="replace"), cut
 
 
 def _table(path: Path, text: str) -> _Table:

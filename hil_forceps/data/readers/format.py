@@ -6,8 +6,20 @@ from typing import Literal, NamedTuple
 
 from hil_forceps.data.run import Run
 from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
 
 Progress = Callable[[int, int], None]  # bytes read, bytes in all
+
+
+class NoRunError(UserError):
+    """A table of other people's: in a folder of runs it is left out, by itself it is refused."""
+
+
+class Choice(NamedTuple):
+    """What of a bus log is wanted; None where it may be all."""
+
+    bus: str | None = None  # an interface of candump, a channel of the others
+    node: int | None = None
 
 
 class Request(NamedTuple):
@@ -16,6 +28,7 @@ class Request(NamedTuple):
     path: Path
     progress: Progress | None = None
     rig: Rig | None = None  # what a recording of this format doesn't say may stand there
+    choice: Choice = Choice()
 
 
 class Format(NamedTuple):

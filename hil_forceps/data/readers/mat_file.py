@@ -37,10 +37,13 @@ def parse_mat(data: bytes, wanted: frozenset[str]) -> dict[str, NDArray[np.float
     if order is None:
         raise ValueError("its head names no byte order")
     found = {}
+    room = MAX_UNPACKED_BYTES
     for element in _elements(data[HEAD_BYTES:], order):
         body = element
         if element.type == _COMPRESSED:
-            body = next(_elements(_unpacked(element.data), order), element)
+            unpacked = _unpacked(element.data, room)
+            room -= len(unpacked)
+            body = next(_elements(unpacked, order), element)
         if body.type == _MATRIX:
             name, values = _matrix(body.data, order, wanted)
             if values is not None:
@@ -66,13 +69,13 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
         offset = after
 
 
-def _unpacked(data: bytes) -> bytes:
+def _unpacked(data: bytes, room: int) -> bytes:
     try:
-        unpacked = zlib.decompressobj().decompress(data, MAX_UNPACKED_BYTES + 1)
+        unpacked = zlib.decompressobj().decompress(data, room + 1)
     except zlib.error as error:
         raise ValueError(f"a variable can't be unpacked: {error}") from error
-    if len(unpacked) > MAX_UNPACKED_BYTES:
-        raise ValueError(f"a variable of more than {MAX_UNPACKED_BYTES >> 20} MiB")
+    if len(unpacked) > room:
+        raise ValueError(f"variables of more than {MAX_UNPACKED_BYTES >> 20} MiB in all")
     return unpacked
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from hil_forceps.data.column_names import name_problems
 from hil_forceps.data.readers.format import Format
 from hil_forceps.data.run import KNOWN_COLUMNS, Column, Run, columns_problem
-from hil_forceps.data.time_order import drop_repeats
+from hil_forceps.data.time_order import check_time_unit, drop_repeats
 from hil_forceps.rig.errors import UserError
 
 MAGIC = b"PAR1"
@@ -35,6 +35,7 @@ def read_parquet(path: str | Path) -> Run:
     if problem:
         raise UserError(f"{path}: {problem}")
     columns, more = drop_repeats(columns, str(path), lambda row: f"{path}: row {row + 1}")
+    check_time_unit(columns["time_s"], str(path))
     return Run(path.stem, columns, (*notes, *more))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from hil_forceps.data.readers import bus_frames, csv_table, emps, epos_studio, parquet_table, recording_file
 from hil_forceps.data.readers import surgical_tool as surgical
-from hil_forceps.data.readers.format import Format, Progress, Request
+from hil_forceps.data.readers.format import Choice, Format, NoRunError, Progress, Request
 from hil_forceps.data.run import Run
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -30,15 +30,20 @@ _SNIFFED_BYTES = 4096
 _HDF5 = b"\x89HDF"
 
 
-def read_run(path: str | Path, progress: Progress | None = None, rig: Rig | None = None) -> list[Run]:
+def read_run(
+    path: str | Path,
+    progress: Progress | None = None,
+    rig: Rig | None = None,
+    choice: Choice = Choice(),  # noqa: B008 - a constant
+) -> list[Run]:
     """Return every run in a file or folder, at least one; with a rig, what its recordings don't say is added.
 
     A file has one of `FORMATS`. A folder is a data set of the surgical tool, or holds files of any format; its bus logs
     are read only when nothing else in it is a run, for the service writes both of one run. `progress` is told bytes
-    read and bytes in all, of each CSV. Raises UserError, with the place in the file where there is one, for whatever
-    can't be used.
+    read and bytes in all, of each CSV. `choice` is of bus logs; other files have one bus. Raises UserError, with the
+    place in the file where there is one, for whatever can't be used.
     """
-    found = _read(Request(Path(path), progress, rig))
+    found = _read(Request(Path(path), progress, rig, choice))
     load_N_m = None if rig is None else rig.recording.constant_load_N_m
     return found if load_N_m is None else [_with_load(run, load_N_m) for run in found]
 
@@ -86,21 +91,28 @@ def _read(request: Request) -> list[Run]:
 def _folder(request: Request) -> list[Run]:
     suffixes = {suffix: each.in_folder for each in FORMATS for suffix in each.suffixes}
     files = sorted(file for file in request.path.iterdir() if file.suffix.lower() in suffixes and file.is_file())
+    seen = [file for file in files if not file.name.startswith(".")]
+    # macOS puts a ._ file beside each file on a disk of another system; none of them is anybody's run.
+    hidden = tuple(f"{file.name} was left out: a hidden file" for file in files if file.name.startswith("."))
     for turn in ("each", "otherwise"):
-        chosen = [file for file in files if suffixes[file.suffix.lower()] == turn]
+        chosen = [file for file in seen if suffixes[file.suffix.lower()] == turn]
         if chosen:
-            return _all(chosen, request)
+            return _all(chosen, request, hidden)
     return list(surgical.iter_surgical_tool(request.path))
 
 
-def _all(files: Iterable[Path], request: Request) -> list[Run]:
+def _all(files: Iterable[Path], request: Request, notes: tuple[str, ...]) -> list[Run]:
     runs: list[Run] = []
     problems: list[str] = []
+    strange: list[str] = []
     for file in files:
         try:
             runs += _read(request._replace(path=file))
+        except NoRunError as error:
+            strange += error.problems
+            notes += (f"{file.name} was left out: no column of a run is in it",)
         except UserError as error:
             problems += error.problems
-    if problems:
-        raise UserError(problems)
-    return runs
+    if problems or not runs:
+        raise UserError([*problems, *strange])
+    return [Run(run.name, run.columns, (*run.notes, *notes)) for run in runs] if notes else runs

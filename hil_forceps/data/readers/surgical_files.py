@@ -12,6 +12,7 @@ from hil_forceps.rig.errors import UserError
 MAX_FILE_BYTES = 16 << 20  # a run of 20 s has 1.2 MB
 MAX_FILES = 100  # two digits
 MAX_ZIP_ENTRIES = 10_000
+_SHOWN_CHARACTERS = 200
 
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _Home = TypeVar("_Home", Path, str)
@@ -70,7 +71,7 @@ def _archive(path: Path) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(path)
     except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
-        raise UserError(f"{path}: neither a folder nor a sound zip: {error}") from error
+        raise UserError(f"{path}: neither a folder nor a sound zip: {str(error)[:_SHOWN_CHARACTERS]}") from error
 
 
 def _bounded(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, label: str) -> bytes:
@@ -80,7 +81,7 @@ def _bounded(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, label: str) -> by
         with archive.open(entry) as file:
             data = file.read(MAX_FILE_BYTES + 1)  # the size in the zip's directory may lie
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
-        raise UserError(f"{label}: can't be unpacked: {error}") from error
+        raise UserError(f"{label}: can't be unpacked: {str(error)[:_SHOWN_CHARACTERS]}") from error
     if len(data) > MAX_FILE_BYTES:
         raise _too_large(label)
     return data

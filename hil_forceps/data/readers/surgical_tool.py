@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.data.readers.cut_text import whole_lines
 from hil_forceps.data.readers.format import Format, Request
 from hil_forceps.data.readers.surgical_files import MAX_FILE_BYTES, Member, open_data_set
 from hil_forceps.data.run import Column, Run, bad_row
@@ -69,13 +70,14 @@ def iter_surgical_tool(path: str | Path) -> Iterator[Run]:
     are mixed in one set.
     """
     first: tuple[str, str] | None = None
-    for member in open_data_set(path):
-        table = parse_table(member)
+    for found in open_data_set(path):
+        member, cut = _whole(found)
+        table = parse_table(member, cut)
         side = jaw_side(table)
         first = first or (side, member.label)
         if side != first[0]:
             raise UserError(f"{member.label}: a {side} jaw in one set with {first[1]}, a {first[0]} jaw")
-        yield to_run(member.name, table, side)
+        yield to_run(member.name, table, side, cut)
 
 
 def jaw_side(table: Table) -> str:
@@ -84,17 +86,23 @@ def jaw_side(table: Table) -> str:
     return "left" if float(np.median(spindle)) > 0 else "right"
 
 
-def to_run(name: str, table: Table, side: str) -> Run:
+def _whole(member: Member) -> tuple[Member, tuple[str, ...]]:
+    """Return the member with its whole lines, and a note where others were left out."""
+    data, cut = whole_lines(member.data)
+    return member._replace(data=data), (cut,) if cut else ()
+
+
+def to_run(name: str, table: Table, side: str, notes: tuple[str, ...] = ()) -> Run:
     """Convert raw columns [samples, 10] to SI and to the project's signs."""
     flip = 1.0 if side == "left" else -1.0
     columns: dict[str, Column] = {"time_s": table[:, TIME_POSITION]}
     for channel in CHANNELS:
         columns[channel.column] = flip * channel.scale * table[:, channel.position]
     brake = float(np.median(np.abs(table[:, BRAKE_POSITION])))
-    return Run(name, columns, (f"{side} jaw", f"jaw brake command {brake:.2f} A"))
+    return Run(name, columns, (f"{side} jaw", f"jaw brake command {brake:.2f} A", *notes))
 
 
-def parse_table(member: Member) -> Table:
+def parse_table(member: Member, notes: tuple[str, ...] = ()) -> Table:
     """Turn one file's text into numbers [samples, 10]; UserError names the line and column that do not fit."""
     lines = [
         (number, line)
@@ -106,7 +114,8 @@ def parse_table(member: Member) -> Table:
         if cells != COLUMN_COUNT:
             raise UserError(f"{member.label}:{number}: {cells} columns where the format has {COLUMN_COUNT}")
     if len(lines) < FEWEST_SAMPLES:
-        raise UserError(f"{member.label}: {len(lines)} samples; a run has at least {FEWEST_SAMPLES}")
+        told = "; ".join((f"{len(lines)} samples; a run has at least {FEWEST_SAMPLES}", *notes))
+        raise UserError(f"{member.label}: {told}")
     try:
         table: Table = np.loadtxt([line for _, line in lines], delimiter=",", comments=None, ndmin=2)
     except ValueError:
@@ -153,11 +162,11 @@ def _read_text(request: Request) -> list[Run]:
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 20} MiB")
-        member = Member(path.stem, str(path), path.read_bytes())
+        member, cut = _whole(Member(path.stem, str(path), path.read_bytes()))
     except OSError as error:
         raise UserError(f"{path}: {error.strerror or error}") from error
-    table = parse_table(member)
-    return [to_run(member.name, table, jaw_side(table))]
+    table = parse_table(member, cut)
+    return [to_run(member.name, table, jaw_side(table), cut)]
 
 
 TEXT = Format("surgical tool", (".txt",), _read_text, looks_like=_looks_like, in_folder="part")

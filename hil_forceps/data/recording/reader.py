@@ -5,6 +5,7 @@
 """
 
 import struct
+import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
@@ -18,13 +19,13 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 from mcap.records import Chunk as ChunkRecord
-from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from firmware_protocol.messages import DriveState
 from hil_forceps.data.recording.format import (
     BENCH,
+    COMPRESSION,
     MESSAGE_ENCODING,
     MESSAGE_HEAD,
     MESSAGE_START,
@@ -42,6 +43,8 @@ from hil_forceps.rig.errors import UserError
 Table = NDArray[np.void]
 
 LARGEST_RECORD = 1 << 28  # a length above this is damage, not data
+MAX_FILE_BYTES = 4 << 30
+MAX_UNPACKED_BYTES = 2 << 30  # of all chunks: five hours at 1 kHz
 BENCH_MATCH_NS = 100_000_000  # sequences repeat after 256 samples: a bench value belongs to a sample this near
 
 
@@ -75,6 +78,8 @@ class Recording:
         if rows.size < 2:
             raise UserError(f"{self.name}: holds no run: the drive never became operational")
         samples = self.samples[rows]
+        if problem := _sample_problem(samples):
+            raise UserError(f"{self.name}: {problem}; it is damaged: record again")
         columns = {
             "time_s": (samples["stamp_ns"] - samples["stamp_ns"][0]) * 1e-9,
             "theta_m_rad": samples["theta_m_rad"],
@@ -88,11 +93,13 @@ class Recording:
             notes.append(f"{np.count_nonzero(~np.isfinite(reference))} samples follow a reference that isn't recorded")
         if len(self.bench):
             index = match_bench(samples, self.bench)
-            if np.all(index >= 0):
+            known = np.isfinite(self.bench["theta_j_rad"]) & np.isfinite(self.bench["tau_w_N_m"])
+            if np.all(index >= 0) and np.all(known[index]):
                 columns["theta_j_rad"] = self.bench["theta_j_rad"][index]
                 columns["tau_w_N_m"] = self.bench["tau_w_N_m"][index]
             else:
-                notes.append(f"{np.count_nonzero(index < 0)} samples have no bench values; bench columns left out")
+                without = np.count_nonzero((index < 0) | ~known[index])
+                notes.append(f"{without} samples have no bench values; bench columns left out")
         return Run(self.name, {name: np.asarray(values, float) for name, values in columns.items()}, tuple(notes))
 
     def _followed(self, samples: Table) -> NDArray[np.float64]:
@@ -106,6 +113,18 @@ class Recording:
                 index = np.searchsorted(own["tick_ns"], samples["received_ns"][wanted], side="right") - 1
                 result[wanted[index >= 0]] = own["passed_rad"][index[index >= 0]]
         return result
+
+
+def _sample_problem(samples: Table) -> str:
+    """Say what a run can't have: only damage that a checksum didn't catch makes it."""
+    late = np.flatnonzero(~(np.diff(samples["stamp_ns"].astype(np.float64)) > 0))
+    if late.size:
+        return f"sample {late[0] + 2} is stamped no later than the one before it"
+    for name in ("theta_m_rad", "current_A"):
+        bad = np.flatnonzero(~np.isfinite(samples[name]))
+        if bad.size:
+            return f"sample {bad[0] + 1}: {name} is not a finite number"
+    return ""
 
 
 def match_bench(samples: Table, bench: Table) -> NDArray[np.int64]:
@@ -128,6 +147,8 @@ def match_bench(samples: Table, bench: Table) -> NDArray[np.int64]:
 def read_recording(path: Path) -> Recording:
     """Read one file; UserError when it can't be opened or isn't a recording of the bench."""
     try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 30} GiB; cut it (mcap filter)")
         data = path.read_bytes()
     except OSError as error:
         raise UserError(f"{path}: can't be read: {error.strerror}") from error
@@ -155,9 +176,10 @@ class _Found(NamedTuple):
 def _collect(data: bytes, name: str) -> _Found:
     metadata: dict[str, dict[str, str]] = {}
     chunks: list[bytes] = []
-    damage = "cut off: it has no end"
     schemas: dict[int, str] = {}
-    for opcode, body in _records(data):
+    room = MAX_UNPACKED_BYTES
+    end = len(MCAP0_MAGIC)
+    for opcode, body, end in _records(data):
         try:
             if opcode == Opcode.METADATA:
                 record = Metadata.read(_stream(body))
@@ -168,14 +190,14 @@ def _collect(data: bytes, name: str) -> _Found:
             elif opcode == Opcode.CHANNEL:
                 _check_channel(Channel.read(_stream(body)), schemas, name)
             elif opcode == Opcode.CHUNK:
-                chunks.append(_unpacked(ChunkRecord.read(_stream(body))))
+                chunks.append(_unpacked(ChunkRecord.read(_stream(body)), room))
+                room -= len(chunks[-1])
             elif opcode == Opcode.DATA_END:
-                damage = ""
-                break
-        except (McapError, ValueError, struct.error, zstandard.ZstdError, RuntimeError) as error:
-            damage = f"damaged after {len(chunks)} chunks: {error}"
-            break
-    return _Found(metadata, chunks, damage)
+                return _Found(metadata, chunks, "")
+        except (McapError, ValueError, struct.error, zstandard.ZstdError) as error:
+            place = f"after {len(chunks)} chunks, in the record that ends at byte {end}"
+            return _Found(metadata, chunks, f"damaged {place}: {str(error) or type(error).__name__}")
+    return _Found(metadata, chunks, f"cut off or damaged at byte {end} of {len(data)}: it has no end")
 
 
 def _assemble(found: _Found, name: str) -> Recording:
@@ -188,7 +210,7 @@ def _assemble(found: _Found, name: str) -> Recording:
         for channel, sequence, body in _messages(records):
             if len(body) != sizes.get(channel):
                 continue
-            gaps += sequence - expected[channel]
+            gaps += max(sequence - expected[channel], 0)
             expected[channel] = sequence + 1
             bodies[channel].append(body)
             order.append(channel)
@@ -212,16 +234,17 @@ def _assemble(found: _Found, name: str) -> Recording:
     )
 
 
-def _records(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield (opcode, body) of every whole record, until the data ends or makes no sense."""
+def _records(data: bytes) -> Iterator[tuple[int, bytes, int]]:
+    """Yield (opcode, body, end) of every whole record, until the data ends or makes no sense."""
     offset = 0 if not data.startswith(MCAP0_MAGIC) else len(MCAP0_MAGIC)
     while offset + RECORD_HEAD.size <= len(data):
         opcode, length = RECORD_HEAD.unpack_from(data, offset)
         offset += RECORD_HEAD.size
         if length > LARGEST_RECORD or offset + length > len(data):
             return
-        yield opcode, data[offset : offset + length]
+        body = data[offset : offset + length]
         offset += length
+        yield opcode, body, offset
 
 
 def _messages(records: bytes) -> Iterator[tuple[int, int, bytes]]:
@@ -243,11 +266,30 @@ def _stream(body: bytes) -> ReadDataStream:
     return ReadDataStream(BytesIO(body))
 
 
-def _unpacked(chunk: ChunkRecord) -> bytes:
-    if chunk.uncompressed_size > LARGEST_RECORD:
-        raise ValueError(f"a chunk of {chunk.uncompressed_size} bytes")
-    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-    return stream.read(length)
+def _unpacked(chunk: ChunkRecord, room: int) -> bytes:
+    """Return what a chunk holds; ValueError when it is more than `room`, or not what it says."""
+    size = chunk.uncompressed_size
+    if size > min(LARGEST_RECORD, room):
+        raise ValueError(f"a chunk of {size} bytes, {MAX_UNPACKED_BYTES >> 20} MiB are read of all")
+    if chunk.compression == COMPRESSION:
+        data = _inflated(chunk.data, size)
+    elif not chunk.compression:
+        data = chunk.data
+    else:
+        raise ValueError(f"a chunk packed by {chunk.compression[:20]!r}; recordings of the bench use {COMPRESSION}")
+    if len(data) != size:
+        raise ValueError(f"a chunk of {len(data)} bytes where it says {size}")
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("the checksum of a chunk is wrong")
+    return data
+
+
+def _inflated(packed: bytes, size: int) -> bytes:
+    """Unpack one frame; the size in its own head is not believed, for memory is asked for by it."""
+    if zstandard.frame_content_size(packed) not in {-1, size}:
+        raise ValueError("a chunk whose two sizes differ")
+    data: bytes = zstandard.decompress(packed, max_output_size=size)
+    return data
 
 
 def _check_channel(channel: Channel, schemas: Mapping[int, str], name: str) -> None:

@@ -134,6 +134,52 @@ def test_frames_of_others_are_left_out(call: Call, tmp_path: Path) -> None:
         assert out.count("Feedback") == out.count("\n") == 2
 
 
+def test_a_bus_and_a_node_may_be_chosen(call: Call, tmp_path: Path) -> None:
+    other = codec.encode(Feedback(2, 5, 6, 7))
+    lines = [f"(1.{n:06d}) can{n % 2} {text_of(FRAMES[n] if n % 3 else other)}\n" for n in range(6)]
+    (tmp_path / "two.log").write_text("".join(lines))
+    for source in ("two.log", "-"):
+        code, out, _ = call(source, "--form", "jsonl", stdin="".join(lines))
+        assert (code, [json.loads(line)["bus"] for line in out.splitlines()]) == (0, ["can0", "can1"] * 3)
+        code, out, _ = call(source, "--bus", "can1", stdin="".join(lines))
+        assert (code, out.count("\n"), out.count(" can1 ")) == (0, 3, 3)
+        code, out, _ = call(source, "--node", "2", stdin="".join(lines))
+        assert (code, out.count("\n"), out.count("node=2")) == (0, 2, 2)
+        code, out, err = call(source, "--bus", "can7", stdin="".join(lines))
+        assert (code, out) == (2, "")
+        assert "no frame of bus 'can7' in it; --bus takes what is there: can0, can1" in err
+
+
+def test_damage_to_a_log_is_told_behind_what_it_holds(call: Call, tmp_path: Path) -> None:
+    write_log(tmp_path / "a.log", FRAMES)
+    (tmp_path / "a.log").write_bytes((tmp_path / "a.log").read_bytes() + bytes(4096))
+    code, out, err = call("a.log")
+    assert (code, out.count("Feedback")) == (1, COUNT)
+    assert f"at line {COUNT + 1} (zero bytes" in err
+    assert err.count("\n") == 1
+
+
+def test_json_has_no_nan(call: Call) -> None:
+    input_position = "00C#0000C07F00000000"  # to an ODrive: NaN turns
+    code, out, _ = call(input_position, "--drive", "odrive", "--form", "jsonl")
+    assert code == 0
+    assert json.loads(out, parse_constant=pytest.fail)["position_rev"] is None
+    assert "position_rev=nan" in call(input_position, "--drive", "odrive")[1]
+
+
+def test_standard_input_that_is_closed_is_told(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(io, "StringIO", lambda _: None)
+    code, out, err = call("-")
+    assert (code, out) == (2, "")
+    assert err == "hil-forceps: decode -: standard input is closed; send frames there, or name a file\n"
+
+
+def test_standard_output_that_is_closed_is_told(tmp_path: Path) -> None:
+    done = shell(f"({installed(text_of(FRAMES[0]))} >&-)", tmp_path)
+    assert done.stdout == "2\n"
+    assert done.stderr == "hil-forceps: standard output is closed; send it to a file, or to /dev/null\n"
+
+
 def test_serial_capture(call: Call, tmp_path: Path) -> None:
     path = tmp_path / "line.bin"
     path.write_bytes(b"".join(map(encode_serial, FRAMES)))
@@ -181,8 +227,6 @@ def test_line_of_stdin_is_named(call: Call) -> None:
     assert err.startswith("hil-forceps: stdin:2: 'nonsense' is not a frame")
 
 
-# python-can leaves a BLF file open when it refuses it.
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -190,10 +234,10 @@ def test_line_of_stdin_is_named(call: Call) -> None:
         (["none.log"], "none.log: no such file"),
         (["folder"], "folder: is a folder"),
         (["text.txt"], "unknown kind of log '.txt'; known are .asc .bin .blf .log .trc"),
-        (["empty.blf"], "empty.blf: not readable as a .blf log"),
+        (["empty.blf"], "empty.blf: no BLF file"),
         (["noise.log"], "noise.log: not readable as a .log log"),
         (["noise.asc"], "noise.asc: not readable as a .asc log"),
-        (["noise.blf"], "noise.blf: not readable as a .blf log"),
+        (["noise.blf"], "noise.blf: no BLF file"),
         (["--frob", "081#00"], "unknown option --frob"),
         (["--form", "xml", "081#00"], "--form"),
     ],

@@ -10,6 +10,7 @@ from hil_forceps.cli.main import main
 from hil_forceps.data.readers.csv_table import write_csv
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.run import Run
+from tests.reader_fuzz.sound_logs import candump, traffic
 
 ROOT = Path(__file__).parents[3]
 Call = Callable[..., tuple[int, str, str]]
@@ -92,6 +93,17 @@ def test_names_that_meet_are_told_apart_or_refused(call: Call, tmp_path: Path) -
     code, _, err = call(tmp_path / "x" / "a.csv", "--out", tmp_path / "x")
     assert (code, "would overwrite what is being read" in err) == (2, True)
     assert (tmp_path / "x" / "a.csv").read_bytes() == before
+
+
+def test_one_bus_of_a_log_may_be_chosen(call: Call, tmp_path: Path) -> None:
+    lines = [line for bus in ("can0", "can1") for line in candump(traffic(30), bus)]
+    (tmp_path / "two.log").write_bytes(b"".join(lines))
+    code, _, err = call(tmp_path / "two.log", "--out", tmp_path / "out")
+    assert (code, "can0 node 1 (120 frames), can1 node 1 (120 frames); choose one with --bus" in err) == (2, True)
+    code, out, _ = call(tmp_path / "two.log", "--out", tmp_path / "out", "--bus", "can1", "--node", "1")
+    assert (code, "1 run, 28 samples" in out) == (0, True)
+    code, _, err = call(tmp_path / "two.log", "--out", tmp_path / "out", "--bus", "can1", "--node", "9")
+    assert (code, "--node takes one of node 1" in err) == (2, True)
 
 
 def test_out_is_needed(call: Call, tmp_path: Path) -> None:

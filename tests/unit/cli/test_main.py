@@ -213,10 +213,11 @@ def test_bench_without_what_it_needs_names_all_of_it(call: Call) -> None:
 def test_trajectory_file_is_checked_to_the_line(call: Call, tmp_path: Path) -> None:
     table = tmp_path / "t.csv"
     for rows, words in [
-        ("0,1\n1\n", ":3: '1' is not two numbers"),
+        ("0,1\n1\n", ":3: '1' is not two finite numbers; correct the line"),
         ("0,1\n0,1\n", ":3: time_s does not increase"),
-        ("0,inf\n", ":2: not finite"),
-        ("0,x\n", ":2: '0,x' is not two numbers"),
+        ("0,inf\n", ":2: '0,inf' is not two finite numbers; correct the line"),
+        ("0,x\n", ":2: '0,x' is not two finite numbers; correct the line"),
+        ("0,1\n1,2", ":3: the last line has no line end and may be cut off; complete it"),
         ("", ": holds no points"),
     ]:
         table.write_text("time_s,theta_j_rad\n" + rows)

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from hil_forceps.data.readers import csv_table
+from hil_forceps.data.readers import csv_table, mat_file
 from hil_forceps.data.readers.csv_table import write_csv
 from hil_forceps.data.readers.parquet_table import read_parquet, write_parquet
 from hil_forceps.data.readers.read_run import read_run
@@ -124,6 +124,7 @@ def test_rows_written_twice_are_dropped_and_told(tmp_path: Path) -> None:
 
 
 HEAD = "time_s,theta_m_rad,current_A\n"
+ZEROS = "line 5 holds zero bytes, as a power cut leaves them: it and what follows were left out"
 
 
 @pytest.mark.parametrize(
@@ -149,13 +150,72 @@ HEAD = "time_s,theta_m_rad,current_A\n"
         (HEAD + "0,1,0,5,2,3\n", "if commas are decimal marks, put semicolons between the cells"),
         (HEAD.replace(",", ";") + "0;1.000,5;2\n", ":2: column 2 (theta_m_rad): '1.000,5' has two decimal marks"),
         (HEAD.encode("utf-16"), "it looks like UTF-16"),
-        (HEAD.encode() + b"0,1,\xff\n", "byte 0xff is no UTF-8"),
+        (HEAD.encode() + b"0,1,2\n0,1,\xff\n", ":3: not a text file (byte 0xff is no UTF-8)"),
+        (HEAD + "0,1,1_000\n0.001,1,2\n", ":2: column 3 (current_A): '1_000' is not a finite number"),
+        (HEAD + "0,1,\u0663\n0.001,1,2\n", ":2: column 3 (current_A): '\u0663' is not a finite number"),
+        (HEAD + "0,1,2\n1,1,2\n2,1,2\n", "rows are 1 s apart"),
+        (HEAD + "0,1,2\n1,1,2\n2,1,2\n", "if the stamps are ms, multiply them by 0.001"),
+        (HEAD + "0,1,2\n1000,1,2\n2000,1,2\n", "if the stamps are us, multiply them by 1e-06"),
+        (HEAD + "1700000000000000000,1,2\n1700000000001000000,1,2\n", "if the stamps are ns, multiply them by 1e-09"),
+        (
+            HEAD + "0,1,2\n0.001,1,-8.3",
+            "2 are needed; line 3, the last, has no line end",
+        ),
         (bytes(5000), "zero bytes"),
         (HEAD + "0,1,2\n" + "1" * 100_000 + "," * 5_000_000, "a line of more than"),
     ],
 )
 def test_a_bad_csv_is_refused_with_place_and_remedy(content: str | bytes, message: str, tmp_path: Path) -> None:
     assert message in problem_of(tmp_path / "bad.csv", content)
+
+
+@pytest.mark.parametrize(
+    ("end", "told"),
+    [
+        ("0.003,1,-8.3", ("line 5, the last, has no line end and may be cut off: it was left out",)),
+        (
+            "0.003,1" + "\0" * 500,
+            (ZEROS,),
+        ),
+        (
+            "\0" * 10_000_000,
+            (ZEROS,),
+        ),
+        (
+            "\0\n0.003,1,2\n",
+            (ZEROS,),
+        ),
+        ("", ()),
+        ("# the end", ()),
+        ("  ", ()),
+    ],
+)
+def test_a_csv_that_was_cut_off_gives_its_whole_lines(end: str, told: tuple[str, ...], tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(HEAD + "0,1,2\n0.001,1,2\n0.002,1,-8.3e-06\n" + end)
+    (run,) = read_run(path)
+    assert run.columns["current_A"].tolist() == [2.0, 2.0, -8.3e-06]
+    assert run.notes == told
+
+
+def test_hidden_files_and_tables_of_others_in_a_folder_are_left_out(tmp_path: Path) -> None:
+    write_csv(a_run(), tmp_path / "b.csv")
+    (tmp_path / "._b.csv").write_bytes(b"\0\5\x16\7" + bytes(100))
+    (tmp_path / "shopping.csv").write_text("what,how many\nscrews,100\n")
+    (run,) = read_run(tmp_path)
+    assert run.notes == (
+        "._b.csv was left out: a hidden file",
+        "shopping.csv was left out: no column of a run is in it",
+    )
+    (tmp_path / "b.csv").unlink()
+    with pytest.raises(UserError, match="none of the columns of a run"):
+        read_run(tmp_path)
+
+
+def test_packed_variables_of_any_size_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mat_file, "MAX_UNPACKED_BYTES", 2000)
+    savemat(tmp_path / "a.mat", emps_variables(), do_compression=True)
+    assert "variables of more than" in problem_of(tmp_path / "a.mat", (tmp_path / "a.mat").read_bytes())
 
 
 def test_every_wrong_unit_is_told_at_once(tmp_path: Path) -> None:
@@ -165,7 +225,7 @@ def test_every_wrong_unit_is_told_at_once(tmp_path: Path) -> None:
 
 def test_a_channel_in_another_unit_beside_its_own_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("time_s,theta_m_rad,theta_m_deg,current_A\n0,1,57,2\n1,1,57,2\n")
+    path.write_text("time_s,theta_m_rad,theta_m_deg,current_A\n0,1,57,2\n0.001,1,57,2\n")
     (run,) = read_run(path)
     assert sorted(run.columns) == ["current_A", "theta_m_rad", "time_s"]
     assert run.notes == ("column 'theta_m_deg' is not one of a run and was left out (meant theta_m_rad?)",)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import make_reader
 
 from firmware_protocol.messages import DriveState
@@ -21,6 +22,7 @@ from hil_forceps.data.recording.reader import Recording, parse_recording, read_r
 from hil_forceps.data.recording.writer import Outcome, Recorder, RecordingReport, Reference, open_recorder
 from hil_forceps.estimation.interface import Estimate, Sample
 from hil_forceps.rig.errors import UserError
+from tests.reader_fuzz import sound_files
 
 MS = 1_000_000
 METADATA = {"algorithm": "kalman", "rig": "forceps:\n  motor: {µ: 1}\n"}
@@ -278,3 +280,48 @@ def test_bench_values_are_matched_by_sequence_nearby_in_time() -> None:
     run = gone.to_run()
     assert "theta_j_rad" not in run.columns
     assert any("260 samples have no bench values" in note for note in run.notes)
+
+
+def repacked(change: Callable[[bytes], bytes], at: int = 0) -> bytes:
+    """Return a recording whose chunk number `at` was changed, with the right checksum."""
+    found = sound_files.records(record(3000)[0])
+    chunks = [place for place, (opcode, _) in enumerate(found) if opcode == sound_files.CHUNK_OPCODE]
+    found[chunks[at]] = (sound_files.CHUNK_OPCODE, change(found[chunks[at]][1]))
+    return sound_files.mcap(found)
+
+
+def test_a_chunk_that_says_any_size_asks_for_no_memory() -> None:
+    data = bytearray(repacked(bytes))
+    at = data.index(zstandard.FRAME_HEADER)
+    place = data.rindex((4).to_bytes(4, "little") + b"zstd", 0, at) - 12  # uncompressed size: eight bytes, then the CRC
+    for size, told in ((1 << 60, "a chunk of 1152921504606846976 bytes"), (77, "a chunk whose two sizes differ")):
+        data[place : place + 8] = size.to_bytes(8, "little")
+        recording = parse_recording(bytes(data), "x")
+        assert len(recording.samples) == 0
+        assert "damaged after 0 chunks, in the record that ends at byte " in recording.notes[0]
+        assert told in recording.notes[0]
+
+
+def test_a_wrong_checksum_ends_the_reading_where_it_is() -> None:
+    data, _ = record(3000)
+    whole = parse_recording(data, "whole")
+    at = data.rindex(zstandard.FRAME_HEADER)
+    place = data.rindex((4).to_bytes(4, "little") + b"zstd", 0, at) - 4
+    part = parse_recording(data[:place] + b"\1\2\3\4" + data[place + 4 :], "part")
+    assert "the checksum of a chunk is wrong" in part.notes[0]
+    assert 0 < len(part.samples) < len(whole.samples)
+    assert is_prefix(part, whole)
+
+
+def test_other_ways_to_pack_are_no_guess() -> None:
+    data = repacked(bytes).replace((4).to_bytes(4, "little") + b"zstd", (4).to_bytes(4, "little") + b"lz4\0")
+    assert "a chunk packed by 'lz4\\x00'" in parse_recording(data, "x").notes[0]
+
+
+def test_samples_that_only_damage_makes_are_no_run() -> None:
+    def stand_still(chunk: bytes) -> bytes:
+        at = 10 * sum(topic.record.size for topic in TOPICS) + MESSAGE_HEAD.size
+        return chunk[:at] + bytes(8) + chunk[at + 8 :]
+
+    with pytest.raises(UserError, match="x: sample 8 is stamped no later than the one before it; it is damaged"):
+        parse_recording(repacked(stand_still), "x").to_run()

@@ -76,7 +76,7 @@ def test_csv_gives_back_the_same_bits(
     values: list[tuple[float, float]], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     table = np.array(values)
-    run = Run("r", {"time_s": np.arange(len(values)) / 3, "theta_m_rad": table[:, 0], "tau_m_N_m": table[:, 1]})
+    run = Run("r", {"time_s": np.arange(len(values)) / 30, "theta_m_rad": table[:, 0], "tau_m_N_m": table[:, 1]})
     path = tmp_path_factory.mktemp("csv") / "r.csv"
     write_csv(run, path)
     again = read_csv(path)

@@ -92,15 +92,15 @@ def replaced(line: int, change: Callable[[str], str]) -> str:
         ("", ": 0 samples; a run has at least 100"),
         (HEADER, ": 0 samples"),
         (text(count=20), ": 20 samples"),
-        (text()[:-30], ":302: 7 columns where the format has 10"),
+        (text()[:-30] + "\n", ":302: 7 columns where the format has 10"),
         (replaced(5, lambda line: line + ",7"), ":5: 11 columns"),
         (replaced(9, lambda _: "Dear reader"), ":9: 1 columns"),
         (replaced(9, lambda line: line.replace("0.3000", "0.3O00")), ":9: column 7: '0.3O00' is not a number"),
         (replaced(9, lambda line: line.replace("0.3000", "nan")), ":9: column 7: not a finite number"),
         (replaced(9, lambda line: "0.001" + line[5:]), ":9: column 1: time does not increase"),
         (text().replace("0.00", "0.0"), "column 1"),
-        ("\x00\xff", ":1: not a text file"),
-        (HEADER + "é" * 9, ":3: not a text file"),
+        ("\x00\xff", ": 0 samples; a run has at least 100; line 1 holds zero bytes"),
+        (HEADER + "é" * 9 + "\n", ":3: not a text file"),
     ],
 )
 def test_a_bad_file_is_refused_with_its_line(content: str, message: str, tmp_path: Path) -> None:
@@ -110,6 +110,14 @@ def test_a_bad_file_is_refused_with_its_line(content: str, message: str, tmp_pat
         read_surgical_tool(tmp_path)
     assert str(path) in str(caught.value)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(("end", "told"), [("", "has no line end"), ("\0" * 4096, "holds zero bytes")])
+def test_a_file_that_was_cut_off_gives_its_whole_lines(end: str, told: str, tmp_path: Path) -> None:
+    (tmp_path / "00.TXT").write_text(text()[:-2] + end)
+    (run,) = read_surgical_tool(tmp_path)
+    assert len(run) == 299
+    assert [note for note in run.notes if told in note and note.startswith("line 302")]
 
 
 def test_milliseconds_in_the_time_column_are_noticed(tmp_path: Path) -> None:

@@ -53,3 +53,34 @@ def test_a_file_that_is_far_too_long_is_not_read_to_its_end(tmp_path: Path) -> N
         file.truncate(1 << 40)  # sparse: a terabyte of noughts that takes no room
     with pytest.raises(UserError, match="that is no rig file"):
         load_rig(path)
+
+
+SIZE = 64 * 1024
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: &a [x, x]\n" + "".join(f"b{n}: &b{n} [*a, *a]\n" for n in range(3000)),
+        *(
+            word * (SIZE // len(word))
+            for word in ("{", "[", "- ", "? ", '"', ":", "a: ", "%", "---\n", "- a\n", "a: 1\n")
+        ),
+        "".join(f"k{n}: 1\n" for n in range(6000)),
+        "[" + "," * (SIZE - 2) + "]",
+        "{" + "a," * (SIZE // 2 - 2) + "}",
+        "a: " + "&a " * (SIZE // 3 - 3),
+        "a: " + "!a " * (SIZE // 3 - 3),
+        "a: " + "x" * (SIZE - 3),
+        'a: "' + "\\x" * (SIZE // 2 - 4),
+        "a: [" + "{a: b}, " * (SIZE // 8 - 4) + "]",
+    ],
+    ids=lambda text: text[:8],
+)
+def test_as_large_as_a_file_may_be_and_made_to_take_long(text: str, tmp_path: Path) -> None:
+    """References that multiply, nesting, one endless line: refused in a bounded number of short lines."""
+    (tmp_path / "r.yaml").write_text(text)
+    with pytest.raises(UserError) as caught:
+        load_rig(tmp_path / "r.yaml")
+    assert 1 <= len(caught.value.problems) <= 101
+    assert max(map(len, caught.value.problems)) < 400

@@ -1,0 +1,142 @@
+"""Files of all other kinds that runs, rigs and results are read from."""
+
+import importlib
+import io
+import json
+import struct
+import tempfile
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.records import Chunk
+from scipy.io import savemat
+
+from firmware_protocol.messages import DriveState
+from firmware_protocol.samples import RawBench, RawSample
+from hil_forceps.bench.assembly import Settings, metadata
+from hil_forceps.control.trajectories import PAPER_TRAJECTORY
+from hil_forceps.data.readers.csv_table import write_csv
+from hil_forceps.data.readers.parquet_table import write_parquet
+from hil_forceps.data.recording.writer import Outcome, Recorder, Reference
+from hil_forceps.data.run import Run
+from hil_forceps.estimation.interface import Estimate, Sample
+from hil_forceps.rig import load_rig
+
+ROOT = Path(__file__).parents[2]
+CHUNK_OPCODE = 6
+HEAD = struct.Struct("<BQ")
+MAGIC = b"\x89MCAP0\r\n"
+RIG = (ROOT / "configs" / "realistic.yaml").read_bytes()
+EPOS = (
+    "EPOS Studio Version:;3.7\r\n;Velocity Actual Value;Current Actual Value\r\nms;rpm;mA\r\n"
+    + "".join(f"{n}.000;{n}.5;{n},25\r\n" for n in range(20))
+).encode()
+SURGICAL = b"%a,b\n" + b"".join(b"%.3f,%d,3,0.2,4,5,0.3,0,%d,9\n" % (n * 1e-3, 1000 - n, n) for n in range(110))
+JSON = json.dumps({"a": [1, 2.5, None, True, {"b": 'ä\\"['}], "c": -1e-3, "d": {}}).encode()
+
+
+def a_run(count: int) -> Run:
+    """Return a run with a load."""
+    time_s = np.arange(count) / 1000
+    names = ("theta_m_ref_rad", "theta_m_rad", "current_A", "theta_j_rad", "tau_w_N_m")
+    values = np.random.default_rng(count).normal(size=(len(names), count)) * 1e-3
+    return Run("a", {"time_s": time_s, **dict(zip(names, values, strict=True))})
+
+
+def tables() -> dict[str, bytes]:
+    """Return a run of 20 rows as CSV, Parquet (plain, and packed), and the surgical tool's text in a zip."""
+    arrow: Any = importlib.import_module("pyarrow")
+    parquet: Any = importlib.import_module("pyarrow.parquet")
+    run = a_run(20)
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("11.TXT", SURGICAL)
+    with tempfile.TemporaryDirectory() as folder:
+        home = Path(folder)
+        write_csv(run, home / "a.csv")
+        write_parquet(run, home / "a.parquet")
+        plain = arrow.table(dict(run.columns))
+        parquet.write_table(plain, home / "b.parquet", compression="none", use_dictionary=False)
+        return {file.name: file.read_bytes() for file in home.iterdir()} | {"a.zip": packed.getvalue()}
+
+
+def mat() -> bytes:
+    """Return a file of EMPS, not packed."""
+    time_s = np.arange(20) / 1000
+    series = {"t": time_s, "qg": 0.2 * time_s, "qm": 0.199 * time_s, "vir": np.cos(time_s)}
+    file = io.BytesIO()
+    savemat(file, {**{k: v[:, None] for k, v in series.items()}, "gtau": 35.15, "kp": 160.18, "kv": 243.45})
+    return file.getvalue()
+
+
+def packed_mat(plain: bytes) -> bytes:
+    """Return the same file with each variable packed; what is behind the last whole one is left as it is."""
+    out, at = plain[:128], 128
+    while at + 8 <= len(plain):
+        size = 8 + int.from_bytes(plain[at + 4 : at + 8], "little")
+        packed = zlib.compress(plain[at : at + size])
+        out += struct.pack("<II", 15, len(packed)) + packed
+        at += size
+    return out
+
+
+class _Kept(io.BytesIO):
+    def close(self) -> None:
+        self.kept = self.getvalue()
+        super().close()
+
+
+def recording(ticks: int) -> bytes:
+    """Return a recording with all that a `run` writes."""
+    rig = load_rig(ROOT / "configs" / "realistic.yaml")
+    file = _Kept()
+    settings = Settings("kalman", True, 1e-3, PAPER_TRAJECTORY)
+    recorder = Recorder(file, metadata(rig, settings, {}), False)
+    for k in range(ticks):
+        now = k * 1_000_000
+        state = DriveState.OPERATIONAL if k >= 3 else DriveState.ARMED
+        raw = RawSample(k % 256, now, 1000 + k, -5, state, 0, max(k - 1, 0) % 256, now + 350_000)
+        recorder.sample(raw, Sample(now, 0.1 * k, -1.35e-5), Estimate(1e-3, 2e-5))
+        recorder.bench(RawBench(k % 256, k, 9, now + 400_000))
+        reference = Reference(now + 600_000, now, now, k, 1.5, 2e-5, 0.25 * k, 0.25 * k, 16, k % 256)
+        recorder.reference(reference, now + 610_000, Outcome.SENT, k % 256)
+    recorder.close({"reason": "completed"})
+    return file.kept
+
+
+def records(data: bytes) -> list[tuple[int, bytes]]:
+    """Return the records of an MCAP file, chunks unpacked (with their head of 40 bytes left away)."""
+    found, at = [], len(MAGIC)
+    while at + HEAD.size <= len(data) - len(MAGIC):
+        opcode, size = HEAD.unpack_from(data, at)
+        body = data[at + HEAD.size : at + HEAD.size + size]
+        found.append((opcode, _unpacked(body) if opcode == CHUNK_OPCODE else body))
+        at += HEAD.size + size
+    return found
+
+
+def mcap(found: list[tuple[int, bytes]]) -> bytes:
+    """Put records together again, chunks packed and with the right checksum."""
+    return MAGIC + b"".join(
+        _chunk(body) if opcode == CHUNK_OPCODE else HEAD.pack(opcode, len(body)) + body for opcode, body in found
+    )
+
+
+def _unpacked(body: bytes) -> bytes:
+    zstandard: Any = importlib.import_module("zstandard")
+    chunk = Chunk.read(ReadDataStream(io.BytesIO(body)))
+    data: bytes = zstandard.decompress(chunk.data)
+    return data
+
+
+def _chunk(data: bytes) -> bytes:
+    zstandard: Any = importlib.import_module("zstandard")
+    builder = RecordBuilder()
+    packed = zstandard.compress(data)
+    Chunk("zstd", packed, 0, 0, zlib.crc32(data), len(data)).write(builder)
+    out: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return out
