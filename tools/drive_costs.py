@@ -32,6 +32,7 @@ RIGS = {
     "native": CONFIGS / "realistic.yaml",
     "odrive": CONFIGS / "drives" / "odrive.yaml",
     "cia402": CONFIGS / "drives" / "cia402.yaml",
+    "vesc": CONFIGS / "drives" / "vesc.yaml",
 }
 SIMULATION, SEED, DURATION_S = 2, 1, 20.0
 STEADY_S = STEADY_WINDOW_S[SIMULATION]

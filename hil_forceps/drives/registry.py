@@ -7,10 +7,11 @@ from hil_forceps.drives.cia402.profile import PROFILE as CIA402
 from hil_forceps.drives.odrive.profile import PROFILE as ODRIVE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
+from hil_forceps.drives.vesc.profile import PROFILE as VESC
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import MotorDriver
 
-PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402)}
+PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402, VESC)}
 
 
 def maker_profile(rig: Rig) -> tuple[Profile, MotorDriver] | None:

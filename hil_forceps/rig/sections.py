@@ -220,7 +220,7 @@ def _version(given: object) -> object:
 
 MIN_ENCODER_RATIO = 1e-4  # turns of an encoder for a turn of the pulley, of either sign
 
-ProfileName = Literal["native", "odrive", "cia402"]
+ProfileName = Literal["native", "odrive", "cia402", "vesc"]
 
 
 class MotorDriver(Section):
@@ -230,8 +230,8 @@ class MotorDriver(Section):
     firmware: Annotated[Literal["0.5", "0.6"], BeforeValidator(_version)] = Field(
         default="0.6", description="of an ODrive"
     )
-    node_id: Annotated[Whole, Quantity("", 0, 126)] = Field(
-        default=1, description="its node on the bus; an ODrive's is 62 at most"
+    node_id: Annotated[Whole, Quantity("", 0, 252)] = Field(
+        default=1, description="its node on the bus; an ODrive's is 62 at most, a CANopen drive's 126"
     )
     encoder_rev_per_pulley_rev: Annotated[Number, Quantity("", -1e4, 1e4), AfterValidator(_turning)] = Field(
         default=1.0, description="turns of the encoder for a turn of the motor pulley; negative: it counts backwards"
@@ -257,7 +257,9 @@ class MotorDriver(Section):
         description="unit of `current_object`; of 6078h it is a thousandth of the rated current (6075h, in mA)",
     )
     watchdog_s: Annotated[Number, Quantity("s", 0.0, 10.0)] = Field(
-        default=0.1, description="its watchdog's time, 0: off; set in an ODrive, written to a CiA 402 drive (1016h)"
+        default=0.1,
+        description="its watchdog's time, 0: off; set in an ODrive or a VESC (its timeout), written to a CiA 402 drive "
+        "(1016h)",
     )
 
 

@@ -7,6 +7,7 @@ from hil_forceps.rig import Rig
 from virtual_bus.bus.node import Node
 from virtual_bus.drives.cia402 import SimulatedCia402
 from virtual_bus.drives.odrive import SimulatedODrive
+from virtual_bus.drives.vesc import SimulatedVesc
 from virtual_bus.plant.load import LoadProfile
 from virtual_bus.truth_log import TruthLog
 
@@ -37,4 +38,8 @@ class _Maker(Protocol):
         """Make the drive of a rig; UserError when that doesn't say enough."""
 
 
-SIMULATED_DRIVES: Final[dict[str, _Maker]] = {"odrive": SimulatedODrive, "cia402": SimulatedCia402}
+SIMULATED_DRIVES: Final[dict[str, _Maker]] = {
+    "odrive": SimulatedODrive,
+    "cia402": SimulatedCia402,
+    "vesc": SimulatedVesc,
+}

@@ -1,0 +1,438 @@
+"""A VESC over CAN, as the host sees it.
+
+    DISCONNECTED -> IDENTIFYING  from now on it is asked for its values at each tick; its timeout is tried
+                                 (`timeout_trial.py`)
+    IDENTIFYING  -> READY        its timeout is as it should be, it has no fault, no current flows, the turn is known
+    IDENTIFYING  -> REFUSED      one of these isn't so
+    READY        -> ENABLING     the first reference is the measured angle; a VESC has torque from the first SET_POS on,
+                                 so it is sent again as it was until answers from behind it say that it was taken
+    ENABLING     -> RUNNING      they do: no timeout, no fault
+    RUNNING      -> READY        somebody disables it
+    any          -> FAULT        an answer has a fault, an expired timeout or the kill switch, or references stayed away
+                                 for as long as the timeout
+    FAULT        -> IDENTIFYING  the fault has gone, and was asked to be reset. A VESC forgets it by itself after 500 ms
+                                 and takes the next reference as if nothing had been: so none is sent any more
+    any          -> REFUSED      somebody else commands this VESC, two answer with its id, or its turn was lost
+    any          -> DISCONNECTED no answer for `SILENCE_NS`, or it says that it has booted
+
+Only commands feed a VESC's timeout; the requests don't, so they go on while it runs.
+
+A VESC has no word for "no torque". What is taken for it: the release was ordered, answers came from behind that order,
+and `QUIET_ANSWERS` of them in a row say 0.00 A, which firmware that has stopped its modulation says exactly. A motor
+that is commanded 0 A and measures none would say the same.
+
+Nothing is stamped. Angle and current come in one answer; its stamp is when its first fragment arrived. The current is
+the mean since the last answer, to whomever that went.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+from firmware_protocol.frames import Frame
+from firmware_protocol.messages import DriveState
+from firmware_protocol.samples import RawBench, RawSample
+from firmware_protocol.scales import ANGLE_LSB_PER_REV
+from firmware_protocol.states import HostPhase
+from hil_forceps.drives import sample_queue
+from hil_forceps.drives.vesc import messages as wire
+from hil_forceps.drives.vesc.answers import Answer, Answers
+from hil_forceps.drives.vesc.faults import fault_words
+from hil_forceps.drives.vesc.messages import Command
+from hil_forceps.drives.vesc.timeout_trial import REPEAT_NS, Stage, TimeoutTrial
+from hil_forceps.drives.vesc.turns import Turns, TurnsConfig
+
+SILENCE_NS: Final = 100_000_000  # without an answer; a boot takes longer
+IDENTIFY_NS: Final = 1_000_000_000  # for answers to come, or for the current to end
+FLIGHT_NS: Final = 10_000_000  # for an order to arrive, and for an answer from before it to have come
+QUIET_ANSWERS: Final = 3
+TAKEN_ANSWERS: Final = 3
+MAX_UNASKED: Final = 3  # answers that nobody asked for, as two VESCs with one id send them
+MAX_OWED: Final = 4
+_SEQUENCE_MASK: Final = 0xFF
+
+COUNTERS: Final = (
+    "setpoints_sent",
+    "requests_sent",
+    "unanswered",  # requests that the next one overtook
+    "unasked",  # answers without a request
+    "torn_answers",
+    "bad_answers",
+    "jumps",  # angles further away than the motor can have come
+    "broadcasts",  # STATUS frames: its current has no direction there, and steps of 0.1 A
+    "not_for_us",
+    *sample_queue.COUNTERS,
+)
+
+P = HostPhase
+# Events are what the drive says and what the user asks for; an event that a phase doesn't name changes nothing.
+TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
+    (P.DISCONNECTED, "connect"): P.IDENTIFYING,
+    (P.REFUSED, "connect"): P.IDENTIFYING,
+    (P.IDENTIFYING, "complete"): P.READY,
+    (P.IDENTIFYING, "refuse"): P.REFUSED,
+    (P.IDENTIFYING, "error"): P.FAULT,
+    (P.READY, "enable"): P.ENABLING,
+    (P.READY, "refuse"): P.REFUSED,
+    (P.READY, "error"): P.FAULT,
+    (P.READY, "gone"): P.DISCONNECTED,
+    (P.ENABLING, "taken"): P.RUNNING,
+    (P.ENABLING, "disable"): P.READY,
+    (P.ENABLING, "refuse"): P.REFUSED,
+    (P.ENABLING, "error"): P.FAULT,
+    (P.ENABLING, "gone"): P.DISCONNECTED,
+    (P.RUNNING, "disable"): P.READY,
+    (P.RUNNING, "refuse"): P.REFUSED,
+    (P.RUNNING, "error"): P.FAULT,
+    (P.RUNNING, "gone"): P.DISCONNECTED,
+    (P.FAULT, "cleared"): P.IDENTIFYING,
+    (P.FAULT, "refuse"): P.REFUSED,
+    (P.FAULT, "gone"): P.DISCONNECTED,
+}
+_LIVE: Final = frozenset({P.IDENTIFYING, P.READY, P.ENABLING, P.RUNNING, P.FAULT})
+_MAY_HAVE_TORQUE: Final = frozenset({P.ENABLING, P.RUNNING})
+
+
+class VescConfig(NamedTuple):
+    """One VESC and how it sits on the motor pulley."""
+
+    node: int
+    rev_per_pulley_rev: float  # of the angle that the VESC tells, with the sign of the direction
+    zero_rev: float  # what the VESC calls the angle 0 of the motor pulley
+    timeout_ns: int  # of the VESC
+    turns: TurnsConfig
+
+
+class Vesc:
+    """One motor of a VESC; a `DriveMachine`."""
+
+    def __init__(self, config: VescConfig) -> None:
+        """ValueError for a node, a ratio or a time that can't be."""
+        is_one = 0 <= config.node <= wire.MAX_NODE and config.rev_per_pulley_rev != 0.0
+        if not is_one or config.timeout_ns <= 0:
+            raise ValueError(f"no VESC: {config}")
+        self.config = config
+        self.phase = HostPhase.DISCONNECTED
+        self.refusal = ""
+        self.drive_state: DriveState | None = None
+        self.setpoint_sequence = 0
+        self.counters = dict.fromkeys(COUNTERS, 0)
+        self._answers = Answers(self.counters)
+        self._turns = Turns(config.turns)
+        self._trial = TimeoutTrial(config.timeout_ns)
+        self._samples = sample_queue.SampleQueue(self.counters)
+        self._fault = ""
+        self._since_ns = 0  # of the phase
+        self._answer_ns: int | None = None  # of the last answer
+        self._heard_broadcast = False
+        self._owed = 0  # answers that were asked for and haven't come
+        self._stamp_ns = -1
+        self._quiet = 0  # answers in a row without current
+        self._held_raw: int | None = None  # the first reference
+        self._is_new_reference = False  # one went out since the last tick
+        self._reference_first_ns: int | None = None
+        self._reference_last_ns = 0
+        self._taken = 0  # answers in a row from behind the first reference that have nothing against it
+        self._wants_release = False
+        self._release_first_ns: int | None = None
+        self._release_last_ns = 0
+        self._resets = False
+
+    def connect(self, now_ns: int) -> None:
+        """Begin to ask; ValueError while connected."""
+        if self.phase not in {HostPhase.DISCONNECTED, HostPhase.REFUSED}:
+            raise ValueError(f"a VESC that is {self.phase.name} is connected already")
+        self.refusal, self._fault, self._heard_broadcast = "", "", False
+        self._answer_ns = None
+        self._identify_from(now_ns)
+        self._fire("connect")
+
+    def enable(self) -> None:
+        """Ask for position control; ValueError unless READY."""
+        if self.phase is not HostPhase.READY:
+            raise ValueError(f"a VESC that is {self.phase.name} can't be enabled")
+        self._forget_references()
+        self._wants_release, self._release_first_ns = False, None
+        self._fire("enable")
+
+    def disable(self) -> None:
+        """Order the release, until answers from behind the order have no current."""
+        if self._held_raw is not None or self.phase in _MAY_HAVE_TORQUE:
+            self.drive_state = None  # what the last answer said doesn't count any more
+        self._wants_release, self._release_first_ns, self._quiet = True, None, 0
+        self._fire("disable")
+
+    def reset_fault(self) -> None:
+        """Forget the fault once the VESC has, which it does by itself; ValueError unless in FAULT."""
+        if self.phase is not HostPhase.FAULT:
+            raise ValueError("there is no fault to clear")
+        self._resets = True
+
+    def estop_frame(self) -> Frame:
+        """Return the order to release the motor."""
+        return wire.release(self.config.node)
+
+    def fault_words(self) -> str:
+        """Return what the fault was."""
+        return self._fault or "no fault given"
+
+    def take_samples(self) -> list[RawSample]:
+        """Hand over the samples since the last call, oldest first."""
+        return self._samples.take()
+
+    def take_bench(self) -> list[RawBench]:
+        """Return nothing: a VESC has no bench sensors."""
+        return []
+
+    def setpoint(self, theta_m_ref_raw: int) -> Frame | None:
+        """Return SET_POS; while enabling, with the first reference."""
+        if self.phase is HostPhase.ENABLING:
+            if self._held_raw is None and self._quiet >= QUIET_ANSWERS:
+                self._held_raw = theta_m_ref_raw
+            if self._held_raw is None:
+                return None
+            theta_m_ref_raw = self._held_raw
+        elif self.phase is not HostPhase.RUNNING:
+            return None
+        config, angle_rev = self.config, self._turns.angle_rev
+        position_rev = config.zero_rev + theta_m_ref_raw / ANGLE_LSB_PER_REV * config.rev_per_pulley_rev
+        if angle_rev is None or abs(position_rev - angle_rev) >= 0.5:
+            self._refuse(
+                f"the reference is half a turn away from the motor of node {config.node}, and a VESC goes the shorter "
+                "way round: is the motor held, or is encoder_rev_per_pulley_rev of the wrong sign or size?"
+            )
+            return None
+        self._is_new_reference = True
+        self.setpoint_sequence = self.setpoint_sequence + 1 & _SEQUENCE_MASK
+        self.counters["setpoints_sent"] += 1
+        return wire.set_position(config.node, position_rev)
+
+    def receive(self, frame: Frame, now_ns: int) -> None:
+        """Take one frame from the bus."""
+        found = wire.node_and_command(frame)
+        if found == (wire.HOST_ID, Command.FILL_RX_BUFFER):
+            self._answers.fill(frame.data, now_ns)
+        elif found == (wire.HOST_ID, Command.PROCESS_RX_BUFFER):
+            answer = self._answers.process(frame.data)
+            if answer is not None and self._is_expected(answer) and answer.payload:
+                self._see_answer(answer)
+        elif found is None or found[0] not in {self.config.node, wire.EVERYBODY}:
+            self.counters["not_for_us"] += 1
+        elif found[1] in wire.BROADCAST:
+            self.counters["broadcasts"] += 1
+            self._heard_broadcast = True
+        elif found[1] in wire.MOVING:  # what this host sends doesn't come back to it
+            name = Command(found[1]).name
+            self._refuse(f"somebody else commands node {self.config.node}, by {name}; stop that program first")
+        elif found[1] == Command.NOTIFY_BOOT:
+            self._see_boot(now_ns)
+        else:
+            self.counters["not_for_us"] += 1
+
+    def poll(self, now_ns: int) -> list[Frame]:
+        """Return what is due: the release of the motor, and the request."""
+        if self._is_new_reference:
+            self._is_new_reference = False
+            self._reference_first_ns = now_ns if self._reference_first_ns is None else self._reference_first_ns
+            self._reference_last_ns = now_ns
+        self._look_at_time(now_ns)
+        frames: list[Frame] = []
+        if self._orders_release(now_ns):
+            frames.append(wire.release(self.config.node))
+        if self._asks():
+            frames.append(wire.request(self.config.node))
+        return frames
+
+    def _look_at_time(self, now_ns: int) -> None:
+        if self.phase is HostPhase.IDENTIFYING:
+            self._identify(now_ns)
+        elif self._answer_ns is not None and now_ns - self._answer_ns > SILENCE_NS:
+            self.drive_state = None  # an old word
+            self._fire("gone")
+        elif self.phase is HostPhase.RUNNING and self._has_starved(now_ns):
+            self._fail(f"no reference for longer than its timeout of {self.config.timeout_ns / 1e6:g} ms")
+        elif self.phase is HostPhase.ENABLING and self._has_starved(now_ns):
+            self._forget_references()  # the motor was released: once more, from where it is now
+
+    def _has_starved(self, now_ns: int) -> bool:
+        return self._reference_first_ns is not None and now_ns - self._reference_last_ns > self.config.timeout_ns
+
+    def _forget_references(self) -> None:
+        self._held_raw, self._reference_first_ns, self._is_new_reference, self._taken = None, None, False, 0
+
+    def _orders_release(self, now_ns: int) -> bool:
+        if self.phase is HostPhase.IDENTIFYING and self._trial.is_due(now_ns):
+            return True
+        # While enabling: somebody else's current, from before the first reference, or one that nobody feeds any more.
+        disturbs = self.phase is HostPhase.ENABLING and self._held_raw is None and self._quiet < QUIET_ANSWERS
+        if not disturbs and not (self._wants_release and self._quiet < QUIET_ANSWERS):
+            return False
+        if self._release_first_ns is None:
+            self._release_first_ns = now_ns
+        elif now_ns - self._release_last_ns < REPEAT_NS:
+            return False
+        self._release_last_ns = now_ns
+        return True
+
+    def _asks(self) -> bool:
+        if self.phase not in _LIVE and not self._wants_release:
+            return False
+        self.counters["requests_sent"] += 1
+        self.counters["unanswered"] += self._owed > 0
+        self._owed = min(self._owed + 1, MAX_OWED)
+        return True
+
+    def _identify_from(self, now_ns: int) -> None:
+        self._since_ns, self._quiet, self._owed = now_ns, 0, 0
+        self._turns.angle_rev = None
+        self._trial = TimeoutTrial(self.config.timeout_ns)
+
+    def _identify(self, now_ns: int) -> None:
+        node, is_over = self.config.node, now_ns - self._since_ns > IDENTIFY_NS
+        if self._answer_ns is None:
+            if is_over and self._heard_broadcast:
+                self._refuse(
+                    f"node {node} broadcasts its status, but does not answer; it takes firmware 5.03 or later, and "
+                    "App Settings, General, CAN Mode: VESC"
+                )
+        elif self._trial.is_late(now_ns) and self._trial.stage is Stage.FEEDING:
+            self._refuse(
+                f"node {node} answers, but takes no command: its timeout is as expired behind one as before it"
+            )
+        elif self._trial.is_late(now_ns):
+            timeout_ms = self.config.timeout_ns / 1e6
+            self._refuse(
+                f"the timeout of node {node} did not expire in time: set App Settings, General, Timeout to "
+                f"{timeout_ms:g} ms with VESC Tool (0 is off), as motor_driver.watchdog_s says, or find who else "
+                "commands it: another program, or an app of its own (App to Use: No App)"
+            )
+        elif self._trial.stage is Stage.PASSED and self._quiet >= QUIET_ANSWERS:
+            self._fire("complete")
+        elif is_over and self._quiet == 0:
+            self._refuse(f"the motor of node {node} has current that nobody asked for; find out what drives it")
+
+    def _is_expected(self, answer: Answer) -> bool:
+        if answer.node != self.config.node:
+            self.counters["not_for_us"] += 1
+            return False
+        if self._owed > 0:
+            self._owed -= 1
+            return True
+        self.counters["unasked"] += 1
+        if self.counters["unasked"] >= MAX_UNASKED:
+            self._refuse(
+                f"node {self.config.node} answers more often than it is asked; two VESCs have this id: give each its "
+                "own (App Settings, General, VESC ID)"
+            )
+        return False
+
+    def _see_answer(self, answer: Answer) -> None:
+        values = wire.parse_values(answer.payload)
+        if values is None:
+            self.counters["bad_answers"] += 1
+            if wire.lacks_status(answer.payload):
+                self._refuse(f"node {self.config.node} does not tell its timeout; update its firmware, 5.03 or later")
+            return
+        self._answer_ns = answer.arrived_ns
+        self._see_current(values, answer.arrived_ns)
+        self._see_state(values, answer.arrived_ns)
+        self._see_angle(values, answer.arrived_ns)
+
+    def _see_current(self, values: wire.Values, at_ns: int) -> None:
+        if values.current_A != 0.0 or (self._wants_release and not self._is_behind_release(at_ns)):
+            self._quiet = 0
+        else:
+            self._quiet = min(self._quiet + 1, QUIET_ANSWERS)
+
+    def _is_behind_release(self, at_ns: int) -> bool:
+        """Whether an answer was made after the release was ordered, as far as its arrival tells."""
+        return self._release_first_ns is not None and at_ns - self._release_first_ns >= FLIGHT_NS
+
+    def _see_state(self, values: wire.Values, at_ns: int) -> None:
+        is_quiet = self._quiet >= QUIET_ANSWERS
+        trouble = _trouble(values, is_driven=self.phase is HostPhase.RUNNING)
+        if trouble:
+            self._fail(trouble)
+        elif self.phase is HostPhase.FAULT and self._resets and is_quiet:
+            self._resets = False
+            self._identify_from(at_ns)
+            self._fire("cleared")
+        elif self.phase is HostPhase.IDENTIFYING:
+            self._trial.see(values.has_timeout, at_ns)
+        elif self.phase is HostPhase.ENABLING:
+            first_ns = self._reference_first_ns
+            is_taken = first_ns is not None and at_ns - first_ns >= FLIGHT_NS and not values.has_timeout
+            self._taken = self._taken + 1 if is_taken else 0
+            if self._taken >= TAKEN_ANSWERS:
+                self._fire("taken")
+        if self.phase is HostPhase.RUNNING:
+            self.drive_state = DriveState.OPERATIONAL
+        elif self._held_raw is not None and not self._wants_release and self.phase is HostPhase.ENABLING:
+            self.drive_state = DriveState.ARMED
+        elif is_quiet:
+            self.drive_state = DriveState.FAULT if self.phase is HostPhase.FAULT else DriveState.DISABLED
+        elif values.current_A != 0.0:
+            self.drive_state = DriveState.ARMED  # torque, by whose word ever
+
+    def _see_angle(self, values: wire.Values, at_ns: int) -> None:
+        if self._turns.angle_rev is None or (self._turns.is_lost(at_ns) and self.phase not in _MAY_HAVE_TORQUE):
+            starts = self._turns.starts(values.position_rev)
+            if len(starts) > 1:
+                self._refuse(
+                    f"the angle of node {self.config.node} wraps at each turn, and `limits:` allow more than one turn "
+                    "that the motor may be in; make them narrower than a turn of the VESC's angle"
+                )
+                return
+            self._turns.start(starts[0], at_ns)
+        elif self._turns.is_lost(at_ns):
+            self.drive_state = None
+            self._fire("gone")  # it may have turned half a turn unseen
+            return
+        elif self._turns.follow(values.position_rev, at_ns) is None:
+            self.counters["jumps"] += 1
+            return
+        self._sample(values, at_ns)
+
+    def _sample(self, values: wire.Values, at_ns: int) -> None:
+        config, angle_rev = self.config, self._turns.angle_rev
+        if angle_rev is None or at_ns <= self._stamp_ns:
+            return
+        is_taken = self._samples.append(
+            stamp_ns=at_ns,
+            received_ns=at_ns,
+            pulley_rev=(angle_rev - config.zero_rev) / config.rev_per_pulley_rev,
+            current_A=math.copysign(1.0, config.rev_per_pulley_rev) * values.current_A,
+            state=self.drive_state,
+            setpoint_sequence=self.setpoint_sequence,
+        )
+        if is_taken:
+            self._stamp_ns = at_ns
+
+    def _see_boot(self, now_ns: int) -> None:
+        if self.phase is HostPhase.IDENTIFYING:
+            self._identify_from(now_ns)
+        self.drive_state = None
+        self._fire("gone")
+
+    def _fail(self, words: str) -> None:
+        if self.phase in _LIVE and self.phase is not HostPhase.FAULT:
+            self._fault, self._resets, self.drive_state = words, False, None
+        self._fire("error")
+
+    def _refuse(self, words: str) -> None:
+        if self.phase in _LIVE:
+            self.refusal = words
+        self._fire("refuse")
+
+    def _fire(self, event: str) -> None:
+        self.phase = TRANSITIONS.get((self.phase, event), self.phase)
+
+
+def _trouble(values: wire.Values, *, is_driven: bool) -> str:
+    """Return what an answer has against driving on, in words; empty where nothing."""
+    if values.fault:
+        return fault_words(values.fault)
+    if values.is_killed:
+        return "its kill switch is on"
+    if is_driven and values.has_timeout:
+        return "its timeout expired: no reference came in time, so it let go of the motor"
+    return ""
