@@ -46,15 +46,16 @@ IDENTIFY_NS: Final = 1_000_000_000  # for answers to come, or for the current to
 FLIGHT_NS: Final = 10_000_000  # for an order to arrive, and for an answer from before it to have come
 QUIET_ANSWERS: Final = 3
 TAKEN_ANSWERS: Final = 3
-MAX_UNASKED: Final = 3  # answers that nobody asked for, as two VESCs with one id send them
-MAX_OWED: Final = 4
+WINDOW_REQUESTS: Final = 20  # over which answers are held against requests
+MAX_MORE_ANSWERS: Final = (
+    10  # than requests; a path that held frames back gives some, two VESCs with one id twice as many
+)
 _SEQUENCE_MASK: Final = 0xFF
 
 COUNTERS: Final = (
     "setpoints_sent",
     "requests_sent",
     "unanswered",  # requests that the next one overtook
-    "unasked",  # answers without a request
     "torn_answers",
     "bad_answers",
     "jumps",  # angles further away than the motor can have come
@@ -124,7 +125,8 @@ class Vesc:
         self._since_ns = 0  # of the phase
         self._answer_ns: int | None = None  # of the last answer
         self._heard_broadcast = False
-        self._owed = 0  # answers that were asked for and haven't come
+        self._is_answered = True  # the last request
+        self._window_requests = self._window_answers = 0
         self._stamp_ns = -1
         self._quiet = 0  # answers in a row without current
         self._held_raw: int | None = None  # the first reference
@@ -277,12 +279,16 @@ class Vesc:
         if self.phase not in _LIVE and not self._wants_release:
             return False
         self.counters["requests_sent"] += 1
-        self.counters["unanswered"] += self._owed > 0
-        self._owed = min(self._owed + 1, MAX_OWED)
+        self.counters["unanswered"] += not self._is_answered
+        self._is_answered = False
+        if self._window_requests == WINDOW_REQUESTS:
+            self._window_requests = self._window_answers = 0
+        self._window_requests += 1
         return True
 
     def _identify_from(self, now_ns: int) -> None:
-        self._since_ns, self._quiet, self._owed = now_ns, 0, 0
+        self._since_ns, self._quiet, self._is_answered = now_ns, 0, True
+        self._window_requests = self._window_answers = 0
         self._turns.angle_rev = None
         self._trial = TimeoutTrial(self.config.timeout_ns)
 
@@ -308,21 +314,23 @@ class Vesc:
         elif self._trial.stage is Stage.PASSED and self._quiet >= QUIET_ANSWERS:
             self._fire("complete")
         elif is_over and self._quiet == 0:
-            self._refuse(f"the motor of node {node} has current that nobody asked for; find out what drives it")
+            self._refuse(
+                f"the motor of node {node} has current that nobody asked for: set App Settings, General, Timeout Brake "
+                "Current to 0 with VESC Tool, or find out what drives it"
+            )
 
     def _is_expected(self, answer: Answer) -> bool:
         if answer.node != self.config.node:
             self.counters["not_for_us"] += 1
             return False
-        if self._owed > 0:
-            self._owed -= 1
+        self._is_answered = True
+        self._window_answers += 1
+        if self._window_answers < self._window_requests + MAX_MORE_ANSWERS:
             return True
-        self.counters["unasked"] += 1
-        if self.counters["unasked"] >= MAX_UNASKED:
-            self._refuse(
-                f"node {self.config.node} answers more often than it is asked; two VESCs have this id: give each its "
-                "own (App Settings, General, VESC ID)"
-            )
+        self._refuse(
+            f"node {self.config.node} answers more often than it is asked: two VESCs have this id; give each its own "
+            "(App Settings, General, VESC ID)"
+        )
         return False
 
     def _see_answer(self, answer: Answer) -> None:

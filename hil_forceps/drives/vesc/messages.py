@@ -59,8 +59,6 @@ _CURRENT_BIT, _FAULT_BIT, _POSITION_BIT, _STATUS_BIT = 1 << 5, 1 << 15, 1 << 16,
 MASK: Final = _CURRENT_BIT | _FAULT_BIT | _POSITION_BIT | _STATUS_BIT
 
 CURRENT_LSB_A: Final = 1e-2  # of avg_iq in an answer
-STATUS_CURRENT_LSB_A: Final = 0.1  # of the current in STATUS
-STATUS_POSITION_LSB_DEG: Final = 0.02  # of the angle in STATUS_4
 _POSITION_SCALE: Final = 1e6
 FULL_TURN_DEG: Final = 360.0
 _MICRODEGREES: Final = 360_000_000
@@ -73,7 +71,7 @@ _WORD: Final = struct.Struct(">i")
 class Values(NamedTuple):
     """An answer to COMM_GET_VALUES_SELECTIVE with `MASK`, all of one instant."""
 
-    current_A: float  # avg_iq: mean since whoever asked last; positive makes the angle grow
+    current_A: float  # avg_iq: mean since whoever asked last; positive makes the angle grow; 0: less than a step
     fault: int
     position_rev: float  # 0 to 1: it wraps
     has_timeout: bool  # no command came for longer than the VESC's timeout
@@ -117,8 +115,17 @@ def parse_values(payload: bytes) -> Values | None:
     if not 0 <= position <= _MICRODEGREES:
         return None
     return Values(
-        current * CURRENT_LSB_A, fault, position / _POSITION_SCALE / FULL_TURN_DEG, bool(status & 1), bool(status & 2)
+        _middle(current) * CURRENT_LSB_A,
+        fault,
+        position / _POSITION_SCALE / FULL_TURN_DEG,
+        bool(status & 1),
+        bool(status & 2),
     )
+
+
+def _middle(truncated: int) -> float:
+    """Return the middle of the numbers that are truncated to this one: without it, currents are half a step small."""
+    return truncated + 0.5 * ((truncated > 0) - (truncated < 0))
 
 
 def lacks_status(payload: bytes) -> bool:
@@ -160,7 +167,7 @@ LAYOUTS: Final[dict[Command, _Layout]] = {
     Command.STATUS_4: _layout(
         ">hhhh", ("fet_degC", 10), ("motor_degC", 10), ("input_current_A", 10), ("position_deg", 50)
     ),
-    Command.STATUS_5: _layout(">ih2x", ("tachometer", 1), ("input_V", 10)),
+    Command.STATUS_5: _layout(">ih2x", ("electrical_rev", 6), ("input_V", 10)),
     Command.STATUS_6: _layout(">hhhh", ("adc1_V", 1e3), ("adc2_V", 1e3), ("adc3_V", 1e3), ("ppm", 1e3)),
 }
 

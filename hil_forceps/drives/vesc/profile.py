@@ -77,7 +77,7 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
             f"span {turns.high_rev - turns.low_rev:.2f} turns of the VESC's angle, which wraps at each: where the "
             "motor starts can't be told; make them narrower than one, or divide the angle in the VESC",
         )
-    if Turns(turns).reach_rev(0) * 1.5 >= 0.5:  # one answer may be lost
+    if Turns(turns).is_lost(2 * turns.period_ns):  # where one answer is lost
         yield Finding(
             "problem",
             "limits.speed_max_rad_per_s",

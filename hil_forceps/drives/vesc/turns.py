@@ -50,7 +50,7 @@ class Turns:
 
     def is_lost(self, at_ns: int) -> bool:
         """Tell whether the turns can't be counted any more."""
-        return self.angle_rev is not None and self.reach_rev(at_ns) >= _HALF
+        return self.reach_rev(at_ns) >= _HALF
 
     def follow(self, within_rev: float, at_ns: int) -> float | None:
         """Return the angle; None where it is further away than the motor can have come."""
