@@ -17,9 +17,8 @@
 
 Only commands feed a VESC's timeout; the requests don't, so they go on while it runs.
 
-A VESC has no word for "no torque". What is taken for it: the release was ordered, answers came from behind that order,
-and `QUIET_ANSWERS` of them in a row say 0.00 A, which firmware that has stopped its modulation says exactly. A motor
-that is commanded 0 A and measures none would say the same.
+Only answers without current, from behind the release, tell that it has no torque (`release.py`). A motor that is
+commanded 0 A and measures none would say the same.
 
 Nothing is stamped. Angle and current come in one answer; its stamp is when its first fragment arrived. The current is
 the mean since the last answer, to whomever that went.
@@ -38,18 +37,13 @@ from hil_forceps.drives.vesc import messages as wire
 from hil_forceps.drives.vesc.answers import Answer, Answers
 from hil_forceps.drives.vesc.faults import fault_words
 from hil_forceps.drives.vesc.messages import Command
-from hil_forceps.drives.vesc.timeout_trial import REPEAT_NS, Stage, TimeoutTrial
+from hil_forceps.drives.vesc.references import References
+from hil_forceps.drives.vesc.release import Release
+from hil_forceps.drives.vesc.timeout_trial import Stage, TimeoutTrial
 from hil_forceps.drives.vesc.turns import Turns, TurnsConfig
 
 SILENCE_NS: Final = 100_000_000  # without an answer; a boot takes longer
 IDENTIFY_NS: Final = 1_000_000_000  # for answers to come, or for the current to end
-FLIGHT_NS: Final = 10_000_000  # for an order to arrive, and for an answer from before it to have come
-QUIET_ANSWERS: Final = 3
-TAKEN_ANSWERS: Final = 3
-WINDOW_REQUESTS: Final = 20  # over which answers are held against requests
-MAX_MORE_ANSWERS: Final = (
-    10  # than requests; a path that held frames back gives some, two VESCs with one id twice as many
-)
 _SEQUENCE_MASK: Final = 0xFF
 
 COUNTERS: Final = (
@@ -125,18 +119,9 @@ class Vesc:
         self._since_ns = 0  # of the phase
         self._answer_ns: int | None = None  # of the last answer
         self._heard_broadcast = False
-        self._is_answered = True  # the last request
-        self._window_requests = self._window_answers = 0
         self._stamp_ns = -1
-        self._quiet = 0  # answers in a row without current
-        self._held_raw: int | None = None  # the first reference
-        self._is_new_reference = False  # one went out since the last tick
-        self._reference_first_ns: int | None = None
-        self._reference_last_ns = 0
-        self._taken = 0  # answers in a row from behind the first reference that have nothing against it
-        self._wants_release = False
-        self._release_first_ns: int | None = None
-        self._release_last_ns = 0
+        self._release = Release()
+        self._references = References(config.timeout_ns)
         self._resets = False
 
     def connect(self, now_ns: int) -> None:
@@ -152,15 +137,15 @@ class Vesc:
         """Ask for position control; ValueError unless READY."""
         if self.phase is not HostPhase.READY:
             raise ValueError(f"a VESC that is {self.phase.name} can't be enabled")
-        self._forget_references()
-        self._wants_release, self._release_first_ns = False, None
+        self._references.forget()
+        self._release.withdraw()
         self._fire("enable")
 
     def disable(self) -> None:
         """Order the release, until answers from behind the order have no current."""
-        if self._held_raw is not None or self.phase in _MAY_HAVE_TORQUE:
+        if self._references.held_raw is not None or self.phase in _MAY_HAVE_TORQUE:
             self.drive_state = None  # what the last answer said doesn't count any more
-        self._wants_release, self._release_first_ns, self._quiet = True, None, 0
+        self._release.want()
         self._fire("disable")
 
     def reset_fault(self) -> None:
@@ -188,11 +173,10 @@ class Vesc:
     def setpoint(self, theta_m_ref_raw: int) -> Frame | None:
         """Return SET_POS; while enabling, with the first reference."""
         if self.phase is HostPhase.ENABLING:
-            if self._held_raw is None and self._quiet >= QUIET_ANSWERS:
-                self._held_raw = theta_m_ref_raw
-            if self._held_raw is None:
+            held_raw = self._references.held_raw
+            if held_raw is None and not self._release.is_quiet:
                 return None
-            theta_m_ref_raw = self._held_raw
+            theta_m_ref_raw = theta_m_ref_raw if held_raw is None else held_raw
         elif self.phase is not HostPhase.RUNNING:
             return None
         config, angle_rev = self.config, self._turns.angle_rev
@@ -203,7 +187,7 @@ class Vesc:
                 "way round: is the motor held, or is encoder_rev_per_pulley_rev of the wrong sign or size?"
             )
             return None
-        self._is_new_reference = True
+        self._references.send(theta_m_ref_raw)
         self.setpoint_sequence = self.setpoint_sequence + 1 & _SEQUENCE_MASK
         self.counters["setpoints_sent"] += 1
         return wire.set_position(config.node, position_rev)
@@ -232,10 +216,7 @@ class Vesc:
 
     def poll(self, now_ns: int) -> list[Frame]:
         """Return what is due: the release of the motor, and the request."""
-        if self._is_new_reference:
-            self._is_new_reference = False
-            self._reference_first_ns = now_ns if self._reference_first_ns is None else self._reference_first_ns
-            self._reference_last_ns = now_ns
+        self._references.tick(now_ns)
         self._look_at_time(now_ns)
         frames: list[Frame] = []
         if self._orders_release(now_ns):
@@ -250,45 +231,28 @@ class Vesc:
         elif self._answer_ns is not None and now_ns - self._answer_ns > SILENCE_NS:
             self.drive_state = None  # an old word
             self._fire("gone")
-        elif self.phase is HostPhase.RUNNING and self._has_starved(now_ns):
+        elif self.phase is HostPhase.RUNNING and self._references.have_starved(now_ns):
             self._fail(f"no reference for longer than its timeout of {self.config.timeout_ns / 1e6:g} ms")
-        elif self.phase is HostPhase.ENABLING and self._has_starved(now_ns):
-            self._forget_references()  # the motor was released: once more, from where it is now
-
-    def _has_starved(self, now_ns: int) -> bool:
-        return self._reference_first_ns is not None and now_ns - self._reference_last_ns > self.config.timeout_ns
-
-    def _forget_references(self) -> None:
-        self._held_raw, self._reference_first_ns, self._is_new_reference, self._taken = None, None, False, 0
+        elif self.phase is HostPhase.ENABLING and self._references.have_starved(now_ns):
+            self._references.forget()  # the motor was released: once more, from where it is now
 
     def _orders_release(self, now_ns: int) -> bool:
         if self.phase is HostPhase.IDENTIFYING and self._trial.is_due(now_ns):
             return True
         # While enabling: somebody else's current, from before the first reference, or one that nobody feeds any more.
-        disturbs = self.phase is HostPhase.ENABLING and self._held_raw is None and self._quiet < QUIET_ANSWERS
-        if not disturbs and not (self._wants_release and self._quiet < QUIET_ANSWERS):
-            return False
-        if self._release_first_ns is None:
-            self._release_first_ns = now_ns
-        elif now_ns - self._release_last_ns < REPEAT_NS:
-            return False
-        self._release_last_ns = now_ns
-        return True
+        disturbs = self.phase is HostPhase.ENABLING and self._references.held_raw is None
+        return (disturbs or self._release.is_wanted) and self._release.is_due(now_ns)
 
     def _asks(self) -> bool:
-        if self.phase not in _LIVE and not self._wants_release:
+        if self.phase not in _LIVE and not self._release.is_wanted:
             return False
         self.counters["requests_sent"] += 1
-        self.counters["unanswered"] += not self._is_answered
-        self._is_answered = False
-        if self._window_requests == WINDOW_REQUESTS:
-            self._window_requests = self._window_answers = 0
-        self._window_requests += 1
+        self._answers.ask()
         return True
 
     def _identify_from(self, now_ns: int) -> None:
-        self._since_ns, self._quiet, self._is_answered = now_ns, 0, True
-        self._window_requests = self._window_answers = 0
+        self._since_ns = now_ns
+        self._release.forget()
         self._turns.angle_rev = None
         self._trial = TimeoutTrial(self.config.timeout_ns)
 
@@ -311,9 +275,9 @@ class Vesc:
                 f"{timeout_ms:g} ms with VESC Tool (0 is off), as motor_driver.watchdog_s says, or find who else "
                 "commands it: another program, or an app of its own (App to Use: No App)"
             )
-        elif self._trial.stage is Stage.PASSED and self._quiet >= QUIET_ANSWERS:
+        elif self._trial.stage is Stage.PASSED and self._release.is_quiet:
             self._fire("complete")
-        elif is_over and self._quiet == 0:
+        elif is_over and self._trial.stage is Stage.PASSED:
             self._refuse(
                 f"the motor of node {node} has current that nobody asked for: set App Settings, General, Timeout Brake "
                 "Current to 0 with VESC Tool, or find out what drives it"
@@ -323,9 +287,7 @@ class Vesc:
         if answer.node != self.config.node:
             self.counters["not_for_us"] += 1
             return False
-        self._is_answered = True
-        self._window_answers += 1
-        if self._window_answers < self._window_requests + MAX_MORE_ANSWERS:
+        if not self._answers.are_too_many:
             return True
         self._refuse(
             f"node {self.config.node} answers more often than it is asked: two VESCs have this id; give each its own "
@@ -341,22 +303,12 @@ class Vesc:
                 self._refuse(f"node {self.config.node} does not tell its timeout; update its firmware, 5.03 or later")
             return
         self._answer_ns = answer.arrived_ns
-        self._see_current(values, answer.arrived_ns)
+        self._release.see(values.current_A, answer.arrived_ns)
         self._see_state(values, answer.arrived_ns)
         self._see_angle(values, answer.arrived_ns)
 
-    def _see_current(self, values: wire.Values, at_ns: int) -> None:
-        if values.current_A != 0.0 or (self._wants_release and not self._is_behind_release(at_ns)):
-            self._quiet = 0
-        else:
-            self._quiet = min(self._quiet + 1, QUIET_ANSWERS)
-
-    def _is_behind_release(self, at_ns: int) -> bool:
-        """Whether an answer was made after the release was ordered, as far as its arrival tells."""
-        return self._release_first_ns is not None and at_ns - self._release_first_ns >= FLIGHT_NS
-
     def _see_state(self, values: wire.Values, at_ns: int) -> None:
-        is_quiet = self._quiet >= QUIET_ANSWERS
+        is_quiet = self._release.is_quiet
         trouble = _trouble(values, is_driven=self.phase is HostPhase.RUNNING)
         if trouble:
             self._fail(trouble)
@@ -366,15 +318,11 @@ class Vesc:
             self._fire("cleared")
         elif self.phase is HostPhase.IDENTIFYING:
             self._trial.see(values.has_timeout, at_ns)
-        elif self.phase is HostPhase.ENABLING:
-            first_ns = self._reference_first_ns
-            is_taken = first_ns is not None and at_ns - first_ns >= FLIGHT_NS and not values.has_timeout
-            self._taken = self._taken + 1 if is_taken else 0
-            if self._taken >= TAKEN_ANSWERS:
-                self._fire("taken")
+        elif self.phase is HostPhase.ENABLING and self._references.see(values.has_timeout, at_ns):
+            self._fire("taken")
         if self.phase is HostPhase.RUNNING:
             self.drive_state = DriveState.OPERATIONAL
-        elif self._held_raw is not None and not self._wants_release and self.phase is HostPhase.ENABLING:
+        elif self.phase is HostPhase.ENABLING and self._references.held_raw is not None:
             self.drive_state = DriveState.ARMED
         elif is_quiet:
             self.drive_state = DriveState.FAULT if self.phase is HostPhase.FAULT else DriveState.DISABLED

@@ -303,7 +303,7 @@ def test_no_frame_raises(command: int, data: bytes) -> None:
 
 
 def test_its_answers_are_read_as_they_were_meant() -> None:
-    drive, answers = vesc(), Answers({"torn_answers": 0})
+    drive, answers = vesc(), Answers({"torn_answers": 0, "unanswered": 0})
     drive.receive(wire.request(NODE), 5 * MS)
     found = None
     for frame in drive.take_outbox():

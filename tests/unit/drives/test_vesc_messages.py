@@ -39,7 +39,7 @@ def test_golden_frames(golden: dict[str, Any]) -> None:
 
 def test_an_answer_that_a_vesc_sent_comes_out_whole() -> None:
     exchange = GOLDEN["exchange"]
-    answers = Answers({"torn_answers": 0})
+    answers = Answers({"torn_answers": 0, "unanswered": 0})
     for text in exchange["answer"]:
         answers.fill(frame_of(text).data, 7)
     answer = answers.process(frame_of(exchange["end"]).data)
@@ -147,12 +147,12 @@ def fed(answers: Answers, parts: list[tuple[bool, bytes]]) -> list[Answer]:
 
 @given(st.binary(min_size=1, max_size=255))
 def test_an_answer_of_any_length_comes_out_whole(data: bytes) -> None:
-    assert fed(Answers({"torn_answers": 0}), fragments(data)) == [(NODE, data, 0)]
+    assert fed(Answers({"torn_answers": 0, "unanswered": 0}), fragments(data)) == [(NODE, data, 0)]
 
 
 @given(st.binary(min_size=8, max_size=60), st.data())
 def test_a_lost_or_changed_fragment_costs_that_answer_alone(data: bytes, choice: st.DataObject) -> None:
-    counters = {"torn_answers": 0}
+    counters = {"torn_answers": 0, "unanswered": 0}
     answers = Answers(counters)
     parts = fragments(data)
     at = choice.draw(st.integers(0, len(parts) - 2))
@@ -168,7 +168,7 @@ def test_a_lost_or_changed_fragment_costs_that_answer_alone(data: bytes, choice:
 
 @pytest.mark.parametrize("offset", [0, 1, 6, 8, 14])
 def test_a_fragment_that_does_not_go_on_where_the_last_one_ended_tears_it(offset: int) -> None:
-    counters = {"torn_answers": 0}
+    counters = {"torn_answers": 0, "unanswered": 0}
     answers = Answers(counters)
     answers.fill(bytes(8), 0)
     answers.fill(bytes((offset, 1)), 0)
@@ -177,7 +177,7 @@ def test_a_fragment_that_does_not_go_on_where_the_last_one_ended_tears_it(offset
 
 @given(st.lists(st.tuples(st.booleans(), st.binary(max_size=9)), max_size=60))
 def test_any_fragments_are_counted_and_bounded(parts: list[tuple[bool, bytes]]) -> None:
-    answers = Answers({"torn_answers": 0})
+    answers = Answers({"torn_answers": 0, "unanswered": 0})
     fed(answers, parts)
     assert len(answers._payload) <= 255
 
