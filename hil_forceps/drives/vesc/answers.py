@@ -10,10 +10,6 @@ from typing import Final, NamedTuple
 
 MAX_BYTES: Final = 255  # that one byte of offset reaches
 _END: Final = struct.Struct(">BBHH")
-WINDOW_REQUESTS: Final = 20  # over which answers are held against requests
-MAX_MORE: Final = (
-    10  # answers than requests: a path that held some back gives a few, two VESCs with one id twice as many
-)
 _ANSWER: Final = 1  # second byte of PROCESS_RX_BUFFER: for the host, not to be processed
 
 
@@ -29,25 +25,10 @@ class Answers:
     """Takes fragments in, gives answers out; one at a time, for fragments don't say whose they are."""
 
     def __init__(self, counters: dict[str, int]) -> None:
-        """`counters`: those of the profile, with `torn_answers` and `unanswered` among them."""
+        """`counters`: those of the profile, with `torn_answers` among them."""
         self._counters = counters
-        self._is_answered = True  # the last request
-        self._requests = self._answers = 0  # in this window
         self._payload = b""
         self._arrived_ns = 0
-
-    @property
-    def are_too_many(self) -> bool:
-        """Tell whether more come than one VESC gives."""
-        return self._answers >= self._requests + MAX_MORE
-
-    def ask(self) -> None:
-        """Take note that a request goes out."""
-        self._counters["unanswered"] += not self._is_answered
-        self._is_answered = False
-        if self._requests == WINDOW_REQUESTS:
-            self._requests = self._answers = 0
-        self._requests += 1
 
     def fill(self, data: bytes, now_ns: int) -> None:
         """Take FILL_RX_BUFFER; what doesn't continue the bytes so far is counted, and they are forgotten."""
@@ -68,8 +49,6 @@ class Answers:
         if len(data) != _END.size or data[1] != _ANSWER:
             self._counters["torn_answers"] += 1
             return None
-        self._is_answered = True
-        self._answers += 1
         node, _, length, crc = _END.unpack(data)
         if length != len(payload) or crc != binascii.crc_hqx(payload, 0):
             self._counters["torn_answers"] += 1

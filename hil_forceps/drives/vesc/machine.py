@@ -20,8 +20,9 @@ Only commands feed a VESC's timeout; the requests don't, so they go on while it 
 Only answers without current, from behind the release, tell that it has no torque (`release.py`). A motor that is
 commanded 0 A and measures none would say the same.
 
-Nothing is stamped. Angle and current come in one answer; its stamp is when its first fragment arrived. The current is
-the mean since the last answer, to whomever that went.
+Nothing is stamped, but an answer tells which request it is to (`requests.py`). Angle and current come in one answer,
+whose stamp is when its request went out: the values are younger, by the way there. The current is the mean since the
+last answer, to whomever that went.
 """
 
 import math
@@ -39,6 +40,7 @@ from hil_forceps.drives.vesc.faults import fault_words
 from hil_forceps.drives.vesc.messages import Command
 from hil_forceps.drives.vesc.references import References
 from hil_forceps.drives.vesc.release import Release
+from hil_forceps.drives.vesc.requests import Requests
 from hil_forceps.drives.vesc.timeout_trial import Stage, TimeoutTrial
 from hil_forceps.drives.vesc.turns import Turns, TurnsConfig
 
@@ -49,7 +51,8 @@ _SEQUENCE_MASK: Final = 0xFF
 COUNTERS: Final = (
     "setpoints_sent",
     "requests_sent",
-    "unanswered",  # requests that the next one overtook
+    "unanswered",  # requests whose answer was overtaken by that to another
+    "unasked",  # answers that no request waits for
     "torn_answers",
     "bad_answers",
     "jumps",  # angles further away than the motor can have come
@@ -112,6 +115,7 @@ class Vesc:
         self.setpoint_sequence = 0
         self.counters = dict.fromkeys(COUNTERS, 0)
         self._answers = Answers(self.counters)
+        self._requests = Requests(self.counters)
         self._turns = Turns(config.turns)
         self._trial = TimeoutTrial(config.timeout_ns)
         self._samples = sample_queue.SampleQueue(self.counters)
@@ -199,7 +203,7 @@ class Vesc:
             self._answers.fill(frame.data, now_ns)
         elif found == (wire.HOST_ID, Command.PROCESS_RX_BUFFER):
             answer = self._answers.process(frame.data)
-            if answer is not None and self._is_expected(answer) and answer.payload:
+            if answer is not None:
                 self._see_answer(answer)
         elif found is None or found[0] not in {self.config.node, wire.EVERYBODY}:
             self.counters["not_for_us"] += 1
@@ -221,8 +225,8 @@ class Vesc:
         frames: list[Frame] = []
         if self._orders_release(now_ns):
             frames.append(wire.release(self.config.node))
-        if self._asks():
-            frames.append(wire.request(self.config.node))
+        if self.phase in _LIVE or self._release.is_wanted:
+            frames.append(wire.request(self.config.node, self._requests.ask(now_ns)))
         return frames
 
     def _look_at_time(self, now_ns: int) -> None:
@@ -242,13 +246,6 @@ class Vesc:
         # While enabling: somebody else's current, from before the first reference, or one that nobody feeds any more.
         disturbs = self.phase is HostPhase.ENABLING and self._references.held_raw is None
         return (disturbs or self._release.is_wanted) and self._release.is_due(now_ns)
-
-    def _asks(self) -> bool:
-        if self.phase not in _LIVE and not self._release.is_wanted:
-            return False
-        self.counters["requests_sent"] += 1
-        self._answers.ask()
-        return True
 
     def _identify_from(self, now_ns: int) -> None:
         self._since_ns = now_ns
@@ -283,42 +280,44 @@ class Vesc:
                 "Current to 0 with VESC Tool, or find out what drives it"
             )
 
-    def _is_expected(self, answer: Answer) -> bool:
+    def _see_answer(self, answer: Answer) -> None:
         if answer.node != self.config.node:
             self.counters["not_for_us"] += 1
-            return False
-        if not self._answers.are_too_many:
-            return True
-        self._refuse(
-            f"node {self.config.node} answers more often than it is asked: two VESCs have this id; give each its own "
-            "(App Settings, General, VESC ID)"
-        )
-        return False
-
-    def _see_answer(self, answer: Answer) -> None:
+            return
+        self._requests.end()
+        if self._requests.are_answered_too_often:
+            self._refuse(
+                f"node {self.config.node} answers more often than it is asked: two VESCs have this id; give each its "
+                "own (App Settings, General, VESC ID)"
+            )
+        if not answer.payload:
+            return
         values = wire.parse_values(answer.payload)
         if values is None:
             self.counters["bad_answers"] += 1
             if wire.lacks_status(answer.payload):
                 self._refuse(f"node {self.config.node} does not tell its timeout; update its firmware, 5.03 or later")
             return
+        asked_ns = self._requests.answer(values.tag)
+        if asked_ns is None:
+            return
         self._answer_ns = answer.arrived_ns
-        self._release.see(values.current_A, answer.arrived_ns)
-        self._see_state(values, answer.arrived_ns)
-        self._see_angle(values, answer.arrived_ns)
+        self._release.see(values.current_A, asked_ns)
+        self._see_state(values, asked_ns)
+        self._see_angle(values, asked_ns, answer.arrived_ns)
 
-    def _see_state(self, values: wire.Values, at_ns: int) -> None:
+    def _see_state(self, values: wire.Values, asked_ns: int) -> None:
         is_quiet = self._release.is_quiet
         trouble = _trouble(values, is_driven=self.phase is HostPhase.RUNNING)
         if trouble:
             self._fail(trouble)
         elif self.phase is HostPhase.FAULT and self._resets and is_quiet:
             self._resets = False
-            self._identify_from(at_ns)
+            self._identify_from(asked_ns)
             self._fire("cleared")
         elif self.phase is HostPhase.IDENTIFYING:
-            self._trial.see(values.has_timeout, at_ns)
-        elif self.phase is HostPhase.ENABLING and self._references.see(values.has_timeout, at_ns):
+            self._trial.see(values.has_timeout, asked_ns)
+        elif self.phase is HostPhase.ENABLING and self._references.see(values.has_timeout, asked_ns):
             self._fire("taken")
         if self.phase is HostPhase.RUNNING:
             self.drive_state = DriveState.OPERATIONAL
@@ -329,8 +328,8 @@ class Vesc:
         elif values.current_A != 0.0:
             self.drive_state = DriveState.ARMED  # torque, by whose word ever
 
-    def _see_angle(self, values: wire.Values, at_ns: int) -> None:
-        if self._turns.angle_rev is None or (self._turns.is_lost(at_ns) and self.phase not in _MAY_HAVE_TORQUE):
+    def _see_angle(self, values: wire.Values, asked_ns: int, received_ns: int) -> None:
+        if self._turns.angle_rev is None or (self._turns.is_lost(asked_ns) and self.phase not in _MAY_HAVE_TORQUE):
             starts = self._turns.starts(values.position_rev)
             if len(starts) > 1:
                 self._refuse(
@@ -338,30 +337,30 @@ class Vesc:
                     "that the motor may be in; make them narrower than a turn of the VESC's angle"
                 )
                 return
-            self._turns.start(starts[0], at_ns)
-        elif self._turns.is_lost(at_ns):
+            self._turns.start(starts[0], asked_ns)
+        elif self._turns.is_lost(asked_ns):
             self.drive_state = None
             self._fire("gone")  # it may have turned half a turn unseen
             return
-        elif self._turns.follow(values.position_rev, at_ns) is None:
+        elif self._turns.follow(values.position_rev, asked_ns) is None:
             self.counters["jumps"] += 1
             return
-        self._sample(values, at_ns)
+        self._sample(values, asked_ns, received_ns)
 
-    def _sample(self, values: wire.Values, at_ns: int) -> None:
+    def _sample(self, values: wire.Values, asked_ns: int, received_ns: int) -> None:
         config, angle_rev = self.config, self._turns.angle_rev
-        if angle_rev is None or at_ns <= self._stamp_ns:
+        if angle_rev is None or asked_ns <= self._stamp_ns:
             return
         is_taken = self._samples.append(
-            stamp_ns=at_ns,
-            received_ns=at_ns,
+            stamp_ns=asked_ns,
+            received_ns=received_ns,
             pulley_rev=(angle_rev - config.zero_rev) / config.rev_per_pulley_rev,
             current_A=math.copysign(1.0, config.rev_per_pulley_rev) * values.current_A,
             state=self.drive_state,
             setpoint_sequence=self.setpoint_sequence,
         )
         if is_taken:
-            self._stamp_ns = at_ns
+            self._stamp_ns = asked_ns
 
     def _see_boot(self, now_ns: int) -> None:
         if self.phase is HostPhase.IDENTIFYING:

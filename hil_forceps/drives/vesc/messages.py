@@ -57,6 +57,7 @@ GET_VALUES_SELECTIVE: Final = 50  # COMM_PACKET_ID
 _AND_ANSWER: Final = 0  # second byte of PROCESS_SHORT_BUFFER: process, and answer to the sender
 _CURRENT_BIT, _FAULT_BIT, _POSITION_BIT, _STATUS_BIT = 1 << 5, 1 << 15, 1 << 16, 1 << 21
 MASK: Final = _CURRENT_BIT | _FAULT_BIT | _POSITION_BIT | _STATUS_BIT
+TAG_SHIFT: Final = 24  # the bits above, of which firmware 7.01 knows none, come back with the mask
 
 CURRENT_LSB_A: Final = 1e-2  # of avg_iq in an answer
 _POSITION_SCALE: Final = 1e6
@@ -76,6 +77,7 @@ class Values(NamedTuple):
     position_rev: float  # 0 to 1: it wraps
     has_timeout: bool  # no command came for longer than the VESC's timeout
     is_killed: bool  # by the kill switch
+    tag: int  # of the request
 
 
 def frame_id(node: int, command: int) -> int:
@@ -101,9 +103,9 @@ def release(node: int) -> Frame:
     return _frame(node, Command.SET_CURRENT, _WORD.pack(0))
 
 
-def request(node: int) -> Frame:
+def request(node: int, tag: int = 0) -> Frame:
     """Return the request of current, angle, fault and state; it doesn't feed the VESC's timeout."""
-    data = bytes((HOST_ID, _AND_ANSWER)) + _ID_AND_MASK.pack(GET_VALUES_SELECTIVE, MASK)
+    data = bytes((HOST_ID, _AND_ANSWER)) + _ID_AND_MASK.pack(GET_VALUES_SELECTIVE, MASK | tag << TAG_SHIFT)
     return _frame(node, Command.PROCESS_SHORT_BUFFER, data)
 
 
@@ -120,6 +122,7 @@ def parse_values(payload: bytes) -> Values | None:
         position / _POSITION_SCALE / FULL_TURN_DEG,
         bool(status & 1),
         bool(status & 2),
+        payload[1],
     )
 
 
@@ -134,7 +137,8 @@ def lacks_status(payload: bytes) -> bool:
 
 
 def _is_answer(payload: bytes) -> bool:
-    return _ID_AND_MASK.unpack_from(payload) == (GET_VALUES_SELECTIVE, MASK)
+    packet, mask = _ID_AND_MASK.unpack_from(payload)
+    return (packet, mask & ((1 << TAG_SHIFT) - 1)) == (GET_VALUES_SELECTIVE, MASK)
 
 
 def _frame(node: int, command: Command, data: bytes) -> Frame:

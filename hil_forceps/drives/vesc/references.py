@@ -5,8 +5,6 @@ A VESC lets go of the motor when no command came for its timeout, and takes the 
 
 from typing import Final
 
-from hil_forceps.drives.vesc.release import FLIGHT_NS
-
 TAKEN_ANSWERS: Final = 3
 
 
@@ -40,8 +38,8 @@ class References:
         """Tell whether none went out for longer than the timeout."""
         return self._first_ns is not None and now_ns - self._last_ns > self._timeout_ns
 
-    def see(self, has_timeout: bool, at_ns: int) -> bool:
+    def see(self, has_timeout: bool, asked_ns: int) -> bool:
         """Take what an answer without a fault says; return whether the first reference was taken."""
-        is_behind = self._first_ns is not None and at_ns - self._first_ns >= FLIGHT_NS
+        is_behind = self._first_ns is not None and asked_ns >= self._first_ns
         self._taken = self._taken + 1 if is_behind and not has_timeout else 0
         return self._taken >= TAKEN_ANSWERS

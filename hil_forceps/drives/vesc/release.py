@@ -6,7 +6,6 @@ come from behind that order. Firmware that has stopped its modulation says exact
 
 from typing import Final
 
-FLIGHT_NS: Final = 10_000_000  # for an order to arrive, and for an answer from before it to have come
 REPEAT_NS: Final = 50_000_000  # between orders that no answer shows yet
 QUIET_ANSWERS: Final = 3
 
@@ -45,9 +44,9 @@ class Release:
         self._last_ns = now_ns
         return True
 
-    def see(self, current_A: float, at_ns: int) -> None:
-        """Take what an answer says."""
-        is_behind = self._first_ns is not None and at_ns - self._first_ns >= FLIGHT_NS
+    def see(self, current_A: float, asked_ns: int) -> None:
+        """Take what an answer says, to a request that went out then; in a tick, orders go out before requests."""
+        is_behind = self._first_ns is not None and asked_ns >= self._first_ns
         if current_A != 0.0 or (self.is_wanted and not is_behind):
             self._quiet = 0
         else:

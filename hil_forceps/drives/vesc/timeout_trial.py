@@ -45,12 +45,12 @@ class TimeoutTrial:
         self._ordered_ns = now_ns
         return True
 
-    def see(self, has_timeout: bool, at_ns: int) -> None:
-        """Take what an answer says."""
-        self._began_ns = at_ns if self._began_ns is None else self._began_ns
+    def see(self, has_timeout: bool, asked_ns: int) -> None:
+        """Take what an answer says, to a request that went out then."""
+        self._began_ns = asked_ns if self._began_ns is None else self._began_ns
         if self.stage is Stage.EXPIRING and has_timeout:
-            self.stage, self._began_ns = Stage.FEEDING, at_ns
-        elif self.stage is Stage.FEEDING and not has_timeout and self._ordered_ns is not None:
+            self.stage, self._began_ns = Stage.FEEDING, asked_ns
+        elif self.stage is Stage.FEEDING and not has_timeout and _is_behind(asked_ns, self._ordered_ns):
             self.stage, self._began_ns = Stage.WAITING, self._ordered_ns
         elif self.stage is Stage.WAITING and has_timeout:
             self.stage = Stage.PASSED
@@ -61,3 +61,7 @@ class TimeoutTrial:
             return False
         longest_ns = FEEDING_NS if self.stage is Stage.FEEDING else self._timeout_ns + SLACK_NS
         return now_ns - self._began_ns > longest_ns
+
+
+def _is_behind(asked_ns: int, ordered_ns: int | None) -> bool:
+    return ordered_ns is not None and asked_ns >= ordered_ns

@@ -16,6 +16,7 @@ from hil_forceps.drives.vesc import messages as wire
 from hil_forceps.drives.vesc.answers import Answer, Answers
 from hil_forceps.drives.vesc.faults import fault_words
 from hil_forceps.drives.vesc.messages import Command
+from hil_forceps.drives.vesc.requests import Requests
 from hil_forceps.drives.vesc.timeout_trial import SLACK_NS, Stage, TimeoutTrial
 from hil_forceps.drives.vesc.turns import Turns, TurnsConfig
 
@@ -39,7 +40,7 @@ def test_golden_frames(golden: dict[str, Any]) -> None:
 
 def test_an_answer_that_a_vesc_sent_comes_out_whole() -> None:
     exchange = GOLDEN["exchange"]
-    answers = Answers({"torn_answers": 0, "unanswered": 0})
+    answers = Answers({"torn_answers": 0})
     for text in exchange["answer"]:
         answers.fill(frame_of(text).data, 7)
     answer = answers.process(frame_of(exchange["end"]).data)
@@ -55,10 +56,10 @@ def test_an_answer_that_a_vesc_sent_comes_out_whole() -> None:
 
 
 def test_the_request_is_that_of_the_capture_with_a_mask() -> None:
-    request, golden = wire.request(4), frame_of(GOLDEN["exchange"]["request"])
+    request, golden = wire.request(4, tag=0xA5), frame_of(GOLDEN["exchange"]["request"])
     assert (request.arbitration_id, request.data[1]) == (golden.arbitration_id, golden.data[1])
     assert request.data[0] == wire.HOST_ID  # the capture's is 3
-    assert request.data[2:] == bytes.fromhex("32 00218020")
+    assert request.data[2:] == bytes.fromhex("32 A5218020")
 
 
 @pytest.mark.parametrize("position_rev", [0.0, 0.25, 0.999999, -0.25, 3.5, 1.0 - 1e-12])
@@ -87,14 +88,14 @@ def test_frames_with_one_layout_are_read_as_the_makers_tables_say(message: Any, 
     assert wire.parse_plain(Command[message.name], data[:-1]) is None
 
 
-def payload(current: int, fault: int, position: int, status: int) -> bytes:
-    return struct.pack(">BIiBiB", 50, 0x218020, current, fault, position, status)
+def payload(current: int, fault: int, position: int, status: int, tag: int = 0) -> bytes:
+    return struct.pack(">BIiBiB", 50, 0x218020 | tag << 24, current, fault, position, status)
 
 
 def test_numbers_are_read_as_the_middle_of_what_is_truncated_to_them() -> None:
     values = [wire.parse_values(payload(n, 7, 90_000_000, 1)) for n in (-2, -1, 0, 1, 21)]
     assert [value.current_A for value in values if value] == pytest.approx([-0.025, -0.015, 0.0, 0.015, 0.215])
-    assert values[2] == (0.0, 7, 0.25, True, False)
+    assert wire.parse_values(payload(0, 7, 90_000_000, 3, tag=200)) == wire.Values(0.0, 7, 0.25, True, True, 200)
 
 
 @pytest.mark.parametrize("position", [-1, 360_000_001, 2**31 - 1])
@@ -147,12 +148,12 @@ def fed(answers: Answers, parts: list[tuple[bool, bytes]]) -> list[Answer]:
 
 @given(st.binary(min_size=1, max_size=255))
 def test_an_answer_of_any_length_comes_out_whole(data: bytes) -> None:
-    assert fed(Answers({"torn_answers": 0, "unanswered": 0}), fragments(data)) == [(NODE, data, 0)]
+    assert fed(Answers({"torn_answers": 0}), fragments(data)) == [(NODE, data, 0)]
 
 
 @given(st.binary(min_size=8, max_size=60), st.data())
 def test_a_lost_or_changed_fragment_costs_that_answer_alone(data: bytes, choice: st.DataObject) -> None:
-    counters = {"torn_answers": 0, "unanswered": 0}
+    counters = {"torn_answers": 0}
     answers = Answers(counters)
     parts = fragments(data)
     at = choice.draw(st.integers(0, len(parts) - 2))
@@ -168,7 +169,7 @@ def test_a_lost_or_changed_fragment_costs_that_answer_alone(data: bytes, choice:
 
 @pytest.mark.parametrize("offset", [0, 1, 6, 8, 14])
 def test_a_fragment_that_does_not_go_on_where_the_last_one_ended_tears_it(offset: int) -> None:
-    counters = {"torn_answers": 0, "unanswered": 0}
+    counters = {"torn_answers": 0}
     answers = Answers(counters)
     answers.fill(bytes(8), 0)
     answers.fill(bytes((offset, 1)), 0)
@@ -177,9 +178,62 @@ def test_a_fragment_that_does_not_go_on_where_the_last_one_ended_tears_it(offset
 
 @given(st.lists(st.tuples(st.booleans(), st.binary(max_size=9)), max_size=60))
 def test_any_fragments_are_counted_and_bounded(parts: list[tuple[bool, bytes]]) -> None:
-    answers = Answers({"torn_answers": 0, "unanswered": 0})
+    answers = Answers({"torn_answers": 0})
     fed(answers, parts)
     assert len(answers._payload) <= 255
+
+
+def requests() -> tuple[Requests, dict[str, int]]:
+    counters = dict.fromkeys(("requests_sent", "unanswered", "unasked"), 0)
+    return Requests(counters), counters
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=600), st.integers(1, 20))
+def test_answers_find_their_requests_whatever_is_lost_and_however_long_the_path_is(lost: list[bool], late: int) -> None:
+    asked, counters = requests()
+    path: list[tuple[int, int] | None] = [None] * late
+    for now, is_lost in enumerate(lost):
+        path.append(None if is_lost else (asked.ask(now), now))
+        if is_lost:
+            asked.ask(now)
+        arrives = path.pop(0)
+        if arrives is not None:
+            tag, sent = arrives
+            assert asked.answer(tag) == sent
+    assert counters["requests_sent"] == len(lost)
+    assert counters["unanswered"] <= lost.count(True)
+    assert counters["unasked"] == 0
+
+
+def test_an_answer_that_comes_twice_is_unasked_the_second_time() -> None:
+    asked, counters = requests()
+    tags = [asked.ask(now) for now in range(3)]
+    assert [asked.answer(tags[1]), asked.answer(tags[1]), asked.answer(tags[0])] == [1, None, None]
+    assert counters == {"requests_sent": 3, "unanswered": 1, "unasked": 2}
+
+
+@pytest.mark.parametrize("lost", [0, 1000])
+def test_more_answers_than_requests_are_told_also_behind_many_that_were_lost(lost: int) -> None:
+    asked, _ = requests()
+    for now in range(lost):
+        asked.ask(now)
+    for now in range(200):
+        asked.ask(now)
+        asked.end()
+        assert not asked.are_answered_too_often
+    for now in range(80):
+        asked.ask(now)
+        asked.end()
+        asked.end()
+    assert asked.are_answered_too_often
+
+
+def test_requests_that_nobody_answers_are_bounded() -> None:
+    asked, counters = requests()
+    for now in range(10_000):
+        asked.ask(now)
+    assert counters["unanswered"] == 10_000 - len(asked._pending)
+    assert len(asked._pending) == 64
 
 
 CONFIG = TurnsConfig(low_rev=-0.2, high_rev=0.6, speed_rev_per_s=10.0, period_ns=2 * MS, count_rev=1e-4)
