@@ -256,7 +256,11 @@ class Vesc:
     def _identify(self, now_ns: int) -> None:
         node, is_over = self.config.node, now_ns - self._since_ns > IDENTIFY_NS
         if self._answer_ns is None:
-            if is_over and self._heard_broadcast:
+            if is_over and self.counters["bad_answers"]:
+                self._refuse(
+                    f"node {node} answers with other values than were asked for; firmware 5.03 to 7.01 doesn't"
+                )
+            elif is_over and self._heard_broadcast:
                 self._refuse(
                     f"node {node} broadcasts its status, but does not answer; it takes firmware 5.03 or later, and "
                     "App Settings, General, CAN Mode: VESC"

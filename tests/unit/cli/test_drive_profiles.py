@@ -55,6 +55,16 @@ def test_run_refuses_what_check_calls_a_problem(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_vesc_behind_such_a_path_is_not_enabled(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    text = (ODRIVE.parent / "vesc.yaml").read_text(encoding="utf-8")
+    rig.write_text(text.replace("latency_s: 1.5e-4", "latency_s: 5.0e-3"), encoding="utf-8")
+    channel = ("--interface", "virtual_forceps", "--channel", str(tmp_path), "--option", f"rig={rig}")
+    said = refused(capsys, "run", "--rig", str(rig), *channel, "--duration", "2", "--out", str(tmp_path / "out"))
+    assert "older than limits.max_sample_age_s" in said
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["counters"]["host"]["setpoints_sent"] == 0
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [

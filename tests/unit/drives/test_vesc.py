@@ -172,6 +172,28 @@ def test_one_that_broadcasts_but_does_not_answer_is_refused() -> None:
     assert bench.drive.counters["broadcasts"] > 0
 
 
+def test_one_that_answers_otherwise_is_refused() -> None:
+    bench = Bench()
+    bench.says = lambda: answer(cut=2)
+    bench.drive.connect(0)
+    bench.tick(505)
+    assert bench.drive.phase is HostPhase.REFUSED
+    assert "other values than were asked for" in bench.drive.refusal
+
+
+def test_a_boot_while_it_is_identified_begins_the_trial_anew() -> None:
+    bench = Bench()
+    bench.drive.connect(0)
+    bench.tick(20)
+    assert len(bench.sent) == 1
+    bench.hear(Frame(57 << 8 | NODE, b"60_MK6", is_extended=True))
+    bench.tick(30)
+    assert bench.drive.phase is HostPhase.IDENTIFYING
+    bench.tick(120)
+    assert bench.drive.phase.name == "READY"
+    assert len(bench.sent) == 2
+
+
 def test_two_with_one_id_are_refused_whether_their_answers_are_whole_or_torn() -> None:
     whole, torn = Bench(), Bench()
     whole.says = lambda: [*answer(status=1), *answer(status=1, position_deg=40.0)]
@@ -282,6 +304,18 @@ def test_a_fault_ends_it_though_the_vesc_forgets_it() -> None:
     bench.drive.reset_fault()
     bench.tick(200)
     assert bench.drive.phase.name == "READY"
+
+
+def test_a_fault_is_no_word_about_torque() -> None:
+    bench = Bench().running()
+    bench.says = lambda: answer(current=15)
+    bench.tick(3)
+    bench.says = lambda: answer(fault=4)
+    states = []
+    for _ in range(3):
+        bench.tick()
+        states.append(bench.drive.drive_state)
+    assert states == [None, None, DriveState.FAULT]
 
 
 def test_the_kill_switch_is_a_fault() -> None:
