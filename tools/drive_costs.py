@@ -38,6 +38,7 @@ RIGS = {
     "mit": CONFIGS / "drives" / "mit.yaml",
     "moteus": CONFIGS / "drives" / "moteus.yaml",
     "dynamixel": CONFIGS / "drives" / "dynamixel.yaml",
+    "vesc": CONFIGS / "drives" / "vesc.yaml",
 }
 SIMULATION, SEED, DURATION_S = 2, 1, 20.0
 STEADY_S = STEADY_WINDOW_S[SIMULATION]

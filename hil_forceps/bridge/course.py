@@ -130,7 +130,9 @@ class Course:
             why = f"{line.counters['samples']} samples seen"
             if line.denied_in_a_row:
                 why = f"the gate denies the measured angle: {VERDICT_NAMES[line.verdict]}; is it within `limits:`?"
-            self._stop(StopReason.ENABLE_FAILED, f"the drive did not become operational: {why}", now_ns)
+            self._stop(
+                StopReason.ENABLE_FAILED, f"the drive did not become operational: {why}{self._lateness()}", now_ns
+            )
 
     def _running(self, now_ns: int) -> None:
         is_well = self._host.phase is _HOST_RUNNING and now_ns - self.last_sample_ns <= self._silence_ns

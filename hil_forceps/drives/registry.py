@@ -13,11 +13,14 @@ from hil_forceps.drives.moteus.profile import PROFILE as MOTEUS
 from hil_forceps.drives.odrive.profile import PROFILE as ODRIVE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
+from hil_forceps.drives.vesc.profile import PROFILE as VESC
 from hil_forceps.rig import Rig
 from hil_forceps.rig.consistency import native_bus_load
 from hil_forceps.rig.sections import MotorDriver
 
-PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402, MIT, MOTEUS, DYNAMIXEL)}
+PROFILES: Final[dict[str, Profile]] = {
+    profile.name: profile for profile in (ODRIVE, CIA402, MIT, MOTEUS, DYNAMIXEL, VESC)
+}
 
 
 def maker_profile(rig: Rig) -> tuple[Profile, MotorDriver] | None:

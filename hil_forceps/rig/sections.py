@@ -220,7 +220,7 @@ def _version(given: object) -> object:
 
 MIN_ENCODER_RATIO = 1e-4  # turns of an encoder for a turn of the pulley, of either sign
 
-ProfileName = Literal["native", "odrive", "cia402", "mit", "moteus", "dynamixel"]
+ProfileName = Literal["native", "odrive", "cia402", "mit", "moteus", "dynamixel", "vesc"]
 MitVariant = Literal["bgkatz", "cubemars", "damiao"]
 
 
@@ -262,8 +262,8 @@ class MotorDriver(Section):
     )
     watchdog_s: Annotated[Number, Quantity("s", 0.0, 10.0)] = Field(
         default=0.1,
-        description="its watchdog's time, 0: off; set in an ODrive or a mini cheetah drive, written to a CiA 402 drive "
-        "(1016h), a moteus and a Dynamixel",
+        description="its watchdog's time, 0: off; set in an ODrive, a mini cheetah drive or a VESC (its timeout), "
+        "written to a CiA 402 drive (1016h), a moteus and a Dynamixel",
     )
     mit_variant: MitVariant | None = Field(default=None, description="firmware of a mini cheetah drive (`mit`)")
     reply_id: Annotated[Whole, Quantity("", 0, 0x7FF)] | None = Field(

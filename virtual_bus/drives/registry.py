@@ -12,6 +12,7 @@ from virtual_bus.drives.dynamixel_packets import CODEC
 from virtual_bus.drives.mit import SimulatedMit
 from virtual_bus.drives.moteus import SimulatedMoteus
 from virtual_bus.drives.odrive import SimulatedODrive
+from virtual_bus.drives.vesc import SimulatedVesc
 from virtual_bus.plant.load import LoadProfile
 from virtual_bus.truth_log import TruthLog
 
@@ -48,6 +49,7 @@ SIMULATED_DRIVES: Final[dict[str, _Maker]] = {
     "mit": SimulatedMit,
     "moteus": SimulatedMoteus,
     "dynamixel": SimulatedDynamixel,
+    "vesc": SimulatedVesc,
 }
 SERIAL_LINES: Final[dict[str, LineCodec]] = {"dynamixel": CODEC}
 """How those that hang on a serial line pack their frames; the others hang on a CAN bus."""

@@ -122,6 +122,37 @@ def test_a_rig_that_a_mini_cheetah_drive_can_not_take(
     assert told in refused(capsys, "check", str(rig))
 
 
+def test_a_vesc_behind_such_a_path_is_not_enabled(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    text = (ODRIVE.parent / "vesc.yaml").read_text(encoding="utf-8")
+    rig.write_text(text.replace("latency_s: 1.5e-4", "latency_s: 5.0e-3"), encoding="utf-8")
+    channel = ("--interface", "virtual_forceps", "--channel", str(tmp_path), "--option", f"rig={rig}")
+    said = refused(capsys, "run", "--rig", str(rig), *channel, "--duration", "2", "--out", str(tmp_path / "out"))
+    assert "older than limits.max_sample_age_s" in said
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["counters"]["host"]["setpoints_sent"] == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("node_id: 5", "node_id: 253", "motor_driver.node_id"),
+        ("watchdog_s: 0.1", "watchdog_s: 1.0", "motor_driver.watchdog_s: is 1 s; the service sees the timeout expire"),
+        ("position_max_rad: 1.6", "position_max_rad: 6.0", "limits: span 1.03 turns of the VESC's angle"),
+    ],
+)
+def test_a_vesc_whose_rig_can_not_work_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, old: str, new: str, told: str
+) -> None:
+    text = (ODRIVE.parent / "vesc.yaml").read_text(encoding="utf-8")
+    assert old in text
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(text.replace(old, new), encoding="utf-8")
+    virtual = ("--interface", "virtual_forceps", "--channel", "profiles")
+    said = refused(capsys, "run", "--rig", str(rig), *virtual, "--out", str(tmp_path / "out"))
+    assert told in said
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_simulated_process_does_not_pretend_to_be_an_odrive(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--rig", str(ODRIVE), "--interface", "virtual", "--channel", "profiles", "--duration", "0.1"]
     assert process.main(arguments) == 2

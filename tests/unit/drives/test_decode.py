@@ -14,6 +14,7 @@ from hil_forceps.drives.mit import messages as mit
 from hil_forceps.drives.moteus import messages as moteus
 from hil_forceps.drives.odrive import messages as odrive
 from hil_forceps.drives.registry import PROFILES
+from hil_forceps.drives.vesc import messages as vesc
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "drives"
 _ASKED = {
@@ -203,6 +204,34 @@ def test_a_capture_of_a_serial_line_is_read_by_its_own_framing(
     assert "skipped_bytes 5" in shown.err
 
 
+@pytest.mark.parametrize(
+    ("frame", "name", "values"),
+    [
+        (vesc.set_position(5, 0.25), "SET_POS", {"node": 5, "position_deg": 90.0}),
+        (vesc.release(5), "SET_CURRENT", {"node": 5, "current_A": 0.0}),
+        (
+            vesc.request(5),
+            "PROCESS_SHORT_BUFFER",
+            {"node": 5, "sender": 253, "processing": 0, "packet": 50, "bytes": "00218020"},
+        ),
+        (
+            Frame(0x905, bytes.fromhex("fffffff6fffe0005"), is_extended=True),
+            "STATUS",
+            {"node": 5, "erpm": -10, "current_without_direction_A": -0.2, "duty": 0.005},
+        ),
+        (
+            Frame(0x7FD, bytes.fromhex("0501000feb66"), is_extended=True),
+            "PROCESS_RX_BUFFER",
+            {"node": 253, "sender": 5, "processing": 1, "length": 15, "crc": "0xeb66"},
+        ),
+        (Frame(0x3905, b"60_MK6", is_extended=True), "NOTIFY_BOOT", {"node": 5, "hardware": "60_MK6"}),
+    ],
+)
+def test_vesc(frame: Frame, name: str, values: dict[str, object]) -> None:
+    assert PROFILES["vesc"].decode(frame) == (name, values)
+    assert PROFILES["vesc"].decode(frame._replace(is_extended=False)) is None
+
+
 @pytest.mark.parametrize("profile", sorted(PROFILES))
 def test_all_that_a_run_put_on_the_bus_is_understood(
     profile: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -225,6 +254,13 @@ def test_all_that_a_run_put_on_the_bus_is_understood(
 def test_no_bytes_raise(profile: str, frame_id: int, data: bytes) -> None:
     found = PROFILES[profile].decode(Frame(frame_id, data))
     assert found is None or found.name
+
+
+@given(frame_id=st.one_of(st.integers(0, 0x4000), st.integers(0, 0x1FFFFFFF)), data=st.binary(max_size=8))
+def test_no_bytes_behind_an_id_of_29_bits_raise(frame_id: int, data: bytes) -> None:
+    for profile in PROFILES.values():
+        found = profile.decode(Frame(frame_id, data, is_extended=True))
+        assert found is None or found.name
 
 
 @pytest.mark.parametrize(

@@ -95,6 +95,20 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
             "motor_driver.baudrate_bit_per_s",
             "load the bus by 64 %",
         ),
+        ("vesc", {"motor_driver.watchdog_s": 1.0}, "problem", "motor_driver.watchdog_s", "waits 0.9 s at most"),
+        ("vesc", {"limits.max_sample_age_s": 3e-3}, "problem", "limits.max_sample_age_s", "a tick before"),
+        ("vesc", {"limits.position_max_rad": 6.0}, "problem", "limits", "which wraps at each"),
+        ("vesc", {"limits.speed_max_rad_per_s": 400.0}, "problem", "limits.speed_max_rad_per_s", "near half a turn"),
+        ("vesc", {"motor.torque_constant_N_m_per_A": 0.02}, "note", "motor.torque_constant_N_m_per_A", "7 % of it"),
+        (
+            "vesc",
+            {"motor.torque_constant_N_m_per_A": 0.5},
+            "note",
+            "motor.torque_constant_N_m_per_A",
+            "in none of them",
+        ),
+        ("vesc", {"bench.host_period_s": 1e-3}, "note", "bench.bitrate_bit_per_s", "load the bus by 84 %"),
+        ("vesc", {"bench.bitrate_bit_per_s": 400_000}, "problem", "bench.bitrate_bit_per_s", "lower the rates"),
     ],
 )
 def test_what_does_not_go_together_is_found(

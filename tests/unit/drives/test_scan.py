@@ -36,6 +36,7 @@ def scan(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]
         ("realistic.yaml", ("native", "1", "disabled; protocol 1.0")),
         ("drives/odrive.yaml", ("odrive", "5", "idle; sends encoder estimates and Iq")),
         ("drives/cia402.yaml", ("cia402", "5", "just booted")),
+        ("drives/vesc.yaml", ("vesc", "5", "broadcasts STATUS")),
     ],
 )
 def test_each_simulated_drive_is_told(rig: str, row: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
@@ -160,6 +161,15 @@ def test_a_frame_of_ours_is_no_heartbeat_of_an_odrive() -> None:
     assert heard(feedback, feedback, feedback) == []
     beat = codec.encode(DriveHeartbeat(3, 0, 0, 1, 0, 0, 0, 0))
     assert [(found.profile, found.node) for found in heard(beat)] == [("native", 3)]
+
+
+def test_a_vesc_is_told_by_what_it_broadcasts() -> None:
+    status = Frame(0x905, bytes.fromhex("00000000fffe0000"), is_extended=True)
+    assert heard(status) == []  # one frame may be anybody's
+    assert heard(status, status) == [("vesc", 5, "broadcasts STATUS; 0.2 A; its state is told only to who asks")]
+    assert heard(*[status._replace(is_extended=False)] * 2) == []
+    assert heard(*[status._replace(arbitration_id=0x8000905)] * 2) == []
+    assert heard(*[status._replace(data=bytes(7))] * 2) == []
 
 
 @pytest.mark.parametrize("frame", [Frame(0x700, b"\x05"), Frame(0x705, b"\x06"), Frame(0x705, b"\x05\x00")])

@@ -1,0 +1,1 @@
+"""A VESC over CAN."""

@@ -1,0 +1,217 @@
+"""A VESC in the house: from the rig to the machine, what doesn't go together, who is there, and words."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final
+
+from firmware_protocol.frames import Frame
+from firmware_protocol.scales import ANGLE_LSB_PER_REV
+from hil_forceps.drives.port import DriveMachine
+from hil_forceps.drives.profile import (
+    LOAD_N_M,
+    MAX_QUANTUM_SHARE,
+    Decoded,
+    Finding,
+    Found,
+    Profile,
+    Quantum,
+    check_node,
+)
+from hil_forceps.drives.vesc import messages as wire
+from hil_forceps.drives.vesc.machine import Vesc, VescConfig
+from hil_forceps.drives.vesc.messages import Command
+from hil_forceps.drives.vesc.turns import Turns, TurnsConfig
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+from hil_forceps.rig.sections import MotorDriver
+
+LONGEST_TIMEOUT_S: Final = 0.9  # it is tried before each run, twice at worst, within the time to connect
+FEWEST_BROADCASTS: Final = 2  # one frame may be anybody's
+# A tick at worst: request (7 bytes), answer (8, 8, 2, 6), reference (4), stuffed, with the gaps behind them.
+_TICK_BITS: Final = 150 + 160 + 160 + 85 + 135 + 115
+_BROADCAST_BITS_PER_S: Final = 4 * 50 * 160  # STATUS 1 to 4 at 50 Hz, as VESC Tool's set-up leaves them
+_FLOAT_STEP_REV: Final = 2.0**-15 / 360.0  # of a 32-bit float in degrees, near a whole turn
+
+
+def _turns(rig: Rig, settings: MotorDriver) -> TurnsConfig:
+    ratio, limits = settings.encoder_rev_per_pulley_rev, rig.limits
+    ends = [
+        settings.encoder_zero_rev + ratio * end_rad / (2.0 * math.pi)
+        for end_rad in (limits.position_min_rad, limits.position_max_rad)
+    ]
+    return TurnsConfig(
+        low_rev=min(ends),
+        high_rev=max(ends),
+        speed_rev_per_s=limits.speed_max_rad_per_s * abs(ratio) / (2.0 * math.pi),
+        period_ns=round(rig.bench.host_period_s * 1e9),
+        count_rev=1.0 / (rig.encoder.counts_per_rev or ANGLE_LSB_PER_REV),
+    )
+
+
+def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
+    check_node(settings, 0, wire.MAX_NODE)
+    return Vesc(
+        VescConfig(
+            node=settings.node_id,
+            rev_per_pulley_rev=settings.encoder_rev_per_pulley_rev,
+            zero_rev=settings.encoder_zero_rev,
+            timeout_ns=max(round(settings.watchdog_s * 1e9), 1),  # 0 is refused as a problem before
+            turns=_turns(rig, settings),
+        )
+    )
+
+
+def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
+    if settings.watchdog_s > LONGEST_TIMEOUT_S:
+        yield Finding(
+            "problem",
+            "motor_driver.watchdog_s",
+            f"is {settings.watchdog_s:g} s; the service sees the timeout expire before each run, and waits "
+            f"{LONGEST_TIMEOUT_S:g} s at most: set less in the VESC and here",
+        )
+    turns = _turns(rig, settings)
+    if turns.high_rev - turns.low_rev >= 1.0:
+        yield Finding(
+            "problem",
+            "limits",
+            f"span {turns.high_rev - turns.low_rev:.2f} turns of the VESC's angle, which wraps at each: where the "
+            "motor starts can't be told; make them narrower than one, or divide the angle in the VESC",
+        )
+    if Turns(turns).is_lost(2 * turns.period_ns):  # where one answer is lost
+        yield Finding(
+            "problem",
+            "limits.speed_max_rad_per_s",
+            f"lets the VESC's angle come near half a turn ({turns.speed_rev_per_s:.3g} turns/s) before the next answer "
+            "does: its turns can't be counted; lower it, or bench.host_period_s",
+        )
+    age_s, period_s = rig.limits.max_sample_age_s, rig.bench.host_period_s
+    if age_s <= 1.5 * period_s:
+        yield Finding(
+            "problem",
+            "limits.max_sample_age_s",
+            f"is {age_s:g} s, but a sample is asked for a tick before it is used: at least {2.0 * period_s:g} s",
+        )
+    yield from _current_steps(rig)
+
+
+def _current_steps(rig: Rig) -> Iterator[Finding]:
+    try:
+        plant = rig.plant()
+    except UserError:
+        return
+    radii = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
+    needed_A = LOAD_N_M * radii / plant.torque_constant_N_m_per_A
+    share = wire.CURRENT_LSB_A / needed_A
+    if share > MAX_QUANTUM_SHARE:
+        hidden = "the load shows in none of them" if share >= 1.0 else f"{100.0 * share:.0f} % of it"
+        yield Finding(
+            "note",
+            "motor.torque_constant_N_m_per_A",
+            f"a load of {LOAD_N_M * 1e3:g} mN m at the jaw takes {needed_A:.3g} A, and a VESC tells its current in "
+            f"steps of {wire.CURRENT_LSB_A:g} A: {hidden}",
+        )
+
+
+def _quantum(rig: Rig, settings: MotorDriver) -> Quantum:
+    del rig
+    return Quantum(
+        "motor_driver.encoder_rev_per_pulley_rev", _FLOAT_STEP_REV / abs(settings.encoder_rev_per_pulley_rev)
+    )
+
+
+def _bus_load(rig: Rig, settings: MotorDriver) -> float:
+    del settings
+    return (_TICK_BITS / rig.bench.host_period_s + _BROADCAST_BITS_PER_S) / rig.bench.bitrate_bit_per_s
+
+
+def _ids(settings: MotorDriver) -> frozenset[tuple[int, bool]]:
+    """Return the ids of a VESC and of its host, to whom all answers go: so one VESC a bus."""
+    return frozenset((wire.frame_id(node, each), True) for node in (settings.node_id, wire.HOST_ID) for each in Command)
+
+
+class _Listener:
+    """Tells a VESC by what it broadcasts."""
+
+    def __init__(self) -> None:
+        self._heard: dict[int, dict[Command, dict[str, Any]]] = {}
+        self._count: dict[int, int] = {}
+
+    def receive(self, frame: Frame) -> bool:
+        """Take one frame; its ids may be others' too."""
+        found = wire.node_and_command(frame)
+        if found is not None and found[1] in wire.BROADCAST:
+            node, command = found[0], Command(found[1])
+            values = wire.parse_plain(command, frame.data)
+            if values is not None:
+                self._heard.setdefault(node, {})[command] = values
+                self._count[node] = self._count.get(node, 0) + 1
+        return False
+
+    def found(self) -> list[Found]:
+        """Return the VESCs heard so far, by node."""
+        heard = sorted(self._heard.items())
+        return [Found("vesc", node, _words(said)) for node, said in heard if self._count[node] >= FEWEST_BROADCASTS]
+
+
+def _words(said: dict[Command, dict[str, Any]]) -> str:
+    words = [f"broadcasts {', '.join(command.name for command in sorted(said))}"]
+    if Command.STATUS in said:
+        words.append(f"{abs(said[Command.STATUS]['current_without_direction_A']):g} A")
+    if Command.STATUS_4 in said:
+        words.append(f"{said[Command.STATUS_4]['position_deg']:g} degrees")
+    return "; ".join([*words, "its state is told only to who asks"])
+
+
+def decode(frame: Frame) -> Decoded | None:
+    """Return a VESC's frame; None for a command that isn't known here or has another length."""
+    found = wire.node_and_command(frame)
+    if found is None:
+        return None
+    node, number = found
+    try:
+        command = Command(number)
+    except ValueError:
+        return None
+    values = wire.parse_plain(command, frame.data)
+    if values is None:
+        values = _buffer_values(command, frame.data)
+    return None if values is None else Decoded(command.name, {"node": node, **values})
+
+
+def _buffer_values(command: Command, data: bytes) -> dict[str, Any] | None:
+    """Return what a frame says that carries a part of something, or who is there."""
+    fewest, read = _READERS.get(command, (0, None))
+    return None if read is None or len(data) < fewest else read(data)
+
+
+def _end_of_answer(data: bytes) -> dict[str, Any]:
+    length, crc = int.from_bytes(data[2:4], "big"), int.from_bytes(data[4:6], "big")
+    return {"sender": data[0], "processing": data[1], "length": length, "crc": f"0x{crc:04x}"}
+
+
+# By the fewest bytes that there must be.
+_READERS: Final[Mapping[Command, tuple[int, Callable[[bytes], dict[str, Any]]]]] = {
+    Command.NOTIFY_BOOT: (0, lambda data: {"hardware": data.decode("ascii", "replace")}),
+    Command.PING: (1, lambda data: {"sender": data[0]}),
+    Command.PONG: (1, lambda data: {"sender": data[0]}),
+    Command.FILL_RX_BUFFER: (2, lambda data: {"offset": data[0], "bytes": data[1:].hex()}),
+    Command.PROCESS_SHORT_BUFFER: (
+        3,
+        lambda data: {"sender": data[0], "processing": data[1], "packet": data[2], "bytes": data[3:].hex()},
+    ),
+    Command.PROCESS_RX_BUFFER: (6, _end_of_answer),
+}
+
+PROFILE: Final = Profile(
+    name="vesc",
+    link="can",
+    machine=_machine,
+    sample_period_s=lambda rig, _: rig.bench.host_period_s,  # that of the requests
+    findings=_findings,
+    bus_load=_bus_load,
+    quantum=_quantum,
+    listener=_Listener,
+    decode=decode,
+    ids=_ids,
+    has_extended_ids=True,
+)
