@@ -8,6 +8,7 @@ from typing import Any, Final, Literal, NamedTuple, Protocol
 
 from firmware_protocol.frames import Frame
 from hil_forceps.drives.port import DriveMachine
+from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
@@ -56,6 +57,11 @@ class Listener(Protocol):
         """Return the drives heard so far, by node."""
 
 
+def usual_promises(_rig: Rig, _settings: MotorDriver) -> Promises:
+    """Return what most drives promise."""
+    return Promises()
+
+
 @dataclass(frozen=True, slots=True)
 class Profile:
     """One protocol. Functions take a rig whose `motor_driver.profile` is this one's, with that section."""
@@ -70,6 +76,7 @@ class Profile:
     listener: Callable[[], Listener]
     decode: Callable[[Frame], Decoded | None]
     has_extended_ids: bool = False  # frames with ids of 29 bits may be its own
+    promises: Callable[[Rig, MotorDriver], Promises] = usual_promises  # what conformance holds the drive to
 
 
 def check_node(settings: MotorDriver, lowest: int, highest: int) -> None:
