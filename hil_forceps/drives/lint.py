@@ -8,15 +8,13 @@ import math
 from collections.abc import Iterator
 
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
-from hil_forceps.drives.profile import Finding
+from hil_forceps.drives.profile import LOAD_N_M, MAX_QUANTUM_SHARE, Finding
 from hil_forceps.drives.registry import maker_profile
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
-LOAD_N_M = 2.0e-3  # at the jaw: the paper's, for the wire's stretch and the current that it takes
 FEWEST_PERIODS = 3  # of the host, within a watchdog's time: one late tick must not stop the motor
 LONGEST_WATCHDOG_S = 0.5  # a motor that goes on for longer behind a dead host
-MAX_QUANTUM_SHARE = 0.05  # of the stretch under `LOAD_N_M`, that a count of the encoder may wind
 MAX_BUS_LOAD, HIGH_BUS_LOAD = 0.9, 0.6
 
 

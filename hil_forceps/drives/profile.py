@@ -13,6 +13,8 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
 
+LOAD_N_M: Final = 2.0e-3  # at the jaw: the paper's, for the wire's stretch and the torque and current that it takes
+MAX_QUANTUM_SHARE: Final = 0.05  # of what `LOAD_N_M` makes of it, that a step of the drive's may be
 MAX_FRAME_BITS: Final = 135  # of a classic frame of eight bytes, stuffed at worst, with the gap behind it
 _FLOAT_BITS: Final = 24  # of a 32-bit float's significand
 

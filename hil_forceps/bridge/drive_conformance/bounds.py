@@ -4,8 +4,7 @@ import math
 from typing import Final, NamedTuple
 
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
-from hil_forceps.drives.lint import LOAD_N_M, MAX_QUANTUM_SHARE
-from hil_forceps.drives.profile import Profile
+from hil_forceps.drives.profile import LOAD_N_M, MAX_QUANTUM_SHARE, Profile
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import Limits, MotorDriver
 
