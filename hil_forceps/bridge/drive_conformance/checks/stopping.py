@@ -84,7 +84,10 @@ def references_end(s: Session) -> None:
 
 @check(61, Need.TORQUE, _not_told)
 def host_falls_silent(s: Session) -> None:
-    """Nothing at all is sent, as by a host that has crashed; what the drive then says is heard on, or asked for."""
+    """Nothing at all is sent, as by a host that has crashed; then the drive is heard, or looked for anew.
+
+    A machine whose drive answers only when it is asked takes its own silence for the drive's.
+    """
     s.enable()
     s.hold(HOLD_NS)
     s.is_silent = True
@@ -92,6 +95,9 @@ def host_falls_silent(s: Session) -> None:
     s.is_silent = s.feeds = False
     end = _ENDS[s.promises.starved]
     s.run(s.report_ns, lambda: s.phase is end)
+    if s.phase is HostPhase.DISCONNECTED:
+        s.machine.connect(s.now_ns())
+        s.run(s.service.connect_timeout_ns, lambda: s.phase not in {HostPhase.DISCONNECTED, HostPhase.IDENTIFYING})
     _expect_end(s, f"after {s.watchdog_ns / MS:.0f} ms of silence")
     s.tell("silent for", s.watchdog_ns / MS, "ms")
 
