@@ -56,7 +56,8 @@ def frame_of(message: can.Message) -> Frame:
 class VirtualForcepsBus(can.BusABC):
     """A host's handle on a simulated forceps, its drive and the bus between them, in virtual time.
 
-    `rig`: a rig or its file, needed for the first handle of a channel unless `nodes` are given. `simulation`: load of
+    `rig`: a rig or its file, or several, as a text separated by commas, each with a drive on the bus; needed for the
+    first handle of a channel unless `nodes` are given. `simulation`: load of
     the paper's simulation 1 or 2, or 0 for none. `fd`: CAN FD with bit-rate switch; by default what the rig says.
     `faults`: a fault file, or a list as in `virtual_bus.bus.faults`. `truth_duration_s`: how much truth to log.
     `transmit_queue`, `receive_queue`: frames; `bitrate`, `data_bitrate` in bit/s go before the rig's. Numbers may come
@@ -66,7 +67,7 @@ class VirtualForcepsBus(can.BusABC):
     def __init__(
         self,
         channel: str = "bench",
-        rig: Rig | str | Path | None = None,
+        rig: Rig | str | Path | Sequence[Rig | Path] | None = None,
         simulation: int | str = 2,
         seed: int | str = 0,
         fd: bool | str | None = None,
@@ -95,9 +96,10 @@ class VirtualForcepsBus(can.BusABC):
             if rig is None:
                 timing = _timing(BitTiming(), bitrate, data_bitrate)
                 return worlds.node_world(nodes or (), number, bool(is_fd), schedule, timing)
-            loaded = worlds.as_rig(rig)
-            rates = BitTiming(loaded.bench.bitrate_bit_per_s, loaded.bench.data_bitrate_bit_per_s)
-            fd_mode = loaded.bench.transport == "fd" if is_fd is None else is_fd
+            loaded = worlds.as_rigs(rig)
+            bench = loaded[0].bench
+            rates = BitTiming(bench.bitrate_bit_per_s, bench.data_bitrate_bit_per_s)
+            fd_mode = bench.transport == "fd" if is_fd is None else is_fd
             timing = _timing(rates, bitrate, data_bitrate)
             return worlds.drive_world(loaded, load, number, fd_mode, schedule, timing, truth_s)
 
@@ -155,11 +157,14 @@ class VirtualForcepsBus(can.BusABC):
             return frames
         return [(time_ns, frame) for time_ns, frame in frames if self._wants(frame)]
 
-    def truth_log(self) -> TruthLog:
-        """Return what the world really did, logged where `truth_duration_s` asked for it; ValueError without drive."""
-        if self._world.drive is None:
+    def truth_log(self, place: int = 0) -> TruthLog:
+        """Return what the world really did, logged where `truth_duration_s` asked for it; ValueError without drive.
+
+        `place`: of the drive, where there are several.
+        """
+        if not self._world.drives:
             raise ValueError("this world has no simulated drive, so no truth")
-        return self._world.drive.truth
+        return self._world.drives[place].truth
 
     def counters(self) -> dict[str, int]:
         """Return what this handle's controller has counted, by name, and `overrun`: frames nobody took in time."""

@@ -23,7 +23,7 @@ class World:
     """A bus with what hangs on it besides hosts; `lock` is for hosts in several threads."""
 
     simulation: Simulation
-    drive: SimulatedMotorDriver | None
+    drives: tuple[SimulatedMotorDriver, ...]
     is_fd: bool
     latency_ns: int = 0
     jitter_ns: int = 0
@@ -38,32 +38,47 @@ class World:
         return node, self.simulation.add(node, f"host{self.hosts}", Side.HOST, queue_frames, answers=False)
 
 
-def as_rig(rig: Rig | str | Path) -> Rig:
-    """Return a rig, read from its file where a path is given; UserError when that fails."""
-    return rig if isinstance(rig, Rig) else load_rig(rig)
+def as_rigs(rigs: Rig | str | Path | Sequence[Rig | Path]) -> tuple[Rig, ...]:
+    """Return rigs, read where paths are given, in a text separated by commas; UserError when that fails."""
+    if isinstance(rigs, str):
+        return tuple(load_rig(each) for each in rigs.split(","))
+    if isinstance(rigs, Rig | Path):
+        rigs = (rigs,)
+    return tuple(each if isinstance(each, Rig) else load_rig(each) for each in rigs)
 
 
 def drive_world(
-    rig: Rig, simulation: int, seed: int, is_fd: bool, faults: Sequence[Fault], timing: BitTiming, truth_s: float
+    rigs: Sequence[Rig],
+    simulation: int,
+    seed: int,
+    is_fd: bool,
+    faults: Sequence[Fault],
+    timing: BitTiming,
+    truth_s: float,
 ) -> World:
-    """Build the world of a rig: its drive, alone on a bus. UserError when the rig doesn't say enough.
+    """Build the world of rigs: their drives on one bus. UserError when a rig doesn't say enough.
 
-    `simulation` is the paper's 1 or 2, or 0 for no load; `truth_s` seconds of truth are logged.
+    `simulation` is the paper's 1 or 2, or 0 for no load; `truth_s` seconds of truth are logged. Latency and jitter of
+    hosts are the first rig's.
     """
     stepper = Simulation(Medium(timing, FaultInjector(faults, seed) if faults else None))
     load = paper_load(simulation)
-    drive: SimulatedMotorDriver
-    if rig.drive_profile == "native":
-        drive = SimulatedDrive(rig, load, seed, fd=is_fd, truth_duration_s=truth_s)
-    else:
-        drive = SIMULATED_DRIVES[rig.drive_profile](rig, load, seed, truth_s)
-    stepper.add(drive, "drive", Side.DRIVE).on_bus_off = drive.trip
+    drives: list[SimulatedMotorDriver] = []
+    for place, rig in enumerate(rigs):
+        drive: SimulatedMotorDriver
+        if rig.drive_profile == "native":
+            drive = SimulatedDrive(rig, load, seed + place, fd=is_fd, truth_duration_s=truth_s)
+        else:
+            drive = SIMULATED_DRIVES[rig.drive_profile](rig, load, seed + place, truth_s)
+        stepper.add(drive, f"drive{place}" if place else "drive", Side.DRIVE).on_bus_off = drive.trip
+        drives.append(drive)
+    first = rigs[0].bench
     return World(
         stepper,
-        drive,
+        tuple(drives),
         is_fd,
-        latency_ns=round(rig.bench.latency_s * NS_PER_S),
-        jitter_ns=round(rig.bench.latency_jitter_s * NS_PER_S),
+        latency_ns=round(first.latency_s * NS_PER_S),
+        jitter_ns=round(first.latency_jitter_s * NS_PER_S),
         seed=seed,
     )
 
@@ -73,7 +88,7 @@ def node_world(nodes: Sequence[Node], seed: int, is_fd: bool, faults: Sequence[F
     stepper = Simulation(Medium(timing, FaultInjector(faults, seed) if faults else None))
     for index, node in enumerate(nodes):
         stepper.add(node, f"node{index}", Side.DRIVE, DEFAULT_QUEUE_FRAMES)
-    return World(stepper, None, is_fd, seed=seed)
+    return World(stepper, (), is_fd, seed=seed)
 
 
 class _Entry:

@@ -2,35 +2,38 @@
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
 from hil_forceps.bench.assembly import Settings, make_pipeline, metadata
 from hil_forceps.bridge.adapters import Connection
+from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.bus_log import LoggedLink, LogReport, open_bus_log
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Telemetry
 from hil_forceps.bridge.service import Service
-from hil_forceps.data.recording.writer import RecordingReport, open_recorder
+from hil_forceps.data.recording.writer import Recorder, RecordingReport, open_recorder
+from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.rig import Rig
-from hil_forceps.rig.errors import UserError
 
 
 class Plan(NamedTuple):
-    """What to run and where to leave it."""
+    """What to run on one axis and where to leave it."""
 
     rig: Rig
     settings: Settings
     drive: DriveMachine
     config: ServiceConfig
     recording: Path
-    bus_log: Path
+    bus_log: Path  # one for all axes of a service: the first plan's
     about: Mapping[str, str]  # more for the recording's metadata
+    name: str = ""  # of the axis, where there are several
 
 
 class SessionResult(NamedTuple):
-    """How it ended, and what became of the files."""
+    """How an axis ended, and what became of the files."""
 
     service: ServiceResult
     recording: RecordingReport
@@ -69,27 +72,55 @@ def run_session(
     stop_requested: Callable[[], bool] = lambda: False,
     telemetry: Callable[[Telemetry], None] | None = None,
 ) -> SessionResult:
-    """Run the service to its end and close everything, whatever happens; UserError when a file can't be created."""
+    """Run the service with one axis; as `run_axes`."""
+    return run_axes(connection, [plan], stop_requested, telemetry)[0]
+
+
+def run_axes(
+    connection: Connection,
+    plans: Sequence[Plan],
+    stop_requested: Callable[[], bool] = lambda: False,
+    telemetry: Callable[[Telemetry], None] | None = None,
+    *,
+    go_on: bool = False,
+    use: LineUse | None = None,
+) -> tuple[SessionResult, ...]:
+    """Run the service to its end and close everything, whatever happens; UserError when a file can't be created.
+
+    `go_on`: the other axes do where one fails. `use`: adds up the frames.
+    """
     link, clock = connection.link, connection.clock
     threaded = not connection.virtual_time
+    recorders: list[Recorder] = []
+    ending: Sequence[Mapping[str, str]] = [{"reason": "crashed"}] * len(plans)
     try:
-        pipeline = make_pipeline(plan.rig, plan.settings)
-        recorder = open_recorder(plan.recording, metadata(plan.rig, plan.settings, plan.about), threaded)
-        try:
-            log = open_bus_log(plan.bus_log, clock.now_ns(), threaded)
-        except UserError:
-            recorder.close({"reason": "crashed", "message": "the bus log could not be opened"})
-            raise
+        with ExitStack() as files:
+            axes = []
+            for plan in plans:
+                pipeline = make_pipeline(plan.rig, plan.settings)
+                recorder = open_recorder(plan.recording, metadata(plan.rig, plan.settings, plan.about), threaded)
+                recorders.append(recorder)
+                files.callback(recorder.close, {"reason": "crashed", "message": "another file could not be opened"})
+                axes.append(Axis(plan.drive, pipeline, plan.config, recorder, plan.name))
+            log = open_bus_log(plans[0].bus_log, clock.now_ns(), threaded, use)
+            files.pop_all()
         logged = LoggedLink(link, clock, log)
-        service = Service(logged, clock, plan.drive, pipeline, plan.config, recorder, stop_requested, telemetry)
+        service = Service(logged, clock, axes, plans[0].config, stop_requested, telemetry, go_on=go_on)
         began = time.perf_counter()
-        ending = {"reason": "crashed"}
         try:
-            result = service.run()
-            ending = {"reason": result.reason.value, "message": result.message}
-            ending["counters"] = json.dumps({name: dict(values) for name, values in result.counters.items()})
+            results = service.run()
+            ending = [_ending(result) for result in results]
         finally:
-            recording_report, log_report = recorder.close(ending), log.close()
+            reports = [recorder.close(said) for recorder, said in zip(recorders, ending, strict=True)]
+            log_report = log.close()
     finally:
         link.close()
-    return SessionResult(result, recording_report, log_report, time.perf_counter() - began)
+    wall_s = time.perf_counter() - began
+    return tuple(
+        SessionResult(result, report, log_report, wall_s) for result, report in zip(results, reports, strict=True)
+    )
+
+
+def _ending(result: ServiceResult) -> dict[str, str]:
+    counters = json.dumps({name: dict(values) for name, values in result.counters.items()})
+    return {"reason": result.reason.value, "message": result.message, "counters": counters}

@@ -18,6 +18,7 @@ import can
 from firmware_protocol.frames import Frame
 from hil_forceps.bridge.ports import Clock, Link, SendResult
 from hil_forceps.data.recording.background import Background
+from hil_forceps.drives.line_use import LineUse
 from hil_forceps.rig.errors import UserError
 
 BATCH_ENTRIES = 256
@@ -126,8 +127,10 @@ class PythonCanWriter:
 class BusLog:
     """Takes frames with the host's time; never blocks and never raises for what the disk does."""
 
-    def __init__(self, writer: LogWriter, begin_ns: int, threaded: bool) -> None:
+    def __init__(self, writer: LogWriter, begin_ns: int, threaded: bool, use: LineUse | None = None) -> None:
+        """`use`: adds up what is logged."""
         self.failure = ""
+        self._use = use
         self._writer = writer
         self._begin_ns = begin_ns
         self._batch: list[Entry] = []
@@ -166,6 +169,10 @@ class BusLog:
             self._unwritten += _count(batch)
             return
         begin_ns = self._begin_ns
+        if self._use is not None:
+            for _, frames in batch:
+                for _, frame in frames:
+                    self._use.add(len(frame.data), frame.is_fd, frame.is_extended)
         try:
             for is_received, frames in batch:
                 self._writer.write(is_received, [(time_ns - begin_ns, frame) for time_ns, frame in frames])
@@ -217,10 +224,10 @@ class LoggedLink:
         self._link.close()
 
 
-def open_bus_log(path: Path, begin_ns: int, threaded: bool) -> BusLog:
+def open_bus_log(path: Path, begin_ns: int, threaded: bool, use: LineUse | None = None) -> BusLog:
     """Create a log in the format of the suffix; UserError when the suffix is unknown or the file can't be created."""
     try:
-        return BusLog(_writer(path), begin_ns, threaded)
+        return BusLog(_writer(path), begin_ns, threaded, use)
     except OSError as error:
         raise UserError(f"{path}: can't log here: {error.strerror}; choose a directory that can be written") from error
 

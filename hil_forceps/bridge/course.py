@@ -78,6 +78,13 @@ class Course:
         """End at once: nothing can be said to the drive any more."""
         self._end(StopReason.BUS_DOWN, "the bus is gone; the drive's own watchdog stops the motor")
 
+    def stop(self, reason: StopReason, message: str, now_ns: int) -> None:
+        """End for a reason from outside, whatever the stage; nothing where it ends already."""
+        if self.stage is Stage.CONNECTING:
+            self._end(reason, message)
+        elif self.reason is None:
+            self._stop(reason, message, now_ns)
+
     def _connecting(self, now_ns: int) -> None:
         phase = self._host.phase
         if self._stop_requested():

@@ -21,6 +21,7 @@ class StopReason(Enum):
     REFERENCE_DENIED = "reference_denied"  # the gate let nothing pass
     BUS_DOWN = "bus_down"
     RECORDING_FAILED = "recording_failed"
+    OTHER_AXIS = "other_axis"  # another axis of the same service failed
 
 
 class Stage(Enum):
@@ -63,6 +64,7 @@ class Telemetry(NamedTuple):
     frames_sent: int
     frames_received: int
     overruns: int
+    axis: str = ""  # where there are several
 
 
 class ServiceResult(NamedTuple):

@@ -1,112 +1,99 @@
-"""The one loop: from the link through the pipeline back to the link, on an absolute schedule.
+"""The one loop: from the link through the pipelines of its axes back to the link, on an absolute schedule.
 
 The course of a run is `hil_forceps.bridge.course`. An exception out of the loop (a fault of this program) sends an
-emergency stop before it passes on.
+emergency stop to every drive before it passes on.
 
-Each tick drains the link, feeds every sample, sends at most one reference and what the host's state machine has to
-say. What the link does not take at once is dropped and counted, never kept for later. Nothing here logs or waits, and
-garbage collection rests while the loop runs (a tick makes no cycles). Ticks are due at whole periods plus the phase
-on the host's clock; a tick that ends after the next was due is an overrun, and the periods it ran over are skipped.
+Each tick drains the link and feeds every sample of every axis; then each axis sends at most one reference and what its
+drive's state machine has to say, in the order of the axes. What the link does not take at once is dropped and counted,
+never kept for later. Nothing here logs or waits, and garbage collection rests while the loop runs (a tick makes no
+cycles). Ticks are due at whole periods plus the phase on the host's clock; a tick that ends after the next was due is
+an overrun, and the periods it ran over are skipped.
+
+Where one axis fails, the others are stopped as well, unless they are to go on.
 """
 
 import gc
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from firmware_protocol.frames import Frame
-from hil_forceps.bridge.course import Course
-from hil_forceps.bridge.pipeline import Pipeline
+from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.ports import Clock, Link, SendResult
-from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Stage, Telemetry
+from hil_forceps.bridge.results import ServiceConfig, ServiceResult, StopReason, Telemetry
 from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics
-from hil_forceps.data.recording.writer import Outcome, Recorder
-from hil_forceps.drives.port import DriveMachine
 
-# Looked up once: members of an Enum cost as much as a call when asked for by their class.
-_ENDED = Stage.ENDED
-_SENT = SendResult.SENT
-_NONE, _OUTCOME_SENT = Outcome.NONE, Outcome.SENT
+_SENT = SendResult.SENT  # looked up once: members of an Enum cost as much as a call when asked for by their class
 
 
 class Service:
-    """One run against one drive; `run` once."""
+    """One run against one drive or several on one link; `run` once."""
 
     def __init__(
         self,
         link: Link,
         clock: Clock,
-        host: DriveMachine,
-        pipeline: Pipeline,
+        axes: Sequence[Axis],
         config: ServiceConfig,
-        recorder: Recorder | None = None,
         stop_requested: Callable[[], bool] = lambda: False,
         telemetry: Callable[[Telemetry], None] | None = None,
+        *,
+        go_on: bool = False,
     ) -> None:
-        """`stop_requested` is asked once a tick (set the flag in a signal handler).
+        """`config`: of the loop; the axes have their own, with the same period.
 
-        `telemetry` is called after a tick's work, `config.telemetry_period_ns` apart, and takes its time from the
-        slack.
+        `stop_requested` is asked once a tick (set the flag in a signal handler). `telemetry` is called after a tick's
+        work, `config.telemetry_period_ns` apart, with each axis in turn, and takes its time from the slack. `go_on`:
+        the other axes do where one fails. ValueError for no axis or a phase that isn't within the period.
         """
         if config.period_ns <= 0 or not 0 <= config.phase_ns < config.period_ns:
             raise ValueError(f"phase {config.phase_ns} ns must lie within the period of {config.period_ns} ns")
+        if not axes:
+            raise ValueError("a service has one axis at least")
         self.statistics: LoopStatistics = make_loop_statistics()
         self._link = link
         self._clock = clock
-        self._host = host
-        self._pipeline = pipeline
+        self._axes = tuple(axes)
         self._config = config
-        self._recorder = recorder
-        self._course = Course(host, pipeline, config, recorder, stop_requested)
+        self._stop_requested = stop_requested
         self._telemetry = telemetry
-        self._counters = dict.fromkeys(
-            ("ticks", "overruns", "skipped_periods", "frames_sent", "queue_full", "references_sent"),
-            0,
-        )
+        self._stops_all = len(self._axes) > 1 and not go_on
+        self._counters = dict.fromkeys(("ticks", "overruns", "skipped_periods", "frames_sent", "queue_full"), 0)
         self._has_run = False
         self._bus_down = False
-        self._setpoint_sequence = 0
-        self._reference_rad = math.nan
         self._next_telemetry_ns = 0
+        self._looked_at = 0
 
-    def run(self) -> ServiceResult:
-        """Run until something ends it; the link and the recorder stay open and belong to the caller."""
+    def run(self) -> tuple[ServiceResult, ...]:
+        """Run until something ends every axis; return how each ended.
+
+        The link and the recorders stay open and belong to the caller.
+        """
         if self._has_run:
             raise ValueError("a service runs once")
         self._has_run = True
-        self._pipeline.warm_up()
+        for axis in self._axes:
+            axis.pipeline.warm_up()
         now_ns = self._clock.now_ns()
-        course = self._course
-        course.begin(now_ns)
+        for axis in self._axes:
+            axis.begin(now_ns, self._stop_requested)
         try:
             with _no_collection():
                 self._loop(now_ns)
         except BaseException:
-            self._link.send(self._host.estop_frame())
+            for axis in self._axes:
+                self._link.send(axis.drive.estop_frame())
             raise
-        assert course.reason is not None
-        counters: dict[str, Mapping[str, int]] = {
-            "service": {**self._counters, "frames_received": course.frames_received},
-            "pipeline": dict(self._pipeline.counters),
-            "host": dict(self._host.counters),
-            "link": dict(self._link.counters),
-        }
-        return ServiceResult(
-            course.reason,
-            course.message,
-            course.drive_disabled,
-            self._pipeline.zero_ns,
-            counters,
-            self.statistics.summary(),
-        )
+        timing = self.statistics.summary()
+        return tuple(axis.result(self._counters, self._link.counters, timing) for axis in self._axes)
 
     def _loop(self, now_ns: int) -> None:
         period_ns, phase_ns = self._config.period_ns, self._config.phase_ns
         due_ns = ((now_ns - phase_ns) // period_ns + 1) * period_ns + phase_ns
         before_ns: int | None = None
-        course, clock, tick = self._course, self._clock, self._tick
+        axes, clock, tick = self._axes, self._clock, self._tick
         add_lateness, add_period = self.statistics.lateness.add, self.statistics.period.add
-        while course.stage is not _ENDED:
+        while not all(axis.has_ended for axis in axes):
             clock.sleep_until_ns(due_ns)
             now_ns = clock.now_ns()
             add_lateness(now_ns - due_ns)
@@ -124,59 +111,31 @@ class Service:
                 due_ns += skipped * period_ns
 
     def _tick(self, now_ns: int) -> None:
-        course = self._course
-        self._take_in()
-        course.advance(now_ns)
-        if course.sends_references():
-            self._send_reference(now_ns)
-        for frame in self._host.poll(now_ns):
-            self._send(frame)
-        if self._bus_down and course.stage is not _ENDED:
-            course.bus_is_down()
-        if self._telemetry is not None and now_ns >= self._next_telemetry_ns:
-            self._next_telemetry_ns = now_ns + self._config.telemetry_period_ns
-            self._telemetry(self._look())
-
-    def _take_in(self) -> None:
         received = self._link.receive()
-        host = self._host
-        for time_ns, frame in received:
-            host.receive(frame, time_ns)
-        self._course.frames_received += len(received)
-        recorder = self._recorder
-        pipeline = self._pipeline
-        for raw in host.take_samples():
-            if pipeline.feed(raw):
-                self._course.last_sample_ns = raw.received_ns
-                if recorder is not None:
-                    recorder.sample(raw, pipeline.sample, pipeline.estimate)
-        for values in host.take_bench():
-            if recorder is not None:
-                recorder.bench(values)
+        for axis in self._axes:
+            axis.receive(received)
         if not self._link.is_up():
             self._bus_down = True
+        for axis in self._axes:
+            if not axis.has_ended:
+                axis.tick(now_ns, self._send, self._clock.now_ns)
+                if self._bus_down and not axis.has_ended:
+                    axis.course.bus_is_down()
+        if self._stops_all:
+            self._stop_others(now_ns)
+        if self._telemetry is not None and now_ns >= self._next_telemetry_ns:
+            self._next_telemetry_ns = now_ns + self._config.telemetry_period_ns
+            self._looked_at = (self._looked_at + 1) % len(self._axes)
+            self._telemetry(self._look(self._axes[self._looked_at]))
 
-    def _send_reference(self, now_ns: int) -> None:
-        reference = self._pipeline.reference(now_ns)
-        sent_ns, outcome = now_ns, _NONE
-        raw = reference.reference_raw
-        if raw is not None:
-            frame = self._host.setpoint(raw)
-            if frame is None:
-                outcome = Outcome.NOT_ALLOWED
-            else:
-                result = self._send(frame)
-                self._setpoint_sequence = self._host.setpoint_sequence
-                if result is not _SENT:
-                    outcome = Outcome.QUEUE_FULL if result is SendResult.QUEUE_FULL else Outcome.BUS_DOWN
-                else:
-                    outcome = _OUTCOME_SENT
-                    sent_ns = self._clock.now_ns()
-                    self._counters["references_sent"] += 1
-                    self._reference_rad = reference.passed_rad
-                    self.statistics.age.add(sent_ns - self._pipeline.host_time_ns(reference.stamp_ns))
-        if self._recorder is not None:
-            self._recorder.reference(reference, sent_ns, outcome, self._setpoint_sequence)
+    def _stop_others(self, now_ns: int) -> None:
+        failed = next((axis for axis in self._axes if axis.has_failed), None)
+        if failed is None:
+            return
+        for axis in self._axes:
+            if axis.course.reason is None:
+                words = f"stopped, since {failed.name} ended: {failed.course.message}"
+                axis.course.stop(StopReason.OTHER_AXIS, words, now_ns)
 
     def _send(self, frame: Frame) -> SendResult:
         result = self._link.send(frame)
@@ -188,21 +147,21 @@ class Service:
             self._bus_down = True
         return result
 
-    def _look(self) -> Telemetry:
-        pipeline = self._pipeline
+    def _look(self, axis: Axis) -> Telemetry:
+        pipeline = axis.pipeline
         newest, zero_ns = pipeline.newest, pipeline.zero_ns
         time_s = math.nan if newest is None or zero_ns is None else (newest.stamp_ns - zero_ns) * 1e-9
-        counters = self._counters
         return Telemetry(
-            stage=self._course.stage,
+            stage=axis.course.stage,
             time_s=time_s,
             theta_m_rad=pipeline.sample.theta_m_rad,
-            reference_rad=self._reference_rad,
+            reference_rad=axis.reference_rad,
             tau_w_N_m=pipeline.estimate.tau_w_N_m,
             elongation_m=pipeline.estimate.elongation_m,
-            frames_sent=counters["frames_sent"],
-            frames_received=self._course.frames_received,
-            overruns=counters["overruns"],
+            frames_sent=self._counters["frames_sent"],
+            frames_received=axis.course.frames_received,
+            overruns=self._counters["overruns"],
+            axis=axis.name,
         )
 
 

@@ -101,20 +101,19 @@ class Histogram:
 
 
 class LoopStatistics(NamedTuple):
-    """The three histograms of a run of the service."""
+    """The histograms of a loop; the age is an axis's own."""
 
     period: Histogram
     lateness: Histogram
-    age: Histogram
 
     def summary(self) -> dict[str, HistogramSummary]:
-        """Return all three, ready for JSON."""
+        """Return them, ready for JSON."""
         return {name: histogram.summary() for name, histogram in zip(self._fields, self, strict=True)}
 
 
 def make_loop_statistics() -> LoopStatistics:
     """Return empty histograms: 1 µs wide up to 20 ms."""
-    return LoopStatistics(Histogram(), Histogram(), Histogram())
+    return LoopStatistics(Histogram(), Histogram())
 
 
 class StampMap:

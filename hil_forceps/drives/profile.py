@@ -1,12 +1,13 @@
 """What the house knows of a motor driver's protocol: one `Profile` each, from the rig to findings, frames and words."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, Literal, NamedTuple, Protocol
 
 from firmware_protocol.frames import Frame
+from hil_forceps.drives.line_use import most_bits
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
@@ -15,7 +16,6 @@ from hil_forceps.rig.sections import MotorDriver
 
 LOAD_N_M: Final = 2.0e-3  # at the jaw: the paper's, for the wire's stretch and the torque and current that it takes
 MAX_QUANTUM_SHARE: Final = 0.05  # of what `LOAD_N_M` makes of it, that a step of the drive's may be
-MAX_FRAME_BITS: Final = 135  # of a classic frame of eight bytes, stuffed at worst, with the gap behind it
 _FLOAT_BITS: Final = 24  # of a 32-bit float's significand
 
 
@@ -77,6 +77,8 @@ class Profile:
     quantum: Callable[[Rig, MotorDriver], Quantum | None]  # coarser than the encoder's count, where it is
     listener: Callable[[], Listener]
     decode: Callable[[Frame], Decoded | None]
+    # Arbitration ids of the drive and its host, each with whether it has 29 bits; none on a line of its own.
+    ids: Callable[[MotorDriver], frozenset[tuple[int, bool]]] = lambda _: frozenset()
     has_extended_ids: bool = False  # frames with ids of 29 bits may be its own
     promises: Callable[[Rig, MotorDriver], Promises] = usual_promises  # what conformance holds the drive to
 
@@ -92,7 +94,18 @@ def check_node(settings: MotorDriver, lowest: int, highest: int) -> None:
 
 def classic_load(rig: Rig, frames_per_s: float) -> float:
     """Return the share of a CAN bus that this many classic frames of eight bytes take, at worst."""
-    return frames_per_s * MAX_FRAME_BITS / rig.bench.bitrate_bit_per_s
+    return frames_load(rig, [(8, frames_per_s)])
+
+
+def frames_load(
+    rig: Rig, rates: Iterable[tuple[int, float]], *, is_fd: bool = False, is_extended: bool = False
+) -> float:
+    """Return the share of a CAN bus that frames take at worst; `rates`: their bytes, and how many come in a second."""
+    bench, load = rig.bench, 0.0
+    for length, per_s in rates:
+        nominal, data = most_bits(length, is_fd, is_extended)
+        load += per_s * (nominal / bench.bitrate_bit_per_s + data / bench.data_bitrate_bit_per_s)
+    return load
 
 
 def float_quantum(rig: Rig, settings: MotorDriver) -> Quantum:

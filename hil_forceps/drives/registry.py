@@ -2,12 +2,15 @@
 
 from typing import Final
 
+from firmware_protocol.frames import arbitration_id
 from firmware_protocol.host_machine import HostConfig, HostMachine
+from firmware_protocol.messages import Function
 from hil_forceps.drives.cia402.profile import PROFILE as CIA402
 from hil_forceps.drives.odrive.profile import PROFILE as ODRIVE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
 from hil_forceps.rig import Rig
+from hil_forceps.rig.consistency import native_bus_load
 from hil_forceps.rig.sections import MotorDriver
 
 PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402)}
@@ -26,6 +29,26 @@ def machine_for(rig: Rig) -> DriveMachine:
         return HostMachine(HostConfig(node=rig.bench.node_id, fd=rig.bench.transport == "fd"))
     profile, settings = found
     return profile.machine(rig, settings)
+
+
+def bus_load(rig: Rig) -> float:
+    """Return the share of the line's time that a rig's cyclic frames take, at worst; UserError without its loop."""
+    found = maker_profile(rig)
+    if found is None:
+        bench, loop = rig.bench, rig.require_drive()
+        rates = (bench.bitrate_bit_per_s, bench.data_bitrate_bit_per_s, bench.host_period_s)
+        return native_bus_load(bench.transport, *rates, loop.sample_time_s, bench.feedback_divider)
+    profile, settings = found
+    return profile.bus_load(rig, settings)
+
+
+def ids_of(rig: Rig) -> frozenset[tuple[int, bool]]:
+    """Return the arbitration ids that a rig's drive and its host use, each with whether it has 29 bits."""
+    found = maker_profile(rig)
+    if found is None:
+        return frozenset((arbitration_id(function, rig.bench.node_id), False) for function in Function)
+    profile, settings = found
+    return profile.ids(settings)
 
 
 def sample_period_s(rig: Rig) -> float:

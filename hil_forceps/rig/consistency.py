@@ -139,14 +139,19 @@ def _bus_load(
     transport: str, nominal: int, data: int, host_period: float, sample: float, divider: int
 ) -> Iterator[Problem]:
     """The cyclic frames, stuffed at worst, load the bus by no more than 95 %."""
-    feedback, sensor, setpoint = _frame_times_s(transport, nominal, data)
-    load = (feedback + sensor) / (sample * divider) + setpoint / host_period
+    load = native_bus_load(transport, nominal, data, host_period, sample, divider)
     if load > MAX_BUS_LOAD:
         text = (
             f"is {nominal}, too slow: the cyclic frames would load the bus by {100.0 * load:.0f} %; "
             "raise it, raise feedback_divider or use transport fd"
         )
         yield _problem("bench.bitrate_bit_per_s", text)
+
+
+def native_bus_load(transport: str, nominal: int, data: int, host_period: float, sample: float, divider: int) -> float:
+    """Return the share of the bus's time that the cyclic frames of the project's own protocol take, at worst."""
+    feedback, sensor, setpoint = _frame_times_s(transport, nominal, data)
+    return (feedback + sensor) / (sample * divider) + setpoint / host_period
 
 
 def _sample_age(

@@ -24,6 +24,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from firmware_protocol.frames import Frame
 from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
 from hil_forceps.bench.assembly import Settings, make_pipeline
+from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
 from hil_forceps.bridge.ports import SendResult
@@ -143,7 +144,7 @@ def ticks(rig: Rig) -> list[Tick]:
     tap = Tap(VirtualTimeLink(bus), clock)
     config = ServiceConfig(duration_ns=round(RUN_S * 1e9))
     host, pipeline = HostMachine(HostConfig(rig.bench.node_id)), make_pipeline(rig, settings_of("improved", rig))
-    result = Service(tap, clock, host, pipeline, config).run()
+    (result,) = Service(tap, clock, [Axis(host, pipeline, config)], config).run()
     tap.close()
     assert result.ok, result.message
     # The end of the run, where the drive is being disabled, is another story.

@@ -3,7 +3,7 @@
 import json
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +15,7 @@ from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.session import (
     Plan,
     SessionResult,
-    run_session,
+    run_axes,
     service_config,
     stamps_are_host_time,
 )
@@ -26,19 +26,22 @@ from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.trajectory_file import read_trajectory
-from hil_forceps.control.trajectories import PAPER_TRAJECTORY
+from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
+from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.lint import findings
+from hil_forceps.drives.profile import Finding
 from hil_forceps.drives.registry import machine_for, sample_period_s
+from hil_forceps.drives.several import findings as findings_of_several
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.sections import ProfileName
+from hil_forceps.rig.sections import BenchSettings, ProfileName
 
 EXIT_RUN_FAILED = 2
 
 
 def run(
     *,
-    rig: Path,
+    rig: tuple[Path, ...],
     out: Path,
     interface: str = "",
     channel: str = "",
@@ -48,20 +51,25 @@ def run(
     option: tuple[str, ...] = (),
     algorithm: str = "kalman",
     compensate: bool = True,
-    trajectory: Path | None = None,
+    trajectory: tuple[Path, ...] = (),
     duration: float | None = None,
     bus_log: Literal["log", "asc", "blf"] = "log",
     reset_fault: bool = False,
+    go_on: bool = False,
 ) -> int:
     """Estimate and compensate against a motor driver on any python-can interface or pyserial URL.
 
     Writes OUT/run.mcap (every sample and reference), OUT/bus.log (raw frames) and OUT/run.json (result, counters,
     timing). Ctrl-C and SIGTERM disable the drive first. Exit code 2 when the run did not end as it was meant to.
 
+    Several --rig: as many axes on one bus in one loop; recording and result of each are in OUT/NAME, by the name of its
+    rig file.
+
     Parameters
     ----------
     rig
-        Rig file with the forceps, the drive's loop, `bench:` and, always here, `limits:` of the reference.
+        Rig file with the forceps, the drive's loop, `bench:` and, always here, `limits:` of the reference; may be
+        repeated, for an axis each.
     out
         Folder for the results; made if it isn't there.
     interface
@@ -81,56 +89,102 @@ def run(
     compensate
         Send the compensated motor angle (10); without it the elongation is only estimated.
     trajectory
-        CSV with the columns time_s and theta_j_rad; without it the paper's: 90 to 10 degrees in 5 s.
+        CSV with the columns time_s and theta_j_rad; without it the paper's: 90 to 10 degrees in 5 s. One for all axes,
+        or one for each in their order.
     duration
         Seconds from the first operational sample; without it the run lasts to the end of the trajectory, or 20 s.
     bus_log
         Format of the raw bus log.
     reset_fault
         Clear a fault that the drive holds from before.
+    go_on
+        Where one axis fails the others go on; without it they are stopped.
     """
-    loaded = load_rig(rig)
-    _check_profile(rig, loaded, drive)
-    if serial and loaded.drive_profile != "native":
-        raise UserError(
-            f"--serial: {rig} describes a drive on a CAN bus (`motor_driver:`); give --interface and --channel"
-        )
-    machine = machine_for(loaded)
-    _check_settings(rig, loaded)
-    points = PAPER_TRAJECTORY if trajectory is None else read_trajectory(trajectory)
-    duration_s = max(20.0 if trajectory is None else points.times_s[-1], 1e-3) if duration is None else duration
+    rigs = _rigs(rig)
+    for path, loaded in zip(rig, rigs.values(), strict=True):
+        _check_profile(path, loaded, drive)
+        if serial and loaded.drive_profile != "native":
+            raise UserError(
+                f"--serial: {path} describes a drive on a CAN bus (`motor_driver:`); give --interface and --channel"
+            )
+    machines = [machine_for(loaded) for loaded in rigs.values()]
+    for path, loaded in zip(rig, rigs.values(), strict=True):
+        _check_settings(str(path), findings(loaded))
+    if len(rigs) > 1:
+        _check_settings(" ".join(map(str, rig)), findings_of_several(rigs))
+    points = _trajectories(trajectory, len(rigs))
+    last_s = 20.0 if not trajectory else max(each.times_s[-1] for each in points)
+    duration_s = max(last_s, 1e-3) if duration is None else duration
     if not (math.isfinite(duration_s) and duration_s > 0.0):
         raise UserError(f"--duration {duration_s}: must be a positive number of seconds")
     make_folder(out)
-    feedback_s = sample_period_s(loaded)
-    ready_kernels(loaded, feedback_s)
-    is_fd = loaded.bench.transport == "fd"
-    plan = Plan(
-        loaded,
-        Settings(algorithm, compensate, feedback_s, points, same_clock=stamps_are_host_time(loaded)),
-        machine,
-        service_config(loaded, duration_s, reset_fault),
-        recording=out / "run.mcap",
-        bus_log=out / f"bus.{bus_log}",
-        about={"interface": interface or serial, "channel": channel},
-    )
+    plans = []
+    for (name, loaded), machine, motion in zip(rigs.items(), machines, points, strict=True):
+        folder = out / name if len(rigs) > 1 else out
+        make_folder(folder)
+        feedback_s = sample_period_s(loaded)
+        ready_kernels(loaded, feedback_s)
+        plans.append(
+            Plan(
+                loaded,
+                Settings(algorithm, compensate, feedback_s, motion, same_clock=stamps_are_host_time(loaded)),
+                machine,
+                service_config(loaded, duration_s, reset_fault),
+                recording=folder / "run.mcap",
+                bus_log=out / f"bus.{bus_log}",
+                about={"interface": interface or serial, "channel": channel},
+                name=name if len(rigs) > 1 else "",
+            )
+        )
+    bench = next(iter(rigs.values())).bench
     link = LinkSpec(
         interface=interface,
         channel=channel,
         serial_url=serial,
-        fd=is_fd,
-        bitrate_bit_per_s=loaded.bench.bitrate_bit_per_s,
-        data_bitrate_bit_per_s=loaded.bench.data_bitrate_bit_per_s,
+        fd=bench.transport == "fd",
+        bitrate_bit_per_s=bench.bitrate_bit_per_s,
+        data_bitrate_bit_per_s=bench.data_bitrate_bit_per_s,
         baudrate=baudrate,
         options=interface_options(option),
     )
     connection = open_link(link)
     for note in connection.notes:
         sys.stderr.write(f"note: {note}\n")
-    flag = StopFlag()
+    flag, use = StopFlag(), LineUse()
     with stopped_by_signals(flag), _status() as show:
-        result = run_session(connection, plan, flag.is_set, show)
-    return _tell(result, out)
+        results = run_axes(connection, plans, flag.is_set, show, go_on=go_on, use=use)
+    used = None if serial else _line_share(use, results, bench)
+    codes = [_tell(result, plan, used) for result, plan in zip(results, plans, strict=True)]
+    if len(plans) > 1 and used is not None:
+        sys.stdout.write(f"the bus was used by {100.0 * used:.0f} % at most\n")
+    return max(codes)
+
+
+def _rigs(paths: Sequence[Path]) -> dict[str, Rig]:
+    """Return the rigs by their names; UserError where two have one name."""
+    rigs: dict[str, Rig] = {}
+    for path in paths:
+        if path.stem in rigs:
+            raise UserError(
+                f"--rig {path}: another rig is named {path.stem}, too; results go by these names, so rename one"
+            )
+        rigs[path.stem] = load_rig(path)
+    return rigs
+
+
+def _trajectories(paths: Sequence[Path], axes: int) -> list[Trajectory]:
+    """Return the trajectory of each axis; UserError where their number doesn't fit."""
+    if len(paths) not in {0, 1, axes}:
+        raise UserError(f"--trajectory: there are {len(paths)} for {axes} axes; give one, or one for each")
+    points = [read_trajectory(path) for path in paths] or [PAPER_TRAJECTORY]
+    return points * axes if len(points) == 1 else points
+
+
+def _line_share(use: LineUse, results: Sequence[SessionResult], bench: BenchSettings) -> float:
+    """Return the share of the run's time for which frames were on the bus, at most."""
+    period = results[0].service.timing["period"]
+    lasted_s = (period["mean_us"] or 0.0) * 1e-6 * period["count"]
+    return use.time_s(bench.bitrate_bit_per_s, bench.data_bitrate_bit_per_s) / lasted_s if lasted_s > 0.0 else 0.0
 
 
 def _check_profile(path: Path, rig: Rig, wanted: str | None) -> None:
@@ -142,14 +196,13 @@ def _check_profile(path: Path, rig: Rig, wanted: str | None) -> None:
         )
 
 
-def _check_settings(path: Path, rig: Rig) -> None:
+def _check_settings(where: str, found: Sequence[Finding]) -> None:
     """Print the notes of `hil-forceps check`; UserError for its problems."""
-    found = findings(rig)
-    problems = [f"{path}: {each.key}: {each.text}" for each in found if each.level == "problem"]
+    problems = [f"{where}: {each.key}: {each.text}" for each in found if each.level == "problem"]
     if problems:
         raise UserError(problems)
     for note in found:
-        sys.stderr.write(f"note: {path}: {note.key}: {note.text}\n")
+        sys.stderr.write(f"note: {where}: {note.key}: {note.text}\n")
 
 
 @contextmanager
@@ -163,7 +216,7 @@ def _status() -> Iterator[Any]:
 
         def show(seen: Telemetry) -> None:
             status.update(
-                f"{seen.stage.value} {seen.time_s:6.2f} s  θ_m {seen.theta_m_rad:+.4f} rad  "
+                f"{seen.axis} {seen.stage.value} {seen.time_s:6.2f} s  θ_m {seen.theta_m_rad:+.4f} rad  "
                 f"τ_w {seen.tau_w_N_m * 1e3:+.3f} mN m  x {seen.elongation_m * 1e6:+.1f} µm  "
                 f"sent {seen.frames_sent}  received {seen.frames_received}  overruns {seen.overruns}"
             )
@@ -171,9 +224,10 @@ def _status() -> Iterator[Any]:
         yield show
 
 
-def _tell(session: SessionResult, out: Path) -> int:
-    result = session.service
-    content = {
+def _tell(session: SessionResult, plan: Plan, line_share: float | None) -> int:
+    """Write `run.json` beside the recording, and the outcome to the terminal; return the exit code."""
+    result, folder = session.service, plan.recording.parent
+    content: dict[str, Any] = {
         "reason": result.reason.value,
         "message": result.message,
         "drive_disabled": result.drive_disabled,
@@ -182,19 +236,22 @@ def _tell(session: SessionResult, out: Path) -> int:
         "counters": {name: dict(values) for name, values in result.counters.items()},
         "timing": dict(result.timing),
     }
+    if line_share is not None:
+        content["bus_share_at_most"] = round(line_share, 4)
     failures = list(session.failures)
     try:
-        (out / "run.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        (folder / "run.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
-        failures.append(f"{out}/run.json: can't be written: {error.strerror}")
+        failures.append(f"{folder}/run.json: can't be written: {error.strerror}")
+    said = f"{plan.name}: " if plan.name else ""
     for failure in failures:
-        sys.stderr.write(f"hil-forceps: {failure}\n")
+        sys.stderr.write(f"hil-forceps: {said}{failure}\n")
     if not result.ok:
-        sys.stderr.write(f"hil-forceps: {result.message}\n")
+        sys.stderr.write(f"hil-forceps: {said}{result.message}\n")
         return EXIT_RUN_FAILED
     age = result.timing["age"]
     sys.stdout.write(
-        f"{result.message}; {result.counters['service']['references_sent']} references sent, sample to reference "
-        f"p50 {age['p50_us']} µs, p99 {age['p99_us']} µs, max {age['max_us']} µs; results are in {out}/\n"
+        f"{said}{result.message}; {result.counters['service']['references_sent']} references sent, sample to reference "
+        f"p50 {age['p50_us']} µs, p99 {age['p99_us']} µs, max {age['max_us']} µs; results are in {folder}/\n"
     )
     return EXIT_RUN_FAILED if failures else 0

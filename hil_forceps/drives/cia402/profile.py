@@ -9,7 +9,7 @@ from hil_forceps.drives.cia402 import messages as wire
 from hil_forceps.drives.cia402.machine import Cia402
 from hil_forceps.drives.cia402.objects import HOST_NODE, Cia402Config
 from hil_forceps.drives.port import DriveMachine
-from hil_forceps.drives.profile import Decoded, Finding, Found, Profile, check_node, classic_load, member_name
+from hil_forceps.drives.profile import Decoded, Finding, Found, Profile, check_node, frames_load, member_name
 from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -80,9 +80,15 @@ def _promises(rig: Rig, settings: MotorDriver) -> Promises:
 
 def _bus_load(rig: Rig, settings: MotorDriver) -> float:
     del settings
-    cyclic = 4.0  # SYNC, two frames of the drive, a reference
+    cyclic = (0, 7, 4, 6)  # bytes of SYNC, the drive's two frames, a reference
     heartbeats_per_s = 60.0  # of both
-    return classic_load(rig, cyclic / rig.bench.host_period_s + heartbeats_per_s)
+    return frames_load(rig, [*((length, 1.0 / rig.bench.host_period_s) for length in cyclic), (1, heartbeats_per_s)])
+
+
+def _ids(settings: MotorDriver) -> frozenset[tuple[int, bool]]:
+    of_bus = (wire.SYNC_ID, wire.HEARTBEAT_ID + HOST_NODE)  # one host's, so one drive of this profile a bus
+    of_node = (wire.EMCY_ID, *wire.TPDO_IDS, wire.RPDO1_ID, wire.SDO_ANSWER_ID, wire.SDO_REQUEST_ID, wire.HEARTBEAT_ID)
+    return frozenset((each, False) for each in (*of_bus, *(function + settings.node_id for function in of_node)))
 
 
 class _Listener:
@@ -205,4 +211,5 @@ PROFILE: Final = Profile(
     listener=_Listener,
     decode=decode,
     promises=_promises,
+    ids=_ids,
 )

@@ -166,4 +166,5 @@ PROFILE: Final = Profile(
     quantum=float_quantum,
     listener=_Listener,
     decode=decode,
+    ids=lambda settings: frozenset((settings.node_id << 5 | command, False) for command in range(32)),
 )

@@ -14,6 +14,7 @@ from firmware_protocol.frames import Frame, split_id
 from firmware_protocol.host_machine import HostConfig, HostMachine
 from firmware_protocol.messages import BenchSensor, DriveState, FaultReason, Function, Identity, Setpoint
 from firmware_protocol.scales import ANGLE_LSB_RAD
+from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Stage, StopReason, Telemetry
@@ -132,6 +133,10 @@ class Rigged(NamedTuple):
     service: Service
     seen: list[Telemetry]
 
+    def run(self) -> ServiceResult:
+        (result,) = self.service.run()
+        return result
+
 
 def estimator(nan_from_ns: int | None = None) -> Estimator:
     def known(state: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Estimate:
@@ -161,13 +166,12 @@ def rigged(
         same_clock=True,
     )
     seen: list[Telemetry] = []
+    config = config or ServiceConfig(duration_ns=500 * MS)
     service = Service(
         world,
         world,
-        HostMachine(HostConfig(NODE)),
-        line,
-        config or ServiceConfig(duration_ns=500 * MS),
-        recorder,
+        [Axis(HostMachine(HostConfig(NODE)), line, config, recorder)],
+        config,
         stop_requested=lambda: stop_at_ns is not None and world.time_ns >= stop_at_ns,
         telemetry=telemetry or seen.append,
     )
@@ -183,7 +187,7 @@ def safe(world: World) -> bool:
 
 def test_no_reference_leaves_that_the_gate_did_not_pass() -> None:
     bench = rigged()
-    bench.service.run()
+    bench.run()
     setpoints = bench.world.setpoints()
     assert len(setpoints) > 400
     assert all(setpoint.theta_m_ref in bench.gate.passed for _, setpoint in setpoints)
@@ -191,7 +195,7 @@ def test_no_reference_leaves_that_the_gate_did_not_pass() -> None:
 
 def test_every_reference_comes_from_a_sample_of_its_own_and_a_fresh_one() -> None:
     bench = rigged()
-    bench.service.run()
+    bench.run()
     before = -1
     for time_ns, setpoint in bench.world.setpoints():
         newest = (time_ns - bench.world.delay_ns) // MS
@@ -204,7 +208,7 @@ def test_nothing_is_sent_to_follow_when_samples_are_stale() -> None:
     world = World()
     bench = rigged(world, ServiceConfig(duration_ns=500 * MS))
     world.at(250 * MS, lambda: setattr(world, "delay_ns", 5 * MS))
-    result = bench.service.run()
+    result = bench.run()
     last_ns = bench.world.setpoints()[-1][0]
     assert last_ns <= 251 * MS
     assert result.counters["pipeline"]["stale"] > 10
@@ -215,7 +219,7 @@ def test_nothing_is_sent_to_follow_when_samples_are_stale() -> None:
 
 def test_enabling_moves_nothing() -> None:
     bench = rigged()
-    bench.service.run()
+    bench.run()
     _, first = bench.world.setpoints()[0]
     assert first.theta_m_ref == START_RAW
     assert bench.world.machine.counters["faults"] == 0
@@ -226,7 +230,7 @@ def test_enabling_moves_nothing() -> None:
 
 def test_a_run_to_its_end() -> None:
     bench = rigged()
-    result = bench.service.run()
+    result = bench.run()
     assert (result.reason, result.drive_disabled, result.ok) == (StopReason.COMPLETED, True, True)
     assert bench.world.machine.state is DriveState.DISABLED
     service, pipeline = result.counters["service"], result.counters["pipeline"]
@@ -237,13 +241,13 @@ def test_a_run_to_its_end() -> None:
     assert result.zero_ns is not None
     assert bench.world.theta_raw < START_RAW
     with pytest.raises(ValueError, match="once"):
-        bench.service.run()
+        bench.run()
 
 
 def test_a_stop_request_disables_the_drive_in_whatever_stage_it_comes() -> None:
     for stop_ns in (0, 15 * MS, 60 * MS, 300 * MS):
         bench = rigged(stop_at_ns=stop_ns)
-        result = bench.service.run()
+        result = bench.run()
         assert result.reason is StopReason.STOP_REQUESTED
         assert result.ok
         assert bench.world.machine.state is DriveState.DISABLED
@@ -254,7 +258,7 @@ def test_a_full_queue_is_counted_and_its_frames_are_never_sent_later() -> None:
     bench = rigged(world)
     world.at(200 * MS, lambda: setattr(world, "result", SendResult.QUEUE_FULL))
     world.at(205 * MS, lambda: setattr(world, "result", SendResult.SENT))
-    result = bench.service.run()
+    result = bench.run()
     assert result.reason is StopReason.COMPLETED
     service = result.counters["service"]
     assert service["queue_full"] in {5, 6}
@@ -268,7 +272,7 @@ def test_a_bus_that_goes_away_ends_the_run_and_the_watchdog_stops_the_motor() ->
     world = World()
     bench = rigged(world)
     world.at(200 * MS, world.close)
-    result = bench.service.run()
+    result = bench.run()
     assert (result.reason, result.ok, result.drive_disabled) == (StopReason.BUS_DOWN, False, False)
     assert "watchdog" in result.message
     world.sleep_until_ns(world.time_ns + (WATCHDOG_MS + 2) * MS)
@@ -280,14 +284,14 @@ def test_a_fault_of_the_drive_ends_the_run_with_its_reason_in_words() -> None:
     world = World()
     bench = rigged(world)
     world.at(200 * MS, lambda: world.machine.trip(FaultReason.OVERCURRENT))
-    result = bench.service.run()
+    result = bench.run()
     assert (result.reason, result.drive_disabled) == (StopReason.DRIVE_FAULT, True)
     assert "OVERCURRENT" in result.message
 
 
 def test_an_estimate_that_is_not_finite_disables_the_drive_before_its_watchdog() -> None:
     bench = rigged(nan_from_ns=300 * MS)
-    result = bench.service.run()
+    result = bench.run()
     assert (result.reason, result.drive_disabled) == (StopReason.REFERENCE_DENIED, True)
     assert bench.world.machine.state is DriveState.DISABLED
     assert max(time_ns for time_ns, _ in bench.world.setpoints()) < 301 * MS
@@ -297,7 +301,7 @@ def test_a_drive_that_vanishes_is_noticed() -> None:
     world = World()
     bench = rigged(world)
     world.at(200 * MS, lambda: setattr(world, "mute", True))
-    result = bench.service.run()
+    result = bench.run()
     assert (result.reason, result.drive_disabled) == (StopReason.DRIVE_LOST, False)
     assert "did not confirm" in result.message
 
@@ -310,7 +314,7 @@ def test_a_drive_that_was_disabled_by_somebody_else_ends_the_run() -> None:
         world.machine = DriveMachine(world.machine.config)
 
     world.at(200 * MS, restart)
-    result = bench.service.run()
+    result = bench.run()
     assert result.reason in {StopReason.DRIVE_STOPPED, StopReason.DRIVE_LOST}
     assert safe(world)
 
@@ -318,7 +322,7 @@ def test_a_drive_that_was_disabled_by_somebody_else_ends_the_run() -> None:
 def test_nobody_there() -> None:
     world = World()
     world.mute = True
-    result = rigged(world).service.run()
+    result = rigged(world).run()
     assert (result.reason, result.ok) == (StopReason.NO_DRIVE, False)
     assert "nothing came over the bus" in result.message
     assert world.setpoints() == []
@@ -329,7 +333,7 @@ def test_another_version_is_refused_at_connect() -> None:
     world.mute = True
     identity = codec.encode(Identity(NODE, 77, 9, 0))
     world.at(10 * MS, lambda: world._arrivals.append((world.time_ns, identity)))
-    result = rigged(world).service.run()
+    result = rigged(world).run()
     assert result.reason is StopReason.VERSION_REFUSED
     assert "9.0" in result.message
     assert {split_id(frame.arbitration_id)[0] for _, frame in world.sent} == {Function.DISCOVER}
@@ -338,12 +342,12 @@ def test_another_version_is_refused_at_connect() -> None:
 def test_a_fault_from_before_ends_the_run_unless_it_may_be_cleared() -> None:
     world = World()
     world.machine.trip(FaultReason.SUPPLY)
-    result = rigged(world).service.run()
+    result = rigged(world).run()
     assert result.reason is StopReason.DRIVE_FAULT
     assert "from before: SUPPLY" in result.message
     world = World()
     world.machine.trip(FaultReason.SUPPLY)
-    result = rigged(world, ServiceConfig(duration_ns=100 * MS, reset_fault=True)).service.run()
+    result = rigged(world, ServiceConfig(duration_ns=100 * MS, reset_fault=True)).run()
     assert result.reason is StopReason.COMPLETED
 
 
@@ -351,7 +355,7 @@ def test_a_drive_that_can_not_be_enabled() -> None:
     world = World()
     bench = rigged(world, ServiceConfig(duration_ns=100 * MS, enable_timeout_ns=300 * MS))
     world.at(20 * MS, lambda: setattr(world, "result", SendResult.QUEUE_FULL))
-    result = bench.service.run()
+    result = bench.run()
     assert result.reason in {StopReason.ENABLE_FAILED, StopReason.NO_DRIVE}
     assert safe(world)
 
@@ -359,7 +363,7 @@ def test_a_drive_that_can_not_be_enabled() -> None:
 def test_a_motor_outside_the_limits_is_not_enabled_and_the_message_says_why() -> None:
     world = World()
     world.theta_raw = round(3.5 / ANGLE_LSB_RAD)
-    result = rigged(world, ServiceConfig(duration_ns=100 * MS, enable_timeout_ns=300 * MS)).service.run()
+    result = rigged(world, ServiceConfig(duration_ns=100 * MS, enable_timeout_ns=300 * MS)).run()
     assert result.reason is StopReason.ENABLE_FAILED
     assert "within `limits:`" in result.message
     assert world.setpoints() == []
@@ -377,7 +381,7 @@ class FullDisk(io.BytesIO):
 def test_a_full_disk_under_the_recording_stops_the_run_with_the_drive_disabled(threaded: bool) -> None:
     world = World()
     recorder = Recorder(FullDisk(), {"a": "b"}, threaded)
-    result = rigged(world, ServiceConfig(duration_ns=60_000 * MS), recorder).service.run()
+    result = rigged(world, ServiceConfig(duration_ns=60_000 * MS), recorder).run()
     assert (result.reason, result.drive_disabled) == (StopReason.RECORDING_FAILED, True)
     assert "No space left" in result.message
     assert world.machine.state is DriveState.DISABLED
@@ -391,7 +395,7 @@ def test_a_mistake_in_the_program_sends_an_emergency_stop() -> None:
 
     bench = rigged(telemetry=broken)
     with pytest.raises(RuntimeError, match="broken display"):
-        bench.service.run()
+        bench.run()
     assert split_id(bench.world.sent[-1][1].arbitration_id)[0] == Function.ESTOP
     assert bench.world.machine.fault is FaultReason.ESTOP
 
@@ -403,7 +407,7 @@ def test_overruns_are_counted_and_the_schedule_stays_where_it_was() -> None:
     world = World()
     world.late_ns = {200 * MS + 600 * US: 3 * MS + 300 * US}
     bench = rigged(world)
-    result = bench.service.run()
+    result = bench.run()
     service = result.counters["service"]
     assert (service["overruns"], service["skipped_periods"]) == (1, 3)
     assert result.timing["lateness"]["max_us"] == 3300.0
@@ -415,19 +419,19 @@ def test_overruns_are_counted_and_the_schedule_stays_where_it_was() -> None:
 def test_samples_of_skipped_periods_still_reach_the_estimator() -> None:
     world = World()
     world.late_ns = {200 * MS + 600 * US: 3 * MS + 300 * US}
-    result = rigged(world).service.run()
+    result = rigged(world).run()
     assert result.counters["pipeline"]["samples"] == result.counters["host"]["samples"]
     assert result.counters["host"]["lost_feedback"] == 0
 
 
 def test_a_slow_loop_has_patience_with_its_drive() -> None:
     config = ServiceConfig(period_ns=15 * MS, phase_ns=MS, duration_ns=400 * MS, silence_timeout_ns=MS)
-    assert rigged(config=config).service.run().reason is StopReason.COMPLETED
+    assert rigged(config=config).run().reason is StopReason.COMPLETED
 
 
 def test_telemetry_comes_seldom() -> None:
     bench = rigged(config=ServiceConfig(duration_ns=500 * MS, telemetry_period_ns=100 * MS))
-    bench.service.run()
+    bench.run()
     assert len(bench.seen) in {6, 7}
     assert bench.seen[-1].stage in {Stage.RUNNING, Stage.STOPPING}
     assert bench.seen[-1].tau_w_N_m == 1e-3
@@ -452,7 +456,7 @@ class Kept(io.BytesIO):
 def recorded(world: World, **settings: int) -> tuple[ServiceResult, bytes]:
     file = Kept()
     recorder = Recorder(file, {"algorithm": "fixed"}, threaded=False)
-    result = rigged(world, recorder=recorder, **settings).service.run()  # type: ignore[arg-type]
+    result = rigged(world, recorder=recorder, **settings).run()  # type: ignore[arg-type]
     recorder.close({"reason": result.reason.value})
     return result, file.kept
 

@@ -35,7 +35,7 @@ def test_what_does_not_fit_is_counted_apart() -> None:
 
 def test_an_empty_histogram_has_no_figures_and_all_of_them_are_json() -> None:
     summary = make_loop_statistics().summary()
-    assert summary["age"]["p50_us"] is None
+    assert summary["lateness"]["p50_us"] is None
     assert json.loads(json.dumps(summary))["period"]["bins"] == []
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from firmware_protocol.host_machine import HostConfig, HostMachine
 from hil_forceps.bench.assembly import Settings, make_pipeline, metadata, settings_of
+from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.bus_log import LoggedLink, open_bus_log
 from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
@@ -48,10 +49,10 @@ def run(
     recorder = open_recorder(path / "run.mcap", metadata(rig, settings, {}), threaded=False)
     host = HostMachine(HostConfig(rig.bench.node_id, fd=rig.bench.transport == "fd"))
     config = ServiceConfig(duration_ns=round(duration_s * 1e9))
-    service = Service(link, clock, host, make_pipeline(rig, settings), config, recorder)
-    result = service.run()
+    axis = Axis(host, make_pipeline(rig, settings), config, recorder)
+    (result,) = Service(link, clock, [axis], config).run()
     bus.advance_until_ns(bus.now_ns() + 100_000_000)
-    drive = bus._world.drive
+    (drive,) = bus._world.drives
     assert isinstance(drive, SimulatedDrive)
     state = drive.machine.state.name
     recorder.close({"reason": result.reason.value})

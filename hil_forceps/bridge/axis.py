@@ -1,0 +1,126 @@
+"""One drive of a service: its machine, pipeline, recorder and course, and what they do in a tick."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from firmware_protocol.frames import Frame
+from hil_forceps.bridge.course import Course
+from hil_forceps.bridge.pipeline import Pipeline
+from hil_forceps.bridge.ports import SendResult
+from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Stage, StopReason
+from hil_forceps.bridge.statistics import Histogram, HistogramSummary
+from hil_forceps.data.recording.writer import Outcome, Recorder
+from hil_forceps.drives.port import DriveMachine
+
+# Looked up once: members of an Enum cost as much as a call when asked for by their class.
+_ENDED = Stage.ENDED
+_SENT = SendResult.SENT
+_NONE, _OUTCOME_SENT = Outcome.NONE, Outcome.SENT
+WELL = frozenset({StopReason.COMPLETED, StopReason.STOP_REQUESTED})
+
+
+class Axis:
+    """A drive in a service; what passes over the link goes through `receive` and the `send` of a tick."""
+
+    def __init__(
+        self,
+        drive: DriveMachine,
+        pipeline: Pipeline,
+        config: ServiceConfig,
+        recorder: Recorder | None = None,
+        name: str = "",
+    ) -> None:
+        """`name`: for messages, where there are several."""
+        self.name = name
+        self.drive = drive
+        self.pipeline = pipeline
+        self.age = Histogram()
+        self.references_sent = 0
+        self.reference_rad = math.nan
+        self._config = config
+        self._recorder = recorder
+        self._setpoint_sequence = 0
+        self.course = Course(drive, pipeline, config, recorder, lambda: False)
+
+    def begin(self, now_ns: int, stop_requested: Callable[[], bool]) -> None:
+        """Start to ask for the drive."""
+        self.course = Course(self.drive, self.pipeline, self._config, self._recorder, stop_requested)
+        self.course.begin(now_ns)
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether nothing more happens on it."""
+        return self.course.stage is _ENDED
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether it ends, or has ended, otherwise than it was meant to."""
+        return self.course.reason is not None and self.course.reason not in WELL
+
+    def receive(self, received: Sequence[tuple[int, Frame]]) -> None:
+        """Take what came over the link since the tick before, each frame with its time."""
+        drive, course, recorder, pipeline = self.drive, self.course, self._recorder, self.pipeline
+        for time_ns, frame in received:
+            drive.receive(frame, time_ns)
+        course.frames_received += len(received)
+        for raw in drive.take_samples():
+            if pipeline.feed(raw):
+                course.last_sample_ns = raw.received_ns
+                if recorder is not None:
+                    recorder.sample(raw, pipeline.sample, pipeline.estimate)
+        for values in drive.take_bench():
+            if recorder is not None:
+                recorder.bench(values)
+
+    def tick(self, now_ns: int, send: Callable[[Frame], SendResult], clock_ns: Callable[[], int]) -> None:
+        """Send one reference at most, and what the drive's machine has to say."""
+        course = self.course
+        course.advance(now_ns)
+        if course.sends_references():
+            self._send_reference(now_ns, send, clock_ns)
+        for frame in self.drive.poll(now_ns):
+            send(frame)
+
+    def _send_reference(self, now_ns: int, send: Callable[[Frame], SendResult], clock_ns: Callable[[], int]) -> None:
+        reference = self.pipeline.reference(now_ns)
+        sent_ns, outcome = now_ns, _NONE
+        raw = reference.reference_raw
+        if raw is not None:
+            frame = self.drive.setpoint(raw)
+            if frame is None:
+                outcome = Outcome.NOT_ALLOWED
+            else:
+                result = send(frame)
+                self._setpoint_sequence = self.drive.setpoint_sequence
+                if result is not _SENT:
+                    outcome = Outcome.QUEUE_FULL if result is SendResult.QUEUE_FULL else Outcome.BUS_DOWN
+                else:
+                    outcome = _OUTCOME_SENT
+                    sent_ns = clock_ns()
+                    self.references_sent += 1
+                    self.reference_rad = reference.passed_rad
+                    self.age.add(sent_ns - self.pipeline.host_time_ns(reference.stamp_ns))
+        if self._recorder is not None:
+            self._recorder.reference(reference, sent_ns, outcome, self._setpoint_sequence)
+
+    def result(
+        self, service: Mapping[str, int], link: Mapping[str, int], timing: Mapping[str, HistogramSummary]
+    ) -> ServiceResult:
+        """Return how it ended, with what the service counted and timed for all axes; ValueError before the end."""
+        course = self.course
+        if course.reason is None:
+            raise ValueError("the run has not ended")
+        counters: dict[str, Mapping[str, int]] = {
+            "service": {**service, "references_sent": self.references_sent, "frames_received": course.frames_received},
+            "pipeline": dict(self.pipeline.counters),
+            "host": dict(self.drive.counters),
+            "link": dict(link),
+        }
+        return ServiceResult(
+            course.reason,
+            course.message,
+            course.drive_disabled,
+            self.pipeline.zero_ns,
+            counters,
+            {**timing, "age": self.age.summary()},
+        )
