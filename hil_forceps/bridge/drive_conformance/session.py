@@ -8,7 +8,7 @@ from typing import Final
 from firmware_protocol.conformance.findings import Disturbed, Inconclusive, Violation, require
 from firmware_protocol.conformance.port import MS, Margins
 from firmware_protocol.states import HostPhase
-from hil_forceps.bridge.drive_conformance.bounds import Bounds, bounds_of
+from hil_forceps.bridge.drive_conformance.bounds import bounds_of
 from hil_forceps.bridge.drive_conformance.line import Line
 from hil_forceps.bridge.drive_conformance.loop import NO_TORQUE, UNDER_TORQUE, Loop, Seen
 from hil_forceps.bridge.drive_conformance.measures import Measure
@@ -43,6 +43,7 @@ class Session(Loop):
         self.promises = profile.promises(rig, settings)
         self.service = ServiceConfig(period_ns=self.period_ns)
         self.sample_period_s = profile.sample_period_s(rig, settings)
+        self.node = settings.node_id
         self.watchdog_s = settings.watchdog_s
         self.refusal = ""  # why the drive is none that the rig describes
         self.identified_ns: int | None = None
@@ -50,6 +51,7 @@ class Session(Loop):
         self.noise_rad = 0.0  # range of the angle at rest
         self.noise_A = 0.0  # standard deviation of the current at rest
         self.measures: list[Measure] = []
+        self.notes: list[str] = []
 
     # -- evidence -----------------------------------------------------------------------------------------------------
 
@@ -66,9 +68,18 @@ class Session(Loop):
         """Record a value that nothing is asked of."""
         self.measures.append(Measure(name, value, unit))
 
+    def note(self, words: str) -> None:
+        """Record what is no number."""
+        self.notes.append(words)
+
+    def begin_evidence(self) -> None:
+        """Start evidence and records anew."""
+        self.measures, self.notes = [], []
+        self.begin()
+
     def evidence(self) -> str:
-        """Return all that was measured, in words."""
-        return "; ".join(measure.words() for measure in self.measures)
+        """Return all that was found to be as it has to be, in words."""
+        return "; ".join([*(measure.words() for measure in self.measures if measure.is_kept), *self.notes])
 
     def since(self, stamp_ns: int) -> list[Seen]:
         """Return the samples of this check that were taken from then on."""
@@ -246,6 +257,8 @@ class Session(Loop):
     def close(self) -> None:
         """Leave the drive without torque; Inconclusive where it does not confirm that."""
         self.stop_requested = lambda: False
+        if math.isnan(self.home_rad):  # no torque was asked for
+            return
         if not self.off():
             raise Inconclusive(f"it does not confirm that it is without torque: {self.state_words()}")
 

@@ -92,16 +92,16 @@ class Suite:
 
     def _run(self, promise: Promise, each: Check) -> Result:
         session = self.session
-        attempts = 1 if session.is_virtual or self.session.refusal else session.margins.attempts
-        for attempt in range(1, attempts + 1):
+        attempts = 1 if session.is_virtual or session.refusal else session.margins.attempts
+        attempt, is_excused = 0, True
+        while is_excused and attempt < attempts:
+            attempt += 1
             verdict, evidence = self._try(each)
             stood_still = not session.is_virtual and session.stalled_ns > session.margins.stall_ns
-            if verdict is Verdict.PASS or not stood_still or self.no_torque:
-                break
-        else:
-            if stood_still:
-                verdict = Verdict.INCONCLUSIVE
-                evidence += f" (this host stood still in each of {attempts} tries)"
+            is_excused = verdict is not Verdict.PASS and stood_still and not self.no_torque
+        if is_excused:
+            verdict = Verdict.INCONCLUSIVE
+            evidence += f" (this host stood still in each of {attempts} tries)"
         result = Result(promise, verdict, evidence, tuple(session.measures), attempt)
         self._recover(promise, each)
         if verdict is not Verdict.PASS and not self.lost_drive:
@@ -110,8 +110,7 @@ class Suite:
 
     def _try(self, each: Check) -> tuple[Verdict, str]:
         session = self.session
-        session.begin()
-        session.measures = []
+        session.begin_evidence()
         try:
             if each.needs is not Need.LISTENING:
                 session.recover()
@@ -120,15 +119,10 @@ class Suite:
         except Violation as finding:
             if each.promise in DANGEROUS or session.ran_away:
                 self.no_torque = f"after {PROMISES[each.promise].name} the drive gets no more torque from here"
-            return Verdict.FAIL, self._words(str(finding))
+            return Verdict.FAIL, "; ".join(filter(None, (str(finding), session.evidence())))
         except Inconclusive as reason:
             return Verdict.INCONCLUSIVE, str(reason)
         return Verdict.PASS, session.evidence()
-
-    def _words(self, finding: str) -> str:
-        """Return the finding, and what was measured besides."""
-        others = "; ".join(measure.words() for measure in self.session.measures if measure.is_kept)
-        return f"{finding}; {others}" if others else finding
 
     def _recover(self, promise: Promise, each: Check) -> None:
         if each.needs is Need.LISTENING or self.lost_drive:

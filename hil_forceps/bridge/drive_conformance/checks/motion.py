@@ -71,9 +71,10 @@ def goes_the_right_way(s: Session) -> None:
     if probe.direction is not Direction.WITH:
         s.off_at_once()
         raise Violation(probe.words())
-    s.tell("reference", s.degrees(probe.asked_rad), "deg")
-    s.tell("angle", s.degrees(probe.moved_rad), "deg")
-    s.tell("at the pulley, so the jaw has to have moved that way", sign, "")
+    s.note(
+        f"{probe.words()}; where the jaw went the other way than `limits:` mean, change the sign of "
+        "motor_driver.encoder_rev_per_pulley_rev"
+    )
 
 
 @check(51, Need.MOTION)
