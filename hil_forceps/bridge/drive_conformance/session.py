@@ -242,9 +242,13 @@ class Session(Loop):
         return self.run(self.service.disable_timeout_ns, lambda: self.machine.drive_state in NO_TORQUE)
 
     def recover(self) -> None:
-        """Bring the drive to READY, without torque and fault; Inconclusive when it can't be."""
+        """Bring the drive to READY, without torque and fault; Inconclusive when it can't be.
+
+        Where it doesn't confirm that it has no torque, it gets the emergency stop.
+        """
         for _ in range(3):
             if not self.off():
+                self.off_at_once()
                 continue
             if self.phase is HostPhase.FAULT:
                 self.machine.reset_fault()
