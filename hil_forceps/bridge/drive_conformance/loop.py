@@ -80,6 +80,7 @@ class Loop:
         self.newest: Seen | None = None
         self.extremes = Extremes()
         self.home_rad = math.nan  # where torque was asked for
+        self.left_rad = math.nan  # the last angle under torque
         self.target_rad: float | None = None  # None: stay
         self.feeds = False  # references are sent
         self.is_silent = False  # nothing is sent at all
@@ -174,6 +175,7 @@ class Loop:
             return
         self.newest = seen
         if self.phase in UNDER_TORQUE:
+            self.left_rad = seen.theta_rad
             self._guard(seen.theta_rad)
 
     def _guard(self, theta_rad: float) -> None:

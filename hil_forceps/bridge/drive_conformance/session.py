@@ -206,7 +206,8 @@ class Session(Loop):
             return
         angles = [each.theta_rad for each in seen]
         low, high, theta = self.limits.position_min_rad, self.limits.position_max_rad, median(angles)
-        if max(angles) - min(angles) > self.bounds.rest_rad or not low <= theta <= high:
+        was_left = abs(theta - self.left_rad) <= self.bounds.step_rad  # there by the drive itself
+        if max(angles) - min(angles) > self.bounds.rest_rad or not (low <= theta <= high or was_left):
             raise Disturbed(
                 f"something pushed the motor to {theta:.4g} rad (`limits:` are {low:.4g} to {high:.4g}) while the "
                 "drive gave it no torque; take the load off the jaw, or hold it"

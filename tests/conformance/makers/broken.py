@@ -37,9 +37,9 @@ def samples_at_half_the_rate(b: Broken) -> None:
 
 
 @breaks(20)
-def pauses_for_80_ms_now_and_then(b: Broken) -> None:
+def pauses_for_80_ms_before_it_is_enabled(b: Broken) -> None:
     def send(old: Any, command: int, data: bytes) -> None:
-        if command == 0x01 or b.peer.state == 8 or b.peer._loops % 800 > 160 or b.peer._loops < 800:
+        if command == 0x01 or b.peer.modes != (0, 0) or b.peer._loops % 800 > 160 or b.peer._loops < 800:
             old(command, data)
 
     wrap(b.peer, "_send", send)
@@ -69,9 +69,11 @@ def current_is_missing_now_and_then(b: Broken) -> None:
 
 
 @breaks(22, profiles=("cia402",))
-def a_frame_is_cut_short(b: Broken) -> None:
+def a_frame_comes_twice_and_cut_short(b: Broken) -> None:
     def send(old: Any, arbitration_id: int, data: bytes) -> None:
-        old(arbitration_id, data[:1] if b.peer._loops % 200 == 0 and arbitration_id == 0x285 else data)
+        old(arbitration_id, data)
+        if b.peer._loops % 200 == 0:
+            old(arbitration_id, data[:1])
 
     wrap(b.peer, "_send", send)
 
@@ -91,7 +93,7 @@ def enables_with_a_kick(b: Broken) -> None:
 
 @breaks(40, profiles=BOTH)
 def runs_away_when_enabled(b: Broken) -> None:
-    leads(b, lambda reference, start, _: start + round(0.2 * RAD))
+    leads(b, lambda _reference, start, _since_ns: start + round(0.2 * RAD))
 
 
 @breaks(41)
@@ -133,14 +135,14 @@ def current_counts_backwards(b: Broken) -> None:
     measures(b, lambda theta, current, _: (theta, -current))
 
 
-@breaks(51, 90, position_min_rad=1.07, position_max_rad=1.12)
+@breaks(51, 90, position_min_rad=1.0795, position_max_rad=1.115)
 def goes_beyond_its_limits(b: Broken) -> None:
     leads(b, lambda reference, start, _: start + round(1.4 * (reference - start)))
 
 
 @breaks(90, speed_max_rad_per_s=0.4)
 def moves_in_jerks(b: Broken) -> None:
-    held = [0, 0]  # ns of the last jerk since torque began, raw
+    held = [-MS * MS, 0]  # ns of the last jerk since torque began, raw
 
     def jerk(reference: int, _start: int, since_ns: int) -> int:
         if since_ns < held[0] or since_ns - held[0] >= 20 * MS:
@@ -189,9 +191,16 @@ def watchdog_trips_late(b: Broken) -> None:
     b.peer._watchdog_ns *= 3
 
 
-@breaks(60)
+@breaks(60, profiles=("cia402",))
 def watchdog_trips_early(b: Broken) -> None:
-    b.peer._watchdog_ns //= 20
+    """Its clock runs three times as fast."""
+
+    def loop(old: Any, at_ns: int) -> None:
+        if b.peer._host_ns is not None:
+            b.peer._host_ns -= 2 * b.peer._period_ns
+        old(at_ns)
+
+    wrap(b.peer, "_loop", loop)
 
 
 @breaks(60, profiles=("cia402",))
@@ -247,8 +256,9 @@ def does_not_disable(b: Broken) -> None:
     wrap(b.peer, "_request", request)
 
 
-@breaks(70, 71, profiles=("cia402",))
+@breaks(70, 71, 72, profiles=("cia402",))
 def disables_late(b: Broken) -> None:
+    """The emergency stop is the same controlword."""
     asked: list[int] = []
 
     def obey(old: Any, control: int) -> None:
