@@ -167,20 +167,28 @@ class Session(Loop):
                 return
             raise Inconclusive(f"{reason}; take the load off the jaw, or hold it") from None
         low, high, theta = self.limits.position_min_rad, self.limits.position_max_rad, self.angle()
-        inside = f"the motor is at {theta:.4g} rad, `limits:` are {low:.4g} to {high:.4g}"
-        require(low <= theta <= high, f"{inside}; move it within, set motor_driver.encoder_zero_rev, or change them")
         require(
-            not moves or self.step_sign() != 0, f"{inside}: no room for a step of 1 deg; move it, or change `limits:`"
+            low <= theta <= high,
+            f"the motor is at {theta:.4g} rad, `limits:` are {low:.4g} to {high:.4g}; move it within, set "
+            "motor_driver.encoder_zero_rev, or change them",
         )
+        if moves:
+            self.step_sign()
         visible = max(STEP_SHARE * self.bounds.step_rad, NOISE_MARGIN * self.noise_rad) <= self.bounds.step_rad / 2.0
         require(not moves or visible, f"the angle's noise of {self.noise_rad:.2g} rad hides a step of 1 deg")
 
     def step_sign(self) -> int:
-        """Return the side on which there is room for a step: 1, −1, or 0 for neither."""
+        """Return the side on which there is room for a step, 1 or −1; Inconclusive where there is none."""
         theta, reach = self.angle(), self.bounds.step_rad + self.bounds.still_rad
-        if theta + reach <= self.limits.position_max_rad:
+        low, high = self.limits.position_min_rad, self.limits.position_max_rad
+        if theta + reach <= high:
             return 1
-        return -1 if theta - reach >= self.limits.position_min_rad else 0
+        require(
+            theta - reach >= low,
+            f"the motor is at {theta:.4g} rad, `limits:` are {low:.4g} to {high:.4g}: no room for a step of 1 deg; "
+            "move it, or change them",
+        )
+        return -1
 
     def rest(self) -> None:
         """Wait until the motor stands still, and note its noise; Inconclusive when it does not."""

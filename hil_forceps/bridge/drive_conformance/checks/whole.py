@@ -1,5 +1,6 @@
 """What is judged over a whole motion, or over all that has been done so far: limits and freshness."""
 
+from collections.abc import Iterator
 from typing import Final
 
 from firmware_protocol.conformance.findings import Inconclusive, expect
@@ -14,15 +15,7 @@ SPEED_WINDOW_NS: Final = 10 * MS  # a difference over less is noise of stamps
 FRESH_SHARE: Final = 0.95  # of the periods
 
 
-@check(90, Need.MOTION)
-def within_limits(s: Session) -> None:
-    """Far more is asked for on both sides; references and angles are those of the whole run."""
-    s.enable()
-    s.hold(50 * MS)
-    sides = (s.step_sign(), 0)
-    s.begin()
-    for sign in sides:
-        s.move(sign * FAR_STEPS * s.bounds.step_rad, MOVE_NS)
+def _judge_extremes(s: Session) -> None:
     limits, seen, allowed = s.limits, s.extremes, s.bounds.still_rad + s.noise_rad
     expect(
         limits.position_min_rad <= seen.reference_low_rad and seen.reference_high_rad <= limits.position_max_rad,
@@ -30,15 +23,31 @@ def within_limits(s: Session) -> None:
     )
     s.bound("lowest angle under torque", seen.theta_low_rad, "rad", least=limits.position_min_rad - allowed)
     s.bound("highest angle under torque", seen.theta_high_rad, "rad", most=limits.position_max_rad + allowed)
-    speeds, first = [0.0], 0
+
+
+def _speeds(s: Session) -> Iterator[float]:
+    """Yield speeds over windows, less what noise makes."""
+    first = 0
     for last, each in enumerate(s.samples):
-        while each.stamp_ns - s.samples[first + 1 if first < last else last].stamp_ns >= SPEED_WINDOW_NS:
+        while first < last and each.stamp_ns - s.samples[first + 1].stamp_ns >= SPEED_WINDOW_NS:
             first += 1
         span_ns = each.stamp_ns - s.samples[first].stamp_ns
         if span_ns >= SPEED_WINDOW_NS:
-            way_rad = abs(each.theta_rad - s.samples[first].theta_rad) - s.noise_rad
-            speeds.append(way_rad / span_ns * 1e9)
-    s.bound("highest speed", max(speeds), "rad/s", most=limits.speed_max_rad_per_s)
+            yield (abs(each.theta_rad - s.samples[first].theta_rad) - s.noise_rad) / span_ns * 1e9
+
+
+@check(90, Need.MOTION)
+def within_limits(s: Session) -> None:
+    """What the whole run has reached; then far more is asked for, there and back."""
+    _judge_extremes(s)
+    s.enable()
+    s.hold(50 * MS)
+    far_rad = s.step_sign() * FAR_STEPS * s.bounds.step_rad
+    s.begin_evidence()
+    s.move(far_rad, MOVE_NS)
+    s.move(0.0, MOVE_NS)
+    _judge_extremes(s)
+    s.bound("highest speed", max(_speeds(s), default=0.0), "rad/s", most=s.limits.speed_max_rad_per_s)
 
 
 @check(100, Need.TORQUE)
