@@ -90,6 +90,7 @@ class Loop:
         self._due_ns: int | None = None
         self._used: Seen | None = None  # the sample of the last reference
         self._gate = Gate(self.limits)
+        self._low_rad, self._high_rad = self.limits.position_min_rad, self.limits.position_max_rad
         self._gate_state: GateState = CLOSED
         self._denied = self._refused = 0
         self.begin()
@@ -138,9 +139,11 @@ class Loop:
             self._wait()
 
     def aim(self, home_rad: float) -> None:
-        """Put the suite's gate around the angle at which torque will be asked for."""
+        """Put the suite's gate around the angle at which torque will be asked for, which is within the limits."""
         self.home_rad, self.target_rad = home_rad, None
-        self._gate, self._gate_state = Gate(narrowed(self.limits, home_rad)), CLOSED
+        limits = narrowed(self.limits, home_rad)
+        self._low_rad, self._high_rad = limits.position_min_rad, limits.position_max_rad
+        self._gate, self._gate_state = Gate(limits), CLOSED
         self._used, self._denied = self.newest, 0
 
     def off_at_once(self) -> None:
@@ -182,14 +185,18 @@ class Loop:
         """Take torque off where the motor goes further than anything here asks for."""
         low, high = self.extremes.theta_low_rad, self.extremes.theta_high_rad
         self.extremes = self.extremes._replace(theta_low_rad=min(low, theta_rad), theta_high_rad=max(high, theta_rad))
-        away_rad = theta_rad - self.home_rad
-        if abs(away_rad) > self.bounds.guard_rad:
-            self.ran_away = True
-            self.off_at_once()
-            raise Violation(
-                f"the motor ran {math.degrees(away_rad):+.2f} deg away from where torque was asked for, and no "
-                f"reference goes further than {math.degrees(self.bounds.step_rad):g} deg; torque was taken off"
-            )
+        furthest_rad = self.bounds.step_rad if self.target_rad is None else self.bounds.guard_rad
+        if abs(theta_rad - self.home_rad) > furthest_rad:
+            self._stop_running_away(theta_rad)
+
+    def _stop_running_away(self, theta_rad: float) -> None:
+        self.ran_away = True
+        self.off_at_once()
+        asked = "nothing was asked for yet" if self.target_rad is None else "no reference goes further than 1 deg"
+        raise Violation(
+            f"the motor ran {math.degrees(theta_rad - self.home_rad):+.2f} deg, to {theta_rad:.4g} rad, from where "
+            f"torque was asked for, and {asked}; torque was taken off"
+        )
 
     def _act(self, now_ns: int) -> None:
         if self.is_silent:
@@ -216,6 +223,8 @@ class Loop:
         self._gate_state, passed_rad, verdict = self._gate.step(self._gate_state, wanted_rad, now_ns)
         self._denied = 0 if passed_rad is not None else self._denied + 1
         if self._denied >= MAX_DENIED:
+            if not self._low_rad <= newest.theta_rad <= self._high_rad:  # and it was within when torque was asked for
+                self._stop_running_away(newest.theta_rad)
             raise Inconclusive(f"the gate let nothing pass: {verdict.value}, at {newest.theta_rad:.4g} rad")
         if passed_rad is None:
             return

@@ -166,16 +166,19 @@ class Session(Loop):
             if abs(fmean(seen.current_A for seen in self.samples)) > self.bounds.no_current_A:
                 return
             raise Inconclusive(f"{reason}; take the load off the jaw, or hold it") from None
+        self._require_within_limits()
+        if moves:
+            self.step_sign()
+        visible = max(STEP_SHARE * self.bounds.step_rad, NOISE_MARGIN * self.noise_rad) <= self.bounds.step_rad / 2.0
+        require(not moves or visible, f"the angle's noise of {self.noise_rad:.2g} rad hides a step of 1 deg")
+
+    def _require_within_limits(self) -> None:
         low, high, theta = self.limits.position_min_rad, self.limits.position_max_rad, self.angle()
         require(
             low <= theta <= high,
             f"the motor is at {theta:.4g} rad, `limits:` are {low:.4g} to {high:.4g}; move it within, set "
             "motor_driver.encoder_zero_rev, or change them",
         )
-        if moves:
-            self.step_sign()
-        visible = max(STEP_SHARE * self.bounds.step_rad, NOISE_MARGIN * self.noise_rad) <= self.bounds.step_rad / 2.0
-        require(not moves or visible, f"the angle's noise of {self.noise_rad:.2g} rad hides a step of 1 deg")
 
     def step_sign(self) -> int:
         """Return the side on which there is room for a step, 1 or −1; Inconclusive where there is none."""
@@ -226,6 +229,7 @@ class Session(Loop):
         require(self.phase is HostPhase.READY, f"the drive is not ready: {self.state_words()}")
         require(self.newest is not None, "the drive sends no samples")
         self.rest()
+        self._require_within_limits()
         self.aim(self.angle())
         self.machine.enable()
         self.feeds = True

@@ -1,0 +1,210 @@
+"""The suite for makers' drives: it looks first, asks for little, and leaves no torque behind."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from firmware_protocol.conformance.findings import Disturbed, Inconclusive
+from firmware_protocol.conformance.suite import Verdict
+from firmware_protocol.frames import Frame
+from firmware_protocol.scales import ANGLE_LSB_RAD
+from hil_forceps.bridge.drive_conformance.bounds import STEP_RAD
+from hil_forceps.bridge.drive_conformance.catalogue import PROMISES
+from hil_forceps.bridge.drive_conformance.loop import Stopped
+from hil_forceps.bridge.drive_conformance.suite import Suite
+from hil_forceps.drives.registry import PROFILES, machine_for
+from hil_forceps.rig import Rig
+from tests.conformance.makers.bench import CONFIGS, drive_of, rig_of, suite_for
+from tests.conformance.makers.table import Broken, leads, measures
+
+COUNT_RAD = 2.0 * math.pi / 16384
+
+
+def limited(rig: Rig, **limits: float) -> Rig:
+    return rig.model_copy(update={"limits": rig.limits.model_copy(update=limits)})
+
+
+@contextmanager
+def odrive(peer: Any = None, **limits: float) -> Iterator[tuple[Suite, Any]]:
+    """Yield the suite in front of an ODrive, and that."""
+    rig = limited(rig_of("odrive"), **limits)
+    peer = drive_of(rig) if peer is None else peer
+    with suite_for(rig, {"nodes": [peer]}) as suite:
+        yield suite, peer
+
+
+@pytest.mark.parametrize("profile", sorted(PROFILES))
+def test_no_reference_goes_further_than_a_step_or_beyond_the_limits(profile: str) -> None:
+    rig = limited(rig_of(profile), position_max_rad=1.11)
+    machine: Any = machine_for(rig)
+    asked: list[tuple[float, float]] = []
+    setpoint = machine.setpoint
+    with suite_for(rig, {"rig": str(CONFIGS / f"{profile}.yaml"), "simulation": 0}, machine) as suite:
+
+        def watched(raw: int) -> Frame | None:
+            asked.append((raw * ANGLE_LSB_RAD, suite.session.home_rad))
+            frame: Frame | None = setpoint(raw)
+            return frame
+
+        machine.setpoint = watched
+        suite.open()
+        results = suite.run(PROMISES)
+        suite.close()
+    assert not [r.evidence for r in results if r.verdict is Verdict.FAIL]
+    assert len(asked) > 1000
+    slack = 1.0e-6  # of the wire's unit
+    assert max(abs(reference - home) for reference, home in asked) <= STEP_RAD + slack
+    assert max(abs(reference - home) for reference, home in asked) > 0.99 * STEP_RAD
+    assert max(reference for reference, _ in asked) <= 1.11 + slack
+
+
+@pytest.mark.parametrize(
+    ("limits", "told"),
+    [
+        ({"position_max_rad": 1.05}, "the motor is at 1.099 rad, `limits:` are -0.5 to 1.05; move it within"),
+        ({"position_min_rad": 1.09, "position_max_rad": 1.11}, "no room for a step of 1 deg"),
+    ],
+)
+def test_a_drive_that_is_in_no_place_to_be_judged(limits: dict[str, float], told: str) -> None:
+    with odrive(**limits) as (suite, _), pytest.raises(Inconclusive, match=r"rad") as reason:
+        suite.open()
+    assert told in str(reason.value)
+
+
+def test_without_motion_no_room_is_needed_and_nothing_moves() -> None:
+    with odrive(position_min_rad=1.09, position_max_rad=1.11) as (suite, peer):
+        suite.allow_motion = False
+        suite.open()
+        results = suite.run(PROMISES)
+        suite.close()
+        assert peer.modes == (0, 0)  # nothing was ever asked for
+    assert {r.verdict for r in results} == {Verdict.PASS, Verdict.NOT_RUN}
+    assert [r.requirement.number for r in results if r.verdict is Verdict.PASS] == [10, 20, 21, 22, 30]
+
+
+def test_a_fault_from_before_is_told_with_the_remedy() -> None:
+    with odrive() as (suite, peer):
+        peer.trip()
+        with pytest.raises(Inconclusive, match=r"missing input.*--reset-fault"):
+            suite.open()
+
+
+def test_nobody_there() -> None:
+    rig = rig_of("odrive")
+    with suite_for(rig, {"nodes": []}) as suite, pytest.raises(Inconclusive, match="no drive answered: nothing came"):
+        suite.open()
+
+
+def test_a_refused_drive_fails_by_its_refusal_and_gets_no_torque() -> None:
+    with odrive() as (suite, peer):
+        peer._iq_every = 0
+        suite.open()
+        first, *others = suite.run(PROMISES)
+        suite.close()
+        assert peer.modes == (0, 0)
+    assert first.verdict is Verdict.FAIL
+    assert "sends heartbeats, but no Iq" in first.evidence
+    assert {r.verdict for r in others} == {Verdict.INCONCLUSIVE}
+
+
+def test_a_motor_that_is_pushed_without_torque_is_told_before_anything_is_judged() -> None:
+    with odrive() as (suite, peer):
+        measures(Broken(suite.session.rig, peer, None), _drifting())
+        with pytest.raises(Inconclusive, match="does not come to rest without torque; take the load off the jaw"):
+            suite.open()
+
+
+def _drifting() -> Any:
+    drifted = [0]
+
+    def drift(theta: int, current: int, _has_torque: bool) -> tuple[int, int]:
+        drifted[0] += 300  # 36 deg/s
+        return theta + drifted[0], current
+
+    return drift
+
+
+def test_what_pushes_the_motor_later_ends_the_run() -> None:
+    with odrive() as (suite, peer):
+        suite.open()
+        measures(Broken(suite.session.rig, peer, None), _drifting())
+        with pytest.raises(Disturbed, match="something pushed the motor"):
+            suite.run(PROMISES)
+        suite.close()
+        assert peer.state == 1
+
+
+def test_a_drive_that_goes_against_gets_no_more_torque() -> None:
+    enabled = [0]
+    with odrive() as (suite, peer):
+        leads(Broken(suite.session.rig, peer, None), lambda reference, start, _since_ns: 2 * start - reference)
+        suite.open()
+        results = {r.requirement.number: r for r in suite.run(range_of(40, 41, 50))}
+        assert results[50].verdict is Verdict.FAIL
+        assert "motor_driver.encoder_rev_per_pulley_rev" in results[50].evidence
+        request = peer._request
+        peer._request = lambda state: (enabled.__setitem__(0, enabled[0] + (state == 8)), request(state))
+        later = suite.run(PROMISES)
+        suite.close()
+        assert peer.state == 1
+    assert enabled[0] == 0
+    assert {r.verdict for r in later if r.requirement.number > 50} == {Verdict.NOT_RUN}
+    moved = suite.session.extremes
+    assert moved.theta_high_rad - moved.theta_low_rad < STEP_RAD
+
+
+def range_of(*numbers: int) -> tuple[int, ...]:
+    return numbers
+
+
+def test_a_runaway_is_stopped_at_two_degrees() -> None:
+    with odrive() as (suite, peer):
+        leads(Broken(suite.session.rig, peer, None), lambda _reference, start, since_ns: start + since_ns // 1000)
+        suite.open()
+        results = suite.run(PROMISES)
+        suite.close()
+        assert peer.state == 1
+    assert "torque was taken off" in next(r.evidence for r in results if r.verdict is Verdict.FAIL)
+    moved = suite.session.extremes
+    assert moved.theta_high_rad - moved.theta_low_rad < 3.0 * STEP_RAD
+
+
+def test_a_wish_to_stop_ends_without_torque_and_without_a_fault() -> None:
+    with odrive() as (suite, peer):
+        suite.open()
+        suite.session.stop_requested = lambda: peer.state == 8
+        with pytest.raises(Stopped):
+            suite.run(PROMISES)
+        assert peer.state == 8
+        suite.close()
+        assert (peer.state, peer.error) == (1, 0)
+
+
+def test_a_mistake_of_this_program_sends_the_emergency_stop() -> None:
+    with odrive() as (suite, peer):
+        suite.open()
+
+        def fails() -> bool:
+            if peer.state == 8:
+                raise ZeroDivisionError
+            return False
+
+        suite.session.stop_requested = fails
+        with pytest.raises(ZeroDivisionError):
+            suite.run(PROMISES)
+        suite.close()
+        assert (peer.state, peer.error) == (1, 0x2000000)
+
+
+def test_a_drive_whose_line_is_cut_is_lost_and_not_judged() -> None:
+    with odrive() as (suite, peer):
+        suite.open()
+        send = peer._send
+        peer._send = lambda command, data: None if peer.state == 8 else send(command, data)
+        results = {r.requirement.number: r for r in suite.run(PROMISES)}
+        assert peer.state == 1  # its watchdog
+    assert results[40].verdict is Verdict.FAIL
+    assert Verdict.PASS not in {r.verdict for n, r in results.items() if n > 40}
