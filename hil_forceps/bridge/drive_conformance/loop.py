@@ -34,6 +34,10 @@ class Stopped(Exception):  # noqa: N818 - a wish, not an error of the program
     """Somebody asked for a clean stop."""
 
 
+class Certain(Violation):
+    """A violation that no host could have made that stood still for a while."""
+
+
 class Seen(NamedTuple):
     """One sample."""
 
@@ -97,7 +101,7 @@ class Loop:
 
     def begin(self) -> None:
         """Start the records anew."""
-        self.ran_away = False
+        self.is_dangerous = False  # it moves against or beyond its references
         self.samples: list[Seen] = []
         self.references: list[Referred] = []
         self.repeated = self.stale = 0  # stamps that did not increase; ticks whose newest sample was too old
@@ -190,10 +194,10 @@ class Loop:
             self._stop_running_away(theta_rad)
 
     def _stop_running_away(self, theta_rad: float) -> None:
-        self.ran_away = True
+        self.is_dangerous = True
         self.off_at_once()
         asked = "nothing was asked for yet" if self.target_rad is None else "no reference goes further than 1 deg"
-        raise Violation(
+        raise Certain(
             f"the motor ran {math.degrees(theta_rad - self.home_rad):+.2f} deg, to {theta_rad:.4g} rad, from where "
             f"torque was asked for, and {asked}; torque was taken off"
         )

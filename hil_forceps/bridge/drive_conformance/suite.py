@@ -12,13 +12,12 @@ import hil_forceps.bridge.drive_conformance.checks  # noqa: F401 - registers the
 from firmware_protocol.conformance.findings import Inconclusive, Violation
 from firmware_protocol.conformance.suite import NEEDS_MOTION, Verdict
 from hil_forceps.bridge.drive_conformance.catalogue import PROMISES, Promise
-from hil_forceps.bridge.drive_conformance.loop import Stopped
+from hil_forceps.bridge.drive_conformance.loop import Certain, Stopped
 from hil_forceps.bridge.drive_conformance.measures import Measure
 from hil_forceps.bridge.drive_conformance.registry import CHECKS, Check, Need
 from hil_forceps.bridge.drive_conformance.session import Session
 
 SUITE_VERSION: Final = "1.0"
-DANGEROUS: Final = frozenset({50})  # whose failure ends all torque
 
 
 class Result(NamedTuple):
@@ -41,6 +40,7 @@ class Suite:
         self.lost_drive = ""  # why nothing can be run any more
         self.no_torque = ""  # why nothing with torque can
         self._done: dict[int, Result] = {}
+        self._is_certain = False  # the last violation is, however the host stood still
 
     def open(self) -> None:
         """Get to know the drive; Inconclusive when nobody fits, or it can't be judged as it is."""
@@ -98,7 +98,7 @@ class Suite:
             attempt += 1
             verdict, evidence = self._try(each)
             stood_still = not session.is_virtual and session.stalled_ns > session.margins.stall_ns
-            is_excused = verdict is not Verdict.PASS and stood_still and not self.no_torque
+            is_excused = verdict is not Verdict.PASS and stood_still and not self._is_certain
         if is_excused:
             verdict = Verdict.INCONCLUSIVE
             evidence += f" (this host stood still in each of {attempts} tries)"
@@ -111,13 +111,15 @@ class Suite:
     def _try(self, each: Check) -> tuple[Verdict, str]:
         session = self.session
         session.begin_evidence()
+        self._is_certain = False
         try:
             if each.needs is not Need.LISTENING:
                 session.recover()
                 session.begin()
             each.run(session)
         except Violation as finding:
-            if each.promise in DANGEROUS or session.ran_away:
+            self._is_certain = isinstance(finding, Certain)
+            if session.is_dangerous:
                 self.no_torque = f"after {PROMISES[each.promise].name} the drive gets no more torque from here"
             return Verdict.FAIL, "; ".join(filter(None, (str(finding), session.evidence())))
         except Inconclusive as reason:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from firmware_protocol.conformance.findings import Disturbed, Inconclusive
+from firmware_protocol.conformance.port import REAL
 from firmware_protocol.conformance.suite import Verdict
 from firmware_protocol.frames import Frame
 from firmware_protocol.scales import ANGLE_LSB_RAD
@@ -208,3 +209,35 @@ def test_a_drive_whose_line_is_cut_is_lost_and_not_judged() -> None:
         assert peer.state == 1  # its watchdog
     assert results[40].verdict is Verdict.FAIL
     assert Verdict.PASS not in {r.verdict for n, r in results.items() if n > 40}
+
+
+class StandingLine:
+    """A line in real time, whose host stands still now and then, over one in virtual time."""
+
+    virtual_time = False
+
+    def __init__(self, line: Any, stands_ns: int) -> None:
+        self._line, self._stands_ns, self._waits = line, stands_ns, 0
+        self.send, self.receive, self.now_ns = line.send, line.receive, line.now_ns
+
+    def wait_until(self, time_ns: int) -> None:
+        self._waits += 1
+        self._line.wait_until(time_ns + self._stands_ns * (self._waits % 50 == 0))
+
+
+@pytest.mark.parametrize("stands_ms", [0, 8])
+def test_a_host_that_stands_still_fails_nobody_but_a_motor_that_goes_on_does(stands_ms: int) -> None:
+    with odrive() as (suite, peer):
+        suite.session.line = StandingLine(suite.session.line, stands_ms * 1_000_000)
+        suite.session.margins = REAL
+        peer._encoder_every *= 2  # at half the rate
+        peer._iq_every *= 2
+        peer._watchdog_ns = 0
+        suite.open()
+        results = {r.requirement.number: r for r in suite.run((20, 60))}
+        suite.close()
+    assert results[20].verdict is (Verdict.INCONCLUSIVE if stands_ms else Verdict.FAIL)
+    assert results[20].attempts == (REAL.attempts if stands_ms else 1)
+    assert ("stood still" in results[20].evidence) is bool(stands_ms)
+    assert results[60].verdict is Verdict.FAIL
+    assert "it still has torque" in results[60].evidence

@@ -5,9 +5,10 @@ from itertools import pairwise
 from statistics import fmean, pstdev
 from typing import Final
 
-from firmware_protocol.conformance.findings import Inconclusive, Violation, expect
+from firmware_protocol.conformance.findings import Inconclusive, expect
 from firmware_protocol.conformance.port import MS
 from firmware_protocol.states import HostPhase
+from hil_forceps.bridge.drive_conformance.loop import Certain
 from hil_forceps.bridge.drive_conformance.registry import Need, check
 from hil_forceps.bridge.drive_conformance.session import Session
 from hil_forceps.drives.direction import Direction, DirectionProbe
@@ -69,8 +70,9 @@ def goes_the_right_way(s: Session) -> None:
     s.target_rad = s.home_rad + sign * s.bounds.step_rad
     s.run(STEP_NS, lambda: decided() or s.phase is not HostPhase.RUNNING)
     if probe.direction is not Direction.WITH:
+        s.is_dangerous = True
         s.off_at_once()
-        raise Violation(probe.words())
+        raise Certain(probe.words())
     s.note(
         f"{probe.words()}; where the jaw went the other way than `limits:` mean, change the sign of "
         "motor_driver.encoder_rev_per_pulley_rev"

@@ -6,7 +6,7 @@ from typing import Final
 from firmware_protocol.conformance.findings import Inconclusive, Violation, expect, require
 from firmware_protocol.conformance.port import MS
 from firmware_protocol.states import HostPhase
-from hil_forceps.bridge.drive_conformance.loop import NO_TORQUE, UNDER_TORQUE
+from hil_forceps.bridge.drive_conformance.loop import NO_TORQUE, UNDER_TORQUE, Certain
 from hil_forceps.bridge.drive_conformance.registry import Need, check
 from hil_forceps.bridge.drive_conformance.session import Session
 from hil_forceps.drives.promises import Starved
@@ -71,7 +71,7 @@ def references_end(s: Session) -> None:
         within_ns += s.service.disable_timeout_ns
     s.run(max(2 * within_ns, within_ns + LATCH_NS), lambda: s.phase is not HostPhase.RUNNING)
     if s.phase is HostPhase.RUNNING:
-        raise Violation(f"{(s.now_ns() - last_ns) / MS:.0f} ms after the last reference it still has torque")
+        raise Certain(f"{(s.now_ns() - last_ns) / MS:.0f} ms after the last reference it still has torque")
     s.bound(
         "stopped after the last reference",
         (s.now_ns() - last_ns) / MS,
@@ -97,6 +97,8 @@ def host_falls_silent(s: Session) -> None:
     s.is_silent = s.feeds = False
     end = _ENDS[s.promises.starved]
     s.run(s.report_ns, lambda: s.phase is end)
+    if s.phase is HostPhase.RUNNING:
+        raise Certain(f"after {silent_ns / MS:.0f} ms of silence it still has torque")
     if s.phase is HostPhase.DISCONNECTED:
         s.machine.connect(s.now_ns())
         s.run(s.service.connect_timeout_ns, lambda: s.phase not in {HostPhase.DISCONNECTED, HostPhase.IDENTIFYING})
