@@ -144,7 +144,8 @@ def junit(results: Sequence[Verdicted], name: str) -> str:
     tags = {Verdict.FAIL: "failure", Verdict.INCONCLUSIVE: "error", Verdict.NOT_RUN: "skipped"}
     for result in results:
         requirement = result.requirement
-        case = ET.SubElement(suite, "testcase", classname=requirement.name.split("-")[0], name=f"{requirement.name} {requirement.title}")
+        prefix = requirement.name.split("-")[0]
+        case = ET.SubElement(suite, "testcase", classname=prefix, name=f"{requirement.name} {requirement.title}")
         if result.verdict in tags:
             ET.SubElement(case, tags[result.verdict], message=_printable(result.evidence))
         else:
