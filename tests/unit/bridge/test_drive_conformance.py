@@ -1,18 +1,19 @@
 """The suite for makers' drives: it looks first, asks for little, and leaves no torque behind."""
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from firmware_protocol.conformance.findings import Disturbed, Inconclusive
 from firmware_protocol.conformance.port import REAL
 from firmware_protocol.conformance.suite import Verdict
 from firmware_protocol.frames import Frame
 from firmware_protocol.scales import ANGLE_LSB_RAD
-from hil_forceps.bridge.drive_conformance.bounds import STEP_RAD
+from hil_forceps.bridge.drive_conformance.bounds import STEP_RAD, narrowed
 from hil_forceps.bridge.drive_conformance.catalogue import PROMISES
 from hil_forceps.bridge.drive_conformance.loop import Stopped
 from hil_forceps.bridge.drive_conformance.suite import Suite
@@ -20,8 +21,6 @@ from hil_forceps.drives.registry import PROFILES, machine_for
 from hil_forceps.rig import Rig
 from tests.conformance.makers.bench import CONFIGS, drive_of, rig_of, suite_for
 from tests.conformance.makers.table import Broken, leads, measures
-
-COUNT_RAD = 2.0 * math.pi / 16384
 
 
 def limited(rig: Rig, **limits: float) -> Rig:
@@ -170,7 +169,40 @@ def test_a_runaway_is_stopped_at_two_degrees() -> None:
         assert peer.state == 1
     assert "torque was taken off" in next(r.evidence for r in results if r.verdict is Verdict.FAIL)
     moved = suite.session.extremes
-    assert moved.theta_high_rad - moved.theta_low_rad < 3.0 * STEP_RAD
+    assert STEP_RAD < moved.theta_high_rad - moved.theta_low_rad < 3.0 * STEP_RAD
+
+
+def test_a_motor_that_runs_off_later_is_stopped_too() -> None:
+    with odrive() as (suite, peer):
+        leads(
+            Broken(suite.session.rig, peer, None),
+            lambda reference, start, since_ns: start + 200_000 if since_ns > 500_000_000 else reference,
+        )
+        suite.open()
+        results = [r for r in suite.run(PROMISES) if r.verdict is Verdict.FAIL]
+        suite.close()
+        assert peer.error == 0x2000000  # the emergency stop
+    assert [r.requirement.number for r in results] == [41]
+    assert "no reference goes further than 1 deg; torque was taken off" in results[0].evidence
+
+
+@given(st.floats(-3.0, 3.0), st.floats(0.0, 2.0), st.floats(0.0, 2.0), st.floats(1e-3, 1e3), st.floats(1e-2, 1e6))
+def test_the_suites_gate_is_never_wider_than_the_rigs(
+    home: float, below: float, above: float, speed: float, acceleration: float
+) -> None:
+    rig = limited(
+        rig_of("odrive"),
+        position_min_rad=home - below,
+        position_max_rad=home + above,
+        speed_max_rad_per_s=speed,
+        acceleration_max_rad_per_s2=acceleration,
+    )
+    mine, theirs = narrowed(rig.limits, home), rig.limits
+    assert theirs.position_min_rad <= mine.position_min_rad <= mine.position_max_rad <= theirs.position_max_rad
+    assert home - STEP_RAD <= mine.position_min_rad <= mine.position_max_rad <= home + STEP_RAD
+    assert mine.speed_max_rad_per_s <= theirs.speed_max_rad_per_s
+    assert mine.acceleration_max_rad_per_s2 <= theirs.acceleration_max_rad_per_s2
+    assert mine.max_sample_age_s == theirs.max_sample_age_s
 
 
 def test_a_wish_to_stop_ends_without_torque_and_without_a_fault() -> None:
