@@ -25,6 +25,8 @@ class Promises:
     state_report_s: float = 0.1  # until a change of state shows, at the latest: a heartbeat's period, say
     starved: Starved = "fault"
     tells_state: bool = True  # the drive itself says whether it has torque
+    tells_watchdog: bool = True  # the drive itself says that its watchdog has stopped it
+    current_step_A: float = 0.0  # in which it tells its current, where that is coarser than its noise
     harmless_counters: frozenset[str] = frozenset()  # besides `…_sent`: what grows where nothing is wrong
 
 

@@ -23,6 +23,7 @@ class Bounds(NamedTuple):
     rest_rad: float  # range of the angle that counts as at rest
     no_current_A: float  # what counts as none: the same share of what the load takes
     load_current_A: float
+    friction_A: float  # at the suite's speed
     step_rad: float
     guard_rad: float
 
@@ -39,12 +40,14 @@ def bounds_of(rig: Rig, profile: Profile, settings: MotorDriver) -> Bounds:
     stretch_rad = LOAD_N_M / plant.jaw_pulley_radius_m / plant.wire_stiffness_N_per_m / plant.motor_pulley_radius_m
     share_rad = MAX_QUANTUM_SHARE * stretch_rad
     load_A = LOAD_N_M * plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m / plant.torque_constant_N_m_per_A
+    friction_N_m = plant.motor_viscous_N_m_s_per_rad * STEP_RAD / STEP_TIME_S + plant.motor_coulomb_N_m
     return Bounds(
         quantum_rad=quantum_rad,
         still_rad=share_rad + 2.0 * quantum_rad,
         rest_rad=max(share_rad, REST_QUANTA * quantum_rad),
         no_current_A=MAX_QUANTUM_SHARE * load_A,
         load_current_A=load_A,
+        friction_A=friction_N_m / plant.torque_constant_N_m_per_A,
         step_rad=STEP_RAD,
         guard_rad=GUARD_STEPS * STEP_RAD,
     )

@@ -25,6 +25,8 @@ def certificate(suite: Suite, settings: MotorDriver, line: str, results: Sequenc
             "state_report_s": promises.state_report_s,
             "starved": promises.starved,
             "tells_state": promises.tells_state,
+            "tells_watchdog": promises.tells_watchdog,
+            "current_step_A": promises.current_step_A,
         },
         "line": line,
         "time": "virtual" if session.is_virtual else "real",

@@ -135,6 +135,11 @@ def current_counts_backwards(b: Broken) -> None:
     measures(b, lambda theta, current, _: (theta, -current))
 
 
+@breaks(52, profiles=BOTH)
+def current_is_always_none(b: Broken) -> None:
+    measures(b, lambda theta, _current, _has_torque: (theta, 0))
+
+
 @breaks(51, 90, position_min_rad=1.0725, position_max_rad=1.105)
 def goes_beyond_its_limits(b: Broken) -> None:
     leads(b, lambda reference, start, _: start + round(1.4 * (reference - start)))

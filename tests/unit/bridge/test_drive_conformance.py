@@ -1,6 +1,6 @@
 """The suite for makers' drives: it looks first, asks for little, and leaves no torque behind."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,7 +20,7 @@ from hil_forceps.bridge.drive_conformance.suite import Suite
 from hil_forceps.drives.registry import PROFILES, machine_for
 from hil_forceps.rig import Rig
 from tests.conformance.makers.bench import CONFIGS, drive_of, rig_of, suite_for
-from tests.conformance.makers.table import Broken, leads, measures
+from tests.conformance.makers.table import Broken, leads, measures, wrap
 
 
 def limited(rig: Rig, **limits: float) -> Rig:
@@ -178,10 +178,17 @@ def test_a_motor_that_runs_off_later_is_stopped_too() -> None:
             Broken(suite.session.rig, peer, None),
             lambda reference, start, since_ns: start + 200_000 if since_ns > 500_000_000 else reference,
         )
+        errors: list[int] = []
+
+        def failed(fail: Callable[[int], None], error: int) -> None:
+            errors.append(error)
+            fail(error)
+
+        wrap(peer, "_fail", failed)
         suite.open()
         results = [r for r in suite.run(PROMISES) if r.verdict is Verdict.FAIL]
         suite.close()
-        assert peer.error == 0x2000000  # the emergency stop
+        assert errors == [0x2000000]  # the emergency stop
     assert [r.requirement.number for r in results] == [41]
     assert "no reference goes further than 1 deg; torque was taken off" in results[0].evidence
 

@@ -29,7 +29,7 @@ def _no_watchdog(s: Session) -> str:
 
 
 def _not_told(s: Session) -> str:
-    if s.promises.starved in {"lost", "released"}:
+    if not s.promises.tells_watchdog or s.promises.starved in {"lost", "released"}:
         return "such a drive does not say what its watchdog did: pull the plug of its bus and see the motor let go"
     return _no_watchdog(s)
 
