@@ -142,7 +142,7 @@ def test_a_drive_that_goes_against_gets_no_more_torque() -> None:
     with odrive() as (suite, peer):
         leads(Broken(suite.session.rig, peer, None), lambda reference, start, _since_ns: 2 * start - reference)
         suite.open()
-        results = {r.requirement.number: r for r in suite.run(range_of(40, 41, 50))}
+        results = {r.requirement.number: r for r in suite.run((40, 41, 50))}
         assert results[50].verdict is Verdict.FAIL
         assert "motor_driver.encoder_rev_per_pulley_rev" in results[50].evidence
         request = peer._request
@@ -154,10 +154,6 @@ def test_a_drive_that_goes_against_gets_no_more_torque() -> None:
     assert {r.verdict for r in later if r.requirement.number > 50} == {Verdict.NOT_RUN}
     moved = suite.session.extremes
     assert moved.theta_high_rad - moved.theta_low_rad < STEP_RAD
-
-
-def range_of(*numbers: int) -> tuple[int, ...]:
-    return numbers
 
 
 def test_a_runaway_is_stopped_at_two_degrees() -> None:
