@@ -1,8 +1,8 @@
 """What a drive's protocol costs: simulation 2 of the paper through every profile, against the truth of the world.
 
 python -m tools.drive_costs [--out DIR]: prints a table and writes it to DIR/drive-costs.md, with a figure. The
-forceps, the encoder, the noise and the drive's position loop are the same behind each. A sample is held against what
-the world was at the instant when it came to the host, so the time that it took counts as an error.
+forceps, the encoder (but for a Dynamixel's), the noise and the drive's position loop are the same behind each. A sample
+is held against what the world was at the instant when it came to the host, so the time that it took counts as an error.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from firmware_protocol.frames import Frame
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.metrics import STEADY_WINDOW_S, WINDOW_S
 from hil_forceps.bench.session import Plan, run_session, service_config, stamps_are_host_time
@@ -23,8 +24,10 @@ from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.registry import machine_for, sample_period_s
 from hil_forceps.report.style import house_style
-from hil_forceps.rig import load_rig
-from virtual_bus.bus.bit_timing import frame_bits
+from hil_forceps.rig import Rig, load_rig
+from virtual_bus.bus.bit_timing import BitTiming, frame_bits
+from virtual_bus.bus.half_duplex import BITS_PER_BYTE
+from virtual_bus.drives.registry import SERIAL_LINES
 from virtual_bus.interface import VirtualForcepsBus
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -32,6 +35,9 @@ RIGS = {
     "native": CONFIGS / "realistic.yaml",
     "odrive": CONFIGS / "drives" / "odrive.yaml",
     "cia402": CONFIGS / "drives" / "cia402.yaml",
+    "mit": CONFIGS / "drives" / "mit.yaml",
+    "moteus": CONFIGS / "drives" / "moteus.yaml",
+    "dynamixel": CONFIGS / "drives" / "dynamixel.yaml",
 }
 SIMULATION, SEED, DURATION_S = 2, 1, 20.0
 STEADY_S = STEADY_WINDOW_S[SIMULATION]
@@ -48,7 +54,7 @@ class Cost(NamedTuple):
     jaw_error_rad: NDArray[np.float64]
     age_us: float
     bits_per_s: float
-    bitrate_bit_per_s: int
+    bus_share: float
 
 
 def run(name: str, out: Path) -> Cost:
@@ -70,16 +76,27 @@ def run(name: str, out: Path) -> Cost:
     shown = operational & (time_s >= WINDOW_S[0]) & (time_s <= WINDOW_S[1])
     reference_rad = np.array([PAPER_TRAJECTORY(t) for t in time_s[shown]])
     frames = list(read_frames(log))
-    bits = sum(frame_bits(each.frame).nominal for each in frames)
+    bits, busy_s = _line_use(rig, [each.frame for each in frames])
+    logged_s = frames[-1].time_s - frames[0].time_s
     return Cost(
         time_s[shown],
         truth["tau_w_N_m"][rows][shown],
         samples["tau_w_estimate_N_m"][shown],
         truth["theta_j_rad"][rows][shown] - reference_rad,
         session.service.timing["age"]["p50_us"],
-        bits / (frames[-1].time_s - frames[0].time_s),
-        rig.bench.bitrate_bit_per_s,
+        bits / logged_s,
+        busy_s / logged_s,
     )
+
+
+def _line_use(rig: Rig, frames: list[Frame]) -> tuple[int, float]:
+    """Return how many bits the frames took on their line, and for how long they held it."""
+    codec = SERIAL_LINES.get(rig.drive_profile)
+    if codec is None or rig.motor_driver is None:
+        timing = BitTiming(rig.bench.bitrate_bit_per_s, rig.bench.data_bitrate_bit_per_s)
+        return sum(sum(frame_bits(each)) for each in frames), sum(timing.frame_ns(each) for each in frames) * 1e-9
+    bits = BITS_PER_BYTE * sum(len(codec.encode(frame)) for frame in frames)
+    return bits, bits / rig.motor_driver.baudrate_bit_per_s
 
 
 def table(costs: dict[str, Cost]) -> list[str]:
@@ -98,7 +115,7 @@ def table(costs: dict[str, Cost]) -> list[str]:
             f"{np.degrees(np.mean(cost.jaw_error_rad[steady])):.3f}",
             f"{cost.age_us * 1e-3:.2f}",
             f"{cost.bits_per_s * 1e-3:.0f}",
-            f"{100.0 * cost.bits_per_s / cost.bitrate_bit_per_s:.0f} %",
+            f"{100.0 * cost.bus_share:.0f} %",
         )
         lines.append(f"| {' | '.join(cells)} |")
     return lines

@@ -73,7 +73,9 @@ def row(name: str, field: FieldInfo) -> str:
     """Return the table row of one key."""
     quantity = quantity_of(field)
     unit = units.show_unit(quantity.unit) if quantity and quantity.unit else "–"
-    default = "required" if field.is_required() else f"`{show_default(field.default)}`"
+    default = (
+        "required" if field.is_required() else "none" if field.default is None else f"`{show_default(field.default)}`"
+    )
     parameter = " (*p*)" if field.annotation is Parameter else ""
     return f"| `{name}`{parameter} | {unit} | {default} | {range_of(field, quantity)} | {field.description} |"
 
@@ -99,9 +101,11 @@ def range_of(field: FieldInfo, quantity: Quantity | None) -> str:
     if get_origin(annotation) is tuple:
         entry = get_args(annotation)[0]
         return f"list of {text or choices(entry)}"
-    if get_origin(annotation) is Literal:
-        return choices(annotation)
-    return f"{text} or `{IDEAL}`" if type(None) in get_args(annotation) else text
+    literal = next((part for part in (annotation, *get_args(annotation)) if get_origin(part) is Literal), None)
+    if literal is not None:
+        return choices(literal)
+    can_be_ideal = field.is_required() and type(None) in get_args(annotation)
+    return f"{text} or `{IDEAL}`" if can_be_ideal else text
 
 
 def choices(annotation: object) -> str:

@@ -142,7 +142,7 @@ class VirtualForcepsBus(can.BusABC):
             now_ns = self._simulation.now_ns
             if not self._is_delayed:
                 return self._medium.submit(self._port, frame, now_ns)
-            frame_bits(frame)
+            self._medium.frame_ns(frame)
             if self._medium.refuses(self._port, self._node.on_the_way()):
                 return False
             self._node.send(frame, now_ns)

@@ -8,19 +8,24 @@ from pathlib import Path
 from hil_forceps.rig import Rig, load_rig
 from virtual_bus.bus.bit_timing import NS_PER_S, BitTiming
 from virtual_bus.bus.faults import Fault, FaultInjector, Side
+from virtual_bus.bus.half_duplex import HalfDuplexLine
 from virtual_bus.bus.host_node import HostNode
 from virtual_bus.bus.medium import Medium
 from virtual_bus.bus.node import Node
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, Port
 from virtual_bus.bus.simulation import Simulation
+from virtual_bus.bus.wire import LineCodec
 from virtual_bus.drive import SimulatedDrive
-from virtual_bus.drives.registry import SIMULATED_DRIVES, SimulatedMotorDriver
+from virtual_bus.drives.registry import SERIAL_LINES, SIMULATED_DRIVES, SimulatedMotorDriver
 from virtual_bus.plant.load import paper_load
 
 
 @dataclass(slots=True)
 class World:
-    """A bus with what hangs on it besides hosts; `lock` is for hosts in several threads."""
+    """A bus with what hangs on it besides hosts; `lock` is for hosts in several threads.
+
+    `is_fd`: frames may have more than eight bytes, as on a serial line.
+    """
 
     simulation: Simulation
     drives: tuple[SimulatedMotorDriver, ...]
@@ -56,12 +61,14 @@ def drive_world(
     timing: BitTiming,
     truth_s: float,
 ) -> World:
-    """Build the world of rigs: their drives on one bus. UserError when a rig doesn't say enough.
+    """Build the world of rigs: their drives on one line, of the first's kind. UserError when one doesn't say enough.
 
     `simulation` is the paper's 1 or 2, or 0 for no load; `truth_s` seconds of truth are logged. Latency and jitter of
     hosts are the first rig's.
     """
-    stepper = Simulation(Medium(timing, FaultInjector(faults, seed) if faults else None))
+    injector = FaultInjector(faults, seed) if faults else None
+    codec = SERIAL_LINES.get(rigs[0].drive_profile)
+    stepper = Simulation(Medium(timing, injector) if codec is None else _line(rigs[0], codec, injector))
     load = paper_load(simulation)
     drives: list[SimulatedMotorDriver] = []
     for place, rig in enumerate(rigs):
@@ -76,11 +83,16 @@ def drive_world(
     return World(
         stepper,
         tuple(drives),
-        is_fd,
+        is_fd or codec is not None,
         latency_ns=round(first.latency_s * NS_PER_S),
         jitter_ns=round(first.latency_jitter_s * NS_PER_S),
         seed=seed,
     )
+
+
+def _line(rig: Rig, codec: LineCodec, faults: FaultInjector | None) -> HalfDuplexLine:
+    assert rig.motor_driver is not None
+    return HalfDuplexLine(codec, rig.motor_driver.baudrate_bit_per_s, faults)
 
 
 def node_world(nodes: Sequence[Node], seed: int, is_fd: bool, faults: Sequence[Fault], timing: BitTiming) -> World:

@@ -14,6 +14,7 @@ from hil_forceps.bridge.clocks import MonotonicClock, VirtualClock, VirtualTimeB
 from hil_forceps.bridge.ports import Clock, Link
 from hil_forceps.bridge.serial_link import SerialLink
 from hil_forceps.bridge.udp_port import SCHEME, UdpPort
+from hil_forceps.drives.framing import NATIVE, Framing
 from hil_forceps.rig.errors import UserError
 
 IFF_UP = 1
@@ -48,7 +49,7 @@ class LinkSpec(NamedTuple):
     """Where the drive is: `interface` and `channel` of python-can, or `serial_url`.
 
     `serial_url`: a path, a pyserial URL, or udp://address:port for packets as datagrams (see `UdpPort`). `options` go
-    to the python-can interface as they are. `spin_ns`: see `MonotonicClock`.
+    to the python-can interface as they are. `framing`: of packets on a serial port. `spin_ns`: see `MonotonicClock`.
     """
 
     interface: str = ""
@@ -60,6 +61,7 @@ class LinkSpec(NamedTuple):
     baudrate: int = 1_000_000
     options: Mapping[str, object] = MappingProxyType({})
     spin_ns: int = 100_000
+    framing: Framing = NATIVE
 
 
 class Connection(NamedTuple):
@@ -143,7 +145,7 @@ def _open_serial(spec: LinkSpec) -> Connection:
         remedy = f"; {_SERIAL_REMEDIES[number]}" if number in _SERIAL_REMEDIES else ""
         raise UserError(f"{url}: can't be opened: {_words(error)}{remedy}") from error
     clock = MonotonicClock(spec.spin_ns)
-    return Connection(SerialLink(port, clock), clock, False, serial_notes(url, SERIAL_DEVICES))
+    return Connection(SerialLink(port, clock, spec.framing), clock, False, serial_notes(url, SERIAL_DEVICES))
 
 
 def serial_notes(path: str, devices: Path) -> tuple[str, ...]:

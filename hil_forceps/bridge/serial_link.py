@@ -1,10 +1,11 @@
 """A link over a serial port, pseudo-terminal or TCP socket, by pyserial URL, or over UDP.
 
-Frames are packed as `firmware_protocol.serial_framing` says.
+Frames are packed as `firmware_protocol.serial_framing` says, or as the drive's protocol has it (`Framing`).
 
 Where the port has a file descriptor it is polled, read and written without pyserial's own loops: with a zero write
 timeout pyserial spins for as long as the line is full. A frame that fits only in part is given up: the other end
-drops the torn packet by its CRC, and the next write starts with a delimiter so that it costs no second one.
+drops the torn packet by its CRC; where the framing has a delimiter, the next write starts with it, so that it costs no
+second one.
 """
 
 import errno
@@ -19,13 +20,12 @@ from typing import Protocol
 import serial
 
 from firmware_protocol.frames import Frame
-from firmware_protocol.serial_framing import SerialReader, encode_serial
 from hil_forceps.bridge.ports import Clock, Received, SendResult
 from hil_forceps.bridge.udp_port import CONGESTED, UdpPort
+from hil_forceps.drives.framing import NATIVE, Framing
 
 MAX_READ = 1 << 13  # bytes taken by one call, some 500 frames: more would hold up a tick
 MAX_WAITING = 1 << 11  # bytes on their way out of a port that can't say when it is full
-DELIMITER = b"\x00"
 
 
 class _Stream(Protocol):
@@ -42,12 +42,13 @@ class SerialLink:
     `is_stream` is false where bytes stay in the pieces in which they were sent.
     """
 
-    def __init__(self, port: serial.Serial | UdpPort, clock: Clock) -> None:
+    def __init__(self, port: serial.Serial | UdpPort, clock: Clock, framing: Framing = NATIVE) -> None:
         self.counters = dict.fromkeys(("queue_full", "torn"), 0)
         self.is_stream = not isinstance(port, UdpPort)
         self._port = port
         self._clock = clock
-        self._reader = SerialReader()
+        self._encode, self._resume = framing.encode, framing.resume
+        self._reader = framing.reader()
         self._stream = _stream_of(port)
         self._up = True
         self._torn = False
@@ -56,9 +57,9 @@ class SerialLink:
         """Hand over one frame now or not at all."""
         if not self._up:
             return SendResult.BUS_DOWN
-        packet = encode_serial(frame)
+        packet = self._encode(frame)
         if self._torn:
-            packet = DELIMITER + packet
+            packet = self._resume + packet
         try:
             written = self._stream.write(packet)
         except OSError:

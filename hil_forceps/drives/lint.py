@@ -16,6 +16,7 @@ from hil_forceps.rig.errors import UserError
 FEWEST_PERIODS = 3  # of the host, within a watchdog's time: one late tick must not stop the motor
 LONGEST_WATCHDOG_S = 0.5  # a motor that goes on for longer behind a dead host
 MAX_BUS_LOAD, HIGH_BUS_LOAD = 0.9, 0.6
+_TOLD_A_CURRENT = frozenset({"odrive", "moteus", "dynamixel"})  # profiles that tell their drive `current_limit_A`
 
 
 def findings(rig: Rig) -> list[Finding]:
@@ -86,7 +87,7 @@ def _current(rig: Rig) -> Iterator[Finding]:
     torque_N_m = LOAD_N_M * plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
     needed_A = torque_N_m / plant.torque_constant_N_m_per_A
     limits = {"drive.current_limit_A": None if rig.drive is None else rig.drive.current_limit_A}
-    if rig.motor_driver is not None and rig.motor_driver.profile == "odrive":
+    if rig.motor_driver is not None and rig.motor_driver.profile in _TOLD_A_CURRENT:
         limits["motor_driver.current_limit_A"] = rig.motor_driver.current_limit_A
     for key, limit_A in limits.items():
         if limit_A is not None and limit_A < needed_A:
@@ -105,7 +106,8 @@ def _bus(rig: Rig) -> Iterator[Finding]:
     profile, settings = found
     load = profile.bus_load(rig, settings)
     text = f"the cyclic frames of one axis load the bus by {100.0 * load:.0f} % at worst"
+    key = "bench.bitrate_bit_per_s" if profile.link == "can" else "motor_driver.baudrate_bit_per_s"
     if load > MAX_BUS_LOAD:
-        yield Finding("problem", "bench.bitrate_bit_per_s", f"{text}; raise it, or lower the rates")
+        yield Finding("problem", key, f"{text}; raise it, or lower the rates")
     elif load > HIGH_BUS_LOAD:
-        yield Finding("note", "bench.bitrate_bit_per_s", text)
+        yield Finding("note", key, text)

@@ -7,6 +7,7 @@ from enum import Enum
 from typing import Any, Final, Literal, NamedTuple, Protocol
 
 from firmware_protocol.frames import Frame
+from hil_forceps.drives.framing import NATIVE, Framing
 from hil_forceps.drives.line_use import most_bits
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.promises import Promises
@@ -80,6 +81,8 @@ class Profile:
     # Arbitration ids of the drive and its host, each with whether it has 29 bits; none on a line of its own.
     ids: Callable[[MotorDriver], frozenset[tuple[int, bool]]] = lambda _: frozenset()
     has_extended_ids: bool = False  # frames with ids of 29 bits may be its own
+    framing: Framing = NATIVE  # of its packets on a serial line
+    ask: tuple[Frame, ...] = ()  # who is there, where drives say nothing by themselves; moves and changes nothing
     promises: Callable[[Rig, MotorDriver], Promises] = usual_promises  # what conformance holds the drive to
 
 

@@ -6,6 +6,10 @@ from firmware_protocol.frames import arbitration_id
 from firmware_protocol.host_machine import HostConfig, HostMachine
 from firmware_protocol.messages import Function
 from hil_forceps.drives.cia402.profile import PROFILE as CIA402
+from hil_forceps.drives.dynamixel.profile import PROFILE as DYNAMIXEL
+from hil_forceps.drives.framing import NATIVE, Framing
+from hil_forceps.drives.mit.profile import PROFILE as MIT
+from hil_forceps.drives.moteus.profile import PROFILE as MOTEUS
 from hil_forceps.drives.odrive.profile import PROFILE as ODRIVE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
@@ -13,7 +17,7 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.consistency import native_bus_load
 from hil_forceps.rig.sections import MotorDriver
 
-PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402)}
+PROFILES: Final[dict[str, Profile]] = {profile.name: profile for profile in (ODRIVE, CIA402, MIT, MOTEUS, DYNAMIXEL)}
 
 
 def maker_profile(rig: Rig) -> tuple[Profile, MotorDriver] | None:
@@ -49,6 +53,12 @@ def ids_of(rig: Rig) -> frozenset[tuple[int, bool]]:
         return frozenset((arbitration_id(function, rig.bench.node_id), False) for function in Function)
     profile, settings = found
     return profile.ids(settings)
+
+
+def framing_for(rig: Rig) -> Framing:
+    """Return how packets of a rig's drive are packed on a serial line."""
+    found = maker_profile(rig)
+    return NATIVE if found is None else found[0].framing
 
 
 def sample_period_s(rig: Rig) -> float:

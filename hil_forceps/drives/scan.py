@@ -1,13 +1,13 @@
 """Who is on a bus, by listening alone: what heartbeats say of their protocols, nodes and states.
 
-Nothing is sent, so a drive that says nothing by itself is not found: a CANopen drive whose heartbeat is off (1017h), or
-one that answers only when asked.
+Nothing is sent here, so a drive that says nothing by itself is not found: a CANopen drive whose heartbeat is off
+(1017h), or one that answers only when asked, as all of the profile mit. Some of these can be asked (`Profile.ask`).
 """
 
 from firmware_protocol.codec import Decoder
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveHeartbeat, DriveState
-from hil_forceps.drives.profile import Found, Listener
+from hil_forceps.drives.profile import Found, Listener, Profile
 from hil_forceps.drives.registry import PROFILES
 
 
@@ -38,11 +38,12 @@ class NativeListener:
 
 
 class BusListener:
-    """Frames in, drives of all profiles out."""
+    """Frames in, drives of all profiles of a CAN bus out; or of the one that is asked for, whatever its line."""
 
-    def __init__(self) -> None:
+    def __init__(self, asked: Profile | None = None) -> None:
         self.frames = 0
-        self._listeners: list[Listener] = [NativeListener(), *(profile.listener() for profile in PROFILES.values())]
+        on_can = (profile.listener() for profile in PROFILES.values() if profile.link == "can")
+        self._listeners: list[Listener] = [NativeListener(), *on_can] if asked is None else [asked.listener()]
 
     def receive(self, frame: Frame) -> None:
         """Take one frame."""

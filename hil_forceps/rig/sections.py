@@ -220,7 +220,8 @@ def _version(given: object) -> object:
 
 MIN_ENCODER_RATIO = 1e-4  # turns of an encoder for a turn of the pulley, of either sign
 
-ProfileName = Literal["native", "odrive", "cia402"]
+ProfileName = Literal["native", "odrive", "cia402", "mit", "moteus", "dynamixel"]
+MitVariant = Literal["bgkatz", "cubemars", "damiao"]
 
 
 class MotorDriver(Section):
@@ -230,8 +231,9 @@ class MotorDriver(Section):
     firmware: Annotated[Literal["0.5", "0.6"], BeforeValidator(_version)] = Field(
         default="0.6", description="of an ODrive"
     )
-    node_id: Annotated[Whole, Quantity("", 0, 126)] = Field(
-        default=1, description="its node on the bus; an ODrive's is 62 at most"
+    node_id: Annotated[Whole, Quantity("", 0, 252)] = Field(
+        default=1,
+        description="its node on the bus, or a Dynamixel's id; an ODrive's is 62 at most, a CANopen node's 126",
     )
     encoder_rev_per_pulley_rev: Annotated[Number, Quantity("", -1e4, 1e4), AfterValidator(_turning)] = Field(
         default=1.0, description="turns of the encoder for a turn of the motor pulley; negative: it counts backwards"
@@ -246,7 +248,9 @@ class MotorDriver(Section):
         default=1e-3, description="period of an ODrive's current frames, as it is set in the drive"
     )
     current_limit_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] = Field(
-        default=1.0, description="what an ODrive is told to limit its current to"
+        default=1.0,
+        description="what an ODrive or a Dynamixel is told to limit its current to, and a moteus as the torque that it "
+        "makes",
     )
     current_object: Annotated[str, AfterValidator(_object)] = Field(
         default="30D1h:02", description="object of a CiA 402 drive with the measured current; 30D1h:02 is an EPOS4's"
@@ -257,7 +261,41 @@ class MotorDriver(Section):
         description="unit of `current_object`; of 6078h it is a thousandth of the rated current (6075h, in mA)",
     )
     watchdog_s: Annotated[Number, Quantity("s", 0.0, 10.0)] = Field(
-        default=0.1, description="its watchdog's time, 0: off; set in an ODrive, written to a CiA 402 drive (1016h)"
+        default=0.1,
+        description="its watchdog's time, 0: off; set in an ODrive or a mini cheetah drive, written to a CiA 402 drive "
+        "(1016h), a moteus and a Dynamixel",
+    )
+    mit_variant: MitVariant | None = Field(default=None, description="firmware of a mini cheetah drive (`mit`)")
+    reply_id: Annotated[Whole, Quantity("", 0, 0x7FF)] | None = Field(
+        default=None,
+        description="`mit`: id of its answers; absent: 0, the default of bgkatz and DaMiao, or a CubeMars' own node",
+    )
+    position_range_rad: Annotated[Number, Quantity("rad", 0.0, 1e4, open_low=True)] | None = Field(
+        default=None, description="`mit`: ± range of its position field (P_MAX), as it is set in the drive"
+    )
+    speed_range_rad_per_s: Annotated[Number, Quantity("rad_per_s", 0.0, 1e5, open_low=True)] | None = Field(
+        default=None, description="`mit`: ± range of its speed field (V_MAX)"
+    )
+    kp_range_N_m_per_rad: Annotated[Number, Quantity("N_m_per_rad", 0.0, 1e5, open_low=True)] | None = Field(
+        default=None, description="`mit`: range of its kp field, from 0 (KP_MAX)"
+    )
+    kd_range_N_m_s_per_rad: Annotated[Number, Quantity("N_m_s_per_rad", 0.0, 1e4, open_low=True)] | None = Field(
+        default=None, description="`mit`: range of its kd field, from 0 (KD_MAX)"
+    )
+    torque_range_N_m: Annotated[Number, Quantity("N_m", 0.0, 1e4, open_low=True)] | None = Field(
+        default=None, description="`mit`: ± range of its torque field (T_MAX; bgkatz: I_MAX KT GR), and of the answer's"
+    )
+    feedback_current_range_A: Annotated[Number, Quantity("A", 0.0, 1e3, open_low=True)] | None = Field(
+        default=None, description="`mit`: ± range of the answer's last field where the firmware tells a current there"
+    )
+    kp_N_m_per_rad: Annotated[Number, Quantity("N_m_per_rad", 0.0, 1e5, open_low=True)] | None = Field(
+        default=None, description="`mit`: stiffness that is sent with references, of the drive's own shaft"
+    )
+    kd_N_m_s_per_rad: Annotated[Number, Quantity("N_m_s_per_rad", 0.0, 1e4, open_low=True)] | None = Field(
+        default=None, description="`mit`: damping that is sent with references, towards no speed"
+    )
+    baudrate_bit_per_s: Annotated[Whole, Quantity("bit_per_s", 9_600, 4_500_000)] = Field(
+        default=1_000_000, description="rate of a serial line, as it is set in a Dynamixel"
     )
 
 

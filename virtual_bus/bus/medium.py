@@ -40,7 +40,7 @@ class Medium:
 
     def __init__(self, timing: BitTiming | None = None, faults: FaultInjector | None = None) -> None:
         self.timing = BitTiming() if timing is None else timing
-        self._frame_ns = self.timing.frame_ns
+        self.frame_ns = self.timing.frame_ns
         self.ports: list[Port] = []
         self.gone = False
         self._flight_end_ns = FOREVER_NS
@@ -90,7 +90,7 @@ class Medium:
             self.refuses(port)
             return False
         key = arbitration_key(frame[0], True) if frame[3] else frame[0] << 19
-        entry = (key, self._order, port, frame, self._frame_ns(frame))
+        entry = (key, self._order, port, frame, self.frame_ns(frame))
         self._order += 1
         port.queued += 1
         if not self._pending:

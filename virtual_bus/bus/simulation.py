@@ -6,9 +6,9 @@ does the next arbitration take place, so all that was queued at an instant takes
 """
 
 from virtual_bus.bus.faults import FOREVER_NS, Side
-from virtual_bus.bus.medium import Medium
 from virtual_bus.bus.node import Node
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, Port
+from virtual_bus.bus.wire import Wire
 
 
 class _Seat:
@@ -26,7 +26,7 @@ class _Seat:
 class Simulation:
     """Nodes on a medium. `now_ns` only grows; the same calls give the same events."""
 
-    def __init__(self, medium: Medium) -> None:
+    def __init__(self, medium: Wire) -> None:
         self.medium = medium
         self.now_ns = 0
         self._seats: list[_Seat] = []

@@ -5,7 +5,12 @@ from typing import Final, Protocol
 
 from hil_forceps.rig import Rig
 from virtual_bus.bus.node import Node
+from virtual_bus.bus.wire import LineCodec
 from virtual_bus.drives.cia402 import SimulatedCia402
+from virtual_bus.drives.dynamixel import SimulatedDynamixel
+from virtual_bus.drives.dynamixel_packets import CODEC
+from virtual_bus.drives.mit import SimulatedMit
+from virtual_bus.drives.moteus import SimulatedMoteus
 from virtual_bus.drives.odrive import SimulatedODrive
 from virtual_bus.plant.load import LoadProfile
 from virtual_bus.truth_log import TruthLog
@@ -37,4 +42,12 @@ class _Maker(Protocol):
         """Make the drive of a rig; UserError when that doesn't say enough."""
 
 
-SIMULATED_DRIVES: Final[dict[str, _Maker]] = {"odrive": SimulatedODrive, "cia402": SimulatedCia402}
+SIMULATED_DRIVES: Final[dict[str, _Maker]] = {
+    "odrive": SimulatedODrive,
+    "cia402": SimulatedCia402,
+    "mit": SimulatedMit,
+    "moteus": SimulatedMoteus,
+    "dynamixel": SimulatedDynamixel,
+}
+SERIAL_LINES: Final[dict[str, LineCodec]] = {"dynamixel": CODEC}
+"""How those that hang on a serial line pack their frames; the others hang on a CAN bus."""

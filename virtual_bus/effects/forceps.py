@@ -49,6 +49,29 @@ def hold_and_move_with_effects(
     )
 
 
+@kernel
+def move_with_effects(
+    state: NDArray[np.float64],
+    queue: Queue,
+    plant_numbers: NDArray[np.float64],
+    e: EffectNumbers,
+    current_A: float,
+    load_time_ns: NDArray[np.int64],
+    load_N_m: NDArray[np.float64],
+    start_ns: int,
+    end_ns: int,
+    max_step_s: float,
+    rest_ns: NDArray[np.int64],
+    taps: NDArray[np.float64],
+) -> None:
+    """Ask for `current_A` from `start_ns` to `end_ns`; `taps` as they were `rest_ns` before that."""
+    push_command(queue, acting_command(current_A, e), round(e.actuation_delay_delay_s * 1.0e9))
+    p = unpacked_plant(plant_numbers)
+    advance_with_effects(
+        state, queue, p, e, NO_ENVIRONMENT, load_time_ns, load_N_m, start_ns, end_ns, max_step_s, end_ns - rest_ns, taps
+    )
+
+
 class ForcepsWithEffects:
     """A forceps with its motor on a bench and a rig's effects in it; same use as `SimulatedForceps`.
 
@@ -131,6 +154,24 @@ class ForcepsWithEffects:
             self._sensors.counts_per_rev,
             reference_raw is not None,
             reference_raw or 0,
+            now_ns - self._zero_ns,
+            until_ns - self._zero_ns,
+            self._max_step_s,
+            self._rest_ns,
+            self._history[self._newest],
+        )
+
+    def hold(self, now_ns: int, until_ns: int, current_A: float) -> None:
+        """Move on under a current that a drive outside asks for, without this world's own loop."""
+        self._newest = (self._newest + 1) % len(self._history)
+        move_with_effects(
+            self._state,
+            self._queue,
+            self._plant_numbers,
+            self._effects,
+            current_A,
+            self._load.time_ns,
+            self._load.torque_N_m,
             now_ns - self._zero_ns,
             until_ns - self._zero_ns,
             self._max_step_s,

@@ -19,7 +19,7 @@ from virtual_bus.realtime.transports import Transport
 DEFAULT_CATCH_UP_NS = 10_000_000
 DEFAULT_SPIN_NS = 100_000  # a sleep ends 50 to 100 µs late on an ordinary kernel
 _MAX_WAIT_NS = 50_000_000  # so that a stop is seen
-_FROM_DRIVE = {
+_FROM_DRIVE = frozenset(
     int(function)
     for function in (
         Function.FEEDBACK,
@@ -30,7 +30,7 @@ _FROM_DRIVE = {
         Function.PARAM_RESPONSE,
         Function.IDENTITY,
     )
-}
+)
 _FOREIGN = 1 << NODE_BITS + 6  # what is counted for a function where the id has 29 bits: above all of them
 
 
@@ -128,7 +128,9 @@ class RealTimeLoop:
         spin_ns: int = DEFAULT_SPIN_NS,
         max_catch_up_ns: int = DEFAULT_CATCH_UP_NS,
         clock: Callable[[], int] = time.monotonic_ns,
+        is_native: bool = True,
     ) -> None:
+        """`is_native`: it speaks the project's own protocol, so what a drive says is heard here by echo alone."""
         if period_ns < 1:
             raise ValueError(f"a period lasts at least 1 ns, not {period_ns}")
         self._node = node
@@ -138,6 +140,7 @@ class RealTimeLoop:
         self._spin_ns = spin_ns
         self._max_catch_up_ns = max_catch_up_ns
         self._clock = clock
+        self._own = _FROM_DRIVE if is_native else frozenset()
         self._start_ns = 0
         self._stopping = False
         self._sent: Counter[int] = Counter()
@@ -172,12 +175,15 @@ class RealTimeLoop:
             "slips": self._slips,
             "slipped_s": self._slipped_ns * 1e-9,
             "lateness": self._lateness.summary(),
-            "sent": _by_name(self._sent),
-            "received": _by_name(self._received),
+            "sent": self._named(self._sent),
+            "received": self._named(self._received),
             "own_frames_heard": self._echoed,
             "transport": dict(self._transport.counters),
             "faults": {} if self._wire is None else {str(kind): n for kind, n in self._wire.counters.items() if n},
         }
+
+    def _named(self, counts: Counter[int]) -> dict[str, int]:
+        return _by_name(counts) if self._own else {"packets": counts.total()}
 
     def _listen(self, now_ns: int, wake_ns: int) -> None:
         """Take what arrives until it is time to wake; the last stretch is spent polling."""
@@ -208,7 +214,7 @@ class RealTimeLoop:
         heard = []
         for frame in frames:
             function = _FOREIGN if frame[3] else frame[0] >> NODE_BITS
-            if function in _FROM_DRIVE:
+            if function in self._own:
                 self._echoed += 1  # udp_multicast hears itself
             else:
                 self._received[function] += 1

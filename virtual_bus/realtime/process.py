@@ -14,15 +14,16 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from types import FrameType
 
-from firmware_protocol.messages import FaultReason
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 from virtual_bus.bus.bit_timing import NS_PER_S
 from virtual_bus.bus.faults import Fault, FaultInjector, FaultKind, Side, load_faults
+from virtual_bus.bus.wire import LineCodec
 from virtual_bus.drive import SimulatedDrive
+from virtual_bus.drives.registry import SERIAL_LINES, SIMULATED_DRIVES, SimulatedMotorDriver
 from virtual_bus.plant.load import paper_load
 from virtual_bus.realtime.loop import DEFAULT_SPIN_NS, FaultyWire, RealTimeLoop
-from virtual_bus.realtime.serial_server import SerialServer
+from virtual_bus.realtime.serial_server import NATIVE, SerialServer
 from virtual_bus.realtime.transports import CanTransport, open_can
 
 _WARM_UP_NS = 20_000_000
@@ -87,11 +88,11 @@ def _faults(path: str | None) -> tuple[Fault, ...]:
     return faults
 
 
-def _open(arguments: argparse.Namespace, is_fd: bool) -> tuple[CanTransport | SerialServer, str]:
+def _open(arguments: argparse.Namespace, is_fd: bool, codec: LineCodec) -> tuple[CanTransport | SerialServer, str]:
     if arguments.serial_pty is not None:
         if arguments.channel is not None or arguments.option:
             raise UserError("--channel and --option go with --interface, not with --serial-pty")
-        server = SerialServer(arguments.serial_pty)
+        server = SerialServer(arguments.serial_pty, codec)
         return server, f"serial {arguments.serial_pty} {server.device}"
     if arguments.channel is None:
         raise UserError("--interface wants --channel")
@@ -99,9 +100,38 @@ def _open(arguments: argparse.Namespace, is_fd: bool) -> tuple[CanTransport | Se
     return transport, f"{arguments.interface} {arguments.channel}"
 
 
+def _line_of(path: str, rig: Rig, serial_pty: str | None) -> LineCodec:
+    """Return how the rig's drive packs frames on a serial line; UserError where it can't be simulated here."""
+    profile = rig.drive_profile
+    if profile == "native":
+        return NATIVE
+    if profile not in SERIAL_LINES:
+        raise UserError(
+            f"{path}: motor_driver.profile: is {profile}, but a drive on a CAN bus here speaks the project's own "
+            "protocol alone; `run --interface virtual_forceps` simulates the others (docs/drives.md)"
+        )
+    if serial_pty is None:
+        raise UserError(f"{path}: motor_driver.profile: {profile} is on a serial line; give --serial-pty LINK")
+    return SERIAL_LINES[profile]
+
+
+def _drive(rig: Rig, simulation: int, seed: int, is_fd: bool) -> SimulatedDrive | SimulatedMotorDriver:
+    load = paper_load(simulation)
+    if rig.drive_profile != "native":
+        return SIMULATED_DRIVES[rig.drive_profile](rig, load, seed)
+    return SimulatedDrive(rig, load, seed, fd=is_fd, load_restarts=True)
+
+
+def _counts(drive: SimulatedDrive | SimulatedMotorDriver) -> dict[str, object]:
+    """Return what a drive counted, and where the project's own stands."""
+    if isinstance(drive, SimulatedDrive):
+        return {**drive.machine.counters, **drive.counters, "state": drive.machine.state.name}
+    return dict(drive.counters)
+
+
 def _warm_up(rig: Rig, is_fd: bool) -> None:
     """Run a drive that nobody sees, so that compiling doesn't make the first samples late."""
-    drive = SimulatedDrive(rig, paper_load(1), fd=is_fd)
+    drive = _drive(rig, 1, 0, is_fd)
     drive.wake(_WARM_UP_NS)
     drive.take_outbox()
 
@@ -123,23 +153,18 @@ def _say(line: str) -> None:
 
 def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
     rig = load_rig(arguments.rig)
-    if rig.drive_profile != "native":
-        raise UserError(
-            f"{arguments.rig}: motor_driver.profile: is {rig.drive_profile}, but the drive here speaks "
-            "the project's own protocol alone; `run --interface virtual_forceps` simulates the others (docs/drives.md)"
-        )
+    codec = _line_of(arguments.rig, rig, arguments.serial_pty)
     is_fd = rig.bench.transport == "fd" if arguments.fd is None else bool(arguments.fd)
     faults = _faults(arguments.faults)
-    load = paper_load(arguments.simulation)
-    drive = SimulatedDrive(rig, load, arguments.seed, fd=is_fd, load_restarts=True)
+    drive = _drive(rig, arguments.simulation, arguments.seed, is_fd)
     _warm_up(rig, is_fd)
-    transport, name = _open(arguments, is_fd)
+    transport, name = _open(arguments, is_fd, codec)
     try:
         period_ns = round(rig.require_drive().sample_time_s * NS_PER_S)
         wire = None
         if faults:
-            wire = FaultyWire(FaultInjector(faults, arguments.seed), lambda: drive.machine.trip(FaultReason.BUS_OFF))
-        loop = RealTimeLoop(drive, transport, period_ns, wire, arguments.spin)
+            wire = FaultyWire(FaultInjector(faults, arguments.seed), drive.trip)
+        loop = RealTimeLoop(drive, transport, period_ns, wire, arguments.spin, is_native=codec is NATIVE)
 
         def stop(_signal: int, _frame: FrameType | None) -> None:
             loop.stop()
@@ -149,7 +174,9 @@ def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
         scheduler = _schedule_fifo() if arguments.fifo else "other"
         gc.collect()
         gc.freeze()
-        _say(f"ready {name} node {rig.bench.node_id} period_us {period_ns // 1000}")
+        settings = rig.motor_driver
+        node = rig.bench.node_id if settings is None or codec is NATIVE else settings.node_id
+        _say(f"ready {name} node {node} period_us {period_ns // 1000}")
         loop.run(None if arguments.duration is None else round(arguments.duration * NS_PER_S))
     finally:
         transport.close()
@@ -158,7 +185,7 @@ def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
         "period_s": period_ns / NS_PER_S,
         "scheduler": scheduler,
         **loop.summary(),
-        "drive": {**drive.machine.counters, **drive.counters, "state": drive.machine.state.name},
+        "drive": _counts(drive),
     }
 
 

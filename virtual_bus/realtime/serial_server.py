@@ -1,7 +1,8 @@
-"""A drive behind a serial port: a pseudo terminal that speaks serial_framing, with a link to it at a path of choice.
+"""A drive behind a serial port: a pseudo terminal with a link to it at a path of choice.
 
-The host may come, go and come back. Nothing blocks: where nobody reads, what has not been read is thrown away as a
-whole and counted, so that a host that comes back finds at most one buffer of old frames.
+It speaks serial_framing, or what its maker's drives speak on their line. The host may come, go and come back.
+Nothing blocks: where nobody reads, what has not been read is thrown away as a whole and counted, so that a host that
+comes back finds at most one buffer of old frames.
 """
 
 import os
@@ -15,9 +16,11 @@ from pathlib import Path
 from firmware_protocol.frames import Frame
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 from hil_forceps.rig.errors import UserError
+from virtual_bus.bus.wire import LineCodec
 from virtual_bus.realtime.transports import MAX_FRAMES_AT_ONCE
 
 _READ_BYTES = 4096
+NATIVE = LineCodec(encode_serial, SerialReader)
 
 
 class SerialServer:
@@ -26,9 +29,10 @@ class SerialServer:
     `counters`: those of the reader; `unread`: times the host's end was full and was emptied.
     """
 
-    def __init__(self, link: str | Path) -> None:
+    def __init__(self, link: str | Path, codec: LineCodec = NATIVE) -> None:
         self._link = Path(link)
-        self._reader = SerialReader()
+        self._encode = codec.encode
+        self._reader = codec.reader()
         self.counters = self._reader.counters
         self.counters["unread"] = 0
         self._waiting: list[Frame] = []
@@ -59,7 +63,7 @@ class SerialServer:
 
     def send(self, frames: Iterable[Frame]) -> None:
         """See `Transport`."""
-        data = b"".join(map(encode_serial, frames))
+        data = b"".join(map(self._encode, frames))
         try:
             if os.write(self._ours, data) == len(data):
                 return

@@ -15,8 +15,8 @@ from firmware_protocol import scales
 from firmware_protocol.codec import Decoder
 from firmware_protocol.frames import MAX_EXTENDED_ID, Frame
 from firmware_protocol.messages import Control, DriveState, FaultReason, Message, ParamOp
-from firmware_protocol.serial_framing import SerialReader
 from hil_forceps.data.readers.bus_frames import LOG_SUFFIXES, Stamped, read_frames
+from hil_forceps.drives.framing import NATIVE, Framing
 from hil_forceps.drives.profile import Decoded
 from hil_forceps.drives.registry import PROFILES
 from hil_forceps.rig.errors import UserError
@@ -77,7 +77,8 @@ def decode(
     has_extended_ids = drive != "native" and PROFILES[drive].has_extended_ids
     refused = total = 0
     torn: Counter[str] = Counter()
-    for stamped in _frames(source, torn):
+    framing = NATIVE if drive == "native" else PROFILES[drive].framing
+    for stamped in _frames(source, torn, framing):
         if stamped.frame.is_extended and not has_extended_ids:
             continue  # somebody else's on the same bus
         message, reason = read(stamped.frame)
@@ -129,14 +130,14 @@ def _signal(name: str, value: int) -> tuple[str, Any]:
     return name, value
 
 
-def _frames(sources: Iterable[str], torn: Counter[str]) -> Iterator[Stamped]:
+def _frames(sources: Iterable[str], torn: Counter[str], framing: Framing) -> Iterator[Stamped]:
     for source in sources:
         if source == "-":
             yield from _candump_lines(sys.stdin, "stdin")
         elif "#" in source:
             yield from _candump_lines([source], "argument")
         else:
-            yield from _file(Path(source), torn)
+            yield from _file(Path(source), torn, framing)
 
 
 def _candump_lines(lines: Iterable[str], where: str) -> Iterator[Stamped]:
@@ -157,12 +158,12 @@ def _candump_lines(lines: Iterable[str], where: str) -> Iterator[Stamped]:
         yield Stamped(time_s, Frame(arbitration_id, bytes.fromhex(match["data"]), match["fd"] is not None, is_extended))
 
 
-def _file(path: Path, torn: Counter[str]) -> Iterator[Stamped]:
+def _file(path: Path, torn: Counter[str], framing: Framing) -> Iterator[Stamped]:
     if not path.is_file():
         raise UserError(f"{path}: is a folder; name a file in it" if path.is_dir() else f"{path}: no such file")
     suffix = path.suffix.lower()
     if suffix in _SERIAL_SUFFIXES:
-        yield from _serial_capture(path, torn)
+        yield from _serial_capture(path, torn, framing)
     elif suffix in LOG_SUFFIXES:
         yield from read_frames(path)
     else:
@@ -170,8 +171,8 @@ def _file(path: Path, torn: Counter[str]) -> Iterator[Stamped]:
         raise UserError(f"{path}: unknown kind of log '{path.suffix}'; known are {known}")
 
 
-def _serial_capture(path: Path, torn: Counter[str]) -> Iterator[Stamped]:
-    reader = SerialReader()
+def _serial_capture(path: Path, torn: Counter[str], framing: Framing) -> Iterator[Stamped]:
+    reader = framing.reader()
     with path.open("rb") as file:
         while chunk := file.read(_CHUNK_BYTES):
             for frame in reader.feed(chunk):

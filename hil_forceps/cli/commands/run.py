@@ -30,13 +30,15 @@ from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.lint import findings
 from hil_forceps.drives.profile import Finding
-from hil_forceps.drives.registry import machine_for, sample_period_s
+from hil_forceps.drives.registry import framing_for, machine_for, maker_profile, sample_period_s
 from hil_forceps.drives.several import findings as findings_of_several
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import BenchSettings, ProfileName
 
 EXIT_RUN_FAILED = 2
+NATIVE_BAUDRATE = 1_000_000
+VIRTUAL_INTERFACE = "virtual_forceps"  # has the drive's own kind of line in it
 
 
 def run(
@@ -46,7 +48,7 @@ def run(
     interface: str = "",
     channel: str = "",
     serial: str = "",
-    baudrate: int = 1_000_000,
+    baudrate: int | None = None,
     drive: ProfileName | None = None,
     option: tuple[str, ...] = (),
     algorithm: str = "kalman",
@@ -79,7 +81,7 @@ def run(
     serial
         Serial port, pyserial URL, or udp://ADDRESS:PORT (a packet a datagram) instead of a CAN interface.
     baudrate
-        Of the serial port.
+        Of the serial port; without it 1 Mbit/s, or what the rig says of its drive's line.
     drive
         What the motor driver speaks, as a check against `motor_driver:` of the rig.
     option
@@ -101,12 +103,10 @@ def run(
         Where one axis fails the others go on; without it they are stopped.
     """
     rigs = _rigs(rig)
+    rates = set()
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_profile(path, loaded, drive)
-        if serial and loaded.drive_profile != "native":
-            raise UserError(
-                f"--serial: {path} describes a drive on a CAN bus (`motor_driver:`); give --interface and --channel"
-            )
+        rates.add(_check_line(path, loaded, interface, serial, baudrate))
     machines = [machine_for(loaded) for loaded in rigs.values()]
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_settings(str(path), findings(loaded))
@@ -144,8 +144,9 @@ def run(
         fd=bench.transport == "fd",
         bitrate_bit_per_s=bench.bitrate_bit_per_s,
         data_bitrate_bit_per_s=bench.data_bitrate_bit_per_s,
-        baudrate=baudrate,
+        baudrate=max(rates),
         options=interface_options(option),
+        framing=framing_for(loaded),
     )
     connection = open_link(link)
     for note in connection.notes:
@@ -194,6 +195,31 @@ def _check_profile(path: Path, rig: Rig, wanted: str | None) -> None:
             f"--drive {wanted}: {path} describes a drive that speaks {rig.drive_profile}; give its `motor_driver:` "
             "(docs/drives.md has an example for each)"
         )
+
+
+def _check_line(path: Path, rig: Rig, interface: str, serial: str, baudrate: int | None) -> int:
+    """Return the rate of a serial line; UserError where the drive is on another kind of line."""
+    found = maker_profile(rig)
+    if found is None:
+        return NATIVE_BAUDRATE if baudrate is None else baudrate
+    profile, settings = found
+    if profile.link == "can" and serial:
+        raise UserError(
+            f"--serial: {path} describes a drive on a CAN bus (`motor_driver:`); give --interface and --channel"
+        )
+    if profile.link == "can" and not interface:
+        raise UserError(f"{path}: motor_driver.profile: {profile.name} is on a CAN bus; give --interface and --channel")
+    if profile.link == "serial" and not serial and interface != VIRTUAL_INTERFACE:
+        raise UserError(
+            f"{path}: motor_driver.profile: {profile.name} is on a serial line; give --serial PORT, or --interface "
+            f"{VIRTUAL_INTERFACE} for a simulated one"
+        )
+    if profile.link == "serial" and baudrate not in {None, settings.baudrate_bit_per_s}:
+        raise UserError(
+            f"--baudrate {baudrate}: {path} says motor_driver.baudrate_bit_per_s: {settings.baudrate_bit_per_s}, by "
+            "which samples are stamped; leave it out, or change it there"
+        )
+    return settings.baudrate_bit_per_s
 
 
 def _check_settings(where: str, found: Sequence[Finding]) -> None:

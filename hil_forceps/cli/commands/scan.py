@@ -1,4 +1,4 @@
-"""`hil-forceps scan`: who is on this bus or port, by listening alone."""
+"""`hil-forceps scan`: who is on this bus or port, by listening, or by asking what moves nothing."""
 
 import math
 import sys
@@ -9,8 +9,12 @@ from rich.table import Table
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.tables import print_table
+from hil_forceps.drives.framing import NATIVE
+from hil_forceps.drives.profile import Profile
+from hil_forceps.drives.registry import PROFILES
 from hil_forceps.drives.scan import BusListener
 from hil_forceps.rig.errors import UserError
+from hil_forceps.rig.sections import ProfileName
 
 EXIT_NOBODY = 1
 POLL_S = 0.01
@@ -27,10 +31,12 @@ def scan(
     bitrate: int = 1_000_000,
     option: tuple[str, ...] = (),
     seconds: float = 2.0,
+    ask: ProfileName | None = None,
 ) -> int:
-    """Listen on a bus or a serial port, and tell which drives are there. Nothing is sent: nothing moves or changes.
+    """Listen on a bus or a serial port, and tell which drives are there. Nothing moves or changes.
 
-    Exit code 1 when nobody was recognised. A drive that says nothing by itself is not found.
+    Nothing is sent but by --ask. Exit code 1 when nobody was recognised. A drive that says nothing by itself is found
+    only by --ask.
 
     Parameters
     ----------
@@ -48,9 +54,12 @@ def scan(
         KEY=VALUE for the python-can interface; may be repeated.
     seconds
         How long to listen.
+    ask
+        Ask the drives of this profile who they are, where it has such a question: dynamixel, by a ping to all.
     """
     if not (math.isfinite(seconds) and 0.0 < seconds <= MAX_SECONDS):
         raise UserError(f"--seconds {seconds:g}: must be above 0 and at most {MAX_SECONDS:g}")
+    asked = _asked(ask)
     spec = LinkSpec(
         interface=interface,
         channel=channel,
@@ -58,10 +67,13 @@ def scan(
         bitrate_bit_per_s=bitrate,
         baudrate=baudrate,
         options=interface_options(option),
+        framing=NATIVE if asked is None else asked.framing,
     )
     connection = open_link(spec)
-    listener = BusListener()
+    listener = BusListener(asked)
     try:
+        for question in () if asked is None else asked.ask:
+            connection.link.send(question)
         now_ns = connection.clock.now_ns()
         end_ns = now_ns + round(seconds * 1e9)
         while now_ns < end_ns:
@@ -74,6 +86,16 @@ def scan(
     return _tell(listener, seconds)
 
 
+def _asked(name: str | None) -> Profile | None:
+    """Return the profile to ask by; UserError where it has no question."""
+    if name is None:
+        return None
+    profile = PROFILES.get(name)
+    if profile is None or not profile.ask:
+        raise UserError(f"--ask {name}: such a drive tells by itself that it is there; leave --ask out")
+    return profile
+
+
 def _tell(listener: BusListener, seconds: float) -> int:
     found = listener.found()
     if not found:
@@ -82,7 +104,10 @@ def _tell(listener: BusListener, seconds: float) -> int:
             if listener.frames
             else "nothing came; check bit rate, wiring, termination and the drive's power"
         )
-        sys.stdout.write(f"nobody recognised in {seconds:g} s: {heard}\n")
+        sys.stdout.write(
+            f"nobody recognised in {seconds:g} s: {heard}; a mini cheetah drive (mit) says nothing by itself, and is "
+            "found by `run` alone\n"
+        )
         return EXIT_NOBODY
     table = Table(box=SIMPLE_HEAD, padding=(0, 1))
     for name in ("profile", "node", "says"):

@@ -16,6 +16,7 @@ from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.clocks import MonotonicClock
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.bridge.serial_link import SerialLink
+from hil_forceps.drives.registry import PROFILES
 
 FRAME = Frame(0x44, b"12345678")
 Line = tuple[int, SerialLink]
@@ -84,6 +85,22 @@ def test_a_full_line_drops_frames_whole_and_costs_no_other(line: Line) -> None:
     assert [int.from_bytes(frame.data, "little") for frame in seen[:-2]] == sent
     assert seen[-2:] == [FRAME, FRAME]
     assert sum(reader.counters.values()) <= link.counters["torn"]
+
+
+def test_packets_are_packed_as_the_drives_protocol_has_it() -> None:
+    far, near = pty.openpty()
+    tty.setraw(near)
+    ping = Frame(1, b"\x01")
+    link = open_link(LinkSpec(serial_url=os.ttyname(near), framing=PROFILES["dynamixel"].framing)).link
+    assert isinstance(link, SerialLink)
+    assert link.send(ping) is SendResult.SENT
+    assert read_all(far) == bytes.fromhex("fffffd0001030001194e")
+    os.write(far, b"\x00" + bytes.fromhex("fffffd000104005500a10c"))
+    assert await_frames(link, 1) == [Frame(1, b"\x55\x00")]
+    assert link.counters["skipped_bytes"] == 1
+    link.close()
+    os.close(far)
+    os.close(near)
 
 
 def test_a_torn_frame_is_followed_by_a_delimiter() -> None:

@@ -9,10 +9,20 @@ from hypothesis import strategies as st
 from firmware_protocol.frames import Frame
 from hil_forceps.cli import main as cli
 from hil_forceps.drives.cia402 import messages as canopen
+from hil_forceps.drives.dynamixel import packets as dynamixel
+from hil_forceps.drives.mit import messages as mit
+from hil_forceps.drives.moteus import messages as moteus
 from hil_forceps.drives.odrive import messages as odrive
 from hil_forceps.drives.registry import PROFILES
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "drives"
+_ASKED = {
+    "read_int8_0x000": "mode",
+    "read_float_0x001": "position velocity",
+    "read_float_0x004": "q_current",
+    "read_int8_0x00f": "fault",
+    "read_int32_0x070": "clock_ms",
+}
 
 
 @pytest.mark.parametrize(
@@ -68,6 +78,131 @@ def test_canopen(frame: Frame, name: str, values: dict[str, object]) -> None:
     assert PROFILES["cia402"].decode(frame) == (name, values)
 
 
+COMMAND = {
+    "node": 5, "position_of_range": 1.0, "speed_of_range": 0.00024, "kp_of_range": 0.5, "kd_of_range": 0.0,
+    "torque_of_range": -0.00024,
+}  # fmt: skip
+REPLY = {"position_of_range": -1.0, "speed_of_range": -0.00024, "torque_of_range": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("frame", "name", "values"),
+    [
+        (mit.special(5, mit.Special.ENTER), "ENTER", {"node": 5}),
+        (mit.special(5, mit.Special.EXIT), "EXIT", {"node": 5}),
+        (mit.command(5, mit.Codes(0xFFFF, 2048, 2048, 0, 2047)), "COMMAND", {**COMMAND, "kp_of_range": 0.50012}),
+        (Frame(0x000, bytes.fromhex("0500007fffff")), "REPLY", {"head": "0x05", **REPLY, "extra": ""}),
+        (Frame(0x000, bytes.fromhex("0500007fffffff")), "REPLY", {"head": "0x05", **REPLY, "extra": "ff"}),
+        (Frame(0x005, bytes.fromhex("0500007fffff2800")), "REPLY", {"head": "0x05", **REPLY, "extra": "2800"}),
+        (Frame(0x015, bytes.fromhex("1500007fffff2828")), "REPLY", {"head": "0x15", **REPLY, "extra": "2828"}),
+    ],
+)
+def test_mini_cheetah(frame: Frame, name: str, values: dict[str, object]) -> None:
+    assert PROFILES["mit"].decode(frame) == (name, values)
+
+
+@pytest.mark.parametrize(
+    ("frame", "name", "values"),
+    [
+        (moteus.stop(5), "STOP", {"from": 0, "to": 5, "mode": "STOPPED", **_ASKED}),
+        (moteus.query(5), "QUERY", {"from": 0, "to": 5, **_ASKED}),
+        (
+            Frame(0x500, bytes.fromhex("2f01000080be0000c07f0000807f2a8102010101000500000050"), True),
+            "REPLY",
+            {
+                "from": 5,
+                "to": 0,
+                "position_rev": -0.25,
+                "velocity_rev_per_s": None,
+                "torque_N_m": None,
+                "firmware": "1.1.1",
+                "register_map": 5,
+            },
+        ),
+        (Frame(0x500, bytes.fromhex("31830201"), True), "REPLY", {"from": 5, "to": 0, "read_error": "0x103"}),
+        (Frame(0x500, bytes.fromhex("252a0100"), True), "REPLY", {"from": 5, "to": 0, "0x02a": 1}),
+    ],
+)
+def test_moteus(frame: Frame, name: str, values: dict[str, object]) -> None:
+    found = PROFILES["moteus"].decode(frame)
+    assert found is not None
+    assert (found.name, found.values) == (name, values)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        Frame(0x500, moteus.query(5).data, True, True),
+        Frame(0x1_8005, moteus.query(5).data, True, True),
+        Frame(0x8005, b"\x60", True, True),
+        Frame(0x8005, b"\x50\x50", True, True),
+    ],
+)
+def test_what_is_no_moteus(frame: Frame) -> None:
+    assert PROFILES["moteus"].decode(frame) is None
+
+
+def test_ids_with_29_bits_are_shown_with_eight_digits(capsys: pytest.CaptureFixture[str]) -> None:
+    """And are left out where the drive has none of them."""
+    frames = ["00008005##11100110F", "500##1210000210F00"]
+    for drive, code, shown in (("moteus", 0, frames), ("odrive", 1, frames[1:])):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["decode", *frames, "--drive", drive])
+        assert (ended.value.code or 0) == code
+        lines = capsys.readouterr().out.splitlines()
+        assert [line.split("#")[0] for line in lines] == [each.split("#")[0] for each in shown]
+    for form, told in (("jsonl", '"is_extended": true'), ("csv", "0x00008005")):
+        with pytest.raises(SystemExit):
+            cli.main(["decode", *frames, "--drive", "moteus", "--form", form])
+        assert capsys.readouterr().out.count(told) >= 1
+
+
+@pytest.mark.parametrize(
+    ("frame", "name", "values"),
+    [
+        (dynamixel.ping(5), "PING", {}),
+        (dynamixel.reboot(5), "REBOOT", {}),
+        (dynamixel.read(5, 224, 10), "READ", {"item": "Indirect Data 1 to 10 (224)", "size": 10}),
+        (dynamixel.write(5, 64, b"\x01"), "WRITE", {"item": "Torque Enable (64)", "value": 1}),
+        (dynamixel.write(5, 700, b"\x01\x02"), "WRITE", {"item": "700", "value": 513}),
+        (Frame(5, bytes.fromhex("5587")), "STATUS", {"error": "access error", "alert": True}),
+        (
+            Frame(5, bytes.fromhex("5580 02 01 20 05 9cff ffffffff"), True),
+            "STATUS",
+            {
+                "alert": True,
+                "position_counts": -1,
+                "current_A": -0.269,
+                "torque_enable": 1,
+                "hardware_error": "0x20",
+                "bus_watchdog": 5,
+            },
+        ),
+    ],
+)
+def test_dynamixel(frame: Frame, name: str, values: dict[str, object]) -> None:
+    assert PROFILES["dynamixel"].decode(frame) == (name, {"id": 5, **values})
+
+
+def test_a_goal_for_one_servo_of_many() -> None:
+    frame = dynamixel.write_unanswered(5, 116, (-3 & 0xFFFFFFFF).to_bytes(4, "little"))
+    found = PROFILES["dynamixel"].decode(frame)
+    assert found == ("SYNC_WRITE", {"id": 254, "item": "Goal Position (116)", "size": 4, "servo_5": -3})
+
+
+def test_a_capture_of_a_serial_line_is_read_by_its_own_framing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capture = tmp_path / "line.bin"
+    capture.write_bytes(b"noise" + dynamixel.encode(dynamixel.ping(5)) + dynamixel.encode(dynamixel.reboot(6)))
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["decode", str(capture), "--drive", "dynamixel"])
+    shown = capsys.readouterr()
+    assert [line.split()[1:] for line in shown.out.splitlines()] == [["PING", "id=5"], ["REBOOT", "id=6"]]
+    assert ended.value.code == 1
+    assert "skipped_bytes 5" in shown.err
+
+
 @pytest.mark.parametrize("profile", sorted(PROFILES))
 def test_all_that_a_run_put_on_the_bus_is_understood(
     profile: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -86,7 +221,7 @@ def test_all_that_a_run_put_on_the_bus_is_understood(
 
 
 @pytest.mark.parametrize("profile", sorted(PROFILES))
-@given(frame_id=st.integers(0, 0x7FF), data=st.binary(max_size=8))
+@given(frame_id=st.integers(0, 0x7FF), data=st.binary(max_size=64))
 def test_no_bytes_raise(profile: str, frame_id: int, data: bytes) -> None:
     found = PROFILES[profile].decode(Frame(frame_id, data))
     assert found is None or found.name

@@ -10,6 +10,7 @@ from hil_forceps.cli import main as cli
 from hil_forceps.drives.registry import PROFILES
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.sections import ProfileName
+from virtual_bus.drives.mit import SimulatedMit
 from virtual_bus.drives.registry import SIMULATED_DRIVES
 from virtual_bus.plant.forceps import SimulatedForceps
 
@@ -30,6 +31,16 @@ def commanded(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         return sample(self, now_ns, until_ns, reference_raw)
 
     monkeypatch.setattr(SimulatedForceps, "sample", watched)
+    reference_rad = SimulatedMit.reference_rad
+
+    def watched_reference(self: SimulatedMit) -> float | None:
+        """Of a drive that closes its own loop, with gains from the bus."""
+        found = reference_rad(self)
+        if found is not None:
+            seen.append(found)
+        return found
+
+    monkeypatch.setattr(SimulatedMit, "reference_rad", watched_reference)
     return seen
 
 

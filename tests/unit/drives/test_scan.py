@@ -11,6 +11,7 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveHeartbeat, Feedback
 from hil_forceps.cli import main as cli
 from hil_forceps.drives.profile import Found
+from hil_forceps.drives.registry import PROFILES
 from hil_forceps.drives.scan import BusListener
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -46,6 +47,79 @@ def test_each_simulated_drive_is_told(rig: str, row: tuple[str, ...], capsys: py
     assert row[2] in line
 
 
+def test_a_moteus_says_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    rig = f"rig={CONFIGS / 'drives' / 'moteus.yaml'}"
+    code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "moteus", "--option", rig)
+    assert code == 1
+    assert "nothing came" in out
+
+
+def test_a_moteus_is_told_by_its_answers_to_somebody_else() -> None:
+    """Two, in frames of CAN FD whose ids have as many bits as they need; nobody else's look like them."""
+    reply = bytes.fromhex("21000a 2e01 0000803f 00000000 210f00 5050".replace(" ", "")).ljust(20, b"\x50")
+    timeout = bytes.fromhex("24040b000000000000002300000000 50".replace(" ", ""))
+    base, wide = Frame(0x500, reply, True), Frame(0x800, timeout, True, True)
+    assert heard(base, base, wide, wide) == [
+        ("moteus", 5, "position; answers another program"),
+    ]
+    fault = Frame(0x800, bytes.fromhex("2100012 10f21".replace(" ", "")), True, True)
+    assert heard(fault, fault) == [
+        ("moteus", 8, "fault 33 (motor driver fault, often under voltage); answers another program")
+    ]
+    for other in (
+        base._replace(is_fd=False, data=reply[:8]),
+        base._replace(is_extended=True),
+        wide._replace(is_extended=False, arbitration_id=0x7FF),
+        base._replace(data=reply[:12]),
+        base._replace(data=b"\x21\x00\x63" + reply[3:]),
+        Frame(0x8005, reply, True, True),
+        Frame(0x8005, bytes.fromhex("1100110f"), True, True),
+    ):
+        assert heard(other, other) == []
+
+
+def test_a_servo_that_says_nothing_by_itself_is_asked_by_a_ping(capsys: pytest.CaptureFixture[str]) -> None:
+    rig = f"rig={CONFIGS / 'drives' / 'dynamixel.yaml'}"
+    channel = ("--interface", "virtual_forceps", "--channel", "asked", "--option", rig)
+    code, out = scan(capsys, *channel, "--seconds", "0.2")
+    assert code == 1
+    assert "nothing came" in out
+    code, out = scan(capsys, *channel, "--seconds", "0.2", "--ask", "dynamixel")
+    assert code == 0
+    assert [line.split() for line in out.splitlines() if "XM430" in line] == [
+        ["dynamixel", "5", "XM430-W350,", "firmware", "45"]
+    ]
+
+
+def test_a_drive_that_tells_by_itself_is_not_asked(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["scan", "--interface", "virtual", "--ask", "odrive"])
+    assert ended.value.code == 2
+    assert "--ask odrive: such a drive tells by itself" in capsys.readouterr().err
+
+
+def test_what_a_ping_brings_is_told_also_of_servos_that_are_not_known() -> None:
+    listener = BusListener(PROFILES["dynamixel"])
+    for frame in (
+        Frame(7, bytes.fromhex("5580240426")),
+        Frame(3, bytes.fromhex("5500060426")),
+        Frame(9, bytes.fromhex("550006")),
+        Frame(254, bytes.fromhex("01")),
+    ):
+        listener.receive(frame)
+    assert listener.frames == 4
+    assert listener.found() == [
+        Found("dynamixel", 3, "XM430-W210, firmware 38"),
+        Found(
+            "dynamixel",
+            7,
+            "model number 1060, which is not known here, firmware 38; alerts: Hardware Error Status (70) says what is "
+            "wrong",
+        ),
+    ]
+    assert heard(Frame(3, bytes.fromhex("5500060426"))) == []  # on a CAN bus that may be anybody's
+
+
 def test_nobody_is_an_answer_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
     # Too short for an ODrive's second heartbeat.
     rig = f"rig={CONFIGS / 'drives' / 'odrive.yaml'}"
@@ -55,6 +129,13 @@ def test_nobody_is_an_answer_of_its_own(capsys: pytest.CaptureFixture[str]) -> N
     assert code == 1
     assert "nobody recognised in 0.05 s" in out
     assert "no heartbeat of a drive that is known here" in out
+
+
+def test_a_drive_that_only_answers_is_not_heard_and_that_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    rig = f"rig={CONFIGS / 'drives' / 'mit.yaml'}"
+    code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "mit", "--option", rig)
+    assert code == 1
+    assert "a mini cheetah drive (mit) says nothing by itself" in out
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "1e9"])

@@ -1,0 +1,1 @@
+"""A mini cheetah drive: bgkatz's firmware, CubeMars AK, DaMiao."""

@@ -1,0 +1,1 @@
+"""A moteus over its registers on CAN FD."""
