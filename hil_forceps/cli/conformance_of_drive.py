@@ -19,11 +19,12 @@ from hil_forceps.bridge.drive_conformance.loop import Stopped
 from hil_forceps.bridge.drive_conformance.registry import CHECKS, Need
 from hil_forceps.bridge.drive_conformance.session import Session
 from hil_forceps.bridge.drive_conformance.suite import Result, Suite
+from hil_forceps.cli.drive_line import line_rate
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.verdicts import print_verdicts, progress
 from hil_forceps.drives.lint import findings
 from hil_forceps.drives.profile import Profile
-from hil_forceps.drives.registry import machine_for
+from hil_forceps.drives.registry import framing_for, machine_for
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
@@ -53,16 +54,14 @@ class Judged(NamedTuple):
         return self.link.serial_url or ":".join(filter(None, (self.link.interface, self.link.channel)))
 
 
-def link_of(path: Path, rig: Rig, profile: Profile, wanted: LinkSpec) -> LinkSpec:
+def link_of(path: Path, rig: Rig, wanted: LinkSpec, baudrate: int | None) -> LinkSpec:
     """Return where the drive is, with the rig's own rates; UserError where it is on another kind of line."""
-    if profile.link == "can" and wanted.serial_url:
-        raise UserError(
-            f"--serial: {path} describes a drive on a CAN bus (`motor_driver:`); give --interface and --channel"
-        )
     return wanted._replace(
         fd=rig.bench.transport == "fd",
         bitrate_bit_per_s=rig.bench.bitrate_bit_per_s,
         data_bitrate_bit_per_s=rig.bench.data_bitrate_bit_per_s,
+        baudrate=line_rate(path, rig, wanted.interface, wanted.serial_url, baudrate),
+        framing=framing_for(rig),
     )
 
 

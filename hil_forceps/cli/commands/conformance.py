@@ -22,6 +22,7 @@ from firmware_protocol.frames import MAX_NODE
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.conformance_port import LinkPort
 from hil_forceps.cli import conformance_of_drive
+from hil_forceps.cli.drive_line import NATIVE_BAUDRATE
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.verdicts import print_verdicts, progress
@@ -36,7 +37,7 @@ def conformance(
     interface: str = "",
     channel: str = "",
     serial: str = "",
-    baudrate: int = 1_000_000,
+    baudrate: int | None = None,
     fd: bool = False,
     option: tuple[str, ...] = (),
     node: int | None = None,
@@ -65,7 +66,7 @@ def conformance(
     serial
         Serial port, pyserial URL, or udp://ADDRESS:PORT (a packet a datagram) instead of a CAN interface.
     baudrate
-        Of the serial port.
+        Of the serial port; without it 1 Mbit/s, or what the rig says of its drive's line.
     fd
         Open the bus for CAN FD, which also a classic drive has to bear.
     option
@@ -98,8 +99,8 @@ def conformance(
         if list_:
             conformance_of_drive.print_list(only)
             return 0
-        wanted = LinkSpec(interface, channel, serial, baudrate=baudrate, options=interface_options(option))
-        link = conformance_of_drive.link_of(rig, loaded, found[0], wanted)
+        wanted = LinkSpec(interface, channel, serial, options=interface_options(option))
+        link = conformance_of_drive.link_of(rig, loaded, wanted, baudrate)
         judged = conformance_of_drive.Judged(rig, loaded, *found, link, allow_motion, only, out)
         return conformance_of_drive.judge(judged, lambda virtual_time: margins_of(virtual_time, line_ms, None))
     numbers = _numbers(only)
@@ -108,7 +109,8 @@ def conformance(
         return 0
     if out is not None:
         make_folder(out)
-    spec = LinkSpec(interface, channel, serial, fd, baudrate=baudrate, options=interface_options(option))
+    rate = NATIVE_BAUDRATE if baudrate is None else baudrate
+    spec = LinkSpec(interface, channel, serial, fd, baudrate=rate, options=interface_options(option))
     connection = open_link(spec)
     for note in connection.notes:
         sys.stderr.write(f"note: {note}\n")

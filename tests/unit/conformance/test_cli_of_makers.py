@@ -53,6 +53,14 @@ def test_a_drive_that_keeps_its_promises(tmp_path: Path, capsys: pytest.CaptureF
     assert {case.get("classname") for case in cases} == {"DRV"}
 
 
+def test_a_servo_on_a_serial_line(capsys: pytest.CaptureFixture[str]) -> None:
+    rig = ODRIVE.with_name("dynamixel.yaml")
+    assert run(*over_bus(rig), "--only", "DRV-020", "--only", "DRV-050", "--allow-motion") == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "2 pass"
+    assert run("--rig", str(rig), "--interface", "socketcan", "--channel", "can0") == 2
+    assert "is on a serial line; give --serial PORT" in capsys.readouterr().err
+
+
 def test_without_motion_and_only(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(*over_bus(ODRIVE), "--only", "DRV-020", "--only", "drv-030") == 0
     assert capsys.readouterr().out.splitlines()[-1] == "2 pass"
@@ -78,8 +86,8 @@ def test_list_needs_no_drive(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "give either a CAN interface or a serial port"),
-        (["--only", "HFP-120"], "--only HFP-120: no such promise; see --list"),
+        ([], "is on a CAN bus; give --interface and --channel"),
+        (["--interface", "virtual_forceps", "--only", "HFP-120"], "--only HFP-120: no such promise; see --list"),
         (["--node", "3"], "--node: "),
         (["--fd"], "--fd: "),
         (["--flood-s", "3"], "--flood-s: "),

@@ -67,8 +67,6 @@ def references_end(s: Session) -> None:
         s.bound("current without references", fmean(currents_A) * 1e3, "mA", least=-none_mA, most=none_mA)
         return
     within_ns = s.watchdog_ns
-    if s.promises.starved == "lost":  # silence on both sides is told later than a word
-        within_ns += s.service.disable_timeout_ns
     s.run(max(2 * within_ns, within_ns + LATCH_NS), lambda: s.phase is not HostPhase.RUNNING)
     if s.phase is HostPhase.RUNNING:
         raise Certain(f"{(s.now_ns() - last_ns) / MS:.0f} ms after the last reference it still has torque")
