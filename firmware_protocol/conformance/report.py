@@ -3,7 +3,7 @@
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Collection, Sequence
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from firmware_protocol.conformance.session import Session
 from firmware_protocol.conformance.suite import SUITE_VERSION, CheckResult, Result, Suite, Verdict
@@ -13,7 +13,38 @@ from firmware_protocol.parameters import BY_INDEX
 CERTIFICATE_FORMAT: Final = 1
 
 
-def is_well(results: Sequence[Result], named: Collection[int]) -> bool:
+class _Judged(Protocol):
+    @property
+    def number(self) -> int: ...
+    @property
+    def title(self) -> str: ...
+    @property
+    def level(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+
+
+class Verdicted(Protocol):
+    """What a suite found of something that it judges: this one of a requirement, others of what they hold drives to."""
+
+    @property
+    def requirement(self) -> _Judged:
+        """What was judged."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """What can be said of it."""
+
+    @property
+    def evidence(self) -> str:
+        """Why."""
+
+    @property
+    def applies(self) -> bool:
+        """Whether there was anything to judge."""
+
+
+def is_well(results: Sequence[Verdicted], named: Collection[int]) -> bool:
     """Tell whether nothing failed or stayed open that was asked for.
 
     A MUST that failed or could not be told is never well; a SHOULD only when it failed. What was not run is, unless
@@ -61,7 +92,7 @@ def _device(session: Session) -> dict[str, Any]:
     }
 
 
-def _counts(results: Sequence[Result]) -> dict[str, int]:
+def _counts(results: Sequence[Verdicted]) -> dict[str, int]:
     counted = Counter(result.verdict.value for result in results)
     return {verdict.value: counted[verdict.value] for verdict in Verdict}
 
@@ -99,7 +130,7 @@ def _check(result: CheckResult) -> dict[str, Any]:
     }
 
 
-def junit(results: Sequence[Result], name: str) -> str:
+def junit(results: Sequence[Verdicted], name: str) -> str:
     """Return a JUnit file: a case for each requirement, what could not be told as an error."""
     counted = _counts(results)
     suite = ET.Element(
@@ -113,7 +144,8 @@ def junit(results: Sequence[Result], name: str) -> str:
     tags = {Verdict.FAIL: "failure", Verdict.INCONCLUSIVE: "error", Verdict.NOT_RUN: "skipped"}
     for result in results:
         requirement = result.requirement
-        case = ET.SubElement(suite, "testcase", classname="HFP", name=f"{requirement.name} {requirement.title}")
+        prefix = requirement.name.split("-")[0]
+        case = ET.SubElement(suite, "testcase", classname=prefix, name=f"{requirement.name} {requirement.title}")
         if result.verdict in tags:
             ET.SubElement(case, tags[result.verdict], message=_printable(result.evidence))
         else:

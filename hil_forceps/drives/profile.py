@@ -10,6 +10,7 @@ from firmware_protocol.frames import Frame
 from hil_forceps.drives.framing import NATIVE, Framing
 from hil_forceps.drives.line_use import most_bits
 from hil_forceps.drives.port import DriveMachine
+from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
@@ -59,6 +60,11 @@ class Listener(Protocol):
         """Return the drives heard so far, by node."""
 
 
+def usual_promises(_rig: Rig, _settings: MotorDriver) -> Promises:
+    """Return what most drives promise."""
+    return Promises()
+
+
 @dataclass(frozen=True, slots=True)
 class Profile:
     """One protocol. Functions take a rig whose `motor_driver.profile` is this one's, with that section."""
@@ -77,6 +83,7 @@ class Profile:
     has_extended_ids: bool = False  # frames with ids of 29 bits may be its own
     framing: Framing = NATIVE  # of its packets on a serial line
     ask: tuple[Frame, ...] = ()  # who is there, where drives say nothing by themselves; moves and changes nothing
+    promises: Callable[[Rig, MotorDriver], Promises] = usual_promises  # what conformance holds the drive to
 
 
 def check_node(settings: MotorDriver, lowest: int, highest: int) -> None:

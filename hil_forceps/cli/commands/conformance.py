@@ -1,41 +1,43 @@
-"""`hil-forceps conformance`: the requirements of the protocol against whatever drive answers."""
+"""`hil-forceps conformance`: the requirements of the protocol against whatever drive answers.
+
+With a rig that names a maker's profile: what that profile promises (`hil_forceps.cli.conformance_of_drive`).
+"""
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-from rich.text import Text
 
 from firmware_protocol.conformance.catalogue import REQUIREMENTS, name_of
 from firmware_protocol.conformance.findings import Disturbed, Inconclusive
 from firmware_protocol.conformance.port import MS, REAL, VIRTUAL, Margins
 from firmware_protocol.conformance.registry import CHECKS, Need
 from firmware_protocol.conformance.report import certificate, is_well, junit
-from firmware_protocol.conformance.suite import NEEDS_MOTION, Result, Suite, Verdict, discover
+from firmware_protocol.conformance.suite import Result, Suite, discover
 from firmware_protocol.frames import MAX_NODE
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.conformance_port import LinkPort
+from hil_forceps.cli import conformance_of_drive
+from hil_forceps.cli.drive_line import NATIVE_BAUDRATE
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.options import interface_options
-from hil_forceps.cli.tables import print_table
+from hil_forceps.cli.verdicts import print_verdicts, progress
+from hil_forceps.drives.registry import maker_profile
+from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
-
-MINIMUM_WIDTH = 120
-_STYLES = {Verdict.PASS: "green", Verdict.FAIL: "bold red", Verdict.INCONCLUSIVE: "yellow", Verdict.NOT_RUN: "dim"}
 
 
 def conformance(
     *,
+    rig: Path | None = None,
     interface: str = "",
     channel: str = "",
     serial: str = "",
-    baudrate: int = 1_000_000,
+    baudrate: int | None = None,
     fd: bool = False,
     option: tuple[str, ...] = (),
     node: int | None = None,
@@ -48,11 +50,15 @@ def conformance(
 ) -> int:
     """Judge a drive, real or simulated, by every requirement of the protocol that shows from outside.
 
+    With --rig of a drive that speaks its maker's protocol it is judged by what the service relies on: docs/drives.md.
+
     With --out, writes certificate.json and junit.xml there. Exit code 0 when nothing failed, 1 when something failed,
     could not be told, or was named with --only and not run, 2 for what you can mend.
 
     Parameters
     ----------
+    rig
+        Rig file, as for `run`; needed for a drive that speaks its maker's protocol.
     interface
         python-can interface: socketcan, udp_multicast, slcan, pcan, ..., or virtual_forceps.
     channel
@@ -60,7 +66,7 @@ def conformance(
     serial
         Serial port, pyserial URL, or udp://ADDRESS:PORT (a packet a datagram) instead of a CAN interface.
     baudrate
-        Of the serial port.
+        Of the serial port; without it 1 Mbit/s, or what the rig says of its drive's line.
     fd
         Open the bus for CAN FD, which also a classic drive has to bear.
     option
@@ -68,9 +74,10 @@ def conformance(
     node
         Node id of the drive; not needed when there is one only.
     allow_motion
-        Also run what gives torque: the motor is held, moved by 6 degrees, and stopped. Nothing may be in its way.
+        Also run what gives torque: the motor is held, moved by 6 degrees (1 with a maker's drive), and stopped. Nothing
+        may be in its way.
     only
-        Requirement, as HFP-120; may be repeated.
+        Requirement, as HFP-120, or a maker's drive's promise, as DRV-050; may be repeated.
     out
         Folder for the certificate and the JUnit file.
     line_ms
@@ -80,13 +87,30 @@ def conformance(
     list_
         Say what there is to run, and run nothing.
     """
+    loaded = None if rig is None else load_rig(rig)
+    found = None if loaded is None else maker_profile(loaded)
+    if rig is not None and loaded is not None and found is not None:
+        given = {"--node": node is not None, "--fd": fd, "--flood-s": flood_s is not None}
+        strange = [
+            f"{name}: {rig} says it, or has no use for it; leave it out" for name, is_on in given.items() if is_on
+        ]
+        if strange:
+            raise UserError(strange)
+        if list_:
+            conformance_of_drive.print_list(only)
+            return 0
+        wanted = LinkSpec(interface, channel, serial, options=interface_options(option))
+        link = conformance_of_drive.link_of(rig, loaded, wanted, baudrate)
+        judged = conformance_of_drive.Judged(rig, loaded, *found, link, allow_motion, only, out)
+        return conformance_of_drive.judge(judged, lambda virtual_time: margins_of(virtual_time, line_ms, None))
     numbers = _numbers(only)
     if list_:
         _print_list(numbers)
         return 0
     if out is not None:
         make_folder(out)
-    spec = LinkSpec(interface, channel, serial, fd, baudrate=baudrate, options=interface_options(option))
+    rate = NATIVE_BAUDRATE if baudrate is None else baudrate
+    spec = LinkSpec(interface, channel, serial, fd, baudrate=rate, options=interface_options(option))
     connection = open_link(spec)
     for note in connection.notes:
         sys.stderr.write(f"note: {note}\n")
@@ -147,7 +171,7 @@ def _numbers(only: Sequence[str]) -> tuple[int, ...]:
 
 def _run(suite: Suite, numbers: Sequence[int]) -> list[Result]:
     """Run, and leave the drive as it was found, whatever happens."""
-    show = _progress(len({c.name for c in CHECKS if c.requirement in numbers}))
+    show = progress(len({c.name for c in CHECKS if c.requirement in numbers}))
     try:
         results = suite.run(numbers, show)
     except Disturbed as reason:
@@ -158,21 +182,6 @@ def _run(suite: Suite, numbers: Sequence[int]) -> list[Result]:
         except Inconclusive as reason:
             sys.stderr.write(f"hil-forceps: the drive was not left as it was found: {reason}\n")
     return results
-
-
-def _progress(total: int) -> Callable[[str], None]:
-    """Return what shows life: one line that is written over on a terminal, nothing elsewhere."""
-    if not sys.stderr.isatty():
-        return lambda _: None
-    done = 0
-
-    def show(name: str) -> None:
-        nonlocal done
-        done += 1
-        sys.stderr.write(f"\r\x1b[K{done}/{total} {name}" if done < total else "\r\x1b[K")
-        sys.stderr.flush()
-
-    return show
 
 
 def write_results(out: Path, suite: Suite, line: str, results: Sequence[Result]) -> None:
@@ -191,28 +200,7 @@ def _print_results(suite: Suite, line: str, results: Sequence[Result]) -> None:
     form = "CAN FD" if suite.session.fd else "classic"
     title = f"{identity.serial_number:012x}, node {suite.session.home}, protocol {identity.protocol_major}."
     title += f"{identity.protocol_minor}, {form}, on {line}"
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
-    table.add_column("requirement", no_wrap=True)
-    table.add_column("verdict", no_wrap=True)
-    table.add_column("what", overflow="fold", max_width=46)
-    table.add_column("evidence", overflow="fold")
-    for result in (r for r in results if r.applies):
-        name = result.requirement.name + ("" if result.requirement.level == "MUST" else " (SHOULD)")
-        verdict = Text(result.verdict, _STYLES[result.verdict])
-        table.add_row(name, verdict, result.requirement.title, Text(result.evidence))
-    print_table(table, MINIMUM_WIDTH)
-    reasons: dict[str, list[str]] = {}
-    for result in (r for r in results if not r.applies):
-        reasons.setdefault(result.evidence, []).append(result.requirement.name)
-    for reason, names in reasons.items():
-        sys.stdout.write(f"not run, {reason}: {', '.join(names)}\n")
-    sys.stdout.write(_summary(results) + "\n")
-
-
-def _summary(results: Sequence[Result]) -> str:
-    counts = ", ".join(f"{n} {v}" for v in Verdict if (n := sum(r.verdict is v for r in results)))
-    unmoved = sum(r.verdict is Verdict.NOT_RUN and NEEDS_MOTION in r.evidence for r in results)
-    return counts + (f"; {unmoved} not run because they move the motor (--allow-motion)" if unmoved else "")
+    print_verdicts(title, "requirement", results)
 
 
 def _print_list(numbers: Sequence[int]) -> None:

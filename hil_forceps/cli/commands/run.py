@@ -22,6 +22,7 @@ from hil_forceps.bench.session import (
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.results import Telemetry
+from hil_forceps.cli.drive_line import line_rate
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.options import interface_options
@@ -30,15 +31,13 @@ from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.lint import findings
 from hil_forceps.drives.profile import Finding
-from hil_forceps.drives.registry import framing_for, machine_for, maker_profile, sample_period_s
+from hil_forceps.drives.registry import framing_for, machine_for, sample_period_s
 from hil_forceps.drives.several import findings as findings_of_several
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import BenchSettings, ProfileName
 
 EXIT_RUN_FAILED = 2
-NATIVE_BAUDRATE = 1_000_000
-VIRTUAL_INTERFACE = "virtual_forceps"  # has the drive's own kind of line in it
 
 
 def run(
@@ -106,7 +105,7 @@ def run(
     rates = set()
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_profile(path, loaded, drive)
-        rates.add(_check_line(path, loaded, interface, serial, baudrate))
+        rates.add(line_rate(path, loaded, interface, serial, baudrate))
     machines = [machine_for(loaded) for loaded in rigs.values()]
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_settings(str(path), findings(loaded))
@@ -195,31 +194,6 @@ def _check_profile(path: Path, rig: Rig, wanted: str | None) -> None:
             f"--drive {wanted}: {path} describes a drive that speaks {rig.drive_profile}; give its `motor_driver:` "
             "(docs/drives.md has an example for each)"
         )
-
-
-def _check_line(path: Path, rig: Rig, interface: str, serial: str, baudrate: int | None) -> int:
-    """Return the rate of a serial line; UserError where the drive is on another kind of line."""
-    found = maker_profile(rig)
-    if found is None:
-        return NATIVE_BAUDRATE if baudrate is None else baudrate
-    profile, settings = found
-    if profile.link == "can" and serial:
-        raise UserError(
-            f"--serial: {path} describes a drive on a CAN bus (`motor_driver:`); give --interface and --channel"
-        )
-    if profile.link == "can" and not interface:
-        raise UserError(f"{path}: motor_driver.profile: {profile.name} is on a CAN bus; give --interface and --channel")
-    if profile.link == "serial" and not serial and interface != VIRTUAL_INTERFACE:
-        raise UserError(
-            f"{path}: motor_driver.profile: {profile.name} is on a serial line; give --serial PORT, or --interface "
-            f"{VIRTUAL_INTERFACE} for a simulated one"
-        )
-    if profile.link == "serial" and baudrate not in {None, settings.baudrate_bit_per_s}:
-        raise UserError(
-            f"--baudrate {baudrate}: {path} says motor_driver.baudrate_bit_per_s: {settings.baudrate_bit_per_s}, by "
-            "which samples are stamped; leave it out, or change it there"
-        )
-    return settings.baudrate_bit_per_s
 
 
 def _check_settings(where: str, found: Sequence[Finding]) -> None:

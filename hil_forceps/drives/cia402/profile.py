@@ -10,11 +10,13 @@ from hil_forceps.drives.cia402.machine import Cia402
 from hil_forceps.drives.cia402.objects import HOST_NODE, Cia402Config
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Decoded, Finding, Found, Profile, check_node, frames_load, member_name
+from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
 
 MAX_COUNTS: Final = 1 << 31
+REPORT_SYNCS: Final = 5  # within which the statusword shows a change: some may be withheld on a slow path
 _NMT_WORDS: Final[dict[int, str]] = {
     wire.NmtState.BOOT_UP: "just booted",
     wire.NmtState.STOPPED: "stopped",
@@ -66,6 +68,14 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
             "limits.max_sample_age_s",
             f"is {age_s:g} s, but a sample is asked for a tick before it is used: at least {2.0 * period_s:g} s",
         )
+
+
+def _promises(rig: Rig, settings: MotorDriver) -> Promises:
+    del settings
+    return Promises(
+        state_report_s=REPORT_SYNCS * rig.bench.host_period_s,
+        harmless_counters=frozenset({"syncs_withheld", "emergencies"}),
+    )
 
 
 def _bus_load(rig: Rig, settings: MotorDriver) -> float:
@@ -200,5 +210,6 @@ PROFILE: Final = Profile(
     quantum=lambda _rig, _settings: None,  # counts
     listener=_Listener,
     decode=decode,
+    promises=_promises,
     ids=_ids,
 )

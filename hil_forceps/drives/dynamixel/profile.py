@@ -11,6 +11,7 @@ from hil_forceps.drives.dynamixel.machine import (
     FEEDBACK_BYTES,
     GOAL_BYTES,
     READ_BYTES,
+    SILENCE_NS,
     Dynamixel,
     DynamixelConfig,
 )
@@ -27,6 +28,7 @@ from hil_forceps.drives.profile import (
     Quantum,
     check_node,
 )
+from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
@@ -205,6 +207,11 @@ def _value(address: int, data: bytes) -> int | str:
     return int.from_bytes(data, "little", signed=address == table.GOAL_POSITION.address)
 
 
+def _promises(_rig: Rig, settings: MotorDriver) -> Promises:
+    silent_s = 0.5 * settings.watchdog_s + SILENCE_NS * 1e-9  # the machine asks on for so long, and then waits
+    return Promises(state_report_s=silent_s, starved="lost", tells_watchdog=False)
+
+
 PROFILE: Final = Profile(
     name="dynamixel",
     link="serial",
@@ -218,6 +225,7 @@ PROFILE: Final = Profile(
     ),
     listener=_Listener,
     decode=decode,
+    promises=_promises,
     framing=wire.FRAMING,
     ask=(wire.ping(wire.BROADCAST_ID),),
 )

@@ -19,6 +19,7 @@ from hil_forceps.drives.profile import (
     check_node,
     classic_load,
 )
+from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.plant import PlantParameters
@@ -252,6 +253,15 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
     return Mit(_config(rig, settings))
 
 
+def _promises(_rig: Rig, settings: MotorDriver) -> Promises:
+    return Promises(
+        starved="released",
+        tells_state=settings.mit_variant == "damiao",
+        tells_watchdog=False,
+        harmless_counters=frozenset({"repeats", "releases"}),
+    )
+
+
 PROFILE: Final = Profile(
     name="mit",
     link="can",
@@ -262,5 +272,6 @@ PROFILE: Final = Profile(
     quantum=_quantum,
     listener=_Listener,
     decode=decode,
+    promises=_promises,
     ids=_ids,
 )

@@ -11,6 +11,7 @@ from hil_forceps.drives.moteus.machine import Moteus, MoteusConfig
 from hil_forceps.drives.moteus.words import register_values
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Decoded, Finding, Found, Profile, check_node, float_quantum
+from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import MotorDriver
 
@@ -19,6 +20,7 @@ FEWEST_ANSWERS: Final = 2  # one frame may be anybody's
 SHORTEST_SILENCE_S: Final = 0.1
 SILENT_PERIODS: Final = 20  # of the host, at least, until a moteus that doesn't answer is gone
 REFERENCE_BITS, ANSWER_BITS = most_bits(48, True, True), most_bits(32, True, True)  # by rate
+REPORT_PERIODS: Final = 5  # a mode comes with every answer
 
 
 def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
@@ -145,6 +147,10 @@ def decode(frame: Frame) -> Decoded | None:
     return None
 
 
+def _promises(rig: Rig, _settings: MotorDriver) -> Promises:
+    return Promises(state_report_s=REPORT_PERIODS * rig.bench.host_period_s, starved="braked")
+
+
 PROFILE: Final = Profile(
     name="moteus",
     link="can",
@@ -155,6 +161,7 @@ PROFILE: Final = Profile(
     quantum=float_quantum,
     listener=_Listener,
     decode=decode,
+    promises=_promises,
     ids=_ids,
     has_extended_ids=True,
 )

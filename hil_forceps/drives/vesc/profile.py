@@ -17,6 +17,7 @@ from hil_forceps.drives.profile import (
     Quantum,
     check_node,
 )
+from hil_forceps.drives.promises import Promises
 from hil_forceps.drives.vesc import messages as wire
 from hil_forceps.drives.vesc.machine import Vesc, VescConfig
 from hil_forceps.drives.vesc.messages import Command
@@ -213,5 +214,11 @@ PROFILE: Final = Profile(
     listener=_Listener,
     decode=decode,
     ids=_ids,
+    promises=lambda _rig, _settings: Promises(
+        tells_state=False,
+        tells_watchdog=False,
+        current_step_A=wire.CURRENT_LSB_A,
+        harmless_counters=frozenset({"broadcasts"}),
+    ),
     has_extended_ids=True,
 )
