@@ -92,6 +92,7 @@ class Search(NamedTuple):
     tied_share: float  # of the best gain: models that are no further behind are taken for equally good
     geared: bool  # the motor's angle may be one behind a gear: harmonics need not be whole
     most_effects: int
+    least_gain: float = 0.0  # of χ², that an entry must gain
 
 
 def search(s: Search, theta: Vector) -> Found:
@@ -121,7 +122,7 @@ def search(s: Search, theta: Vector) -> Found:
             s.progress(f"fitting {start.place.effect_id} {beside}")
             refitted = _refitted(s, best, start)
             tried = _with_one_more(tried, refitted._replace(gain=refitted.gain - start.place.cost))
-        least = max(tested.threshold, s.least_share * explained)
+        least = max(tested.threshold, s.least_gain, s.least_share * explained)
         joined = _ranked([c for c in tried if c.gain > least], s.tied_share)
         light = tuple(c.without_runs() for c in tried)
         steps.append(Step(best.effects, tuple(places), tested, light, joined[0].effects[-1] if joined else ""))
@@ -140,6 +141,12 @@ def search(s: Search, theta: Vector) -> Found:
         best, rivals = _exchanged(s, best, rivals, steps)
         explained += best.gain - before
     return Found(baseline, best, rivals, tuple(steps), explained, tuple(left_out))
+
+
+def score_known(s: Search, theta: Vector) -> tuple[Fit, Tested]:
+    """Return the fit of the known parameters from `theta` on, and the test of all places beside it."""
+    s, best = _beside(s, Candidate((), fit(s.runs, theta, s.known, s.mapper), 0.0))
+    return best.fit, _scored(s, best)[1]
 
 
 def _ranked(models: Sequence[Candidate], tied_share: float) -> list[Candidate]:

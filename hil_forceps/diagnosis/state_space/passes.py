@@ -40,6 +40,7 @@ Mask = NDArray[np.bool_]
 
 # exp(−3) is left of what the filter's load was off by. Twice as many hide what shows behind holds only.
 LOAD_TIME_CONSTANTS = 3.0  # tuned: presliding friction of the jaw
+FAR = 1e6  # deviations: their square has four digits left beside a likelihood of 1
 MAX_MEMORY_ROWS = 100  # a load that is forgotten more slowly wanders little, and is little off
 
 CHANNEL_OF = {"theta_m_rad": ENCODER, "theta_j_rad": JAW, "current_A": CURRENT}
@@ -89,9 +90,14 @@ class Passed(NamedTuple):
 
     @property
     def log_likelihood(self) -> Matrix:
-        """Log likelihood of the measurements (n × CHANNELS) by Huber's loss: beyond `HUBER` deviations, a line."""
-        beyond = np.maximum(np.abs(self.filtered.residual) - HUBER, 0.0)
-        return np.asarray(self.filtered.log_likelihood + 0.5 * beyond**2)
+        """Log likelihood of the measurements (n × CHANNELS) by Huber's loss: beyond `HUBER` deviations, a line.
+
+        Far out the line alone: of two squares that nearly cancel nothing is left but rounding.
+        """
+        away = np.abs(self.filtered.residual)
+        beyond = np.clip(away - HUBER, 0.0, FAR)
+        line = -HUBER * np.minimum(away, WILD)
+        return np.asarray(np.where(away < FAR, self.filtered.log_likelihood + 0.5 * beyond**2, line))
 
     def answers(self, base: Regimes, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
         """Return how the innovations answer to directions and behind them to waves (n·CHANNELS × columns)."""

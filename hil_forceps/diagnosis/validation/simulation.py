@@ -20,7 +20,7 @@ from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.load_prior import posterior_draw
 from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.advance import STEPS
-from hil_forceps.diagnosis.state_space.layout import COMMAND_BIAS, JAW_ZERO, LOAD, THETA_J, THETA_M, Noise
+from hil_forceps.diagnosis.state_space.layout import COMMAND_BIAS, JAW_ZERO, LOAD, THETA_J, THETA_M, Noise, Series
 from hil_forceps.diagnosis.state_space.passes import Passed
 from hil_forceps.diagnosis.validation.heldout import Played
 from hil_forceps.diagnosis.validation.rows import Rows
@@ -44,6 +44,11 @@ class Measured(NamedTuple):
     run: Run
     record: Record
     rows: Rows  # what gains, figures and estimates take of it
+
+    @property
+    def driven_rad(self) -> Vector:
+        """References, one for each sample of the drive."""
+        return on_lines(self.rows.reference_rad, self.record.series.samples)
 
 
 def measured(even: EvenRun, record: Record) -> Measured:
@@ -124,19 +129,17 @@ def _simulator(
     """Return what simulates the rows that count, given where in their rows the load jumps; and these rows."""
     p, d, course = Physics(*theta.tolist()), passed.series, passed.filtered.course
     first, samples = m.record.settling_rows, d.samples
-    reference = on_lines(m.rows.reference_rad, samples)
     angle = np.array([encoder_rad(p, at) for at in course[:, THETA_M]])
     counted = on_lines(angle, samples)
     if d.count_rad > 0.0:
         counted = np.array([quantise(at, d.count_rad) for at in counted])
     counted[::samples] = m.run.columns["theta_m_rad"]
     rounding = counted - on_lines(angle, samples)
-    start = _start(rig, m, passed, reference[: first * samples], counted[: first * samples])
+    start = _start(rig, m, passed, m.driven_rad[: first * samples], counted[: first * samples])
     load = load_N_m[first:]
-    may_jump = d.load_jump_variance[first:-1] > 0.0
-    edges = np.flatnonzero(may_jump & (np.abs(np.diff(load)) > EDGE_SD * math.sqrt(d.noise_variance[1])))
+    edges = jumps(d, load, first)
     law = law_vector(rig.require_drive())
-    driven = reference[first * samples :]
+    driven = m.driven_rad[first * samples :]
     inputs = Inputs(m.rows.time_s[first:], driven, load, edges, np.empty(0), rounding[first * samples :])
 
     def simulate(fractions: Vector) -> Channels:
@@ -144,6 +147,19 @@ def _simulator(
         return closed_loop.simulate(theta, law, 0.0, given, start, STEPS, samples)
 
     return simulate, edges
+
+
+def jumps(d: Series, load_N_m: Vector, first: int) -> NDArray[np.int64]:
+    """Return the rows, from `first` on, in which a load that is given from there on jumps."""
+    may_jump = d.load_jump_variance[first:-1] > 0.0
+    return np.flatnonzero(may_jump & (np.abs(np.diff(load_N_m)) > EDGE_SD * math.sqrt(d.noise_variance[1])))
+
+
+def begun(rig: Rig, m: Measured, passed: Passed) -> Start:
+    """Return plant and drive at the first row that counts."""
+    before = m.record.settling_rows * passed.series.samples
+    counted = on_lines(m.run.columns["theta_m_rad"], passed.series.samples)
+    return _start(rig, m, passed, m.driven_rad[:before], counted[:before])
 
 
 def _start(rig: Rig, m: Measured, passed: Passed, reference: Vector, counted: Vector) -> Start:

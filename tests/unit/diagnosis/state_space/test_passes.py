@@ -37,6 +37,20 @@ def test_beyond_three_deviations_the_loss_is_a_line_and_its_slope_the_weighted_r
     assert np.abs(slope).max() == pytest.approx(HUBER, abs=1e-3)
 
 
+def test_a_model_that_is_far_out_is_worse_the_further_it_is(sticking: Passes) -> None:
+    """Of squares that nearly cancel nothing would be left but rounding, and then an overflow."""
+    run, found = sticking.runs[0], []
+    for size in (1e3, 9e5, 2e6, 1e9, 1e14, 1e120, 1e200):
+        residual = np.full_like(run.filtered.residual, size)
+        with np.errstate(over="ignore"):
+            likelihood = with_residuals(run, residual).log_likelihood
+        assert np.isfinite(likelihood).all()
+        found.append(float(likelihood.max()))
+    assert found[:5] == sorted(found[:5], reverse=True)
+    assert len(set(found[:5])) == 5
+    assert max(found[4:]) == found[4]
+
+
 def test_what_does_not_count_has_no_influence(sticking: Passes) -> None:
     run = sticking.runs[0]
     assert not run.influence[~run.counts].any()
