@@ -10,18 +10,16 @@ answered to what.
 import math
 import struct
 from enum import IntEnum
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 from firmware_protocol.frames import MAX_BASE_ID, Frame
-from firmware_protocol.serial_framing import FD_LENGTHS
+from hil_forceps.drives.moteus.subframes import padded, parse_subframes
 
 REGISTER_MAP: Final = 5  # what 0x102 has to say for the registers to be these
 HOST_ID: Final = 0  # as the maker's own programs have it; no drive can have this one
 MAX_NODE: Final = 126  # 127 is everybody's (mjlib, `multiplex/format.h`), where the document says 0
 UNLIMITED: Final = -1.0  # of a velocity or an acceleration: no limit, whatever is configured
 _REPLY_WANTED: Final = 0x8000
-_NOP: Final = 0x50
-_LONGEST: Final = max(FD_LENGTHS)
 
 
 class Mode(IntEnum):
@@ -105,28 +103,12 @@ class Identity(NamedTuple):
     register_map: int
 
 
-class Subframe(NamedTuple):
-    """A part of a frame: registers from `register` on. `number` of them; reads have no values, errors their code."""
-
-    kind: Literal["write", "read", "reply", "write error", "read error"]
-    resolution: int  # 0 to 3: int8, int16, int32, float
-    register: int
-    values: tuple[float, ...]
-    number: int
-
-
 class Command(NamedTuple):
     """What every position command carries: a moteus forgets all of it with the next."""
 
     max_torque_N_m: float  # at the output
     watchdog_s: float
 
-
-_KINDS: Final[dict[int, Literal["write", "read", "reply"]]] = {0x00: "write", 0x10: "read", 0x20: "reply"}
-_ERRORS: Final[dict[int, Literal["write error", "read error"]]] = {0x30: "write error", 0x31: "read error"}
-_VALUES: Final = tuple(struct.Struct(f"<{code}") for code in "bhif")
-_SENTINELS: Final = (-(1 << 7), -(1 << 15), -(1 << 31))  # the lowest integer stands for NaN
-_VARUINT_BYTES: Final = 5
 
 _WRITE_POSITION_MODE: Final = bytes((0x01, Register.MODE, Mode.POSITION))
 _WRITE_STOPPED: Final = bytes((0x01, Register.MODE, Mode.STOPPED))
@@ -187,7 +169,7 @@ def position_command(node: int, command: Command) -> tuple[int, bytes, bytes]:
     limits = struct.pack("<fff", command.watchdog_s, UNLIMITED, UNLIMITED)
     torque = _FLOAT.pack(command.max_torque_N_m)
     tail = bytes((0x0D, Register.COMMAND_MAX_TORQUE)) + torque + bytes((0x0F, Register.COMMAND_TIMEOUT)) + limits
-    whole = _padded(head + bytes(_FLOAT.size) + tail + QUERY)
+    whole = padded(head + bytes(_FLOAT.size) + tail + QUERY)
     return request_id(node), head, whole[len(head) + _FLOAT.size :]
 
 
@@ -226,21 +208,6 @@ def refused_register(data: bytes) -> int | None:
     return next(errors, None)
 
 
-def parse_subframes(data: bytes) -> list[Subframe] | None:
-    """Return the subframes of a frame; None where any is not whole, or of a kind that isn't known here."""
-    found: list[Subframe] = []
-    at = 0
-    while at < len(data):
-        code, at = data[at], at + 1
-        if code == _NOP:
-            continue
-        subframe, at = _error(code, data, at) if code in _ERRORS else _registers(code, data, at)
-        if subframe is None:
-            return None
-        found.append(subframe)
-    return found
-
-
 def fault_words(mode: int, fault: int) -> str:
     """Return why it has no torque, in words."""
     if mode == Mode.TIMEOUT:
@@ -254,52 +221,8 @@ def version_words(firmware: int) -> str:
 
 
 def _request(node: int, data: bytes) -> Frame:
-    return Frame(request_id(node), _padded(data), True, True)
-
-
-def _padded(data: bytes) -> bytes:
-    return data.ljust(min(length for length in FD_LENGTHS if length >= len(data)), bytes((_NOP,)))
-
-
-def _value(resolution: int, value: float) -> float:
-    return math.nan if resolution < len(_SENTINELS) and value == _SENTINELS[resolution] else value
+    return Frame(request_id(node), padded(data), True, True)
 
 
 def _is_integer(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
-
-
-def _varuint(data: bytes, at: int) -> tuple[int | None, int]:
-    """Return a number of seven bits a byte, lowest first, and where it ends; None where it isn't whole."""
-    number = 0
-    for place, byte in enumerate(data[at : at + _VARUINT_BYTES]):
-        number |= (byte & 0x7F) << 7 * place
-        if not byte & 0x80:
-            return number, at + place + 1
-    return None, len(data)
-
-
-def _error(code: int, data: bytes, at: int) -> tuple[Subframe | None, int]:
-    register, at = _varuint(data, at)
-    number, at = _varuint(data, at)
-    if register is None or number is None:
-        return None, at
-    return Subframe(_ERRORS[code], 0, register, (float(number),), 1), at
-
-
-def _registers(code: int, data: bytes, at: int) -> tuple[Subframe | None, int]:
-    kind, resolution = _KINDS.get(code & 0xF0), code >> 2 & 3
-    count: int | None = code & 3
-    if not count:
-        count, at = _varuint(data, at)
-    register, at = _varuint(data, at)
-    if kind is None or not count or count > _LONGEST or register is None:
-        return None, at
-    if kind == "read":
-        return Subframe(kind, resolution, register, (), count), at
-    value = _VALUES[resolution]
-    end = at + count * value.size
-    if end > len(data):
-        return None, at
-    values = tuple(_value(resolution, value.unpack_from(data, place)[0]) for place in range(at, end, value.size))
-    return Subframe(kind, resolution, register, values, count), end

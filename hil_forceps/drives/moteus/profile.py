@@ -8,6 +8,7 @@ from firmware_protocol.frames import Frame
 from hil_forceps.drives.line_use import most_bits
 from hil_forceps.drives.moteus import messages as wire
 from hil_forceps.drives.moteus.machine import Moteus, MoteusConfig
+from hil_forceps.drives.moteus.subframes import parse_subframes
 from hil_forceps.drives.moteus.words import register_values
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Decoded, Finding, Found, Profile, check_node, float_quantum
@@ -96,7 +97,7 @@ class _Listener:
         node, is_wide = frame.arbitration_id >> 8, wire.is_extended(frame.arbitration_id)
         if not frame.is_fd or frame.is_extended != is_wide or not 1 <= node <= wire.MAX_NODE:
             return False
-        subframes = wire.parse_subframes(frame.data)
+        subframes = parse_subframes(frame.data)
         if not subframes or any(each.kind != "reply" for each in subframes):
             return False
         values = {each.register + place: value for each in subframes for place, value in enumerate(each.values)}
@@ -128,7 +129,7 @@ def decode(frame: Frame) -> Decoded | None:
     identifier = frame.arbitration_id
     if identifier > 0xFFFF or frame.is_extended != wire.is_extended(identifier):
         return None
-    subframes = wire.parse_subframes(frame.data)
+    subframes = parse_subframes(frame.data)
     if not subframes:
         return None
     source, destination = identifier >> 8 & 0x7F, identifier & 0x7F

@@ -6,7 +6,8 @@ Source: mjbots/moteus, `docs/protocol/registers.md`.
 import math
 from typing import Any, Final, NamedTuple
 
-from hil_forceps.drives.moteus.messages import Mode, Subframe, version_words
+from hil_forceps.drives.moteus.messages import Mode, version_words
+from hil_forceps.drives.moteus.subframes import Subframe
 from hil_forceps.drives.profile import member_name
 
 

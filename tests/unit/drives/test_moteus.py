@@ -16,6 +16,7 @@ from firmware_protocol.states import HostPhase
 from hil_forceps.drives.moteus import messages as wire
 from hil_forceps.drives.moteus.machine import FLIGHT_NS, IDENTIFY_EVERY_NS, TRANSITIONS, Moteus, MoteusConfig
 from hil_forceps.drives.moteus.messages import Mode
+from hil_forceps.drives.moteus.subframes import parse_subframes
 from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import load_rig
 
@@ -88,7 +89,7 @@ def test_nothing_but_queries_goes_out_before_the_drive_is_known() -> None:
     sent = [frame for _ in range(200) for frame in session.tick(None)]
     assert commands(sent) == [-1] * (200 * MS // IDENTIFY_EVERY_NS)
     assert session.drive.phase.name == "IDENTIFYING"
-    subframes = wire.parse_subframes(sent[0].data) or []
+    subframes = parse_subframes(sent[0].data) or []
     assert {each.kind for each in subframes} == {"read"}
     assert all(frame.is_extended and frame.is_fd and frame.arbitration_id == 0x8005 for frame in sent)
 
@@ -167,7 +168,7 @@ def test_every_reference_carries_torque_watchdog_and_no_trajectory() -> None:
     (frame,) = session.tick(Mode.POSITION, raw=ANGLE_LSB_PER_REV // 4)
     written = {
         each.register + place: value
-        for each in wire.parse_subframes(frame.data) or ()
+        for each in parse_subframes(frame.data) or ()
         for place, value in enumerate(each.values)
     }
     single = {register: struct.unpack("<f", struct.pack("<f", value))[0] for register, value in written.items()}

@@ -17,6 +17,7 @@ from firmware_protocol.frames import Frame
 from hil_forceps.drives.moteus import messages as wire
 from hil_forceps.drives.moteus.messages import Command, Mode, Register
 from hil_forceps.drives.moteus.profile import ANSWER_BITS, REFERENCE_BITS
+from hil_forceps.drives.moteus.subframes import Subframe, parse_subframes
 from hil_forceps.drives.registry import PROFILES
 from virtual_bus.bus.bit_timing import INTERMISSION_BITS, frame_bits_bounds
 
@@ -44,8 +45,8 @@ def controller() -> Any:
     return maker.Controller(id=NODE, query_resolution=query, transport=object())
 
 
-def subframes(data: bytes) -> list[wire.Subframe]:
-    found = wire.parse_subframes(data)
+def subframes(data: bytes) -> list[Subframe]:
+    found = parse_subframes(data)
     assert found is not None
     return found
 
@@ -66,7 +67,7 @@ def test_frames_from_the_makers_documents(row: dict[str, Any]) -> None:
     for subframe in multiplex.parse_frame(bytes.fromhex(row["data"])):  # the maker's parser sees the same registers
         ours = next(
             each
-            for each in wire.parse_subframes(frame_of(row).data) or ()
+            for each in parse_subframes(frame_of(row).data) or ()
             if each.register <= subframe.register < each.register + each.number
             and each.kind.upper() == {"RESPONSE": "REPLY"}.get(subframe.type.name, subframe.type.name)
         )
@@ -172,7 +173,7 @@ def test_the_lowest_integer_stands_for_nan() -> None:
     ],
 )
 def test_subframes_that_are_not_whole_or_not_known_are_none(data: str) -> None:
-    assert wire.parse_subframes(bytes.fromhex(data)) is None
+    assert parse_subframes(bytes.fromhex(data)) is None
 
 
 def test_a_read_error_names_its_register() -> None:
