@@ -20,7 +20,7 @@ from hil_forceps.drives.moteus.subframes import parse_subframes
 from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import load_rig
 
-RIG_FILE = Path(__file__).parents[3] / "configs" / "drives" / "moteus.yaml"
+RIG_FILE = Path(__file__).parents[4] / "configs" / "drives" / "moteus.yaml"
 NODE, MS = 5, 1_000_000
 CONFIG = MoteusConfig(NODE, 1.0, 0.0, 0.0135, 0.1, 100 * MS)
 IDENTITY = struct.pack("<BBBii", 0x2A, 0x81, 0x02, 0x010100, 5)

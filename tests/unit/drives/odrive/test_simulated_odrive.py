@@ -25,7 +25,7 @@ from virtual_bus.drives.registry import SIMULATED_DRIVES
 from virtual_bus.interface import VirtualForcepsBus
 from virtual_bus.plant.load import paper_load
 
-RIG_FILE = Path(__file__).parents[3] / "configs" / "drives" / "odrive.yaml"
+RIG_FILE = Path(__file__).parents[4] / "configs" / "drives" / "odrive.yaml"
 RIG = load_rig(RIG_FILE)
 NODE, MS = 5, 1_000_000
 

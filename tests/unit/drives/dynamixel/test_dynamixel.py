@@ -31,7 +31,7 @@ from virtual_bus.drives.dynamixel import OVERLOAD, SimulatedDynamixel
 from virtual_bus.drives.dynamixel_table import TRIPPED
 from virtual_bus.plant.load import paper_load
 
-RIG = load_rig(Path(__file__).parents[3] / "configs" / "drives" / "dynamixel.yaml")
+RIG = load_rig(Path(__file__).parents[4] / "configs" / "drives" / "dynamixel.yaml")
 NODE, MS = 5, 1_000_000
 CONFIG = DynamixelConfig(NODE, 4096.0, 1024.0, 1.0, 5, MS, 3_000_000)
 INPUT_VOLTAGE = 0x01

@@ -17,7 +17,7 @@ from hil_forceps.drives.dynamixel.packets import Reader, encode
 from hil_forceps.drives.dynamixel.profile import decode
 from virtual_bus.drives import dynamixel_packets as peer
 
-GOLDEN = json.loads((Path(__file__).parent / "golden" / "dynamixel.json").read_text())
+GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())
 IDS = st.integers(0, wire.MAX_ID) | st.just(wire.BROADCAST_ID)
 LIVELY = st.sampled_from([0xFF, 0xFD, 0x00, 0x01, 0xFE])  # what headers and stuffing are made of
 DATA = st.binary(min_size=1, max_size=wire.MAX_DATA) | st.lists(LIVELY, min_size=1, max_size=wire.MAX_DATA).map(bytes)

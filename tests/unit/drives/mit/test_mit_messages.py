@@ -13,7 +13,7 @@ from motor_driver import canmotorlib
 from hil_forceps.drives.mit import messages as wire
 from hil_forceps.drives.mit.messages import CODES, POSITION_CODES, Codes, Special
 
-GOLDEN = json.loads((Path(__file__).parent / "golden" / "mit.json").read_text())["frames"]
+GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())["frames"]
 NODE = 5
 FIELDS = ("position_rad", "speed_rad_per_s", "kp", "kd", "torque_N_m")
 

@@ -24,7 +24,7 @@ from hil_forceps.rig.errors import UserError
 from virtual_bus.drives.cia402 import ENABLED, FAULT, HEARTBEAT_LOST, SimulatedCia402
 from virtual_bus.plant.load import paper_load
 
-RIG_FILE = Path(__file__).parents[3] / "configs" / "drives" / "cia402.yaml"
+RIG_FILE = Path(__file__).parents[4] / "configs" / "drives" / "cia402.yaml"
 RIG = load_rig(RIG_FILE)
 NODE, MS = 5, 1_000_000
 

@@ -26,7 +26,7 @@ from virtual_bus.drives.mit import COMMUNICATION_LOST, DISABLED, ENABLED, Simula
 from virtual_bus.interface import VirtualForcepsBus
 from virtual_bus.plant.load import paper_load
 
-RIG_FILE = Path(__file__).parents[3] / "configs" / "drives" / "mit.yaml"
+RIG_FILE = Path(__file__).parents[4] / "configs" / "drives" / "mit.yaml"
 RIG = load_rig(RIG_FILE)
 NODE, MS = 5, 1_000_000
 EXIT, ENTER, SET_ZERO = (wire.special(NODE, which) for which in (Special.EXIT, Special.ENTER, Special.SET_ZERO))

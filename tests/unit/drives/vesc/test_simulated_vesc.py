@@ -31,7 +31,7 @@ from virtual_bus.drives.vesc import UNDER_VOLTAGE, SimulatedVesc
 from virtual_bus.interface import VirtualForcepsBus
 from virtual_bus.plant.load import paper_load
 
-RIG_FILE = Path(__file__).parents[3] / "configs" / "drives" / "vesc.yaml"
+RIG_FILE = Path(__file__).parents[4] / "configs" / "drives" / "vesc.yaml"
 RIG = load_rig(RIG_FILE)
 NODE, HOST, MS = 5, 253, 1_000_000
 

@@ -21,7 +21,7 @@ from hil_forceps.drives.moteus.subframes import Subframe, parse_subframes
 from hil_forceps.drives.registry import PROFILES
 from virtual_bus.bus.bit_timing import INTERMISSION_BITS, frame_bits_bounds
 
-GOLDEN = json.loads((Path(__file__).parent / "golden" / "moteus.json").read_text())
+GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())
 NODE = 5
 LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 

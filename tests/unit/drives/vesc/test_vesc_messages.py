@@ -20,9 +20,9 @@ from hil_forceps.drives.vesc.requests import Requests
 from hil_forceps.drives.vesc.timeout_trial import SLACK_NS, Stage, TimeoutTrial
 from hil_forceps.drives.vesc.turns import Turns, TurnsConfig
 
-GOLDEN_DIR = Path(__file__).parent / "golden"
-GOLDEN = json.loads((GOLDEN_DIR / "vesc.json").read_text())
-DBC: Any = cantools.database.load_file(GOLDEN_DIR / "vesc.dbc")
+HERE = Path(__file__).parent
+GOLDEN = json.loads((HERE / "golden.json").read_text())
+DBC: Any = cantools.database.load_file(HERE / "vesc.dbc")
 NODE, MS = 5, 1_000_000
 
 

@@ -30,7 +30,7 @@ from virtual_bus.plant.load import paper_load
 from virtual_bus.realtime.loop import RealTimeLoop
 from virtual_bus.realtime.serial_server import SerialServer
 
-RIG_FILE = Path(__file__).parents[3] / "configs" / "drives" / "dynamixel.yaml"
+RIG_FILE = Path(__file__).parents[4] / "configs" / "drives" / "dynamixel.yaml"
 RIG = load_rig(RIG_FILE)
 NODE, MS = 5, 1_000_000
 ACCESS_ERROR, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, INSTRUCTION_ERROR = 7, 4, 5, 6, 2
