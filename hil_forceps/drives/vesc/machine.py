@@ -47,6 +47,8 @@ from hil_forceps.drives.vesc.turns import Turns, TurnsConfig
 SILENCE_NS: Final = 100_000_000  # without an answer; a boot takes longer
 IDENTIFY_NS: Final = 1_000_000_000  # for answers to come, or for the current to end
 _SEQUENCE_MASK: Final = 0xFF
+_FILL_ID: Final = wire.frame_id(wire.HOST_ID, Command.FILL_RX_BUFFER)
+_END_ID: Final = wire.frame_id(wire.HOST_ID, Command.PROCESS_RX_BUFFER)
 
 COUNTERS: Final = (
     "setpoints_sent",
@@ -198,14 +200,17 @@ class Vesc:
 
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take one frame from the bus."""
-        found = wire.node_and_command(frame)
-        if found == (wire.HOST_ID, Command.FILL_RX_BUFFER):
-            self._answers.fill(frame.data, now_ns)
-        elif found == (wire.HOST_ID, Command.PROCESS_RX_BUFFER):
-            answer = self._answers.process(frame.data)
+        arbitration_id, data, is_fd, is_extended = frame
+        if is_extended and not is_fd and arbitration_id == _FILL_ID:  # most frames are
+            self._answers.fill(data, now_ns)
+            return
+        if is_extended and not is_fd and arbitration_id == _END_ID:
+            answer = self._answers.process(data)
             if answer is not None:
                 self._see_answer(answer)
-        elif found is None or found[0] not in {self.config.node, wire.EVERYBODY}:
+            return
+        found = wire.node_and_command(frame)
+        if found is None or found[0] not in {self.config.node, wire.EVERYBODY}:
             self.counters["not_for_us"] += 1
         elif found[1] in wire.BROADCAST:
             self.counters["broadcasts"] += 1
