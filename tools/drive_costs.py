@@ -42,6 +42,7 @@ RIGS = {
 }
 SIMULATION, SEED, DURATION_S = 2, 1, 20.0
 STEADY_S = STEADY_WINDOW_S[SIMULATION]
+BAND_mN_m = 0.08  # of the errors that are drawn
 SHOWN_S = (12.49, 12.53)  # an edge of a pulse of load
 OPERATIONAL = 2
 
@@ -129,17 +130,20 @@ def figure(costs: dict[str, Cost]) -> Figure:
 
 
 def _drawn(costs: dict[str, Cost]) -> Figure:
-    drawn = Figure(figsize=(9.0, 6.0), layout="constrained")
-    edge, error = drawn.subplots(2, 1)
-    for name, cost in costs.items():
+    drawn = Figure(figsize=(9.0, 8.0), layout="constrained")
+    edge, error = drawn.subplots(2, 1, height_ratios=(2, 3))
+    for place, (name, cost) in enumerate(costs.items()):
         near = (cost.time_s >= SHOWN_S[0]) & (cost.time_s <= SHOWN_S[1])
         if name == "native":
             edge.plot(cost.time_s[near], 1e3 * cost.torque_N_m[near], "k", label="true")
         edge.plot(cost.time_s[near], 1e3 * cost.estimate_N_m[near], label=name)
-        error.plot(cost.time_s, 1e3 * (cost.estimate_N_m - cost.torque_N_m), linewidth=0.4, alpha=0.8, label=name)
+        between = np.clip(1e3 * (cost.estimate_N_m - cost.torque_N_m), -BAND_mN_m, BAND_mN_m)
+        error.plot(cost.time_s, between - 2.0 * BAND_mN_m * place, linewidth=0.4)
+        error.axhline(-2.0 * BAND_mN_m * place, color="k", linewidth=0.5)
     edge.set(ylabel="τ_w, mN m", xlabel="time, s")
-    error.set(ylabel="τ̂_w − τ_w, mN m", xlabel="time, s", ylim=(-0.06, 0.06))
-    error.set_title("between the edges of the load, whose errors lie outside")
+    error.set(xlabel="time, s", ylabel=f"τ̂_w − τ_w, a band of ±{BAND_mN_m:g} mN m each")
+    error.set_yticks([-2.0 * BAND_mN_m * place for place in range(len(costs))], list(costs))
+    error.set_title("between the edges of the load, whose errors are cut off")
     edge.legend(loc="best")
     return drawn
 
