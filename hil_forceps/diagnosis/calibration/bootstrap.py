@@ -3,13 +3,16 @@
 The innovations are only nearly what they are taken for with coloured noise, without a load cell, and between the rows
 of a faster drive. There, before an effect is named, the measured runs are simulated without it and identified alike.
 Where the replicas stay below the thresholds that the score test draws, these hold. Where they don't, what the replicas
-gain is taken for exponential with their mean m: of n of them a further one exceeds m · n (α^(−1/n) − 1) in a share α.
+gain is taken for lognormal, and the bound is what a further one exceeds in a share α: exp(m + t s √(1 + 1/n)), with m
+and s the mean and deviation of the logarithms of n of them, and t Student's quantile with n − 1 degrees of freedom.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import stats
 
 from hil_forceps.diagnosis.calibration.replica import replica
 from hil_forceps.diagnosis.error_rates import CALIBRATED_FALSE_ALARMS, LEFT_OVER_CHANCE
@@ -19,7 +22,7 @@ from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.validation.verdict import unexplained
 from hil_forceps.rig import Rig
 
-DRAWS = 2
+DRAWS, MORE_DRAWS = 2, 4  # more where the first ones exceed a threshold: the bound is the nearer to them, the more
 NO_ROOM = (0.0, 0.0)
 
 
@@ -95,9 +98,17 @@ def calibrate(
     records = [record.with_friction_of(plant) for record in (*found.records, *found.held_out)]
     passes = pass_all(records, theta, asked.mapper)
     every = list(zip((*runs, *held_out), records, passes.runs, strict=True))
+    unseen_threshold = found.unseen.threshold if found.unseen else 0.0
+    thresholds = (
+        found.found.steps[0].tested.threshold,
+        LEFT_OVER_CHANCE * found.before.threshold,
+        LEFT_OVER_CHANCE * unseen_threshold,
+    )
     drawn: list[tuple[float, float, float]] = []
-    for number in range(DRAWS):
-        progress(f"simulating the runs without any effect, {number + 1} of {DRAWS}")
+    for number in range(MORE_DRAWS):
+        if number == DRAWS and bool(np.all(np.array(drawn) <= thresholds)):
+            break
+        progress(f"simulating the runs without any effect, time {number + 1}")
 
         def once_more(item: tuple[int, Any], number: int = number) -> EvenRun:
             place, (even, record, passed) = item
@@ -115,19 +126,15 @@ def calibrate(
                 seed=asked.seed + number,
             )
         )
-    gains, left, unseen = zip(*drawn, strict=True)
-    threshold = found.found.steps[0].tested.threshold
-    return Calibration(
-        gain=beyond(gains, threshold),
-        left=beyond(left, LEFT_OVER_CHANCE * found.before.threshold),
-        unseen=beyond(unseen, LEFT_OVER_CHANCE * (found.unseen.threshold if found.unseen else 0.0)),
-        draws=tuple(gains),
-    )
+    bounds = [beyond(each, most) for each, most in zip(zip(*drawn, strict=True), thresholds, strict=True)]
+    return Calibration(bounds[0], bounds[1], bounds[2], tuple(each[0] for each in drawn))
 
 
 def beyond(drawn: Sequence[float], threshold: float) -> float:
     """Return what measured runs have to exceed; 0 where the replicas stay below the threshold."""
     if max(drawn) <= threshold:
         return 0.0
-    n = len(drawn)
-    return float(np.mean(drawn) * n * (CALIBRATED_FALSE_ALARMS ** (-1.0 / n) - 1.0))
+    logarithms, n = np.log(np.maximum(drawn, 1.0)), len(drawn)
+    quantile = float(stats.t.isf(CALIBRATED_FALSE_ALARMS, n - 1))
+    bound = math.exp(float(logarithms.mean()) + quantile * float(logarithms.std(ddof=1)) * math.sqrt(1.0 + 1.0 / n))
+    return max(bound, threshold)

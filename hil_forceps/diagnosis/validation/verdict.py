@@ -103,7 +103,7 @@ def within_chance(found: Identified, room: tuple[float, float]) -> str | None:
             "white noise of the sensors, a load cell, and rows for every sample of the drive tell more"
         )
     was_left = unexplained(found._replace(calibration=None), room)
-    if was_left is None or unexplained(found, room) is not None:
+    if found.found.best.effects or was_left is None or unexplained(found, room) is not None:
         return None
     place, variable, gain = was_left.families[0]
     return (

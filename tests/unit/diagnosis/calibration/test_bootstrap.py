@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.calibration import bootstrap
-from hil_forceps.diagnosis.calibration.bootstrap import beyond, identify_calibrated, is_approximate
+from hil_forceps.diagnosis.calibration.bootstrap import beyond, calibrate, identify_calibrated, is_approximate
 from hil_forceps.diagnosis.calibration.replica import replica
 from hil_forceps.diagnosis.error_rates import CALIBRATED_FALSE_ALARMS
 from hil_forceps.diagnosis.evidence import pass_all
@@ -34,8 +34,8 @@ def test_below_the_threshold_chance_is_what_the_score_test_draws() -> None:
 
 def test_beyond_it_a_further_replica_seldom_exceeds_the_bound() -> None:
     rng = np.random.default_rng(5)
-    for count in (2, 3):
-        drawn = rng.exponential(1000.0, (20_000, count + 1))
+    for count in (2, 4):
+        drawn = rng.lognormal(6.0, 0.7, (20_000, count + 1))
         bounds = np.array([beyond(row[:-1], 0.0) for row in drawn])
         share = float(np.mean(drawn[:, -1] > bounds))
         assert share == pytest.approx(CALIBRATED_FALSE_ALARMS, rel=0.1)
@@ -102,3 +102,22 @@ def test_usual_runs_need_no_replicas(found: Identified, monkeypatch: pytest.Monk
     assert not is_approximate(found)
     monkeypatch.setattr(bootstrap, "calibrate", None)  # not called
     assert identify_calibrated(even_runs_of(DEADBAND), [], RIG, mapper=POOL.map).calibration is None
+
+
+def test_replicas_of_sound_runs_show_no_more_than_chance() -> None:
+    asked, runs = bootstrap._Asked(RIG, POOL.map, frozenset(), 0), even_runs_of({})
+    found = identify(runs, [], RIG, mapper=POOL.map)
+    calibration = calibrate(found, runs, [], asked, lambda _: None)
+    assert (calibration.gain, calibration.left, calibration.unseen) == (0.0, 0.0, 0.0)
+    assert len(calibration.draws) == bootstrap.DRAWS
+    assert max(calibration.draws) < found.found.steps[0].tested.threshold
+
+
+def test_where_replicas_show_more_there_are_more_of_them(found: Identified, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = iter([(3.0, 4.0, 0.0), (300.0, 4.0, 0.0), (100.0, 4.0, 0.0), (200.0, 4.0, 0.0)])
+    monkeypatch.setattr(bootstrap, "shown_by_chance", lambda *_, **__: next(shown))
+    asked = bootstrap._Asked(RIG, POOL.map, frozenset(), 0)
+    calibration = calibrate(found, even_runs_of(DEADBAND), [], asked, lambda _: None)
+    assert calibration.draws == (3.0, 300.0, 100.0, 200.0)
+    assert calibration.gain == beyond(calibration.draws, 0.0) > 300.0
+    assert calibration.left == 0.0
