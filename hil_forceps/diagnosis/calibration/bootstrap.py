@@ -5,6 +5,7 @@ of a faster drive. There, before an effect is named, the measured runs are simul
 Where the replicas stay below the thresholds that the score test draws, these hold. Where they don't, what the replicas
 gain is taken for lognormal, and the bound is what a further one exceeds in a share α: exp(m + t s √(1 + 1/n)), with m
 and s the mean and deviation of the logarithms of n of them, and t Student's quantile with n − 1 degrees of freedom.
+Replicas are made by the model, and lack what it lacks: so the measured runs must exceed `LEFT_OVER_CHANCE` times that.
 """
 
 import math
@@ -137,4 +138,4 @@ def beyond(drawn: Sequence[float], threshold: float) -> float:
     logarithms, n = np.log(np.maximum(drawn, 1.0)), len(drawn)
     quantile = float(stats.t.isf(CALIBRATED_FALSE_ALARMS, n - 1))
     bound = math.exp(float(logarithms.mean()) + quantile * float(logarithms.std(ddof=1)) * math.sqrt(1.0 + 1.0 / n))
-    return max(bound, threshold)
+    return max(LEFT_OVER_CHANCE * bound, threshold)
