@@ -67,7 +67,7 @@ def identify_calibrated(
         return found
     asked = _Asked(rig, mapper, without, seed)
     calibration = calibrate(found, runs, held_out, asked, progress)
-    gains = [max(c.gain for c in step.tried) for step in found.found.steps if step.joined]
+    gains = [float(step.tested.gains.max()) for step in found.found.steps if step.joined]
     bar = calibration.gain
     if gains and gains[0] > bar and min(gains) <= bar and not spent():
         found = identified(bar)

@@ -94,7 +94,8 @@ def within_chance(found: Identified, room: tuple[float, float]) -> str | None:
     calibration = found.calibration
     if calibration is None:
         return None
-    gains = [(max(c.gain for c in step.tried), step.joined) for step in found.found.steps if step.joined]
+    # By the score test, as the replicas: a refit gains more.
+    gains = [(float(step.tested.gains.max()), step.joined) for step in found.found.steps if step.joined]
     if gains and gains[0][0] <= calibration.gain:
         gain, entry = gains[0]
         drawn = ", ".join(f"{value:.0f}" for value in calibration.draws)

@@ -78,7 +78,7 @@ def test_coloured_noise_is_drawn_as_coloured(found: Identified) -> None:
 
 def test_a_verdict_within_what_replicas_show_is_undetermined(found: Identified) -> None:
     assert judge(found, RIG).verdict == "effects"
-    gain = max(candidate.gain for candidate in found.found.steps[0].tried)
+    gain = float(found.found.steps[0].tested.gains.max())
     beaten = found._replace(calibration=Calibration(1.1 * gain, 0.0, 0.0, (gain, 0.2 * gain)))
     verdict = judge(beaten, RIG)
     assert verdict.verdict == "undetermined"
