@@ -7,7 +7,7 @@ from firmware_protocol.frames import Frame
 from hil_forceps.bridge.course import Course
 from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.bridge.ports import SendResult
-from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Stage, StopReason
+from hil_forceps.bridge.results import AS_MEANT, ServiceConfig, ServiceResult, Stage
 from hil_forceps.bridge.statistics import Histogram, HistogramSummary
 from hil_forceps.data.recording.writer import Outcome, Recorder
 from hil_forceps.drives.port import DriveMachine
@@ -16,7 +16,6 @@ from hil_forceps.drives.port import DriveMachine
 _ENDED = Stage.ENDED
 _SENT = SendResult.SENT
 _NONE, _OUTCOME_SENT = Outcome.NONE, Outcome.SENT
-WELL = frozenset({StopReason.COMPLETED, StopReason.STOP_REQUESTED})
 
 
 class Axis:
@@ -55,7 +54,7 @@ class Axis:
     @property
     def has_failed(self) -> bool:
         """Whether it ends, or has ended, otherwise than it was meant to."""
-        return self.course.reason is not None and self.course.reason not in WELL
+        return self.course.reason is not None and self.course.reason not in AS_MEANT
 
     def receive(self, received: Sequence[tuple[int, Frame]]) -> None:
         """Take what came over the link since the tick before, each frame with its time."""

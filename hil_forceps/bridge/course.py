@@ -16,11 +16,10 @@ from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
 from hil_forceps.bridge.results import ServiceConfig, Stage, StopReason
 from hil_forceps.data.recording.writer import Recorder
-from hil_forceps.drives.port import DriveMachine
+from hil_forceps.drives.port import NO_TORQUE, DriveMachine
 
 SETTLE_PERIODS = 5  # before the drive's word counts: what arrives first was said before the request
 SILENT_PERIODS = 20  # at least so many without a sample before a drive counts as silent, however slow the loop
-_NO_TORQUE = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
 # Members of an Enum cost as much as a call when looked up by their class, and these are asked for at every tick.
 _HOST_RUNNING = HostPhase.RUNNING
@@ -177,7 +176,7 @@ class Course:
     def _stopping(self, now_ns: int) -> None:
         """Wait for the drive's own word; not at once, for what arrives first was said before the request."""
         settled = now_ns - self._began_ns >= SETTLE_PERIODS * self._config.period_ns
-        if self._host.drive_state in _NO_TORQUE and settled:
+        if self._host.drive_state in NO_TORQUE and settled:
             self.drive_disabled = True
             self.stage = Stage.ENDED
         elif now_ns >= self._end_ns:
@@ -205,7 +204,7 @@ class Course:
         if self.stage is not Stage.CONNECTING:
             self.drive_disabled = said is DriveState.FAULT
         else:
-            self.drive_disabled = said is None or said in _NO_TORQUE
+            self.drive_disabled = said is None or said in NO_TORQUE
             if not self.drive_disabled:
                 self.message += "; the drive has torque, which this run did not ask for"
         self.stage = Stage.ENDED

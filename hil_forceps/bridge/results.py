@@ -24,6 +24,9 @@ class StopReason(Enum):
     OTHER_AXIS = "other_axis"  # another axis of the same service failed
 
 
+AS_MEANT = frozenset({StopReason.COMPLETED, StopReason.STOP_REQUESTED})  # a run ended as it was meant to
+
+
 class Stage(Enum):
     """Where a run is."""
 
@@ -84,4 +87,4 @@ class ServiceResult(NamedTuple):
     @property
     def ok(self) -> bool:
         """Whether the run ended as it was meant to."""
-        return self.reason in {StopReason.COMPLETED, StopReason.STOP_REQUESTED} and self.drive_disabled
+        return self.reason in AS_MEANT and self.drive_disabled

@@ -6,12 +6,15 @@ profile hands out a reference only through `setpoint`, which the service calls w
 """
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Final, Protocol
 
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState
 from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.states import HostPhase
+
+NO_TORQUE: Final = frozenset({DriveState.DISABLED, DriveState.FAULT})  # what a drive says that pulls nothing
+SEQUENCE_MASK: Final = 0xFF  # numbers of references and samples count modulo 256, as in a recording
 
 
 class DriveMachine(Protocol):

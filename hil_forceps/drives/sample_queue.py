@@ -5,12 +5,12 @@ from typing import Final
 from firmware_protocol.messages import DriveState
 from firmware_protocol.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
+from hil_forceps.drives.port import SEQUENCE_MASK
 
 MAX_SAMPLES: Final = 4096
 # What a recording holds; nothing real is beyond.
 _ANGLE_END: Final = 1 << 62
 _CURRENT_END: Final = 1 << 31
-_SEQUENCE_MASK: Final = 0xFF
 
 COUNTERS: Final = ("samples", "samples_overflow", "out_of_range")
 
@@ -43,7 +43,7 @@ class SampleQueue:
             self._counters["out_of_range"] += 1
             return False
         self._counters["samples"] += 1
-        self._sequence = self._sequence + 1 & _SEQUENCE_MASK
+        self._sequence = self._sequence + 1 & SEQUENCE_MASK
         said = DriveState.DISABLED if state is None else state
         self._samples.append(
             RawSample(self._sequence, stamp_ns, theta_m_raw, current_raw, int(said), 0, setpoint_sequence, received_ns)

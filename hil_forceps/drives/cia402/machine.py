@@ -32,13 +32,12 @@ from hil_forceps.drives.cia402 import sync_cycle
 from hil_forceps.drives.cia402.messages import Control, Entry, Nmt, NmtState, State
 from hil_forceps.drives.cia402.objects import HOST_NODE, MODE_CSP, RPDO1, TPDO1, TPDO2, Cia402Config, entries
 from hil_forceps.drives.cia402.setup import SetUp
+from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
 
 SILENCE_NS: Final = 350_000_000
 CONFIRM_NS: Final = 500_000_000  # after NMT start, for position, current and mode
 HEARTBEAT_PERIOD_NS: Final = 20_000_000
-_SEQUENCE_MASK: Final = 0xFF
 _INT32: Final = 1 << 31
-_NO_TORQUE: Final = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
 COUNTERS: Final = (
     "setpoints_sent",
@@ -176,7 +175,7 @@ class Cia402:
             return None
         config = self.config
         counts = config.zero_counts + theta_m_ref_raw / ANGLE_LSB_PER_REV * config.counts_per_pulley_rev
-        self.setpoint_sequence = self.setpoint_sequence + 1 & _SEQUENCE_MASK
+        self.setpoint_sequence = self.setpoint_sequence + 1 & SEQUENCE_MASK
         self.counters["setpoints_sent"] += 1
         return self._command(control, round(counts))
 
@@ -221,14 +220,14 @@ class Cia402:
 
     def _needs_references(self) -> bool:
         """Whether the drive may take this host for alive only in a tick that has sent a reference."""
-        return self.phase in {HostPhase.ENABLING, HostPhase.RUNNING} or self.drive_state not in _NO_TORQUE
+        return self.phase in {HostPhase.ENABLING, HostPhase.RUNNING} or self.drive_state not in NO_TORQUE
 
     def _off(self) -> list[Frame]:
         if self._reset_step and self._state in {State.FAULT, State.FAULT_REACTION}:
             self._reset_step -= 1
             control = Control.DISABLE_VOLTAGE if self._reset_step else Control.FAULT_RESET
             return [self._command(control, self._counts or 0)]
-        if not self._wants_off or self._started_ns is None or self.drive_state in _NO_TORQUE:
+        if not self._wants_off or self._started_ns is None or self.drive_state in NO_TORQUE:
             return []
         if not self._is_operational:  # it takes no PDOs
             return [wire.sdo_write(self.config.node, Entry(0x6040, 0, 2, Control.DISABLE_VOLTAGE))]

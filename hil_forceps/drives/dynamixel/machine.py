@@ -41,6 +41,7 @@ from hil_forceps.drives.dynamixel import packets as wire
 from hil_forceps.drives.dynamixel.enabling import Enabling, Step
 from hil_forceps.drives.dynamixel.exchange import Answer, HalfDuplex, Purpose, Request
 from hil_forceps.drives.dynamixel.set_up import SetUp
+from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
 
 SILENCE_NS: Final = 350_000_000
 ANSWER_NS: Final = 50_000_000  # for a request of the set-up: three times what an FTDI adapter holds back by default
@@ -55,9 +56,7 @@ GOAL_BYTES: Final = wire.OVERHEAD + 10  # SYNC WRITE of a goal position
 READ_BYTES: Final = wire.OVERHEAD + 5
 FEEDBACK_BYTES: Final = wire.OVERHEAD + 2 + table.INDIRECT_DATA.size
 
-_SEQUENCE_MASK: Final = 0xFF
 _NS_PER_S: Final = 1_000_000_000
-_NO_TORQUE: Final = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
 COUNTERS: Final = (
     "setpoints_sent",
@@ -215,7 +214,7 @@ class Dynamixel:
         if abs(counts) > table.MAX_COUNTS:
             self.counters["out_of_range"] += 1
             return None
-        self.setpoint_sequence = self.setpoint_sequence + 1 & _SEQUENCE_MASK
+        self.setpoint_sequence = self.setpoint_sequence + 1 & SEQUENCE_MASK
         self.counters["setpoints_sent"] += 1
         data = counts.to_bytes(table.GOAL_POSITION.size, "little", signed=True)
         return self._line.announce(wire.write_unanswered(config.node, table.GOAL_POSITION.address, data))
@@ -261,7 +260,7 @@ class Dynamixel:
         return [] if request is None else [self._line.send(request, now_ns)]
 
     def _next(self, now_ns: int, has_reference: bool) -> Request | None:
-        if self._wants_off and self.drive_state not in _NO_TORQUE:
+        if self._wants_off and self.drive_state not in NO_TORQUE:
             return self._off()
         if self._wants_reboot:
             return Request("reboot", wire.reboot(self.config.node), 0, ANSWER_NS)
@@ -278,7 +277,7 @@ class Dynamixel:
 
     def _may_ask(self, now_ns: int, has_reference: bool) -> bool:
         """Whether feedback may be asked for: without torque always, under torque behind a reference, or soon after."""
-        if has_reference or (self.phase is not HostPhase.RUNNING and self.drive_state in _NO_TORQUE):
+        if has_reference or (self.phase is not HostPhase.RUNNING and self.drive_state in NO_TORQUE):
             return True
         if self.phase is HostPhase.FAULT or now_ns - self._reference_ns > self._unreferenced_ns:
             return False
@@ -393,7 +392,7 @@ class Dynamixel:
             is_running = self.phase is HostPhase.RUNNING
             self.drive_state = DriveState.OPERATIONAL if is_running else DriveState.ARMED
             return
-        if not self._wants_off or self.drive_state in _NO_TORQUE:  # else it is to be read by itself
+        if not self._wants_off or self.drive_state in NO_TORQUE:  # else it is to be read by itself
             self.drive_state = DriveState.FAULT if is_faulty else DriveState.DISABLED
         self._fire("left")
         if self.phase is HostPhase.ENABLING:

@@ -36,6 +36,7 @@ from hil_forceps.drives import sample_queue
 from hil_forceps.drives.mit import messages as wire
 from hil_forceps.drives.mit.exchange import FLIGHT_NS, Exchange
 from hil_forceps.drives.mit.messages import CODES, POSITION_CODES, Codes, Special
+from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
 
 IDENTIFY_NS: Final = 500_000_000  # for an answer that fits
 RESTART_NS: Final = 8_000_000  # bgkatz's firmware waits 1 ms eight times before it opens CAN (`main.c`)
@@ -43,10 +44,8 @@ FEWEST_UNANSWERED: Final = 3  # ticks, however slow the loop
 SILENCE_NS: Final = 100_000_000  # without torque a longer gap does no harm
 FIRST_REFERENCES: Final = 3  # with gains, before it counts as following: two may be lost
 MAX_UNASKED: Final = 3  # answers to nobody's question while identifying
-_SEQUENCE_MASK: Final = 0xFF
 _DAMIAO_EXTRA: Final = 2  # bytes, temperatures
 _ENABLED: Final = frozenset({HostPhase.ENABLING, HostPhase.RUNNING})
-_NO_TORQUE: Final = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
 COUNTERS: Final = (
     "setpoints_sent",
@@ -195,7 +194,7 @@ class Mit:
         if abs(position_rad) > config.ranges.position_rad:
             self.counters["beyond_range"] += 1
             return None
-        self.setpoint_sequence = self.setpoint_sequence + 1 & _SEQUENCE_MASK
+        self.setpoint_sequence = self.setpoint_sequence + 1 & SEQUENCE_MASK
         self.counters["setpoints_sent"] += 1
         self._references += 1
         self._handed += 1
@@ -229,7 +228,7 @@ class Mit:
         only_exit = not self._handed and all(frame == off for frame in frames)
         self._exchange.ask(len(frames) + self._handed, only_exit, now_ns)
         self._handed = 0
-        if not only_exit and self.drive_state in _NO_TORQUE:
+        if not only_exit and self.drive_state in NO_TORQUE:
             self.drive_state = DriveState.ARMED
         return frames
 
@@ -241,7 +240,7 @@ class Mit:
             self._fire("gone")
         off = [self.estop_frame()]
         if self.phase in {HostPhase.DISCONNECTED, HostPhase.REFUSED}:
-            return off if self._wants_off and self.drive_state not in _NO_TORQUE else []
+            return off if self._wants_off and self.drive_state not in NO_TORQUE else []
         if self.phase is HostPhase.FAULT and self._clears:
             self._clears = False
             return [wire.special(self.config.node, Special.CLEAR_ERRORS)]

@@ -32,13 +32,12 @@ from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue
 from hil_forceps.drives.moteus import messages as wire
 from hil_forceps.drives.moteus.messages import Mode
+from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
 
 IDENTIFY_EVERY_NS: Final = 10_000_000  # a bus where nobody acknowledges repeats each frame by itself
 FLIGHT_NS: Final = 10_000_000  # for a stop to arrive and be obeyed, and for answers from before it to have come
 STALE_MS: Final = 50  # a millisecond counter that is less behind is of a late answer, else of another start
-_SEQUENCE_MASK: Final = 0xFF
 _HALF32, _MASK32 = 1 << 31, (1 << 32) - 1
-_NO_TORQUE: Final = frozenset({DriveState.DISABLED, DriveState.FAULT})
 _PREPARING: Final = frozenset({Mode.ENABLING, Mode.CALIBRATING, Mode.CALIBRATION_COMPLETE})
 _LATCHED: Final = frozenset({Mode.FAULT, Mode.TIMEOUT})
 _SILENT: Final = frozenset({HostPhase.DISCONNECTED, HostPhase.REFUSED})
@@ -170,7 +169,7 @@ class Moteus:
             theta_m_ref_raw = self._held_raw
         elif self.phase is not HostPhase.RUNNING:
             return None
-        self.setpoint_sequence = self.setpoint_sequence + 1 & _SEQUENCE_MASK
+        self.setpoint_sequence = self.setpoint_sequence + 1 & SEQUENCE_MASK
         self.counters["setpoints_sent"] += 1
         self._has_asked = self._is_commanded = True
         config = self.config
@@ -218,7 +217,7 @@ class Moteus:
         if self._clears:
             self._clears = False
             return wire.stop(self.config.node)
-        if self._wants_stop and self.drive_state not in _NO_TORQUE:
+        if self._wants_stop and self.drive_state not in NO_TORQUE:
             self._stop_ns = now_ns if self._stop_ns is None else self._stop_ns
             return wire.stop(self.config.node)
         return None if has_asked or self.phase in _SILENT else wire.query(self.config.node)

@@ -32,6 +32,7 @@ from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue
 from hil_forceps.drives.odrive import messages as wire
 from hil_forceps.drives.odrive.messages import AxisState, Command, Firmware
+from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
 
 HEARTBEAT_TIMEOUT_NS: Final = 350_000_000  # three of its heartbeats and a half, which come every 100 ms
 IDENTIFY_NS: Final = 1_000_000_000  # for all three kinds of frames to come
@@ -41,8 +42,6 @@ REPEAT_NS: Final = 50_000_000  # between requests of idle that no heartbeat show
 MAX_CURRENT_AGE: Final = 2.5  # periods of Iq, beyond which a sample has no current
 FLIGHT_NS: Final = 10_000_000  # for a request to arrive, and for a heartbeat from before it to have come
 FIRST_REFERENCES: Final = 3  # sent before closed loop is asked for: two may be lost
-_SEQUENCE_MASK: Final = 0xFF
-_NO_TORQUE: Final = frozenset({DriveState.DISABLED, DriveState.FAULT})
 
 COUNTERS: Final = (
     "setpoints_sent",
@@ -182,7 +181,7 @@ class ODrive:
         elif self.phase is not HostPhase.RUNNING:
             return None
         self._newest_raw = theta_m_ref_raw
-        self.setpoint_sequence = self.setpoint_sequence + 1 & _SEQUENCE_MASK
+        self.setpoint_sequence = self.setpoint_sequence + 1 & SEQUENCE_MASK
         self.counters["setpoints_sent"] += 1
         config = self.config
         return wire.set_input_pos(
@@ -221,7 +220,7 @@ class ODrive:
             return [wire.clear_errors(self.config.node)]
         if self.phase is HostPhase.ENABLING:
             return self._enable(reference_raw, now_ns)
-        if self._wants_idle and (self._idle_first_ns is None or self.drive_state not in _NO_TORQUE):
+        if self._wants_idle and (self._idle_first_ns is None or self.drive_state not in NO_TORQUE):
             return self._ask_idle(now_ns)
         return []
 

@@ -34,6 +34,7 @@ from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue
+from hil_forceps.drives.port import SEQUENCE_MASK
 from hil_forceps.drives.vesc import messages as wire
 from hil_forceps.drives.vesc.answers import Answer, Answers
 from hil_forceps.drives.vesc.faults import fault_words
@@ -46,7 +47,6 @@ from hil_forceps.drives.vesc.turns import Turns, TurnsConfig
 
 SILENCE_NS: Final = 100_000_000  # without an answer; a boot takes longer
 IDENTIFY_NS: Final = 1_000_000_000  # for answers to come, or for the current to end
-_SEQUENCE_MASK: Final = 0xFF
 _FILL_ID: Final = wire.frame_id(wire.HOST_ID, Command.FILL_RX_BUFFER)
 _END_ID: Final = wire.frame_id(wire.HOST_ID, Command.PROCESS_RX_BUFFER)
 
@@ -194,7 +194,7 @@ class Vesc:
             )
             return None
         self._references.send(theta_m_ref_raw)
-        self.setpoint_sequence = self.setpoint_sequence + 1 & _SEQUENCE_MASK
+        self.setpoint_sequence = self.setpoint_sequence + 1 & SEQUENCE_MASK
         self.counters["setpoints_sent"] += 1
         return wire.set_position(config.node, position_rev)
 
