@@ -16,7 +16,6 @@ from hil_forceps.rig.errors import UserError
 FEWEST_PERIODS = 3  # of the host, within a watchdog's time: one late tick must not stop the motor
 LONGEST_WATCHDOG_S = 0.5  # a motor that goes on for longer behind a dead host
 MAX_BUS_LOAD, HIGH_BUS_LOAD = 0.9, 0.6
-_TOLD_A_CURRENT = frozenset({"odrive", "moteus", "dynamixel"})  # profiles that tell their drive `current_limit_A`
 
 
 def findings(rig: Rig) -> list[Finding]:
@@ -87,8 +86,9 @@ def _current(rig: Rig) -> Iterator[Finding]:
     torque_N_m = LOAD_N_M * plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
     needed_A = torque_N_m / plant.torque_constant_N_m_per_A
     limits = {"drive.current_limit_A": None if rig.drive is None else rig.drive.current_limit_A}
-    if rig.motor_driver is not None and rig.motor_driver.profile in _TOLD_A_CURRENT:
-        limits["motor_driver.current_limit_A"] = rig.motor_driver.current_limit_A
+    maker = maker_profile(rig)
+    if maker is not None and maker[0].tells_current_limit:
+        limits["motor_driver.current_limit_A"] = maker[1].current_limit_A
     for key, limit_A in limits.items():
         if limit_A is not None and limit_A < needed_A:
             yield Finding(

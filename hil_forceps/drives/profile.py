@@ -81,6 +81,7 @@ class Profile:
     # Arbitration ids of the drive and its host, each with whether it has 29 bits; none on a line of its own.
     ids: Callable[[MotorDriver], frozenset[tuple[int, bool]]] = lambda _: frozenset()
     has_extended_ids: bool = False  # frames with ids of 29 bits may be its own
+    tells_current_limit: bool = False  # the machine tells the drive `motor_driver.current_limit_A`
     framing: Framing = NATIVE  # of its packets on a serial line
     ask: tuple[Frame, ...] = ()  # who is there, where drives say nothing by themselves; moves and changes nothing
     promises: Callable[[Rig, MotorDriver], Promises] = usual_promises  # what conformance holds the drive to

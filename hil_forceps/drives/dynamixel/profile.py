@@ -228,4 +228,5 @@ PROFILE: Final = Profile(
     promises=_promises,
     framing=wire.FRAMING,
     ask=(wire.ping(wire.BROADCAST_ID),),
+    tells_current_limit=True,
 )

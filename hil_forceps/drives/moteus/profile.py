@@ -165,4 +165,5 @@ PROFILE: Final = Profile(
     promises=_promises,
     ids=_ids,
     has_extended_ids=True,
+    tells_current_limit=True,
 )

@@ -167,4 +167,5 @@ PROFILE: Final = Profile(
     listener=_Listener,
     decode=decode,
     ids=lambda settings: frozenset((settings.node_id << 5 | command, False) for command in range(32)),
+    tells_current_limit=True,
 )
