@@ -96,6 +96,17 @@ def check_node(settings: MotorDriver, lowest: int, highest: int) -> None:
         )
 
 
+def too_old_by_polling(rig: Rig) -> Iterator[Finding]:
+    """Find a limit on a sample's age that no drive can keep that is asked for its sample a tick ahead."""
+    age_s, period_s = rig.limits.max_sample_age_s, rig.bench.host_period_s
+    if age_s <= 1.5 * period_s:
+        yield Finding(
+            "problem",
+            "limits.max_sample_age_s",
+            f"is {age_s:g} s, but a sample is asked for a tick before it is used: at least {2.0 * period_s:g} s",
+        )
+
+
 def classic_load(rig: Rig, frames_per_s: float) -> float:
     """Return the share of a CAN bus that this many classic frames of eight bytes take, at worst."""
     return frames_load(rig, [(8, frames_per_s)])

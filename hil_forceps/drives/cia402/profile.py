@@ -9,7 +9,16 @@ from hil_forceps.drives.cia402 import messages as wire
 from hil_forceps.drives.cia402.machine import Cia402
 from hil_forceps.drives.cia402.objects import HOST_NODE, Cia402Config
 from hil_forceps.drives.port import DriveMachine
-from hil_forceps.drives.profile import Decoded, Finding, Found, Profile, check_node, frames_load, member_name
+from hil_forceps.drives.profile import (
+    Decoded,
+    Finding,
+    Found,
+    Profile,
+    check_node,
+    frames_load,
+    member_name,
+    too_old_by_polling,
+)
 from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -61,13 +70,7 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
 
 def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
     del settings
-    age_s, period_s = rig.limits.max_sample_age_s, rig.bench.host_period_s
-    if age_s <= 1.5 * period_s:
-        yield Finding(
-            "problem",
-            "limits.max_sample_age_s",
-            f"is {age_s:g} s, but a sample is asked for a tick before it is used: at least {2.0 * period_s:g} s",
-        )
+    yield from too_old_by_polling(rig)
 
 
 def _promises(rig: Rig, settings: MotorDriver) -> Promises:

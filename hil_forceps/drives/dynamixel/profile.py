@@ -27,6 +27,7 @@ from hil_forceps.drives.profile import (
     Profile,
     Quantum,
     check_node,
+    too_old_by_polling,
 )
 from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
@@ -81,13 +82,7 @@ def _reach_rev(rig: Rig, settings: MotorDriver) -> tuple[float, float]:
 
 
 def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
-    age_s, period_s = rig.limits.max_sample_age_s, rig.bench.host_period_s
-    if age_s <= 1.5 * period_s:
-        yield Finding(
-            "problem",
-            "limits.max_sample_age_s",
-            f"is {age_s:g} s, but a sample is asked for a tick before it is used: at least {2.0 * period_s:g} s",
-        )
+    yield from too_old_by_polling(rig)
     counts = rig.encoder.counts_per_rev
     if counts != table.COUNTS_PER_REV:
         has = "ideal" if counts is None else counts

@@ -11,7 +11,7 @@ from hil_forceps.drives.moteus.machine import Moteus, MoteusConfig
 from hil_forceps.drives.moteus.subframes import parse_subframes
 from hil_forceps.drives.moteus.words import register_values
 from hil_forceps.drives.port import DriveMachine
-from hil_forceps.drives.profile import Decoded, Finding, Found, Profile, check_node, float_quantum
+from hil_forceps.drives.profile import Decoded, Finding, Found, Profile, check_node, float_quantum, too_old_by_polling
 from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import MotorDriver
@@ -45,7 +45,7 @@ def _wire_s(rig: Rig, bits: tuple[int, int]) -> float:
 
 def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
     del settings
-    bench, period_s, age_s = rig.bench, rig.bench.host_period_s, rig.limits.max_sample_age_s
+    bench, period_s = rig.bench, rig.bench.host_period_s
     if bench.transport != "fd":
         yield Finding("problem", "bench.transport", f"is {bench.transport}, but a moteus speaks CAN FD alone: set fd")
     for key, found, wanted in (
@@ -54,12 +54,7 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
     ):
         if found != wanted:
             yield Finding("problem", f"bench.{key}", f"is {found}, but a moteus has {wanted}, which can't be set there")
-    if age_s <= 1.5 * period_s:
-        yield Finding(
-            "problem",
-            "limits.max_sample_age_s",
-            f"is {age_s:g} s, but a sample is asked for a tick before it is used: at least {2.0 * period_s:g} s",
-        )
+    yield from too_old_by_polling(rig)
     trip_s = 2.0 * (bench.latency_s + bench.latency_jitter_s) + _wire_s(rig, REFERENCE_BITS) + _wire_s(rig, ANSWER_BITS)
     if trip_s > period_s:
         yield Finding(

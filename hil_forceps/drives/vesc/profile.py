@@ -16,6 +16,7 @@ from hil_forceps.drives.profile import (
     Profile,
     Quantum,
     check_node,
+    too_old_by_polling,
 )
 from hil_forceps.drives.promises import Promises
 from hil_forceps.drives.vesc import messages as wire
@@ -85,13 +86,7 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
             f"lets the VESC's angle come near half a turn ({turns.speed_rev_per_s:.3g} turns/s) before the next answer "
             "does: its turns can't be counted; lower it, or bench.host_period_s",
         )
-    age_s, period_s = rig.limits.max_sample_age_s, rig.bench.host_period_s
-    if age_s <= 1.5 * period_s:
-        yield Finding(
-            "problem",
-            "limits.max_sample_age_s",
-            f"is {age_s:g} s, but a sample is asked for a tick before it is used: at least {2.0 * period_s:g} s",
-        )
+    yield from too_old_by_polling(rig)
     yield from _current_steps(rig)
 
 
