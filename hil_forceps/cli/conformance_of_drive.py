@@ -19,12 +19,11 @@ from hil_forceps.bridge.drive_conformance.loop import Stopped
 from hil_forceps.bridge.drive_conformance.registry import CHECKS, Need
 from hil_forceps.bridge.drive_conformance.session import Session
 from hil_forceps.bridge.drive_conformance.suite import Result, Suite
-from hil_forceps.cli.drive_line import line_rate
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.verdicts import print_verdicts, progress
 from hil_forceps.drives.lint import findings
 from hil_forceps.drives.profile import Profile
-from hil_forceps.drives.registry import framing_for, machine_for
+from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
@@ -52,17 +51,6 @@ class Judged(NamedTuple):
     def line(self) -> str:
         """The line, as certificates name it."""
         return self.link.serial_url or ":".join(filter(None, (self.link.interface, self.link.channel)))
-
-
-def link_of(path: Path, rig: Rig, wanted: LinkSpec, baudrate: int | None) -> LinkSpec:
-    """Return where the drive is, with the rig's own rates; UserError where it is on another kind of line."""
-    return wanted._replace(
-        fd=rig.bench.transport == "fd",
-        bitrate_bit_per_s=rig.bench.bitrate_bit_per_s,
-        data_bitrate_bit_per_s=rig.bench.data_bitrate_bit_per_s,
-        baudrate=line_rate(path, rig, wanted.interface, wanted.serial_url, baudrate),
-        framing=framing_for(rig),
-    )
 
 
 def judge(judged: Judged, margins_of: Callable[[bool], Margins]) -> int:

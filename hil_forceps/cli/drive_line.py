@@ -1,14 +1,41 @@
-"""The line to a rig's drive: of which kind it is, and at which rate it runs."""
+"""Rigs that the user names, and the line to a rig's drive: of which kind it is, and at which rate it runs."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from hil_forceps.drives.registry import maker_profile
-from hil_forceps.rig import Rig
+from hil_forceps.bridge.adapters import LinkSpec
+from hil_forceps.drives.registry import framing_for, maker_profile
+from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 
 NATIVE_BAUDRATE: Final = 1_000_000
 VIRTUAL_INTERFACE: Final = "virtual_forceps"  # has the drive's own kind of line in it
+
+
+def named_rigs(paths: Sequence[Path]) -> dict[str, Rig]:
+    """Return the rigs by their names; UserError where two have one name, or one that is no folder of its own."""
+    rigs: dict[str, Rig] = {}
+    for path in paths:
+        if path.stem in rigs:
+            raise UserError(
+                f"--rig {path}: another rig is named {path.stem}, too; results go by these names, so rename one"
+            )
+        if path.stem == "..":  # of a file `...yaml`
+            raise UserError(f"--rig {path}: results go into a folder of its name, which can't be ..; rename it")
+        rigs[path.stem] = load_rig(path)
+    return rigs
+
+
+def link_of(path: Path, rig: Rig, wanted: LinkSpec, baudrate: int | None) -> LinkSpec:
+    """Return where the drive is, with the rig's own rates; UserError where it is on another kind of line."""
+    return wanted._replace(
+        fd=rig.bench.transport == "fd",
+        bitrate_bit_per_s=rig.bench.bitrate_bit_per_s,
+        data_bitrate_bit_per_s=rig.bench.data_bitrate_bit_per_s,
+        baudrate=line_rate(path, rig, wanted.interface, wanted.serial_url, baudrate),
+        framing=framing_for(rig),
+    )
 
 
 def line_rate(path: Path, rig: Rig, interface: str, serial: str, baudrate: int | None) -> int:

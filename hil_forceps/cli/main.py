@@ -37,6 +37,7 @@ for _name, _path, _help in (
     ("import", "import_:import_", "Turn measured runs of any known format into the project's own; audit them."),
     ("simulate", "simulate:simulate", "Simulate beside a measured run, as it was driven; compare channel by channel."),
     ("check", "check:check", "Look for settings of a rig that don't go together, before anything is connected."),
+    ("doctor", "doctor:doctor", "Look at machine, line, rig and drive before motion; each check with its remedy."),
     ("scan", "scan:scan", "Tell which drives are on a bus or port, by listening alone."),
     ("info", "info:info", "Say what is installed and reachable, and what a rig file means."),
 ):

@@ -8,6 +8,7 @@ from typing import Any, Final, Literal, NamedTuple, Protocol
 
 from firmware_protocol.frames import Frame
 from hil_forceps.drives.framing import NATIVE, Framing
+from hil_forceps.drives.inquiry import Inquiry
 from hil_forceps.drives.line_use import most_bits
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.promises import Promises
@@ -85,6 +86,7 @@ class Profile:
     framing: Framing = NATIVE  # of its packets on a serial line
     ask: tuple[Frame, ...] = ()  # who is there, where drives say nothing by themselves; moves and changes nothing
     promises: Callable[[Rig, MotorDriver], Promises] = usual_promises  # what conformance holds the drive to
+    inquiry: Callable[[MotorDriver], Inquiry] | None = None  # None: it answers to commands alone
 
 
 def check_node(settings: MotorDriver, lowest: int, highest: int) -> None:

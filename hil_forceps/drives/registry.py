@@ -8,8 +8,10 @@ from firmware_protocol.messages import Function
 from hil_forceps.drives.cia402.profile import PROFILE as CIA402
 from hil_forceps.drives.dynamixel.profile import PROFILE as DYNAMIXEL
 from hil_forceps.drives.framing import NATIVE, Framing
+from hil_forceps.drives.inquiry import Inquiry
 from hil_forceps.drives.mit.profile import PROFILE as MIT
 from hil_forceps.drives.moteus.profile import PROFILE as MOTEUS
+from hil_forceps.drives.native_inquiry import NativeInquiry
 from hil_forceps.drives.odrive.profile import PROFILE as ODRIVE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
@@ -71,3 +73,12 @@ def sample_period_s(rig: Rig) -> float:
         return rig.require_drive().sample_time_s * rig.bench.feedback_divider
     profile, settings = found
     return profile.sample_period_s(rig, settings)
+
+
+def inquiry_for(rig: Rig) -> Inquiry | None:
+    """Return what asks a rig's drive who it is and changes nothing; None where it answers to commands alone."""
+    found = maker_profile(rig)
+    if found is None:
+        return NativeInquiry(rig.bench.node_id)
+    profile, settings = found
+    return None if profile.inquiry is None else profile.inquiry(settings)

@@ -10,14 +10,14 @@ class UserError(Exception):
 
     def __init__(self, problems: str | Sequence[str]) -> None:
         each = (problems,) if isinstance(problems, str) else tuple(problems)
-        self.problems = tuple(map(_one_line, each))
+        self.problems = tuple(map(one_line, each))
         super().__init__(self.problems)
 
     def __str__(self) -> str:
         return "\n".join(self.problems)
 
 
-def _one_line(problem: str) -> str:
+def one_line(problem: str) -> str:
     """Escape what would break the line, or steer a terminal: problems quote files and libraries."""
     if problem.isprintable():
         return problem

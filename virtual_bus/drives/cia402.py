@@ -22,6 +22,7 @@ PRE_OPERATIONAL, OPERATIONAL, STOPPED = 0x7F, 0x05, 0x04
 NOT_READY, SWITCH_ON_DISABLED, READY, SWITCHED_ON, ENABLED, FAULT = 0x00, 0x40, 0x21, 0x23, 0x27, 0x08
 CSP: Final = 8
 RATED_CURRENT_mA: Final = 500
+REVISION: Final = 0x0170_0000
 HEARTBEAT_LOST, CAN_OVERRUN = 0x8130, 0x8110
 _NO_OBJECT, _READ_ONLY, _NO_MAPPING = 0x06020000, 0x06010002, 0x06040041
 _TOO_LONG, _WRONG_LENGTH = 0x06040042, 0x06070010
@@ -29,7 +30,7 @@ _MAPPABLE: Final = {
     0x60400010, 0x607A0020, 0x60410010, 0x60610008, 0x60640020, 0x30D10220, 0x30D10120, 0x60770010, 0x60780010,
 }  # fmt: skip
 _MAPPINGS: Final = {0x1600, 0x1A00, 0x1A01}
-_READABLE: Final = {0x1000, 0x6041, 0x6061, 0x6064, 0x30D1, 0x6075, 0x6077, 0x6078}
+_READABLE: Final = {0x1000, 0x1018, 0x6041, 0x603F, 0x6061, 0x6064, 0x30D1, 0x6075, 0x6077, 0x6078}
 _SIZES: Final = {1: 0x2F, 2: 0x2B, 4: 0x23}
 _ANSWERS: Final = {1: 0x4F, 2: 0x4B, 4: 0x43}
 
@@ -73,7 +74,9 @@ class SimulatedCia402:
             (0x1000, 0, 4, 0x00020192), (0x1017, 0, 2, 0), (0x1016, 1, 4, 0), (0x6007, 0, 2, 1),
             (0x6040, 0, 2, 0), (0x6041, 0, 2, 0), (0x6060, 0, 1, 1), (0x6061, 0, 1, 1), (0x6064, 0, 4, 0),
             (0x607A, 0, 4, 0), (0x60C2, 1, 1, 1), (0x60C2, 2, 1, 0xFD), (0x30D1, 1, 4, 0), (0x30D1, 2, 4, 0),
-            (0x6075, 0, 4, RATED_CURRENT_mA), (0x6077, 0, 2, 0), (0x6078, 0, 2, 0),
+            (0x6075, 0, 4, RATED_CURRENT_mA), (0x6077, 0, 2, 0), (0x6078, 0, 2, 0), (0x603F, 0, 2, 0),
+            (0x608F, 1, 4, counts), (0x608F, 2, 4, 1), (0x1018, 3, 4, REVISION),
+            (0x3001, 2, 4, round(1e3 * rig.require_drive().current_limit_A)),
         ):  # fmt: skip
             self._define(index, subindex, size, value)
         for place in range(2):
@@ -261,6 +264,7 @@ class SimulatedCia402:
 
     def _fail(self, code: int) -> None:
         self.status = FAULT
+        self.objects[0x603F, 0] = code
         self._send(0x080 + self.node, struct.pack("<HB5x", code, 0x11))
 
     def _define(self, index: int, subindex: int, size: int, value: int) -> None:

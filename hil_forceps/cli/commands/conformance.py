@@ -22,7 +22,7 @@ from firmware_protocol.frames import MAX_NODE
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.conformance_port import LinkPort
 from hil_forceps.cli import conformance_of_drive
-from hil_forceps.cli.drive_line import NATIVE_BAUDRATE
+from hil_forceps.cli.drive_line import NATIVE_BAUDRATE, link_of
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.verdicts import print_verdicts, progress
@@ -100,7 +100,7 @@ def conformance(
             conformance_of_drive.print_list(only)
             return 0
         wanted = LinkSpec(interface, channel, serial, options=interface_options(option))
-        link = conformance_of_drive.link_of(rig, loaded, wanted, baudrate)
+        link = link_of(rig, loaded, wanted, baudrate)
         judged = conformance_of_drive.Judged(rig, loaded, *found, link, allow_motion, only, out)
         return conformance_of_drive.judge(judged, lambda virtual_time: margins_of(virtual_time, line_ms, None))
     numbers = _numbers(only)

@@ -22,7 +22,7 @@ from hil_forceps.bench.session import (
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.results import Telemetry
-from hil_forceps.cli.drive_line import line_rate
+from hil_forceps.cli.drive_line import line_rate, named_rigs
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.options import interface_options
@@ -33,7 +33,7 @@ from hil_forceps.drives.lint import findings
 from hil_forceps.drives.profile import Finding
 from hil_forceps.drives.registry import framing_for, machine_for, sample_period_s
 from hil_forceps.drives.several import findings as findings_of_several
-from hil_forceps.rig import Rig, load_rig
+from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import BenchSettings, ProfileName
 
@@ -101,7 +101,7 @@ def run(
     go_on
         Where one axis fails the others go on; without it they are stopped.
     """
-    rigs = _rigs(rig)
+    rigs = named_rigs(rig)
     rates = set()
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_profile(path, loaded, drive)
@@ -158,18 +158,6 @@ def run(
     if len(plans) > 1 and used is not None:
         sys.stdout.write(f"the bus was used by {100.0 * used:.0f} % at most\n")
     return max(codes)
-
-
-def _rigs(paths: Sequence[Path]) -> dict[str, Rig]:
-    """Return the rigs by their names; UserError where two have one name."""
-    rigs: dict[str, Rig] = {}
-    for path in paths:
-        if path.stem in rigs:
-            raise UserError(
-                f"--rig {path}: another rig is named {path.stem}, too; results go by these names, so rename one"
-            )
-        rigs[path.stem] = load_rig(path)
-    return rigs
 
 
 def _trajectories(paths: Sequence[Path], axes: int) -> list[Trajectory]:

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from firmware_protocol.frames import Frame
 from hil_forceps.drives.cia402 import messages as wire
+from hil_forceps.drives.cia402.inquiry import Cia402Inquiry
 from hil_forceps.drives.cia402.machine import Cia402
 from hil_forceps.drives.cia402.objects import HOST_NODE, Cia402Config
 from hil_forceps.drives.port import DriveMachine
@@ -215,4 +216,5 @@ PROFILE: Final = Profile(
     decode=decode,
     promises=_promises,
     ids=_ids,
+    inquiry=lambda settings: Cia402Inquiry(settings.node_id),
 )

@@ -7,6 +7,7 @@ from typing import Any, Final
 from firmware_protocol.frames import Frame
 from hil_forceps.drives.dynamixel import control_table as table
 from hil_forceps.drives.dynamixel import packets as wire
+from hil_forceps.drives.dynamixel.inquiry import DynamixelInquiry
 from hil_forceps.drives.dynamixel.machine import (
     FEEDBACK_BYTES,
     GOAL_BYTES,
@@ -224,4 +225,5 @@ PROFILE: Final = Profile(
     framing=wire.FRAMING,
     ask=(wire.ping(wire.BROADCAST_ID),),
     tells_current_limit=True,
+    inquiry=lambda settings: DynamixelInquiry(settings.node_id),
 )

@@ -7,6 +7,7 @@ from typing import Any, Final, NamedTuple
 from firmware_protocol.frames import Frame
 from hil_forceps.drives.line_use import most_bits
 from hil_forceps.drives.moteus import messages as wire
+from hil_forceps.drives.moteus.inquiry import MoteusInquiry
 from hil_forceps.drives.moteus.machine import Moteus, MoteusConfig
 from hil_forceps.drives.moteus.subframes import parse_subframes
 from hil_forceps.drives.moteus.words import register_values
@@ -161,4 +162,5 @@ PROFILE: Final = Profile(
     ids=_ids,
     has_extended_ids=True,
     tells_current_limit=True,
+    inquiry=lambda settings: MoteusInquiry(settings.node_id),
 )

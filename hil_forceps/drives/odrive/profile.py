@@ -5,6 +5,7 @@ from typing import Any, Final, NamedTuple
 
 from firmware_protocol.frames import Frame
 from hil_forceps.drives.odrive import messages as wire
+from hil_forceps.drives.odrive.inquiry import ODriveInquiry
 from hil_forceps.drives.odrive.machine import ODrive, ODriveConfig
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import (
@@ -168,4 +169,5 @@ PROFILE: Final = Profile(
     decode=decode,
     ids=lambda settings: frozenset((settings.node_id << 5 | command, False) for command in range(32)),
     tells_current_limit=True,
+    inquiry=lambda settings: ODriveInquiry(settings.node_id, settings.firmware),
 )

@@ -20,6 +20,7 @@ from hil_forceps.drives.profile import (
 )
 from hil_forceps.drives.promises import Promises
 from hil_forceps.drives.vesc import messages as wire
+from hil_forceps.drives.vesc.inquiry import VescInquiry
 from hil_forceps.drives.vesc.machine import Vesc, VescConfig
 from hil_forceps.drives.vesc.messages import Command
 from hil_forceps.drives.vesc.turns import Turns, TurnsConfig
@@ -216,4 +217,5 @@ PROFILE: Final = Profile(
         harmless_counters=frozenset({"broadcasts"}),
     ),
     has_extended_ids=True,
+    inquiry=lambda settings: VescInquiry(settings.node_id),
 )

@@ -1,0 +1,30 @@
+"""The rig by itself: what `hil-forceps check` finds, each finding a check."""
+
+from collections.abc import Iterator
+from typing import Final
+
+from hil_forceps.bridge.doctor.check import Check, Verdict
+from hil_forceps.drives.lint import findings
+from hil_forceps.drives.registry import machine_for
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+
+_WHAT: Final = "hil-forceps check"
+
+
+def checks(rig: Rig) -> Iterator[Check]:
+    """Look at the rig."""
+    try:
+        machine_for(rig)
+    except UserError as error:
+        for problem in error.problems:
+            key, colon, text = problem.partition(": ")
+            found = (f"rig.{key}", text) if colon else ("rig.settings", problem)
+            yield Check(found[0], _WHAT, Verdict.FAIL, found[1], "change it in the rig")
+        return
+    settings = findings(rig)
+    for finding in settings:
+        verdict = Verdict.FAIL if finding.level == "problem" else Verdict.WARN
+        yield Check(f"rig.{finding.key}", _WHAT, verdict, finding.text, f"change {finding.key} in the rig")
+    if not settings:
+        yield Check("rig.settings", _WHAT, Verdict.OK, "nothing that doesn't go together")
