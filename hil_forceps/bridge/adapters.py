@@ -8,9 +8,11 @@ from typing import NamedTuple, cast
 
 import can
 import serial
+from can.interfaces.udp_multicast import UdpMulticastBus
 
 from hil_forceps.bridge.can_link import PythonCanLink, VirtualTimeLink, error_number
 from hil_forceps.bridge.clocks import MonotonicClock, VirtualClock, VirtualTimeBus
+from hil_forceps.bridge.loopback import keep_on_loopback
 from hil_forceps.bridge.ports import Clock, Link
 from hil_forceps.bridge.serial_link import SerialLink
 from hil_forceps.bridge.udp_port import SCHEME, UdpPort
@@ -97,12 +99,31 @@ def _open_can(spec: LinkSpec) -> Connection:
         raise UserError(f"{name}: {_words(error)}; interfaces: {known}") from error
     except (can.CanError, OSError, ValueError, TypeError, ImportError, AttributeError) as error:
         raise UserError(f"{name}: can't be opened: {_words(error)}{_can_remedy(spec, error)}") from error
+    notes: tuple[str, ...] = ()
+    if spec.interface == "udp_multicast":
+        notes = _keep_near(bus, spec)
     if all(hasattr(bus, method) for method in VIRTUAL_TIME):
         virtual = cast(VirtualTimeBus, bus)
         return Connection(VirtualTimeLink(virtual), VirtualClock(virtual), True, ())
     clock = MonotonicClock(spec.spin_ns)
     link = PythonCanLink(bus, clock, spec.interface in ECHOING, marks_own=spec.interface not in MARKS_OTHERS)
-    return Connection(link, clock, False, ())
+    return Connection(link, clock, False, notes)
+
+
+def _keep_near(bus: can.BusABC, spec: LinkSpec) -> tuple[str, ...]:
+    """Keep frames on this machine unless `hop_limit` is among the options; return the warning where it is."""
+    hops = spec.options.get("hop_limit", 0)
+    if hops != 0:
+        return (f"udp_multicast: hop_limit is {hops}: whoever is in this network can read frames and send references",)
+    try:
+        keep_on_loopback(bus.fileno(), spec.channel or UdpMulticastBus.DEFAULT_GROUP_IPv6)
+    except (OSError, ValueError) as error:
+        bus.shutdown()
+        raise UserError(
+            f"udp_multicast:{spec.channel}: can't be kept on this machine: {_words(error)}; --option hop_limit=1 lets "
+            "it out into the network"
+        ) from error
+    return ()
 
 
 def _check_net_device(spec: LinkSpec) -> None:

@@ -2,8 +2,11 @@
 
 import errno
 import os
+import socket
+import struct
 import time
 from collections.abc import Iterable, Mapping
+from ipaddress import ip_address
 from typing import Protocol
 
 import can
@@ -91,7 +94,31 @@ def open_can(interface: str, channel: str, is_fd: bool, options: Mapping[str, st
         raise UserError(f"{name}: {text}") from None
     except (can.CanError, OSError, ValueError, TypeError) as error:
         raise UserError(f"{name}: {_reason(interface, error)}") from None
+    if interface == "udp_multicast" and options.get("hop_limit", "0") == "0":
+        try:
+            _keep_on_loopback(bus.fileno(), channel)
+        except (OSError, ValueError) as error:
+            bus.shutdown()
+            raise UserError(
+                f"{name}: can't be kept on this machine: {error}; --option hop_limit=1 lets it out into the network"
+            ) from None
     return CanTransport(bus)
+
+
+def _keep_on_loopback(descriptor: int, group: str) -> None:
+    """Bind python-can's multicast socket to `lo` and join the group there: by itself it listens to every network."""
+    address, lo = ip_address(group), socket.if_nametoindex("lo")
+    with socket.socket(fileno=os.dup(descriptor)) as same:
+        same.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
+        if address.version == 4:
+            request = struct.pack("@4s4si", address.packed, bytes(4), lo)
+            same.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
+            same.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, struct.pack("@4s4si", bytes(4), bytes(4), lo))
+            same.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        else:
+            same.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, address.packed + struct.pack("@I", lo))
+            same.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_IF, lo)
+            same.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_HOPS, 0)
 
 
 def _reason(interface: str, error: Exception) -> str:

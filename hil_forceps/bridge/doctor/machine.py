@@ -106,8 +106,8 @@ def parse_cores(text: str) -> frozenset[int] | None:
     """Return the cores of a kernel's list as 2-3,6; None where it is none."""
     cores: set[int] = set()
     for part in filter(None, text.strip().split(",")):
-        first, _, last = part.partition("-")
-        ends = (first, last or first)
+        first, dash, last = part.partition("-")
+        ends = (first, last if dash else first)
         if not all(end.isdecimal() and len(end) < 6 for end in ends):
             return None
         cores.update(range(int(ends[0]), int(ends[1]) + 1))

@@ -64,6 +64,8 @@ def doctor(
     """
     if not (math.isfinite(duration) and duration > 0.0):
         raise UserError(f"--duration {duration}: must be a positive number of seconds")
+    if interface and serial:
+        raise UserError("--serial: give either a CAN interface or a serial port")
     rigs = named_rigs(rig)
     link = None
     if interface or serial:
