@@ -7,7 +7,7 @@ TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects fuzz fuzz-readers hidden-effects real-data drive-costs benchmark wheel clean
+.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects fuzz fuzz-readers hidden-effects real-data drive-costs benchmark audit wheel clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 18
@@ -105,6 +105,10 @@ drive-costs: install  ## what each drive's protocol costs: table and figure
 # Figures of speed; apart from the tests because they mean nothing on a busy machine.
 benchmark: install  ## figures of speed
 	$(PY) -m pytest tests/bench --benchmark-columns=min,median,iqr,rounds -p no:xdist
+
+# Asks a database of vulnerabilities over the network, so it is no part of `make test`.
+audit:  ## known vulnerabilities of the locked dependencies; needs a network
+	@tools/audit.sh
 
 wheel: install  ## the wheel, in dist/
 	$(PY) -m build --wheel --no-isolation

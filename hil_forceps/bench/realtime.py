@@ -110,7 +110,7 @@ def drive_process(arguments: Sequence[str], told: dict[str, Any]) -> Iterator[No
     """
     command = [sys.executable, "-m", "hil_forceps.cli.main", "drive", *arguments]
     # In a session of its own: Ctrl-C would end it before the host has disabled it.
-    process = subprocess.Popen(
+    process = subprocess.Popen(  # noqa: S603 - this interpreter and this package, no shell
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     assert process.stdout is not None

@@ -120,8 +120,8 @@ def _keep_near(bus: can.BusABC, spec: LinkSpec) -> tuple[str, ...]:
     except (OSError, ValueError) as error:
         bus.shutdown()
         raise UserError(
-            f"udp_multicast:{spec.channel}: can't be kept on this machine: {_words(error)}; --option hop_limit=1 lets "
-            "it out into the network"
+            f"udp_multicast:{spec.channel}: can't be kept on this machine: {_words(error)}; give an IPv4 group, as "
+            "--channel 239.74.163.2, or let it out into the network with --option hop_limit=1"
         ) from error
     return ()
 

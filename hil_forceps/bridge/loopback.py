@@ -1,8 +1,8 @@
 """Keeps UDP multicast on this machine: python-can's interface itself listens on, and sends to, every network.
 
 What comes over UDP multicast is not signed: whoever reaches the port can send references. So the socket is bound to the
-loopback interface, which takes what arrives there and nothing else, and its datagrams have no hop to go. Works without
-a route for multicast. The drive's process does the same by itself (`virtual_bus/realtime/transports.py`).
+loopback interface, which takes what arrives there and nothing else, and its datagrams have no hop to go. IPv4 works
+without a route for multicast. The drive's process does the same by itself (`virtual_bus/realtime/transports.py`).
 """
 
 import os
@@ -28,3 +28,11 @@ def keep_on_loopback(descriptor: int, group: str) -> None:
             same.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, address.packed + struct.pack("@I", index))
             same.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_IF, index)
             same.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_HOPS, 0)
+            _require_route(group)
+
+
+def _require_route(group: str) -> None:
+    """OSError where IPv6 has no route for multicast on the loopback interface; IPv4 needs none there."""
+    with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, LOOPBACK.encode() + b"\0")
+        probe.connect((group, 9))  # sends nothing

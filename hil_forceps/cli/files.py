@@ -1,8 +1,13 @@
-"""Folders and files that the user names."""
+"""Folders and files that the user names, and files that are named by what is in data."""
 
+import re
 from pathlib import Path
+from typing import Final
 
 from hil_forceps.rig.errors import UserError
+
+MAX_NAME_BYTES: Final = 200  # of 255, so that a suffix has room
+_NO_FILE_NAME: Final = re.compile(r"^\.+$|[/\x00-\x1f\x7f]")
 
 
 def make_folder(path: Path) -> None:
@@ -12,5 +17,26 @@ def make_folder(path: Path) -> None:
         probe = path / ".writable"
         probe.touch()
         probe.unlink()
+        _refuse_links_outside(path)
     except OSError as error:
         raise UserError(f"--out {path}: can't be written to: {error.strerror}; name another folder") from error
+
+
+def _refuse_links_outside(folder: Path) -> None:
+    """UserError where something in the folder is a link out of it: writing to that name would write elsewhere."""
+    home = folder.resolve()
+    for entry in home.iterdir():
+        if entry.is_symlink() and not _leads_into(entry, home):
+            raise UserError(f"--out {folder}: {entry.name} in it is a link out of it; remove that, or name another")
+
+
+def _leads_into(link: Path, home: Path) -> bool:
+    try:
+        return link.resolve().is_relative_to(home)
+    except RuntimeError:  # links in a circle, before Python 3.13
+        return False
+
+
+def file_name(name: str) -> str:
+    """Return a name out of data as that of a file: one step of a path, of a length that a file system takes."""
+    return _NO_FILE_NAME.sub("_", name).encode()[:MAX_NAME_BYTES].decode("utf-8", "ignore")

@@ -7,11 +7,14 @@ with the old. So the cache lives in a folder named after the text of every file 
 
 import hashlib
 import os
+import stat
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ParamSpec, Protocol, TypeVar
 
 import numba
+
+from hil_forceps.rig.errors import UserError
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -63,8 +66,25 @@ def _cache_base(root: Path) -> Path:
     """Return NUMBA_CACHE_DIR where it is set, else beside the sources where that can be written, else the user's."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     if chosen:
-        return Path(chosen)
+        return _private(Path(chosen))
     beside = root / "hil_forceps" / "__pycache__"
     if os.access(beside if beside.is_dir() else beside.parent, os.W_OK):
         return beside
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hil-forceps"
+    return _private(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hil-forceps")
+
+
+def _private(folder: Path) -> Path:
+    """Return a folder for compiled code, which is loaded and run; UserError where others may put theirs into it.
+
+    One beside the sources is as safe as these are.
+    """
+    try:
+        found = folder.stat()
+    except OSError:
+        return folder  # it will be made, for this user alone to write to
+    if found.st_mode & stat.S_IWOTH or found.st_uid not in {0, os.getuid()}:
+        raise UserError(
+            f"{folder}: compiled kernels are kept here, and other users may write to it; set NUMBA_CACHE_DIR to a "
+            "folder of your own (`chmod go-w`)"
+        )
+    return folder

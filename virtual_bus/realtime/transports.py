@@ -100,7 +100,8 @@ def open_can(interface: str, channel: str, is_fd: bool, options: Mapping[str, st
         except (OSError, ValueError) as error:
             bus.shutdown()
             raise UserError(
-                f"{name}: can't be kept on this machine: {error}; --option hop_limit=1 lets it out into the network"
+                f"{name}: can't be kept on this machine: {error}; give an IPv4 group, as --channel 239.74.163.2, or "
+                "let it out into the network with --option hop_limit=1"
             ) from None
     return CanTransport(bus)
 
@@ -119,6 +120,9 @@ def _keep_on_loopback(descriptor: int, group: str) -> None:
             same.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, address.packed + struct.pack("@I", lo))
             same.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_IF, lo)
             same.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_HOPS, 0)
+            with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe:  # without a route nothing could be sent
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
+                probe.connect((group, 9))
 
 
 def _reason(interface: str, error: Exception) -> str:

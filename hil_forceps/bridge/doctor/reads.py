@@ -79,7 +79,8 @@ class System:
     def run(self, command: Sequence[str]) -> str:
         """See `Reads`; its words where it ends with an error."""
         try:
-            done = subprocess.run(command, capture_output=True, timeout=COMMAND_TIMEOUT_S, check=False)
+            # `ip` with a device's name as one argument, no shell
+            done = subprocess.run(command, capture_output=True, timeout=COMMAND_TIMEOUT_S, check=False)  # noqa: S603
         except subprocess.TimeoutExpired as error:
             raise TimeoutError(f"{command[0]} does not end") from error
         except ValueError as error:  # a NUL in an argument

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.files import file_name, make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.reading import bar, read_sources, show_audit
 from hil_forceps.data.readers.csv_table import write_csv
@@ -75,7 +75,7 @@ def _paths(found: Sequence[tuple[Path, Run]], out: Path, form: str) -> list[Path
     names = [run.name for _, run in found]
     if len(set(names)) < len(names):
         names = [run.name if source.stem == run.name else f"{source.stem}-{run.name}" for source, run in found]
-    paths = [out / f"{name}.{form}" for name in names]
+    paths = [out / f"{file_name(name)}.{form}" for name in names]
     twice = sorted({path.name for path in paths if paths.count(path) > 1})
     if twice:
         raise UserError(

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.files import file_name, make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.reading import bar, read_sources
 from hil_forceps.data.readers.format import Choice
@@ -64,7 +64,7 @@ def simulate(rig: Path, *, like: Path, out: Path | None = None, bus: str | None 
 def _write(results: list[Beside], out: Path, progress: Progress) -> None:
     task = progress.add_task("writing", total=len(results))
     for result in results:
-        name = re.sub(r"[^\w.-]", "_", result.name)
+        name = file_name(re.sub(r"[^\w.-]", "_", result.name))
         columns = {"time_s": result.time_s}
         for channel in result.measured:
             columns[channel] = result.measured[channel]

@@ -18,6 +18,9 @@ from hil_forceps.report.diagnosis.sections import (
 )
 from hil_forceps.report.diagnosis.words import escaped
 
+# Style of its own and images inside it; no script, no address outside.
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+
 Images = Mapping[str, str]  # figures by name, as HTML
 
 
@@ -49,6 +52,7 @@ def page(diagnosis: Diagnosis, images: Images) -> str:
     )
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>Diagnosis: {escaped(diagnosis.verdict)}</title><style>{STYLE}</style></head>\n"
         f"<body><main>{verdict(diagnosis)}<nav>{contents}</nav>{body}"

@@ -28,11 +28,11 @@ SEVERITIES = ("problem", "warning", "note")
 
 def verdict(diagnosis: Diagnosis) -> str:
     """Say the verdict, the effects named, and in short what else a reader wants first."""
-    mark, kind = VERDICTS[diagnosis.verdict]
+    (mark, kind), name = VERDICTS[diagnosis.verdict], escaped(diagnosis.verdict)
     if diagnosis.verdict == "effects" and diagnosis.varies_over:
         kind = MORE_IS_LEFT
     parts = [
-        f'<header class="verdict {diagnosis.verdict}"><div class="kind">{mark} {escaped(diagnosis.verdict)}</div>',
+        f'<header class="verdict {name}"><div class="kind">{mark} {name}</div>',
         f"<h1>{escaped(diagnosis.sentence or kind)}</h1>",
     ]
     if diagnosis.sentence:
