@@ -171,7 +171,7 @@ def _open_serial(spec: LinkSpec) -> Connection:
 
 def serial_notes(path: str, devices: Path) -> tuple[str, ...]:
     """Tell what makes a serial adapter slow: FTDI chips hold data back for 16 ms unless told otherwise."""
-    timer = devices / Path(path).name / "device" / "latency_timer"
+    timer = devices / Path(path).resolve().name / "device" / "latency_timer"  # /dev/serial/by-id/… is a link
     try:
         latency_ms = int(timer.read_text())
     except (OSError, ValueError):

@@ -238,6 +238,7 @@ def test_garbage_on_the_group_is_counted_and_changes_nothing() -> None:
     port = free_udp_port()
     with running("--interface", "udp_multicast", "--channel", GROUP, "--option", f"port={port}") as drive:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
             for _ in range(50):
                 stranger.sendto(b"\xc1 this is no frame", (GROUP, int(port)))
         transport = open_can("udp_multicast", GROUP, False, {"port": port})

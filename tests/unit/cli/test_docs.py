@@ -25,6 +25,7 @@ COMMANDS = (
     "simulate",
     "replay",
     "check",
+    "doctor",
     "scan",
     "info",
 )

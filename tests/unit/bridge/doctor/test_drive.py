@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from firmware_protocol import codec, drive_machine
 from firmware_protocol.frames import Frame
-from firmware_protocol.messages import DriveState, Estop, Function
+from firmware_protocol.messages import PROTOCOL_MAJOR, DriveState, Estop, Function, Identity
 from hil_forceps.bridge.adapters import Connection
 from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
@@ -207,6 +207,18 @@ def test_a_native_drive_of_another_version_fails(monkeypatch: pytest.MonkeyPatch
     assert (check.verdict, check.remedy) == (Verdict.FAIL, "update the host")
     assert "protocol 2.0" in check.text
     assert {frame.arbitration_id >> 5 for frame in sent} == {Function.DISCOVER}
+
+
+def test_no_parameter_is_asked_of_a_drive_whose_identity_does_not_fit() -> None:
+    inquiry = inquiry_for(rig_of("native"))
+    assert inquiry is not None
+    assert [frame.arbitration_id >> 5 for frame in inquiry.poll(0)] == [Function.DISCOVER]
+    inquiry.receive(codec.encode(Identity(1, 7, PROTOCOL_MAJOR + 1, 0)), 1)
+    assert inquiry.poll(10**9) == []
+    fitting = inquiry_for(rig_of("native"))
+    assert fitting is not None
+    fitting.receive(codec.encode(Identity(1, 7, PROTOCOL_MAJOR, 0)), 1)
+    assert [frame.arbitration_id >> 5 for frame in fitting.poll(10**9)] == [Function.PARAM_REQUEST]
 
 
 def old_servo() -> SimulatedDynamixel:
