@@ -10,8 +10,11 @@ MAX_NAME_BYTES: Final = 200  # of 255, so that a suffix has room
 _NO_FILE_NAME: Final = re.compile(r"^\.+$|[/\x00-\x1f\x7f]")
 
 
-def make_folder(path: Path) -> None:
-    """Make a folder for results; UserError when it can't be made or written to."""
+def make_folder(path: Path, inside: Path | None = None) -> None:
+    """Make a folder for results; UserError when it can't be made or written to, or would lead somewhere else.
+
+    `inside`: the folder in which it has to be; one that the user names himself may be a link to anywhere.
+    """
     try:
         path.mkdir(parents=True, exist_ok=True)
         probe = path / ".writable"
@@ -20,13 +23,15 @@ def make_folder(path: Path) -> None:
         _refuse_links_outside(path)
     except OSError as error:
         raise UserError(f"--out {path}: can't be written to: {error.strerror}; name another folder") from error
+    if inside is not None and not _leads_into(path, inside.resolve()):
+        raise UserError(f"--out {inside}: {path.name} in it is a link out of it; remove that, or name another")
 
 
 def _refuse_links_outside(folder: Path) -> None:
-    """UserError where something in the folder is a link out of it: writing to that name would write elsewhere."""
+    """UserError where a file in the folder is a link out of it: what is written to that name goes elsewhere."""
     home = folder.resolve()
     for entry in home.iterdir():
-        if entry.is_symlink() and not _leads_into(entry, home):
+        if entry.is_symlink() and not entry.is_dir() and not _leads_into(entry, home):
             raise UserError(f"--out {folder}: {entry.name} in it is a link out of it; remove that, or name another")
 
 

@@ -129,6 +129,7 @@ def diagnose(
         tell("drawing")
         write_report(diagnosis, out / "report.html", drawing=drawing[0] if drawing else None)
         if figures:
+            make_folder(out / "figures", inside=out)
             write_figures(diagnosis, out / "figures")
     (out / "diagnosis.json").write_text(json.dumps(to_json(diagnosis), indent=2, allow_nan=False) + "\n")
     (out / "extended.yaml").write_text(dump_rig(extended))

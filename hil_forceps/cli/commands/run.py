@@ -120,7 +120,7 @@ def run(
     plans = []
     for (name, loaded), machine, motion in zip(rigs.items(), machines, points, strict=True):
         folder = out / name if len(rigs) > 1 else out
-        make_folder(folder)
+        make_folder(folder, inside=out)
         feedback_s = sample_period_s(loaded)
         ready_kernels(loaded, feedback_s)
         plans.append(

@@ -76,6 +76,18 @@ def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
         make_folder(out)
 
 
+def test_a_folder_within_is_no_link_out(tmp_path: Path) -> None:
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    out.mkdir()
+    elsewhere.mkdir()
+    (out / "left").symlink_to(elsewhere)
+    make_folder(out)  # a link to a folder that nothing is written to
+    with pytest.raises(UserError, match="left in it is a link out of it"):
+        make_folder(out / "left", inside=out)
+    make_folder(out / "right", inside=out)
+    make_folder(out, inside=out)
+
+
 def test_a_folder_that_is_a_link_itself_is_the_users_choice(tmp_path: Path) -> None:
     (tmp_path / "real").mkdir()
     (tmp_path / "out").symlink_to(tmp_path / "real")
