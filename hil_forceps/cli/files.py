@@ -17,14 +17,14 @@ def make_folder(path: Path, inside: Path | None = None) -> None:
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
+        if inside is not None and not _leads_into(path, inside.resolve()):
+            raise UserError(f"--out {inside}: {path.name} in it is a link out of it; remove that, or name another")
+        _refuse_links_outside(path)
         probe = path / ".writable"
         probe.touch()
         probe.unlink()
-        _refuse_links_outside(path)
     except OSError as error:
         raise UserError(f"--out {path}: can't be written to: {error.strerror}; name another folder") from error
-    if inside is not None and not _leads_into(path, inside.resolve()):
-        raise UserError(f"--out {inside}: {path.name} in it is a link out of it; remove that, or name another")
 
 
 def _refuse_links_outside(folder: Path) -> None:

@@ -123,5 +123,8 @@ def test_a_slow_serial_adapter_is_pointed_out(tmp_path: Path) -> None:
     (device / "latency_timer").write_text("16\n")
     (note,) = serial_notes("/dev/ttyUSB0", tmp_path)
     assert "16 ms" in note
+    link = tmp_path / "usb-FTDI_FT232R"  # as udev makes them in /dev/serial/by-id
+    link.symlink_to("/dev/ttyUSB0")
+    assert "16 ms" in serial_notes(str(link), tmp_path)[0]
     (device / "latency_timer").write_text("1\n")
     assert serial_notes("/dev/ttyUSB0", tmp_path) == ()

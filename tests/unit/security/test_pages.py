@@ -7,7 +7,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from firmware_protocol.conformance.catalogue import REQUIREMENTS
@@ -65,8 +64,9 @@ def hostile(value: Any, texts: Iterator[str]) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return dataclasses.replace(value, **{name: hostile(each, texts) for name, each in fields.items()})
-    if isinstance(value, tuple) and hasattr(value, "_replace"):
-        return value._replace(**{name: hostile(each, texts) for name, each in value._asdict().items()})
+    fields = getattr(value, "_fields", None)
+    if isinstance(value, tuple) and fields is not None:  # a named tuple
+        return type(value)(*(hostile(each, texts) for each in value))
     if isinstance(value, list | tuple):
         return type(value)(hostile(each, texts) for each in value)
     if isinstance(value, dict):
@@ -170,6 +170,6 @@ def _texts(value: Any) -> Iterator[str]:
     elif isinstance(value, dict):
         for pair in value.items():
             yield from _texts(pair)
-    elif isinstance(value, list | tuple) and not isinstance(value, np.ndarray):
+    elif isinstance(value, list | tuple):
         for each in value:
             yield from _texts(each)
