@@ -64,8 +64,7 @@ def hostile(value: Any, texts: Iterator[str]) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return dataclasses.replace(value, **{name: hostile(each, texts) for name, each in fields.items()})
-    fields = getattr(value, "_fields", None)
-    if isinstance(value, tuple) and fields is not None:  # a named tuple
+    if isinstance(value, tuple) and hasattr(value, "_fields"):  # a named tuple
         return type(value)(*(hostile(each, texts) for each in value))
     if isinstance(value, list | tuple):
         return type(value)(hostile(each, texts) for each in value)
