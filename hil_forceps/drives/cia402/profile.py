@@ -161,6 +161,8 @@ def _sdo_request(data: bytes) -> Decoded | None:
     values: dict[str, Any] = {"object": f"{int.from_bytes(data[1:3], 'little'):04X}h:{data[3]:02X}"}
     if data[0] == 0x40:
         return Decoded("SDO_READ", values)
+    if data[0] == 0x80:  # the client's own
+        return Decoded("SDO_ABORT", {**values, "abort": wire.abort_words(int.from_bytes(data[4:], "little"))})
     return Decoded("SDO_WRITE", {**values, "value": int.from_bytes(data[4:], "little")})
 
 

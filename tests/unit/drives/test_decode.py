@@ -66,6 +66,11 @@ def test_odrive(frame: Frame, name: str, values: dict[str, object]) -> None:
             "SDO_ANSWER",
             {"node": 5, "object": "1A01h:01", "abort": "abort 0x06040041: it can't be mapped to a PDO"},
         ),
+        (
+            Frame(0x605, bytes.fromhex("8000000000000405")),
+            "SDO_ABORT",
+            {"node": 5, "object": "0000h:00", "abort": "abort 0x05040000: the transfer timed out"},
+        ),
         (Frame(0x085, bytes.fromhex("3081110000000000")), "EMCY", {"node": 5, "error_code": "0x8130"}),
         (Frame(0x285, bytes.fromhex("b3ffffff")), "TPDO2", {"node": 5, "current_counts": -77}),
         (
