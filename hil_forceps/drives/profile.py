@@ -1,7 +1,7 @@
 """What the house knows of a motor driver's protocol: one `Profile` each, from the rig to findings, frames and words."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, Literal, NamedTuple, Protocol
@@ -79,8 +79,12 @@ class Profile:
     quantum: Callable[[Rig, MotorDriver], Quantum | None]  # coarser than the encoder's count, where it is
     listener: Callable[[], Listener]
     decode: Callable[[Frame], Decoded | None]
-    # Arbitration ids of the drive and its host, each with whether it has 29 bits; none on a line of its own.
+    # Arbitration ids of the drive, each with whether it has 29 bits; none on a line of its own.
     ids: Callable[[MotorDriver], frozenset[tuple[int, bool]]] = lambda _: frozenset()
+    # Of several drives on one bus, where they have anything in common; else each is made alone.
+    machines: Callable[[Sequence[tuple[Rig, MotorDriver]]], list[DriveMachine]] | None = None
+    bus_ids: frozenset[tuple[int, bool]] = frozenset()  # those of hosts of this profile, which its drives may share
+    shared_load: Callable[[Rig], float] = lambda _: 0.0  # of `bus_load`, what is there once for all drives of a bus
     has_extended_ids: bool = False  # frames with ids of 29 bits may be its own
     tells_current_limit: bool = False  # the machine tells the drive `motor_driver.current_limit_A`
     framing: Framing = NATIVE  # of its packets on a serial line
@@ -96,6 +100,15 @@ def check_node(settings: MotorDriver, lowest: int, highest: int) -> None:
             f"motor_driver.node_id: is {settings.node_id}, but a drive of the profile {settings.profile} has "
             f"{lowest} to {highest}; give its own"
         )
+
+
+def host_ids(candidates: Iterable[int], nodes: Iterable[int], count: int) -> list[int]:
+    """Return ids that the host takes for itself, one for each drive; UserError where there are more drives than ids."""
+    taken = set(nodes)
+    free = [each for each in candidates if each not in taken][:count]
+    if len(free) < count:
+        raise UserError(f"motor_driver: {count} drives are too many for one bus here; {len(free)} may be on it")
+    return free
 
 
 def too_old_by_polling(rig: Rig) -> Iterator[Finding]:

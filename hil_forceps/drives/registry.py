@@ -1,5 +1,6 @@
 """The profiles of makers' protocols, and from a rig to the machine that speaks its drive's."""
 
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from firmware_protocol.frames import arbitration_id
@@ -40,6 +41,18 @@ def machine_for(rig: Rig) -> DriveMachine:
     return profile.machine(rig, settings)
 
 
+def machines_for(rigs: Sequence[Rig]) -> list[DriveMachine]:
+    """Return the machines of rigs on one bus, in their order; UserError where a rig doesn't go with its drive."""
+    machines = [machine_for(rig) for rig in rigs]
+    for profile in PROFILES.values():
+        found = [(place, rig, rig.motor_driver) for place, rig in enumerate(rigs) if rig.drive_profile == profile.name]
+        if profile.machines is not None and len(found) > 1:
+            together = profile.machines([(rig, settings) for _, rig, settings in found if settings is not None])
+            for (place, _, _), machine in zip(found, together, strict=True):
+                machines[place] = machine
+    return machines
+
+
 def bus_load(rig: Rig) -> float:
     """Return the share of the line's time that a rig's cyclic frames take, at worst; UserError without its loop."""
     found = maker_profile(rig)
@@ -51,8 +64,31 @@ def bus_load(rig: Rig) -> float:
     return profile.bus_load(rig, settings)
 
 
+def shared_load(rigs: Iterable[Rig]) -> float:
+    """Return what `bus_load` of these rigs' drives has in it more than once, although their bus has it once."""
+    total, seen = 0.0, set()
+    for rig in rigs:
+        if rig.drive_profile in seen:
+            total += PROFILES[rig.drive_profile].shared_load(rig)
+        elif rig.drive_profile in PROFILES:
+            seen.add(rig.drive_profile)
+    return total
+
+
+def ids_in_common(rig: Rig, other: Rig) -> frozenset[tuple[int, bool]]:
+    """Return the arbitration ids that both use, but for those which one host may have for both drives."""
+    if rig.drive_profile == other.drive_profile:
+        return ids_of(rig) & ids_of(other)
+    return (ids_of(rig) | _bus_ids(rig)) & (ids_of(other) | _bus_ids(other))
+
+
+def _bus_ids(rig: Rig) -> frozenset[tuple[int, bool]]:
+    found = maker_profile(rig)
+    return frozenset() if found is None else found[0].bus_ids
+
+
 def ids_of(rig: Rig) -> frozenset[tuple[int, bool]]:
-    """Return the arbitration ids that a rig's drive and its host use, each with whether it has 29 bits."""
+    """Return the arbitration ids of a rig's drive, each with whether it has 29 bits."""
     found = maker_profile(rig)
     if found is None:
         return frozenset((arbitration_id(function, rig.bench.node_id), False) for function in Function)

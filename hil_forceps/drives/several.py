@@ -5,7 +5,7 @@ from typing import Final
 
 from hil_forceps.drives.lint import MAX_BUS_LOAD
 from hil_forceps.drives.profile import Finding
-from hil_forceps.drives.registry import PROFILES, bus_load, ids_of
+from hil_forceps.drives.registry import PROFILES, bus_load, ids_in_common, shared_load
 from hil_forceps.rig import Rig
 
 # One line, and one loop: what must be the same in all rigs.
@@ -29,12 +29,12 @@ def findings(rigs: Mapping[str, Rig]) -> list[Finding]:
             found.append(Finding("problem", f"bench.{key}", f"is {said}; one service has one bus and one loop"))
     for place, name in enumerate(names):
         for other in names[place + 1 :]:
-            both = ids_of(rigs[name]) & ids_of(rigs[other])
+            both = ids_in_common(rigs[name], rigs[other])
             if both:
                 lowest = min(both)[0]
                 text = f"{name} and {other} use the same ids, {lowest:03X}h for one; give another node, or each a bus"
                 found.append(Finding("problem", "node_id", text))
-    load = sum(bus_load(rig) for rig in rigs.values())
+    load = sum(bus_load(rig) for rig in rigs.values()) - shared_load(rigs.values())
     most_Hz = MAX_BUS_LOAD / load / first.bench.host_period_s
     text = (
         f"{len(names)} axes load the line by {100.0 * load:.0f} % at worst; at {100.0 * MAX_BUS_LOAD:.0f} % it carries "

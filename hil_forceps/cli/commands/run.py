@@ -31,7 +31,7 @@ from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.lint import findings
 from hil_forceps.drives.profile import Finding
-from hil_forceps.drives.registry import framing_for, machine_for, sample_period_s
+from hil_forceps.drives.registry import framing_for, machines_for, sample_period_s
 from hil_forceps.drives.several import findings as findings_of_several
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -106,7 +106,7 @@ def run(
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_profile(path, loaded, drive)
         rates.add(line_rate(path, loaded, interface, serial, baudrate))
-    machines = [machine_for(loaded) for loaded in rigs.values()]
+    machines = machines_for(list(rigs.values()))
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_settings(str(path), findings(loaded))
     if len(rigs) > 1:

@@ -13,9 +13,10 @@
     any          -> DISCONNECTED a boot-up message, or nothing for `SILENCE_NS`
 
 A drive latches at SYNC, so a sample's stamp is when SYNC was sent (`sync_cycle`): it goes out behind each tick's
-reference, and what comes back is the next tick's sample. The target is the measured angle until operation is asked for,
-and from then on the angle at that request until the drive follows. The drive's watchdog is the host's heartbeat. While
-the drive has torque, that goes out in ticks with a reference and only in them.
+reference, and what comes back is the next tick's sample. Drives on one bus share it. The target is the measured
+angle until operation is asked for, and from then on the angle at that request until the drive follows. The drive's
+watchdog is the host's heartbeat. While the drive has torque, that goes out in ticks with a reference and only in them;
+several drives watch a host's node each, or the references of one would feed the watchdogs of all.
 """
 
 import math
@@ -78,8 +79,8 @@ TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
 class Cia402:
     """One CiA 402 drive; a `DriveMachine`."""
 
-    def __init__(self, config: Cia402Config) -> None:
-        """ValueError for a node, a ratio or a period that can't be."""
+    def __init__(self, config: Cia402Config, shared: sync_cycle.SharedSync | None = None) -> None:
+        """`shared`: of the bus, where there are several. ValueError for a node, a ratio or a period that can't be."""
         whole_ms = config.period_ns % 1_000_000 == 0 and 1 <= config.period_ns // 1_000_000 <= 255
         if not 1 <= config.node < HOST_NODE or config.counts_per_pulley_rev == 0.0 or not whole_ms:
             raise ValueError(f"no CiA 402 drive: {config}")
@@ -99,7 +100,7 @@ class Cia402:
         self._heartbeat_period_ns = HEARTBEAT_PERIOD_NS
         if config.host_timeout_ns:
             self._heartbeat_period_ns = min(HEARTBEAT_PERIOD_NS, config.host_timeout_ns // 3)
-        self._cycle = sync_cycle.SyncCycle(self.counters)
+        self._cycle = sync_cycle.SyncCycle(self.counters, shared or sync_cycle.SharedSync())
         self._counts: int | None = None  # newest
         self._current_seen = False
         self._held_raw: int | None = None  # the target with which operation was asked for
@@ -207,13 +208,14 @@ class Cia402:
         frames += self._off()
         is_over = self.phase in {HostPhase.DISCONNECTED, HostPhase.REFUSED} and not self._wants_off
         if self._started_ns is None or is_over:
+            self._cycle.rest()
             return frames
         has_sent = self.counters["setpoints_sent"] != self._references_before
         self._references_before = self.counters["setpoints_sent"]
         is_due = self._heartbeat_ns is None or now_ns - self._heartbeat_ns >= self._heartbeat_period_ns
         if is_due and (has_sent or not self._needs_references()):
             self._heartbeat_ns = now_ns
-            frames.append(wire.heartbeat(HOST_NODE))
+            frames.append(wire.heartbeat(self.config.host_node))
         if self._cycle.poll(now_ns):
             frames.append(wire.sync())
         return frames

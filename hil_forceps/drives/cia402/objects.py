@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 from hil_forceps.drives.cia402 import messages as wire
 from hil_forceps.drives.cia402.messages import Entry
 
-HOST_NODE: Final = 127
+HOST_NODE: Final = 127  # of the first drive on a bus; each has one of its own, by which it knows its host alive
 MODE_CSP: Final = 8
 DRIVE_HEARTBEAT_MS: Final = 100
 TPDO1: Final = struct.Struct("<ihb")  # 6064h, 6041h, 6061h
@@ -26,13 +26,14 @@ class Cia402Config(NamedTuple):
     current_object: tuple[int, int] = (0x30D1, 2)  # EPOS4: current actual value
     current_bits: int = 32
     current_lsb_A: float = 1e-3
+    host_node: int = HOST_NODE  # whose heartbeat it watches
 
 
 def entries(config: Cia402Config) -> list[Entry]:
     """Return what is written to a drive before it is started, in this order."""
     node = config.node
     index, subindex = config.current_object
-    consumer = (HOST_NODE << 16 | config.host_timeout_ns // 1_000_000) if config.host_timeout_ns else 0
+    consumer = (config.host_node << 16 | config.host_timeout_ns // 1_000_000) if config.host_timeout_ns else 0
     position = (wire.mapped(0x6064, 0, 32), wire.mapped(0x6041, 0, 16), wire.mapped(0x6061, 0, 8))
     return [
         Entry(0x1017, 0, 2, DRIVE_HEARTBEAT_MS),

@@ -1,7 +1,7 @@
 """CiA 402 in the house: from the rig to the machine, what doesn't go together, who is there, and frames in words."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from firmware_protocol.frames import Frame
@@ -9,6 +9,7 @@ from hil_forceps.drives.cia402 import messages as wire
 from hil_forceps.drives.cia402.inquiry import Cia402Inquiry
 from hil_forceps.drives.cia402.machine import Cia402
 from hil_forceps.drives.cia402.objects import HOST_NODE, Cia402Config
+from hil_forceps.drives.cia402.sync_cycle import SharedSync
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import (
     Decoded,
@@ -17,6 +18,7 @@ from hil_forceps.drives.profile import (
     Profile,
     check_node,
     frames_load,
+    host_ids,
     member_name,
     too_old_by_polling,
 )
@@ -26,6 +28,7 @@ from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
 
 MAX_COUNTS: Final = 1 << 31
+HOST_NODES: Final = range(HOST_NODE, HOST_NODE - 8, -1)  # that the host may have, one for each drive on a bus
 REPORT_SYNCS: Final = 5  # within which the statusword shows a change: some may be withheld on a slow path
 _NMT_WORDS: Final[dict[int, str]] = {
     wire.NmtState.BOOT_UP: "just booted",
@@ -35,7 +38,15 @@ _NMT_WORDS: Final[dict[int, str]] = {
 }
 
 
-def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
+def _machines(rigs: Sequence[tuple[Rig, MotorDriver]]) -> list[DriveMachine]:
+    shared = SharedSync()
+    hosts = host_ids(HOST_NODES, (settings.node_id for _, settings in rigs), len(rigs))
+    return [_machine(rig, settings, host, shared) for (rig, settings), host in zip(rigs, hosts, strict=True)]
+
+
+def _machine(
+    rig: Rig, settings: MotorDriver, host_node: int = HOST_NODE, shared: SharedSync | None = None
+) -> DriveMachine:
     check_node(settings, 1, HOST_NODE - 1)  # 127 is the host's
     counts = rig.encoder.counts_per_rev
     if counts is None:
@@ -65,7 +76,9 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
             current_object=(int(index, 16), int(subindex, 16)),
             current_bits=settings.current_object_bits,
             current_lsb_A=settings.current_lsb_A,
-        )
+            host_node=host_node,
+        ),
+        shared,
     )
 
 
@@ -82,6 +95,10 @@ def _promises(rig: Rig, settings: MotorDriver) -> Promises:
     )
 
 
+def _shared_load(rig: Rig) -> float:
+    return frames_load(rig, [(0, 1.0 / rig.bench.host_period_s)])  # SYNC
+
+
 def _bus_load(rig: Rig, settings: MotorDriver) -> float:
     del settings
     cyclic = (0, 7, 4, 6)  # bytes of SYNC, the drive's two frames, a reference
@@ -90,9 +107,8 @@ def _bus_load(rig: Rig, settings: MotorDriver) -> float:
 
 
 def _ids(settings: MotorDriver) -> frozenset[tuple[int, bool]]:
-    of_bus = (wire.SYNC_ID, wire.HEARTBEAT_ID + HOST_NODE)  # one host's, so one drive of this profile a bus
     of_node = (wire.EMCY_ID, *wire.TPDO_IDS, wire.RPDO1_ID, wire.SDO_ANSWER_ID, wire.SDO_REQUEST_ID, wire.HEARTBEAT_ID)
-    return frozenset((each, False) for each in (*of_bus, *(function + settings.node_id for function in of_node)))
+    return frozenset((function + settings.node_id, False) for function in of_node)
 
 
 class _Listener:
@@ -219,4 +235,7 @@ PROFILE: Final = Profile(
     promises=_promises,
     ids=_ids,
     inquiry=lambda settings: Cia402Inquiry(settings.node_id),
+    machines=_machines,
+    bus_ids=frozenset((each, False) for each in (wire.SYNC_ID, *(wire.HEARTBEAT_ID + node for node in HOST_NODES))),
+    shared_load=_shared_load,
 )

@@ -47,8 +47,6 @@ from hil_forceps.drives.vesc.turns import Turns, TurnsConfig
 
 SILENCE_NS: Final = 100_000_000  # without an answer; a boot takes longer
 IDENTIFY_NS: Final = 1_000_000_000  # for answers to come, or for the current to end
-_FILL_ID: Final = wire.frame_id(wire.HOST_ID, Command.FILL_RX_BUFFER)
-_END_ID: Final = wire.frame_id(wire.HOST_ID, Command.PROCESS_RX_BUFFER)
 
 COUNTERS: Final = (
     "setpoints_sent",
@@ -100,6 +98,7 @@ class VescConfig(NamedTuple):
     zero_rev: float  # what the VESC calls the angle 0 of the motor pulley
     timeout_ns: int  # of the VESC
     turns: TurnsConfig
+    host_id: int = wire.HOST_ID  # to which it answers
 
 
 class Vesc:
@@ -107,8 +106,8 @@ class Vesc:
 
     def __init__(self, config: VescConfig) -> None:
         """ValueError for a node, a ratio or a time that can't be."""
-        is_one = 0 <= config.node <= wire.MAX_NODE and config.rev_per_pulley_rev != 0.0
-        if not is_one or config.timeout_ns <= 0:
+        is_node = 0 <= config.node <= wire.MAX_NODE and config.node != config.host_id
+        if not is_node or config.rev_per_pulley_rev == 0.0 or config.timeout_ns <= 0:
             raise ValueError(f"no VESC: {config}")
         self.config = config
         self.phase = HostPhase.DISCONNECTED
@@ -116,6 +115,8 @@ class Vesc:
         self.drive_state: DriveState | None = None
         self.setpoint_sequence = 0
         self.counters = dict.fromkeys(COUNTERS, 0)
+        self._fill_id = wire.frame_id(config.host_id, Command.FILL_RX_BUFFER)
+        self._end_id = wire.frame_id(config.host_id, Command.PROCESS_RX_BUFFER)
         self._answers = Answers(self.counters)
         self._requests = Requests(self.counters)
         self._turns = Turns(config.turns)
@@ -201,10 +202,10 @@ class Vesc:
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take one frame from the bus."""
         arbitration_id, data, is_fd, is_extended = frame
-        if is_extended and not is_fd and arbitration_id == _FILL_ID:  # most frames are
+        if is_extended and not is_fd and arbitration_id == self._fill_id:  # most frames are
             self._answers.fill(data, now_ns)
             return
-        if is_extended and not is_fd and arbitration_id == _END_ID:
+        if is_extended and not is_fd and arbitration_id == self._end_id:
             answer = self._answers.process(data)
             if answer is not None:
                 self._see_answer(answer)
@@ -231,7 +232,7 @@ class Vesc:
         if self._orders_release(now_ns):
             frames.append(wire.release(self.config.node))
         if self.phase in _LIVE or self._release.is_wanted:
-            frames.append(wire.request(self.config.node, self._requests.ask(now_ns)))
+            frames.append(wire.request(self.config.node, self._requests.ask(now_ns), self.config.host_id))
         return frames
 
     def _look_at_time(self, now_ns: int) -> None:

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from firmware_protocol.frames import Frame
 
-HOST_ID: Final = 253  # VESC Tool takes 254; 255 is everybody
+HOST_ID: Final = 253  # where one VESC is on the bus; VESC Tool takes 254; 255 is everybody
 MAX_NODE: Final = 252
 EVERYBODY: Final = 255
 MAX_COMMAND: Final = 0xFF
@@ -103,9 +103,9 @@ def release(node: int) -> Frame:
     return _frame(node, Command.SET_CURRENT, _WORD.pack(0))
 
 
-def request(node: int, tag: int = 0) -> Frame:
+def request(node: int, tag: int = 0, host_id: int = HOST_ID) -> Frame:
     """Return the request of current, angle, fault and state; it doesn't feed the VESC's timeout."""
-    data = bytes((HOST_ID, _AND_ANSWER)) + _ID_AND_MASK.pack(GET_VALUES_SELECTIVE, MASK | tag << TAG_SHIFT)
+    data = bytes((host_id, _AND_ANSWER)) + _ID_AND_MASK.pack(GET_VALUES_SELECTIVE, MASK | tag << TAG_SHIFT)
     return _frame(node, Command.PROCESS_SHORT_BUFFER, data)
 
 

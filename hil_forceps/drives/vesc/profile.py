@@ -1,7 +1,7 @@
 """A VESC in the house: from the rig to the machine, what doesn't go together, who is there, and words."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from firmware_protocol.frames import Frame
@@ -16,6 +16,8 @@ from hil_forceps.drives.profile import (
     Profile,
     Quantum,
     check_node,
+    frames_load,
+    host_ids,
     too_old_by_polling,
 )
 from hil_forceps.drives.promises import Promises
@@ -29,10 +31,10 @@ from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
 
 LONGEST_TIMEOUT_S: Final = 0.9  # it is tried before each run, twice at worst, within the time to connect
+HOST_IDS: Final = range(wire.HOST_ID, wire.HOST_ID - 8, -1)  # that the host may have, one for each VESC on a bus
 FEWEST_BROADCASTS: Final = 2  # one frame may be anybody's
-# A tick at worst: request (7 bytes), answer (8, 8, 2, 6), reference (4), stuffed, with the gaps behind them.
-_TICK_BITS: Final = 150 + 160 + 160 + 85 + 135 + 115
-_BROADCAST_BITS_PER_S: Final = 4 * 50 * 160  # STATUS 1 to 4 at 50 Hz, as VESC Tool's set-up leaves them
+_TICK_BYTES: Final = (7, 8, 8, 2, 6, 4)  # of a tick's frames: request, answer in four, reference
+_BROADCASTS_PER_S: Final = 4 * 50  # STATUS 1 to 4 at 50 Hz, as VESC Tool's set-up leaves them
 _FLOAT_STEP_REV: Final = 2.0**-15 / 360.0  # of a 32-bit float in degrees, near a whole turn
 
 
@@ -51,7 +53,13 @@ def _turns(rig: Rig, settings: MotorDriver) -> TurnsConfig:
     )
 
 
-def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
+def _machines(rigs: Sequence[tuple[Rig, MotorDriver]]) -> list[DriveMachine]:
+    """Return machines with a host's id each: fragments of an answer say to whom they go, and not from whom."""
+    hosts = host_ids(HOST_IDS, (settings.node_id for _, settings in rigs), len(rigs))
+    return [_machine(rig, settings, host) for (rig, settings), host in zip(rigs, hosts, strict=True)]
+
+
+def _machine(rig: Rig, settings: MotorDriver, host_id: int = wire.HOST_ID) -> DriveMachine:
     check_node(settings, 0, wire.MAX_NODE)
     return Vesc(
         VescConfig(
@@ -60,6 +68,7 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
             zero_rev=settings.encoder_zero_rev,
             timeout_ns=max(round(settings.watchdog_s * 1e9), 1),  # 0 is refused as a problem before
             turns=_turns(rig, settings),
+            host_id=host_id,
         )
     )
 
@@ -118,12 +127,12 @@ def _quantum(rig: Rig, settings: MotorDriver) -> Quantum:
 
 def _bus_load(rig: Rig, settings: MotorDriver) -> float:
     del settings
-    return (_TICK_BITS / rig.bench.host_period_s + _BROADCAST_BITS_PER_S) / rig.bench.bitrate_bit_per_s
+    ticks = ((length, 1.0 / rig.bench.host_period_s) for length in _TICK_BYTES)
+    return frames_load(rig, [*ticks, (8, _BROADCASTS_PER_S)], is_extended=True)
 
 
 def _ids(settings: MotorDriver) -> frozenset[tuple[int, bool]]:
-    """Return the ids of a VESC and of its host, to whom all answers go: so one VESC a bus."""
-    return frozenset((wire.frame_id(node, each), True) for node in (settings.node_id, wire.HOST_ID) for each in Command)
+    return frozenset((wire.frame_id(settings.node_id, each), True) for each in Command)
 
 
 class _Listener:
@@ -216,6 +225,8 @@ PROFILE: Final = Profile(
         current_step_A=wire.CURRENT_LSB_A,
         harmless_counters=frozenset({"broadcasts"}),
     ),
+    machines=_machines,
+    bus_ids=frozenset((wire.frame_id(host, each), True) for host in HOST_IDS for each in Command),
     has_extended_ids=True,
     inquiry=lambda settings: VescInquiry(settings.node_id),
 )

@@ -100,6 +100,13 @@ def test_set_up_is_one_request_at_a_time_and_ends_with_start() -> None:
     assert written[0x1A01, 1] == struct.pack("<I", 0x30D10220)
 
 
+def test_the_heartbeat_is_that_of_the_host_which_the_drive_watches() -> None:
+    drive, _, n = set_up(CONFIG._replace(host_node=125))
+    sent = [frame for k in range(30) for frame in tick(drive, n + k, State.SWITCH_ON_DISABLED)]
+    beats = [frame for frame in sent if frame.arbitration_id >= 0x700]
+    assert set(beats) == {wire.heartbeat(125)}
+
+
 def test_nobody_there_is_asked_again_and_again() -> None:
     drive = Cia402(CONFIG)
     drive.connect(0)

@@ -21,7 +21,7 @@ from hil_forceps.bridge.results import StopReason
 from hil_forceps.cli import main as cli
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.recording.reader import read_recording
-from hil_forceps.drives.registry import machine_for, sample_period_s
+from hil_forceps.drives.registry import machine_for, machines_for, sample_period_s
 from hil_forceps.drives.vesc import messages as wire
 from hil_forceps.drives.vesc.answers import Answers
 from hil_forceps.rig import Rig, load_rig
@@ -321,3 +321,17 @@ def test_its_answers_are_read_as_they_were_meant() -> None:
 def test_a_rig_of_another_drive_is_refused() -> None:
     with pytest.raises(UserError, match=r"motor_driver.profile"):
         SimulatedVesc(load_rig(RIG_FILE.with_name("odrive.yaml")), paper_load(0))
+
+
+def test_two_on_one_bus_answer_to_an_id_of_the_host_each() -> None:
+    """Fragments say to whom they go and not from whom; two nodes that send one id at a time destroy both frames."""
+    rigs = [RIG, RIG.with_changes({"motor_driver.node_id": 252})]
+    answers: list[set[int]] = []
+    for rig, machine in zip(rigs, machines_for(rigs), strict=True):
+        peer = SimulatedVesc(rig, paper_load(0))
+        peer.take_outbox()
+        machine.connect(0)
+        for frame in machine.poll(MS):
+            peer.receive(frame, MS)
+        answers.append({frame.arbitration_id & 0xFF for frame in peer.take_outbox() if frame.arbitration_id >> 8 < 8})
+    assert answers == [{253}, {251}]  # 252 is a VESC's
