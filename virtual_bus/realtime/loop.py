@@ -6,7 +6,7 @@ it out; each is counted.
 """
 
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from heapq import heappop, heappush
 
@@ -14,7 +14,7 @@ from firmware_protocol.frames import NODE_BITS, Frame
 from firmware_protocol.messages import Function
 from virtual_bus.bus.faults import FaultInjector, FaultKind, Side
 from virtual_bus.bus.node import Node
-from virtual_bus.realtime.transports import Transport
+from virtual_bus.realtime.transports import MAX_FRAMES_AT_ONCE, Transport
 
 DEFAULT_CATCH_UP_NS = 10_000_000
 DEFAULT_SPIN_NS = 100_000  # a sleep ends 50 to 100 µs late on an ordinary kernel
@@ -130,7 +130,10 @@ class RealTimeLoop:
         clock: Callable[[], int] = time.monotonic_ns,
         is_native: bool = True,
     ) -> None:
-        """`is_native`: it speaks the project's own protocol, so what a drive says is heard here by echo alone."""
+        """`is_native`: it speaks the project's own protocol, so what a drive says is heard here by echo alone.
+
+        Of another's, a frame that was sent just before and comes back as it was counts as an echo.
+        """
         if period_ns < 1:
             raise ValueError(f"a period lasts at least 1 ns, not {period_ns}")
         self._node = node
@@ -141,6 +144,7 @@ class RealTimeLoop:
         self._max_catch_up_ns = max_catch_up_ns
         self._clock = clock
         self._own = _FROM_DRIVE if is_native else frozenset()
+        self._may_echo: deque[Frame] = deque(maxlen=0 if is_native else MAX_FRAMES_AT_ONCE)
         self._start_ns = 0
         self._stopping = False
         self._sent: Counter[int] = Counter()
@@ -216,6 +220,9 @@ class RealTimeLoop:
             function = _FOREIGN if frame[3] else frame[0] >> NODE_BITS
             if function in self._own:
                 self._echoed += 1  # udp_multicast hears itself
+            elif frame in self._may_echo:
+                self._may_echo.remove(frame)
+                self._echoed += 1
             else:
                 self._received[function] += 1
                 heard.append(frame)
@@ -232,6 +239,7 @@ class RealTimeLoop:
         if self._wire is not None:
             frames = self._wire.carry(frames, Side.DRIVE, now_ns)
         if frames:
+            self._may_echo += frames
             self._transport.send(frames)
 
 

@@ -101,18 +101,15 @@ def _open(arguments: argparse.Namespace, is_fd: bool, codec: LineCodec) -> tuple
 
 
 def _line_of(path: str, rig: Rig, serial_pty: str | None) -> LineCodec:
-    """Return how the rig's drive packs frames on a serial line; UserError where it can't be simulated here."""
+    """Return how the rig's drive packs frames on a serial line; UserError where its line is of the other kind."""
     profile = rig.drive_profile
     if profile == "native":
         return NATIVE
-    if profile not in SERIAL_LINES:
-        raise UserError(
-            f"{path}: motor_driver.profile: is {profile}, but a drive on a CAN bus here speaks the project's own "
-            "protocol alone; `run --interface virtual_forceps` simulates the others (docs/drives.md)"
-        )
-    if serial_pty is None:
+    if profile in SERIAL_LINES and serial_pty is None:
         raise UserError(f"{path}: motor_driver.profile: {profile} is on a serial line; give --serial-pty LINK")
-    return SERIAL_LINES[profile]
+    if profile not in SERIAL_LINES and serial_pty is not None:
+        raise UserError(f"{path}: motor_driver.profile: {profile} is on a CAN bus; give --interface and --channel")
+    return SERIAL_LINES.get(profile, NATIVE)
 
 
 def _drive(rig: Rig, simulation: int, seed: int, is_fd: bool) -> SimulatedDrive | SimulatedMotorDriver:
@@ -154,6 +151,7 @@ def _say(line: str) -> None:
 def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
     rig = load_rig(arguments.rig)
     codec = _line_of(arguments.rig, rig, arguments.serial_pty)
+    is_native = rig.drive_profile == "native"
     is_fd = rig.bench.transport == "fd" if arguments.fd is None else bool(arguments.fd)
     faults = _faults(arguments.faults)
     drive = _drive(rig, arguments.simulation, arguments.seed, is_fd)
@@ -164,7 +162,7 @@ def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
         wire = None
         if faults:
             wire = FaultyWire(FaultInjector(faults, arguments.seed), drive.trip)
-        loop = RealTimeLoop(drive, transport, period_ns, wire, arguments.spin, is_native=codec is NATIVE)
+        loop = RealTimeLoop(drive, transport, period_ns, wire, arguments.spin, is_native=is_native)
 
         def stop(_signal: int, _frame: FrameType | None) -> None:
             loop.stop()
@@ -175,7 +173,7 @@ def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
         gc.collect()
         gc.freeze()
         settings = rig.motor_driver
-        node = rig.bench.node_id if settings is None or codec is NATIVE else settings.node_id
+        node = rig.bench.node_id if settings is None or is_native else settings.node_id
         _say(f"ready {name} node {node} period_us {period_ns // 1000}")
         loop.run(None if arguments.duration is None else round(arguments.duration * NS_PER_S))
     finally:
