@@ -86,6 +86,7 @@ class Profile:
     bus_ids: frozenset[tuple[int, bool]] = frozenset()  # those of hosts of this profile, which its drives may share
     shared_load: Callable[[Rig], float] = lambda _: 0.0  # of `bus_load`, what is there once for all drives of a bus
     has_extended_ids: bool = False  # frames with ids of 29 bits may be its own
+    speaks_fd: bool = False  # in frames of CAN FD alone
     tells_current_limit: bool = False  # the machine tells the drive `motor_driver.current_limit_A`
     framing: Framing = NATIVE  # of its packets on a serial line
     ask: tuple[Frame, ...] = ()  # who is there, where drives say nothing by themselves; moves and changes nothing

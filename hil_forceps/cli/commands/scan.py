@@ -29,6 +29,8 @@ def scan(
     serial: str = "",
     baudrate: int = 1_000_000,
     bitrate: int = 1_000_000,
+    fd: bool = False,
+    data_bitrate: int = 5_000_000,
     option: tuple[str, ...] = (),
     seconds: float = 2.0,
     ask: ProfileName | None = None,
@@ -50,21 +52,30 @@ def scan(
         Of the serial port.
     bitrate
         Of the CAN bus, where the interface sets it.
+    fd
+        Open the interface for CAN FD, as a moteus needs; then drives of classic frames are heard, too.
+    data_bitrate
+        Of the data of frames of CAN FD, where the interface sets it.
     option
         KEY=VALUE for the python-can interface; may be repeated.
     seconds
         How long to listen.
     ask
-        Ask the drives of this profile who they are, where it has such a question: dynamixel, by a ping to all.
+        Ask the drives of this profile who they are, where it has such a question: dynamixel, by a ping to all; moteus,
+        over CAN FD, for mode and fault.
     """
     if not (math.isfinite(seconds) and 0.0 < seconds <= MAX_SECONDS):
         raise UserError(f"--seconds {seconds:g}: must be above 0 and at most {MAX_SECONDS:g}")
     asked = _asked(ask)
+    if serial and asked is not None and asked.link == "can":
+        raise UserError(f"--ask {ask}: such a drive is on a CAN bus; give --interface and --channel")
     spec = LinkSpec(
         interface=interface,
         channel=channel,
         serial_url=serial,
+        fd=fd or (asked is not None and asked.speaks_fd),
         bitrate_bit_per_s=bitrate,
+        data_bitrate_bit_per_s=data_bitrate,
         baudrate=baudrate,
         options=interface_options(option),
         framing=NATIVE if asked is None else asked.framing,
@@ -105,8 +116,8 @@ def _tell(listener: BusListener, seconds: float) -> int:
             else "nothing came; check bit rate, wiring, termination and the drive's power"
         )
         sys.stdout.write(
-            f"nobody recognised in {seconds:g} s: {heard}; a mini cheetah drive (mit) says nothing by itself, and is "
-            "found by `run` alone\n"
+            f"nobody recognised in {seconds:g} s: {heard}; a moteus is found by --ask moteus, or heard with --fd where it "
+            "answers another program; a mini cheetah drive (mit) says nothing by itself, and is found by `run` alone\n"
         )
         return EXIT_NOBODY
     table = Table(box=SIMPLE_HEAD, padding=(0, 1))

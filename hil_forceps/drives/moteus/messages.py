@@ -20,6 +20,7 @@ HOST_ID: Final = 0  # as the maker's own programs have it; no drive can have thi
 MAX_NODE: Final = 126  # 127 is everybody's (mjlib, `multiplex/format.h`), where the document says 0
 UNLIMITED: Final = -1.0  # of a velocity or an acceleration: no limit, whatever is configured
 _REPLY_WANTED: Final = 0x8000
+_EVERYBODY: Final = 127
 
 
 class Mode(IntEnum):
@@ -129,6 +130,11 @@ _FLOAT: Final = struct.Struct("<f")
 def request_id(node: int) -> int:
     """Return the id of a frame that wants an answer; it has 29 bits."""
     return _REPLY_WANTED | HOST_ID << 8 | node
+
+
+def ask_all() -> Frame:
+    """Return the question for mode and fault to every moteus on the bus; it writes nothing and feeds no watchdog."""
+    return Frame(request_id(_EVERYBODY), bytes((0x11, Register.MODE, 0x11, Register.FAULT)), True, True)
 
 
 def reply_id(node: int) -> int:

@@ -83,7 +83,7 @@ class _Heard(NamedTuple):
 
 
 class _Listener:
-    """Tells a moteus by its answers to somebody else: by itself it says nothing."""
+    """Tells a moteus by its answers, to whomever: by itself it says nothing."""
 
     def __init__(self) -> None:
         self._heard: dict[int, _Heard] = {}
@@ -108,7 +108,7 @@ class _Listener:
     def found(self) -> list[Found]:
         """Return the drives heard so far, by node."""
         return [
-            Found("moteus", node, f"{_mode_words(said)}; answers another program")
+            Found("moteus", node, f"{_mode_words(said)}; answers, and says nothing by itself")
             for node, said in sorted(self._heard.items())
             if said.answers >= FEWEST_ANSWERS
         ]
@@ -163,4 +163,6 @@ PROFILE: Final = Profile(
     has_extended_ids=True,
     tells_current_limit=True,
     inquiry=lambda settings: MoteusInquiry(settings.node_id),
+    speaks_fd=True,
+    ask=(wire.ask_all(),) * FEWEST_ANSWERS,
 )

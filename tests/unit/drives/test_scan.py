@@ -1,7 +1,9 @@
 """Who is on a bus, by listening: each kind of drive is told, nothing else is taken for one, nothing is sent."""
 
+import math
 from pathlib import Path
 
+import can
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,6 +15,9 @@ from hil_forceps.cli import main as cli
 from hil_forceps.drives.profile import Found
 from hil_forceps.drives.registry import PROFILES
 from hil_forceps.drives.scan import BusListener
+from hil_forceps.rig import load_rig
+from virtual_bus.drives.moteus import SimulatedMoteus
+from virtual_bus.plant.load import paper_load
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -48,6 +53,54 @@ def test_each_simulated_drive_is_told(rig: str, row: tuple[str, ...], capsys: py
     assert row[2] in line
 
 
+@pytest.mark.parametrize(
+    ("profile", "more", "says"),
+    [
+        ("odrive", (), "idle; sends encoder estimates and Iq"),
+        ("cia402", (), "just booted"),
+        ("vesc", (), "broadcasts STATUS"),
+        ("moteus", ("--ask", "moteus"), "stopped; answers, and says nothing by itself"),
+        ("dynamixel", ("--ask", "dynamixel"), "XM430-W350"),
+    ],
+)
+def test_on_a_bus_with_fd_drives_of_every_profile_are_found(
+    profile: str, more: tuple[str, ...], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = f"rig={CONFIGS / 'drives' / f'{profile}.yaml'}"
+    channel = ("--interface", "virtual_forceps", "--channel", f"fd {profile}", "--option", rig)
+    code, out = scan(capsys, *channel, *more, "--fd")
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if line.strip().startswith(profile)]
+    assert line.split()[1] == "5"
+    assert says in line
+
+
+def test_a_moteus_is_heard_on_a_bus_with_fd_where_another_program_asks_it(capsys: pytest.CaptureFixture[str]) -> None:
+    rig = CONFIGS / "drives" / "moteus.yaml"
+    with can.Bus(interface="virtual_forceps", channel="busy", rig=str(rig)) as other:
+        for _ in range(2):
+            other.send(can.Message(arbitration_id=0x8005, data=bytes.fromhex("1100110f"), is_fd=True, dlc=4))
+        code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "busy", "--fd")
+    assert code == 0
+    assert "stopped; answers, and says nothing by itself" in out
+
+
+def test_a_moteus_is_asked_what_moves_nothing_and_changes_nothing() -> None:
+    rig = load_rig(CONFIGS / "drives" / "moteus.yaml")
+    drive = SimulatedMoteus(rig, paper_load(0))
+    drive.receive(PROFILES["moteus"].ask[0], 1_000_000)
+    assert [frame.arbitration_id for frame in drive.take_outbox()] == [0x500]
+    assert (drive.mode, drive.fault, math.isnan(drive._left_s)) == (0, 0, True)
+    assert PROFILES["moteus"].ask[0].data == bytes.fromhex("1100110f")  # the maker's own example
+
+
+def test_a_drive_on_a_can_bus_is_not_asked_over_a_serial_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["scan", "--serial", "/dev/null", "--ask", "moteus"])
+    assert ended.value.code == 2
+    assert "--ask moteus: such a drive is on a CAN bus" in capsys.readouterr().err
+
+
 def test_a_moteus_says_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
     rig = f"rig={CONFIGS / 'drives' / 'moteus.yaml'}"
     code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "moteus", "--option", rig)
@@ -61,11 +114,11 @@ def test_a_moteus_is_told_by_its_answers_to_somebody_else() -> None:
     timeout = bytes.fromhex("24040b000000000000002300000000 50".replace(" ", ""))
     base, wide = Frame(0x500, reply, True), Frame(0x800, timeout, True, True)
     assert heard(base, base, wide, wide) == [
-        ("moteus", 5, "position; answers another program"),
+        ("moteus", 5, "position; answers, and says nothing by itself"),
     ]
     fault = Frame(0x800, bytes.fromhex("2100012 10f21".replace(" ", "")), True, True)
     assert heard(fault, fault) == [
-        ("moteus", 8, "fault 33 (motor driver fault, often under voltage); answers another program")
+        ("moteus", 8, "fault 33 (motor driver fault, often under voltage); answers, and says nothing by itself")
     ]
     for other in (
         base._replace(is_fd=False, data=reply[:8]),
