@@ -155,6 +155,8 @@ class Course:
     def _lateness(self) -> str:
         """Return words where references stayed away because samples came too late: a watchdog then did what it must."""
         counters = self._pipeline.counters
+        if self._pipeline.denied_in_a_row:
+            return f"; the gate denied the reference: {VERDICT_NAMES[self._pipeline.verdict]}"
         if counters["stale"] <= counters["passed"]:
             return ""
         return f"; {counters['stale']} references stayed away, their samples were older than limits.max_sample_age_s"

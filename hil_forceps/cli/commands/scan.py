@@ -116,8 +116,8 @@ def _tell(listener: BusListener, seconds: float) -> int:
             else "nothing came; check bit rate, wiring, termination and the drive's power"
         )
         sys.stdout.write(
-            f"nobody recognised in {seconds:g} s: {heard}; a moteus is found by --ask moteus, or heard with --fd where it "
-            "answers another program; a mini cheetah drive (mit) says nothing by itself, and is found by `run` alone\n"
+            f"nobody recognised in {seconds:g} s: {heard}; a moteus is found by --ask moteus, or by --fd where it is "
+            "asked by others; a mini cheetah drive (mit) says nothing by itself, and is found by `run` alone\n"
         )
         return EXIT_NOBODY
     table = Table(box=SIMPLE_HEAD, padding=(0, 1))

@@ -314,6 +314,11 @@ class Cia402:
                 "master may write 6060h"
             )
         self._cycle.see_position(counts)
+        if self._cycle.answers.is_too_high:
+            self._refuse(
+                f"node {self.config.node} answers SYNC more often than it is asked: two drives have this id, or "
+                "another master sends SYNC; give each drive its own (2000h), and let one master alone be on the bus"
+            )
 
     def _see_state(self, state: State | None) -> None:
         self._state = state

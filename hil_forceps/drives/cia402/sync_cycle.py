@@ -11,6 +11,8 @@ still says is dropped, for it can't be told which of them it answers.
 
 from typing import Final, NamedTuple
 
+from hil_forceps.drives.answer_count import AnswerCount
+
 ANSWER_NS: Final = 50_000_000
 SHARED_ANSWER_NS: Final = 20_000_000  # missed `MAX_MISSES` times it takes less than half of a watchdog of 100 ms
 MAX_MISSES: Final = 2  # one lost frame makes one
@@ -59,6 +61,7 @@ class SyncCycle:
         self._sync_ns: int | None = None  # of the SYNC that waits for its answer
         self._counts: int | None = None
         self._may_answer_early = False
+        self.answers = AnswerCount()
         shared.cycles.append(self)
 
     def poll(self, now_ns: int) -> bool:
@@ -89,9 +92,11 @@ class SyncCycle:
         self._sync_ns, self._counts = now_ns if is_in_step else None, None
         self._may_answer_early = False
         self._counters["syncs_sent"] += 1
+        self.answers.ask()
 
     def see_position(self, counts: int) -> None:
         """Take the first frame of an answer."""
+        self.answers.answer()
         if self._sync_ns is None or self._counts is not None:
             self._counters["unpaired"] += not self._may_answer_early
         if self._sync_ns is not None:

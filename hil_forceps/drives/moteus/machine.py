@@ -6,6 +6,7 @@
     READY        -> ENABLING     the measured angle is sent as the reference, in position mode
     ENABLING     -> RUNNING      an answer says position mode
     RUNNING      -> READY        an answer says another mode, without a fault
+    set up       -> REFUSED      it answers more often than it is asked
     any          -> FAULT        an answer says fault, or timeout: its watchdog, which only a stop command ends
     FAULT        -> IDENTIFYING  it is stopped again
     any          -> DISCONNECTED no answer for `silence_ns`, or its clock began anew
@@ -30,6 +31,7 @@ from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue
+from hil_forceps.drives.answer_count import AnswerCount
 from hil_forceps.drives.moteus import messages as wire
 from hil_forceps.drives.moteus.messages import Mode
 from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
@@ -61,6 +63,9 @@ TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
     (P.IDENTIFYING, "complete"): P.READY,
     (P.IDENTIFYING, "unfit"): P.REFUSED,
     (P.IDENTIFYING, "fault"): P.FAULT,
+    (P.READY, "unfit"): P.REFUSED,
+    (P.ENABLING, "unfit"): P.REFUSED,
+    (P.RUNNING, "unfit"): P.REFUSED,
     (P.READY, "enable"): P.ENABLING,
     (P.READY, "fault"): P.FAULT,
     (P.READY, "gone"): P.DISCONNECTED,
@@ -109,6 +114,7 @@ class Moteus:
         self._feedback: wire.Feedback | None = None
         self._heard_ns: int | None = None
         self._asked_ns: int | None = None  # when the last frame that wants an answer was sent
+        self._answers = AnswerCount()
         self._has_asked = False  # a reference of this tick has
         self._stamp_ns = -1
         self._held_raw: int | None = None  # the reference while enabling: the angle when it began
@@ -121,6 +127,7 @@ class Moteus:
         """Look for the drive."""
         self.refusal = ""
         self._feedback, self._heard_ns, self._asked_ns = None, None, None
+        self._answers = AnswerCount()
         self._fire("connect")
 
     def enable(self) -> None:
@@ -182,6 +189,12 @@ class Moteus:
         if not is_ours or not frame.is_fd:
             self.counters["not_for_us"] += 1
             return
+        self._answers.answer()
+        if self._answers.is_too_high:
+            self._refuse(
+                f"node {self.config.node} answers more often than it is asked: two drives have this id, or another "
+                f"program asks under the same host's id, {wire.HOST_ID}; give each its own (id.id), or end that"
+            )
         feedback = wire.parse_feedback(frame.data)
         if feedback is None:
             self.counters["bad_reply"] += 1
@@ -202,6 +215,7 @@ class Moteus:
             if self._asked_ns is not None and now_ns - self._asked_ns < IDENTIFY_EVERY_NS:
                 return []
             self._asked_ns = now_ns
+            self._answers.ask()
             return [wire.identify(self.config.node)]
         if self._heard_ns is not None and now_ns - self._heard_ns > self.config.silence_ns:
             self.drive_state = None  # an old word
@@ -211,7 +225,12 @@ class Moteus:
         if frame is None and not has_asked:
             return []
         self._asked_ns = now_ns
-        return [] if frame is None else [frame]
+        self._answers.ask()
+        if frame is None:
+            return []
+        if has_asked:  # and a stop behind the reference
+            self._answers.ask()
+        return [frame]
 
     def _due(self, now_ns: int, has_asked: bool) -> Frame | None:
         if self._clears:
@@ -266,7 +285,8 @@ class Moteus:
             )
 
     def _refuse(self, why: str) -> None:
-        self.refusal = why
+        if not self.refusal:
+            self.refusal = why
         self._fire("unfit")
 
     def _see_mode(self, feedback: wire.Feedback, now_ns: int) -> None:

@@ -3,9 +3,10 @@
 from collections import deque
 from typing import Final
 
+from hil_forceps.drives.answer_count import AnswerCount
+
 TAGS: Final = 256
 MAX_PENDING: Final = 64
-MAX_MORE_ENDS: Final = 10  # of answers than requests; of two VESCs with one id each answers, whole or torn
 
 
 class Requests:
@@ -16,18 +17,16 @@ class Requests:
         self._counters = counters
         self._pending: deque[tuple[int, int]] = deque()
         self._tag = 0
-        self._excess = (
-            0  # ends of answers over requests; not far below, or lost ones would hide those that are too many
-        )
+        self._count = AnswerCount()
 
     @property
     def are_answered_too_often(self) -> bool:
         """Tell whether more answers end than one VESC gives."""
-        return self._excess >= MAX_MORE_ENDS
+        return self._count.is_too_high
 
     def end(self) -> None:
         """Take note that an answer ended, whole or not."""
-        self._excess += 1
+        self._count.answer()
 
     def ask(self, now_ns: int) -> int:
         """Return the tag of a request that goes out now."""
@@ -37,7 +36,7 @@ class Requests:
             self._counters["unanswered"] += 1
         self._pending.append((self._tag, now_ns))
         self._counters["requests_sent"] += 1
-        self._excess = max(self._excess - 1, -MAX_PENDING)
+        self._count.ask()
         return self._tag
 
     def answer(self, tag: int) -> int | None:
