@@ -18,13 +18,16 @@ from firmware_protocol.frames import Frame
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.metrics import STEADY_WINDOW_S, WINDOW_S
 from hil_forceps.bench.session import Plan, run_session, service_config, stamps_are_host_time
-from hil_forceps.bridge.adapters import Connection, VirtualClock, VirtualTimeLink
+from hil_forceps.bridge.adapters import Connection
+from hil_forceps.bridge.can_link import VirtualTimeLink
+from hil_forceps.bridge.clocks import VirtualClock
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.registry import machine_for, sample_period_s
 from hil_forceps.report.style import house_style
 from hil_forceps.rig import Rig, load_rig
+from tools import drive_rates
 from virtual_bus.bus.bit_timing import BitTiming, frame_bits
 from virtual_bus.bus.half_duplex import BITS_PER_BYTE
 from virtual_bus.drives.registry import SERIAL_LINES
@@ -54,9 +57,11 @@ class Cost(NamedTuple):
     torque_N_m: NDArray[np.float64]
     estimate_N_m: NDArray[np.float64]
     jaw_error_rad: NDArray[np.float64]
-    age_us: float
+    age_us: float | None
     bits_per_s: float
     bus_share: float
+    computed_Hz: float  # the largest rate of the host's loop, by `tools.drive_rates`
+    tried_Hz: float | None
 
 
 def run(name: str, out: Path) -> Cost:
@@ -88,6 +93,8 @@ def run(name: str, out: Path) -> Cost:
         session.service.timing["age"]["p50_us"],
         bits / logged_s,
         busy_s / logged_s,
+        drive_rates.computed_Hz(rig),
+        drive_rates.tried_Hz(rig),
     )
 
 
@@ -104,8 +111,9 @@ def _line_use(rig: Rig, frames: list[Frame]) -> tuple[int, float]:
 def table(costs: dict[str, Cost]) -> list[str]:
     """Return the table, as markdown."""
     lines = [
-        "| profile | τ̂_w RMSE, mN m | largest, mN m | steady jaw error, deg | sample age, ms | kbit/s | of the bus |",
-        "|---|---|---|---|---|---|---|",
+        "| profile | τ̂_w RMSE, mN m | largest, mN m | steady jaw error, deg | sample age, ms | kbit/s | of the bus | "
+        + "largest rate by its bits, Hz | tried, Hz |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for name, cost in costs.items():
         error_N_m = cost.estimate_N_m - cost.torque_N_m
@@ -115,9 +123,11 @@ def table(costs: dict[str, Cost]) -> list[str]:
             f"{1e3 * np.sqrt(np.mean(error_N_m**2)):.3f}",
             f"{1e3 * np.max(np.abs(error_N_m)):.2f}",
             f"{np.degrees(np.mean(cost.jaw_error_rad[steady])):.3f}",
-            f"{cost.age_us * 1e-3:.2f}",
+            f"{(cost.age_us or 0.0) * 1e-3:.2f}",
             f"{cost.bits_per_s * 1e-3:.0f}",
             f"{100.0 * cost.bus_share:.0f} %",
+            f"{cost.computed_Hz:.0f}",
+            "none" if cost.tried_Hz is None else f"{cost.tried_Hz:.0f}",
         )
         lines.append(f"| {' | '.join(cells)} |")
     return lines

@@ -30,6 +30,13 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
         ("cia402", {"motor_driver.watchdog_s": 2.0}, "note", "motor_driver.watchdog_s", "for so long"),
         ("odrive", {"motor_driver.feedback_period_s": 1e-2}, "problem", "motor_driver.feedback_period_s", "too old"),
         ("odrive", {"motor_driver.feedback_period_s": 2e-3}, "note", "motor_driver.feedback_period_s", "at that pace"),
+        (
+            "odrive",
+            {"motor_driver.feedback_period_s": 5e-4},
+            "problem",
+            "motor_driver.feedback_period_s",
+            "whole milli",
+        ),
         ("odrive", {"motor_driver.current_period_s": 5e-3}, "note", "motor_driver.current_period_s", "older current"),
         ("cia402", {"limits.max_sample_age_s": 1.2e-3}, "problem", "limits.max_sample_age_s", "a tick before"),
         ("cia402", {"encoder.counts_per_rev": 2000}, "note", "encoder.counts_per_rev", "of its stretch"),
