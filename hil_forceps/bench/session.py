@@ -16,6 +16,8 @@ from hil_forceps.bridge.service import Service
 from hil_forceps.data.recording.writer import Recorder, RecordingReport, open_recorder
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.port import DriveMachine
+from hil_forceps.drives.registry import current_limit_A
+from hil_forceps.drives.runaway import RunawayWatch
 from hil_forceps.rig import Rig
 
 
@@ -101,7 +103,9 @@ def run_axes(
                 recorder = open_recorder(plan.recording, metadata(plan.rig, plan.settings, plan.about), threaded)
                 recorders.append(recorder)
                 files.callback(recorder.close, {"reason": "crashed", "message": "another file could not be opened"})
-                axes.append(Axis(plan.drive, pipeline, plan.config, recorder, plan.name))
+                limit_A = current_limit_A(plan.rig)
+                watch = None if limit_A is None else RunawayWatch(limit_A)
+                axes.append(Axis(plan.drive, pipeline, plan.config, recorder, plan.name, watch))
             log = open_bus_log(plans[0].bus_log, clock.now_ns(), threaded, use)
             files.pop_all()
         logged = LoggedLink(link, clock, log)

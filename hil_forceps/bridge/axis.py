@@ -4,13 +4,15 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from firmware_protocol.frames import Frame
+from firmware_protocol.scales import CURRENT_LSB_A
 from hil_forceps.bridge.course import Course
 from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.bridge.ports import SendResult
-from hil_forceps.bridge.results import AS_MEANT, ServiceConfig, ServiceResult, Stage
+from hil_forceps.bridge.results import AS_MEANT, ServiceConfig, ServiceResult, Stage, StopReason
 from hil_forceps.bridge.statistics import Histogram, HistogramSummary
 from hil_forceps.data.recording.writer import Outcome, Recorder
 from hil_forceps.drives.port import DriveMachine
+from hil_forceps.drives.runaway import RunawayWatch
 
 # Looked up once: members of an Enum cost as much as a call when asked for by their class.
 _ENDED = Stage.ENDED
@@ -28,8 +30,9 @@ class Axis:
         config: ServiceConfig,
         recorder: Recorder | None = None,
         name: str = "",
+        watch: RunawayWatch | None = None,
     ) -> None:
-        """`name`: for messages, where there are several."""
+        """`name`: for messages, where there are several. `watch`: where the drive's current limit is known."""
         self.name = name
         self.drive = drive
         self.pipeline = pipeline
@@ -38,6 +41,7 @@ class Axis:
         self.reference_rad = math.nan
         self._config = config
         self._recorder = recorder
+        self._watch = watch
         self._setpoint_sequence = 0
         self.course = Course(drive, pipeline, config, recorder, lambda: False)
 
@@ -59,12 +63,15 @@ class Axis:
     def receive(self, received: Sequence[tuple[int, Frame]]) -> None:
         """Take what came over the link since the tick before, each frame with its time."""
         drive, course, recorder, pipeline = self.drive, self.course, self._recorder, self.pipeline
+        watch = self._watch
         for time_ns, frame in received:
             drive.receive(frame, time_ns)
         course.frames_received += len(received)
         for raw in drive.take_samples():
             if pipeline.feed(raw):
                 course.last_sample_ns = raw.received_ns
+                if watch is not None:
+                    watch.see(pipeline.sample.theta_m_rad, raw.current * CURRENT_LSB_A, self.reference_rad)
                 if recorder is not None:
                     recorder.sample(raw, pipeline.sample, pipeline.estimate)
         for values in drive.take_bench():
@@ -73,7 +80,9 @@ class Axis:
 
     def tick(self, now_ns: int, send: Callable[[Frame], SendResult], clock_ns: Callable[[], int]) -> None:
         """Send one reference at most, and what the drive's machine has to say."""
-        course = self.course
+        course, watch = self.course, self._watch
+        if watch is not None and watch.is_running_away and course.sends_references():
+            course.stop(StopReason.RUNAWAY, watch.words(), now_ns)
         course.advance(now_ns)
         if course.sends_references():
             self._send_reference(now_ns, send, clock_ns)

@@ -21,6 +21,7 @@ class StopReason(Enum):
     REFERENCE_DENIED = "reference_denied"  # the gate let nothing pass
     BUS_DOWN = "bus_down"
     RECORDING_FAILED = "recording_failed"
+    RUNAWAY = "runaway"  # the motor went away from its reference at the current limit
     OTHER_AXIS = "other_axis"  # another axis of the same service failed
 
 

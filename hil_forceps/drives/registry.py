@@ -64,6 +64,15 @@ def bus_load(rig: Rig) -> float:
     return profile.bus_load(rig, settings)
 
 
+def current_limit_A(rig: Rig) -> float | None:
+    """Return the most current that a rig's drive gives its motor, as far as the rig says."""
+    found = maker_profile(rig)
+    limits = [] if rig.drive is None else [rig.drive.current_limit_A]
+    if found is not None and found[0].tells_current_limit:
+        limits.append(found[1].current_limit_A)
+    return min(limits, default=None)
+
+
 def shared_load(rigs: Iterable[Rig]) -> float:
     """Return what `bus_load` of these rigs' drives has in it more than once, although their bus has it once."""
     total, seen = 0.0, set()
