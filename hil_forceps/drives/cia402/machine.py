@@ -34,6 +34,7 @@ from hil_forceps.drives.cia402.messages import Control, Entry, Nmt, NmtState, St
 from hil_forceps.drives.cia402.objects import HOST_NODE, MODE_CSP, RPDO1, TPDO1, TPDO2, Cia402Config, entries
 from hil_forceps.drives.cia402.setup import SetUp
 from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
+from hil_forceps.drives.transitions import COMMON, P
 
 SILENCE_NS: Final = 350_000_000
 CONFIRM_NS: Final = 500_000_000  # after NMT start, for position, current and mode
@@ -50,29 +51,14 @@ COUNTERS: Final = (
     *sample_queue.COUNTERS,
 )
 
-P = HostPhase
-TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
-    (P.DISCONNECTED, "connect"): P.IDENTIFYING,
-    (P.REFUSED, "connect"): P.IDENTIFYING,
-    (P.IDENTIFYING, "complete"): P.READY,
-    (P.IDENTIFYING, "refuse"): P.REFUSED,
-    (P.IDENTIFYING, "fault"): P.FAULT,
-    (P.READY, "enable"): P.ENABLING,
+# Besides what every drive has.
+TRANSITIONS: Final = COMMON | {
     (P.READY, "refuse"): P.REFUSED,
-    (P.READY, "fault"): P.FAULT,
-    (P.READY, "gone"): P.DISCONNECTED,
     (P.ENABLING, "enabled"): P.RUNNING,
-    (P.ENABLING, "disable"): P.READY,
-    (P.ENABLING, "fault"): P.FAULT,
     (P.ENABLING, "refuse"): P.REFUSED,
-    (P.ENABLING, "gone"): P.DISCONNECTED,
     (P.RUNNING, "left"): P.READY,
-    (P.RUNNING, "disable"): P.READY,
-    (P.RUNNING, "fault"): P.FAULT,
     (P.RUNNING, "refuse"): P.REFUSED,
-    (P.RUNNING, "gone"): P.DISCONNECTED,
     (P.FAULT, "cleared"): P.IDENTIFYING,
-    (P.FAULT, "gone"): P.DISCONNECTED,
 }
 
 

@@ -42,6 +42,7 @@ from hil_forceps.drives.dynamixel.enabling import Enabling, Step
 from hil_forceps.drives.dynamixel.exchange import Answer, HalfDuplex, Purpose, Request
 from hil_forceps.drives.dynamixel.set_up import SetUp
 from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
+from hil_forceps.drives.transitions import COMMON, P
 
 SILENCE_NS: Final = 350_000_000
 ANSWER_NS: Final = 50_000_000  # for a request of the set-up: three times what an FTDI adapter holds back by default
@@ -68,27 +69,12 @@ COUNTERS: Final = (
     *sample_queue.COUNTERS,
 )
 
-P = HostPhase
-TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
-    (P.DISCONNECTED, "connect"): P.IDENTIFYING,
-    (P.REFUSED, "connect"): P.IDENTIFYING,
-    (P.IDENTIFYING, "complete"): P.READY,
-    (P.IDENTIFYING, "refuse"): P.REFUSED,
-    (P.IDENTIFYING, "fault"): P.FAULT,
-    (P.READY, "enable"): P.ENABLING,
-    (P.READY, "fault"): P.FAULT,
-    (P.READY, "gone"): P.DISCONNECTED,
+# Besides what every drive has.
+TRANSITIONS: Final = COMMON | {
     (P.ENABLING, "limit taken"): P.RUNNING,
     (P.ENABLING, "refuse"): P.REFUSED,
-    (P.ENABLING, "disable"): P.READY,
-    (P.ENABLING, "fault"): P.FAULT,
-    (P.ENABLING, "gone"): P.DISCONNECTED,
     (P.RUNNING, "left"): P.READY,
-    (P.RUNNING, "disable"): P.READY,
-    (P.RUNNING, "fault"): P.FAULT,
-    (P.RUNNING, "gone"): P.DISCONNECTED,
     (P.FAULT, "reboot"): P.IDENTIFYING,
-    (P.FAULT, "gone"): P.DISCONNECTED,
 }
 
 

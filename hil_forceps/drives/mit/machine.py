@@ -37,6 +37,7 @@ from hil_forceps.drives.mit import messages as wire
 from hil_forceps.drives.mit.exchange import FLIGHT_NS, Exchange
 from hil_forceps.drives.mit.messages import CODES, POSITION_CODES, Codes, Special
 from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
+from hil_forceps.drives.transitions import COMMON, P
 
 IDENTIFY_NS: Final = 500_000_000  # for an answer that fits
 RESTART_NS: Final = 8_000_000  # bgkatz's firmware waits 1 ms eight times before it opens CAN (`main.c`)
@@ -61,27 +62,11 @@ COUNTERS: Final = (
     *sample_queue.COUNTERS,
 )
 
-P = HostPhase
-# Events are what the drive says and what the user asks for; an event that a phase doesn't name changes nothing.
-TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
-    (P.DISCONNECTED, "connect"): P.IDENTIFYING,
-    (P.REFUSED, "connect"): P.IDENTIFYING,
-    (P.IDENTIFYING, "complete"): P.READY,
-    (P.IDENTIFYING, "refuse"): P.REFUSED,
-    (P.IDENTIFYING, "fault"): P.FAULT,
-    (P.READY, "enable"): P.ENABLING,
-    (P.READY, "fault"): P.FAULT,
-    (P.READY, "gone"): P.DISCONNECTED,
+# Besides what every drive has.
+TRANSITIONS: Final = COMMON | {
     (P.ENABLING, "follows"): P.RUNNING,
-    (P.ENABLING, "disable"): P.READY,
-    (P.ENABLING, "fault"): P.FAULT,
-    (P.ENABLING, "gone"): P.DISCONNECTED,
     (P.RUNNING, "left"): P.READY,
-    (P.RUNNING, "disable"): P.READY,
-    (P.RUNNING, "fault"): P.FAULT,
-    (P.RUNNING, "gone"): P.DISCONNECTED,
     (P.FAULT, "cleared"): P.IDENTIFYING,
-    (P.FAULT, "gone"): P.DISCONNECTED,
 }
 
 

@@ -35,6 +35,7 @@ from hil_forceps.drives.answer_count import AnswerCount
 from hil_forceps.drives.moteus import messages as wire
 from hil_forceps.drives.moteus.messages import Mode
 from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
+from hil_forceps.drives.transitions import COMMON, P
 
 IDENTIFY_EVERY_NS: Final = 10_000_000  # a bus where nobody acknowledges repeats each frame by itself
 FLIGHT_NS: Final = 10_000_000  # for a stop to arrive and be obeyed, and for answers from before it to have come
@@ -55,30 +56,14 @@ COUNTERS: Final = (
     *sample_queue.COUNTERS,
 )
 
-P = HostPhase
-# Events are what the drive says and what the user asks for; an event that a phase doesn't name changes nothing.
-TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
-    (P.DISCONNECTED, "connect"): P.IDENTIFYING,
-    (P.REFUSED, "connect"): P.IDENTIFYING,
-    (P.IDENTIFYING, "complete"): P.READY,
-    (P.IDENTIFYING, "unfit"): P.REFUSED,
-    (P.IDENTIFYING, "fault"): P.FAULT,
-    (P.READY, "unfit"): P.REFUSED,
-    (P.ENABLING, "unfit"): P.REFUSED,
-    (P.RUNNING, "unfit"): P.REFUSED,
-    (P.READY, "enable"): P.ENABLING,
-    (P.READY, "fault"): P.FAULT,
-    (P.READY, "gone"): P.DISCONNECTED,
+# Besides what every drive has.
+TRANSITIONS: Final = COMMON | {
+    (P.READY, "refuse"): P.REFUSED,
+    (P.ENABLING, "refuse"): P.REFUSED,
+    (P.RUNNING, "refuse"): P.REFUSED,
     (P.ENABLING, "position"): P.RUNNING,
-    (P.ENABLING, "disable"): P.READY,
-    (P.ENABLING, "fault"): P.FAULT,
-    (P.ENABLING, "gone"): P.DISCONNECTED,
     (P.RUNNING, "left"): P.READY,
-    (P.RUNNING, "disable"): P.READY,
-    (P.RUNNING, "fault"): P.FAULT,
-    (P.RUNNING, "gone"): P.DISCONNECTED,
     (P.FAULT, "cleared"): P.IDENTIFYING,
-    (P.FAULT, "gone"): P.DISCONNECTED,
 }
 
 
@@ -287,7 +272,7 @@ class Moteus:
     def _refuse(self, why: str) -> None:
         if not self.refusal:
             self.refusal = why
-        self._fire("unfit")
+        self._fire("refuse")
 
     def _see_mode(self, feedback: wire.Feedback, now_ns: int) -> None:
         mode = feedback.mode

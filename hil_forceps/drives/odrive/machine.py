@@ -33,6 +33,7 @@ from hil_forceps.drives import sample_queue
 from hil_forceps.drives.odrive import messages as wire
 from hil_forceps.drives.odrive.messages import AxisState, Command, Firmware
 from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
+from hil_forceps.drives.transitions import COMMON, P
 
 HEARTBEAT_TIMEOUT_NS: Final = 350_000_000  # three of its heartbeats and a half, which come every 100 ms
 IDENTIFY_NS: Final = 1_000_000_000  # for all three kinds of frames to come
@@ -53,27 +54,11 @@ COUNTERS: Final = (
     *sample_queue.COUNTERS,
 )
 
-P = HostPhase
-# Events are what the drive says and what the user asks for; an event that a phase doesn't name changes nothing.
-TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
-    (P.DISCONNECTED, "connect"): P.IDENTIFYING,
-    (P.REFUSED, "connect"): P.IDENTIFYING,
-    (P.IDENTIFYING, "complete"): P.READY,
-    (P.IDENTIFYING, "incomplete"): P.REFUSED,
-    (P.IDENTIFYING, "error"): P.FAULT,
-    (P.READY, "enable"): P.ENABLING,
-    (P.READY, "error"): P.FAULT,
-    (P.READY, "gone"): P.DISCONNECTED,
+# Besides what every drive has.
+TRANSITIONS: Final = COMMON | {
     (P.ENABLING, "closed loop"): P.RUNNING,
-    (P.ENABLING, "disable"): P.READY,
-    (P.ENABLING, "error"): P.FAULT,
-    (P.ENABLING, "gone"): P.DISCONNECTED,
     (P.RUNNING, "left"): P.READY,
-    (P.RUNNING, "disable"): P.READY,
-    (P.RUNNING, "error"): P.FAULT,
-    (P.RUNNING, "gone"): P.DISCONNECTED,
     (P.FAULT, "cleared"): P.IDENTIFYING,
-    (P.FAULT, "gone"): P.DISCONNECTED,
 }
 
 
@@ -266,14 +251,14 @@ class ODrive:
         elif not missing and is_over and self._heartbeat is not None:
             state = self._heartbeat.axis_state
             self.refusal = f"node {self.config.node} calibrates or homes (axis state {state}); wait until it is idle"
-            self._fire("incomplete")
+            self._fire("refuse")
         elif self._has_pace and missing and is_over:
             key = "iq_rate_ms" if self.config.firmware == "0.5" else "iq_msg_rate_ms"
             self.refusal = (
                 f"node {self.config.node} sends heartbeats, but no {' and no '.join(missing)}; set its cyclic messages "
                 f"with odrivetool, among them axis0.config.can.{key}, and save the configuration"
             )
-            self._fire("incomplete")
+            self._fire("refuse")
 
     def _see_heartbeat(self, heartbeat: wire.Heartbeat | None, now_ns: int) -> None:
         if heartbeat is None:
@@ -290,7 +275,7 @@ class ODrive:
         has_torque = heartbeat.axis_state not in {AxisState.UNDEFINED, AxisState.IDLE}
         if heartbeat.axis_error:
             self.drive_state = DriveState.ARMED if has_torque else DriveState.FAULT
-            self._fire("error")
+            self._fire("fault")
             return
         self._clears = False
         if closed:
@@ -323,7 +308,7 @@ class ODrive:
                 f"less than {MIN_HEARTBEAT_NS / 1e6:g} ms apart, so something else than an ODrive sends them, or its "
                 "heartbeats are set too fast; check motor_driver.profile and node_id, and the drive's heartbeat period"
             )
-            self._fire("incomplete")
+            self._fire("refuse")
 
     def _is_behind_idle(self, now_ns: int) -> bool:
         """Whether a heartbeat was made after idle was asked for, as far as its arrival tells."""

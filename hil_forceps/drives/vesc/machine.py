@@ -35,6 +35,7 @@ from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue
 from hil_forceps.drives.port import SEQUENCE_MASK
+from hil_forceps.drives.transitions import COMMON, P
 from hil_forceps.drives.vesc import messages as wire
 from hil_forceps.drives.vesc.answers import Answer, Answers
 from hil_forceps.drives.vesc.faults import fault_words
@@ -61,30 +62,14 @@ COUNTERS: Final = (
     *sample_queue.COUNTERS,
 )
 
-P = HostPhase
-# Events are what the drive says and what the user asks for; an event that a phase doesn't name changes nothing.
-TRANSITIONS: Final[dict[tuple[HostPhase, str], HostPhase]] = {
-    (P.DISCONNECTED, "connect"): P.IDENTIFYING,
-    (P.REFUSED, "connect"): P.IDENTIFYING,
-    (P.IDENTIFYING, "complete"): P.READY,
-    (P.IDENTIFYING, "refuse"): P.REFUSED,
-    (P.IDENTIFYING, "error"): P.FAULT,
-    (P.READY, "enable"): P.ENABLING,
+# Besides what every drive has.
+TRANSITIONS: Final = COMMON | {
     (P.READY, "refuse"): P.REFUSED,
-    (P.READY, "error"): P.FAULT,
-    (P.READY, "gone"): P.DISCONNECTED,
     (P.ENABLING, "taken"): P.RUNNING,
-    (P.ENABLING, "disable"): P.READY,
     (P.ENABLING, "refuse"): P.REFUSED,
-    (P.ENABLING, "error"): P.FAULT,
-    (P.ENABLING, "gone"): P.DISCONNECTED,
-    (P.RUNNING, "disable"): P.READY,
     (P.RUNNING, "refuse"): P.REFUSED,
-    (P.RUNNING, "error"): P.FAULT,
-    (P.RUNNING, "gone"): P.DISCONNECTED,
     (P.FAULT, "cleared"): P.IDENTIFYING,
     (P.FAULT, "refuse"): P.REFUSED,
-    (P.FAULT, "gone"): P.DISCONNECTED,
 }
 _LIVE: Final = frozenset({P.IDENTIFYING, P.READY, P.ENABLING, P.RUNNING, P.FAULT})
 _MAY_HAVE_TORQUE: Final = frozenset({P.ENABLING, P.RUNNING})
@@ -381,7 +366,7 @@ class Vesc:
     def _fail(self, words: str) -> None:
         if self.phase in _LIVE and self.phase is not HostPhase.FAULT:
             self._fault, self._resets, self.drive_state = words, False, None
-        self._fire("error")
+        self._fire("fault")
 
     def _refuse(self, words: str) -> None:
         if self.phase in _LIVE:
