@@ -111,8 +111,10 @@ def _line_use(rig: Rig, frames: list[Frame]) -> tuple[int, float]:
 def table(costs: dict[str, Cost]) -> list[str]:
     """Return the table, as markdown."""
     lines = [
-        "| profile | τ̂_w RMSE, mN m | largest, mN m | steady jaw error, deg | sample age, ms | kbit/s | of the bus | "
-        + "largest rate by its bits, Hz | tried, Hz |",
+        (
+            "| profile | τ̂_w RMSE, mN m | largest, mN m | steady jaw error, deg | sample age, ms | kbit/s | of the bus "
+            "| largest rate by its bits, Hz | tried, Hz |"
+        ),
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for name, cost in costs.items():
