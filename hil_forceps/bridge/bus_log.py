@@ -5,9 +5,12 @@ format as python-can's writer makes it, to the byte, at a quarter of its time: a
 
 Times count from the opening of the log, so a run in virtual time gives the same bytes every time. Frames are
 collected and written a batch at a time, by a thread in real time (when its queue is full, a whole batch is dropped
-and counted). A disk that fails ends the log, never the run: `failure` says why.
+and counted). A batch is full, or ends with the first frame that comes `FLUSH_NS` after it began; then it goes to the
+system at once (a BLF waits until its container of 128 KiB is full), so that a killed process loses no more than that.
+A disk that fails ends the log, never the run: `failure` says why.
 """
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -18,11 +21,13 @@ import can
 from firmware_protocol.frames import Frame
 from hil_forceps.bridge.ports import Clock, Link, SendResult
 from hil_forceps.data.recording.background import Background
+from hil_forceps.data.recording.writer import FLUSH_NS, RECENT_NS
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.rig.errors import UserError
 
 BATCH_ENTRIES = 256
 QUEUED_BATCHES = 64
+RECENT_BATCHES = 128  # kept at hand, of those within `RECENT_NS`
 CLOSE_TIMEOUT_S = 10.0
 CHANNEL = "can0"  # what candump's format wants to call the bus; there is only one
 BLF_CHANNEL = 1
@@ -43,10 +48,13 @@ class LogReport(NamedTuple):
 
 
 class LogWriter(Protocol):
-    """A format. Both raise OSError when the disk does."""
+    """A format. All raise OSError when the disk does."""
 
     def write(self, is_received: bool, frames: Arrivals) -> None:
         """Write frames with their times [ns since the log began]."""
+
+    def flush(self) -> None:
+        """Hand over to the system what was written."""
 
     def close(self) -> None:
         """Finish the file."""
@@ -75,6 +83,10 @@ class CandumpWriter:
             text += f"({last_s:f}{head}{data.hex().upper()}{end}"
         self._last_s = last_s
         self._file.write(text)
+
+    def flush(self) -> None:
+        """Hand over what the file's buffer holds."""
+        self._file.flush()
 
     def close(self) -> None:
         """Close the file."""
@@ -119,6 +131,10 @@ class PythonCanWriter:
                 )
             )
 
+    def flush(self) -> None:
+        """Hand over what the file's buffer holds."""
+        self._writer.file.flush()
+
     def close(self) -> None:
         """Write the tail and close the file."""
         self._writer.stop()
@@ -134,6 +150,8 @@ class BusLog:
         self._writer = writer
         self._begin_ns = begin_ns
         self._batch: list[Entry] = []
+        self._due_ns = begin_ns + FLUSH_NS
+        self._recent: deque[tuple[int, list[Entry]]] = deque(maxlen=RECENT_BATCHES)  # end and entries of each
         self._overflowed = 0  # the tick's own count; what could not be written is counted by the thread
         self._handed_over = 0
         self._unwritten = 0
@@ -142,8 +160,12 @@ class BusLog:
     def add(self, is_received: bool, frames: Arrivals) -> None:
         """Log frames; the sequence must not change any more."""
         self._batch.append((is_received, frames))
-        if len(self._batch) >= BATCH_ENTRIES:
+        if len(self._batch) >= BATCH_ENTRIES or (frames and frames[0][0] >= self._due_ns):
             self._hand_over()
+
+    def recent(self) -> list[Entry]:
+        """Return the entries of the last `RECENT_NS` and some before them."""
+        return [entry for _, batch in self._recent for entry in batch] + self._batch
 
     def close(self) -> LogReport:
         """Write what is left; bounded in time."""
@@ -161,8 +183,17 @@ class BusLog:
         batch, self._batch = self._batch, []
         count = _count(batch)
         self._handed_over += count
+        if count:
+            self._keep(batch)
         if batch and not self._background.put(batch, timeout_s):
             self._overflowed += count
+
+    def _keep(self, batch: list[Entry]) -> None:
+        now_ns = next(frames[-1][0] for _, frames in reversed(batch) if frames)
+        self._due_ns = now_ns + FLUSH_NS
+        self._recent.append((now_ns, batch))
+        while self._recent[0][0] < now_ns - RECENT_NS:
+            self._recent.popleft()
 
     def _write(self, batch: list[Entry]) -> None:
         if self.failure:
@@ -176,6 +207,7 @@ class BusLog:
         try:
             for is_received, frames in batch:
                 self._writer.write(is_received, [(time_ns - begin_ns, frame) for time_ns, frame in frames])
+            self._writer.flush()
         except OSError as error:
             self._unwritten += _count(batch)
             self._fail(error)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from mcap.data_stream import ReadDataStream, RecordBuilder
-from mcap.records import Chunk
+from mcap.records import Attachment, Chunk
 from scipy.io import savemat
 
 from firmware_protocol.messages import DriveState
@@ -124,6 +124,14 @@ def mcap(found: list[tuple[int, bytes]]) -> bytes:
     return MAGIC + b"".join(
         _chunk(body) if opcode == CHUNK_OPCODE else HEAD.pack(opcode, len(body)) + body for opcode, body in found
     )
+
+
+def attachment(name: str, data: bytes) -> tuple[int, bytes]:
+    """Return an attachment with the right checksum."""
+    builder = RecordBuilder()
+    Attachment(0, 0, name, "application/json", data).write(builder)
+    whole: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return whole[0], whole[HEAD.size :]
 
 
 def _unpacked(body: bytes) -> bytes:

@@ -8,6 +8,10 @@ struct: 0.3 µs to write, exact to the last bit of every float (JSON costs ten t
 `/reference`  one per tick while enabling and running, whether a reference left or not, and why.
 `/bench`      what a bench knows and a real forceps doesn't: jaw angle and reaction torque.
 
+Checksums: each chunk and each attachment has its own, the data section has one over all its bytes, the summary has one.
+What a recording says of itself stands in a metadata record, which has none, and once more in an attachment, so that a
+recording that was cut off can vouch for it.
+
 Times: `stamp_ns` is the drive's clock, unwrapped; `log_time`, `received_ns`, `tick_ns`, `sent_ns` are the host's.
 ROS wants lower case, so `current_A` is `current_a` in the file.
 """
@@ -21,6 +25,10 @@ from mcap.opcode import Opcode
 FORMAT_VERSION = 1
 METADATA_NAME = "hil_forceps"  # metadata record at the head: where the recording comes from
 RESULT_NAME = "hil_forceps_result"  # metadata record at the end: how the run ended
+SETTINGS_NAME = "hil_forceps.json"  # attachment at the head: the format's version, and the metadata once more
+FAULT_NAME = "fault.json"  # attachment before the end: the last second before a fault
+RECOVERY_NAME = "hil_forceps_recovery"  # metadata record of a recovered recording: what is missing, what was restored
+JSON_TYPE = "application/json"
 MESSAGE_ENCODING = "cdr"
 SCHEMA_ENCODING = "ros2msg"
 COMPRESSION = "zstd"

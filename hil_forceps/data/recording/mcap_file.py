@@ -15,6 +15,8 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
+    Attachment,
+    AttachmentIndex,
     Channel,
     ChunkIndex,
     DataEnd,
@@ -55,6 +57,8 @@ class McapFile:
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._chunk_indexes: list[ChunkIndex] = []
         self._metadata_indexes: list[MetadataIndex] = []
+        self._attachment_indexes: list[AttachmentIndex] = []
+        self._crc = 0  # of the good bytes
         self._counts = {topic.channel: 0 for topic in topics}
         self._first_ns: int | None = None
         self._last_ns = 0
@@ -67,9 +71,26 @@ class McapFile:
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record."""
-        data = _packed([Metadata(name=name, metadata=dict(values))])
-        self._metadata_indexes.append(MetadataIndex(offset=self.good_bytes, length=len(data), name=name))
+        data, start = _packed([Metadata(name=name, metadata=dict(values))]), self.good_bytes
         self._write(data)
+        self._metadata_indexes.append(MetadataIndex(offset=start, length=len(data), name=name))
+
+    def attachment(self, name: str, media_type: str, data: bytes) -> None:
+        """Write an attachment with its checksum; it has no time of its own."""
+        packed = _packed([Attachment(log_time=0, create_time=0, name=name, media_type=media_type, data=data)])
+        start = self.good_bytes
+        self._write(packed)
+        self._attachment_indexes.append(
+            AttachmentIndex(
+                offset=start,
+                length=len(packed),
+                log_time=0,
+                create_time=0,
+                data_size=len(data),
+                name=name,
+                media_type=media_type,
+            )
+        )
 
     def chunk(self, chunk: Chunk) -> None:
         """Write one chunk with the index of its messages."""
@@ -113,10 +134,10 @@ class McapFile:
 
     def finish(self) -> None:
         """Write the summary that lets a reader jump; without it a file is still readable from front to end."""
-        data_end = _packed([DataEnd(data_section_crc=0)])
+        data_end = _packed([DataEnd(data_section_crc=self._crc)])
         described = [record for topic in self._topics for record in _description(topic)]
         statistics = Statistics(
-            attachment_count=0,
+            attachment_count=len(self._attachment_indexes),
             channel_count=len(self._topics),
             channel_message_counts={channel: count for channel, count in self._counts.items() if count},
             chunk_count=len(self._chunk_indexes),
@@ -126,7 +147,9 @@ class McapFile:
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self._topics),
         )
-        summary = _packed([*described, statistics, *self._chunk_indexes, *self._metadata_indexes])
+        summary = _packed(
+            [*described, statistics, *self._chunk_indexes, *self._metadata_indexes, *self._attachment_indexes]
+        )
         start = self.good_bytes + len(data_end)
         # the CRC of the summary covers the footer up to the CRC itself
         crc = zlib.crc32(summary)
@@ -148,6 +171,7 @@ class McapFile:
                 raise BlockingIOError("the file takes no more data")
             view = view[written:]
         self.good_bytes += len(data)
+        self._crc = zlib.crc32(data, self._crc)
 
 
 def _packed(records: Sequence[McapRecord]) -> bytes:

@@ -4,33 +4,22 @@
 `Recording.to_run` makes the table that estimators offline, the diagnosis and the report take.
 """
 
-import struct
-import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata, Schema
-from mcap.records import Chunk as ChunkRecord
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from firmware_protocol.messages import DriveState
+from hil_forceps.data.recording.container import Found, collect, messages
 from hil_forceps.data.recording.format import (
     BENCH,
-    COMPRESSION,
-    MESSAGE_ENCODING,
-    MESSAGE_HEAD,
-    MESSAGE_START,
+    FAULT_NAME,
     METADATA_NAME,
-    RECORD_HEAD,
+    RECOVERY_NAME,
     REFERENCE,
     RESULT_NAME,
     SAMPLE,
@@ -42,9 +31,7 @@ from hil_forceps.rig.errors import UserError
 
 Table = NDArray[np.void]
 
-LARGEST_RECORD = 1 << 28  # a length above this is damage, not data
 MAX_FILE_BYTES = 4 << 30
-MAX_UNPACKED_BYTES = 2 << 30  # of all chunks: five hours at 1 kHz
 BENCH_MATCH_NS = 100_000_000  # sequences repeat after 256 samples: a bench value belongs to a sample this near
 
 
@@ -60,6 +47,7 @@ class Recording:
     bench: Table
     order: NDArray[np.uint8]
     notes: tuple[str, ...]
+    fault: bytes | None = None  # the last second before a fault, as `fault.json` has it
 
     @property
     def zero_ns(self) -> int | None:
@@ -159,7 +147,7 @@ def parse_recording(data: bytes, name: str) -> Recording:
     """Read a file's bytes; what a cut or damage makes unreadable is left out and said in the notes."""
     if not data.startswith(MCAP0_MAGIC):
         raise UserError(f"{name}: not an MCAP file; a recording of the bench is expected")
-    found = _collect(data, name)
+    found = collect(data, name)
     if METADATA_NAME not in found.metadata:
         raise UserError(
             f"{name}: not a recording of the bench, or cut off before it began (no {METADATA_NAME} metadata)"
@@ -167,135 +155,64 @@ def parse_recording(data: bytes, name: str) -> Recording:
     return _assemble(found, name)
 
 
-class _Found(NamedTuple):
-    metadata: dict[str, dict[str, str]]
-    chunks: list[bytes]
-    damage: str  # empty when the file is whole
+class Tables(NamedTuple):
+    """Messages as tables. `order` lists their channels, `missing` counts what their numbers show to be absent."""
+
+    samples: Table
+    references: Table
+    bench: Table
+    order: NDArray[np.uint8]
+    missing: int
 
 
-def _collect(data: bytes, name: str) -> _Found:
-    metadata: dict[str, dict[str, str]] = {}
-    chunks: list[bytes] = []
-    schemas: dict[int, str] = {}
-    room = MAX_UNPACKED_BYTES
-    end = len(MCAP0_MAGIC)
-    for opcode, body, end in _records(data):
-        try:
-            if opcode == Opcode.METADATA:
-                record = Metadata.read(_stream(body))
-                metadata[record.name] = record.metadata
-            elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(_stream(body))
-                schemas[schema.id] = schema.data.decode()
-            elif opcode == Opcode.CHANNEL:
-                _check_channel(Channel.read(_stream(body)), schemas, name)
-            elif opcode == Opcode.CHUNK:
-                chunks.append(_unpacked(ChunkRecord.read(_stream(body)), room))
-                room -= len(chunks[-1])
-            elif opcode == Opcode.DATA_END:
-                return _Found(metadata, chunks, "")
-        except (McapError, ValueError, struct.error, zstandard.ZstdError) as error:
-            place = f"after {len(chunks)} chunks, in the record that ends at byte {end}"
-            return _Found(metadata, chunks, f"damaged {place}: {str(error) or type(error).__name__}")
-    return _Found(metadata, chunks, f"cut off or damaged at byte {end} of {len(data)}: it has no end")
-
-
-def _assemble(found: _Found, name: str) -> Recording:
+def tables_of(chunks: Iterable[bytes], *, first_counts: bool = True) -> Tables:
+    """Return the messages of chunks as tables; `first_counts`: numbers begin at 0, so that what precedes is missing."""
     bodies: dict[int, list[bytes]] = {topic.channel: [] for topic in TOPICS}
     order: list[int] = []
-    gaps = 0
-    expected = {topic.channel: 0 for topic in TOPICS}
+    missing = 0
+    expected: dict[int, int] = {topic.channel: 0 for topic in TOPICS} if first_counts else {}
     sizes = {topic.channel: topic.dtype.itemsize for topic in TOPICS}
-    for records in found.chunks:
-        for channel, sequence, body in _messages(records):
+    for chunk in chunks:
+        for channel, sequence, body in messages(chunk):
             if len(body) != sizes.get(channel):
                 continue
-            gaps += max(sequence - expected[channel], 0)
+            missing += max(sequence - expected.get(channel, sequence), 0)
             expected[channel] = sequence + 1
             bodies[channel].append(body)
             order.append(channel)
-    tables = {topic.channel: np.frombuffer(b"".join(bodies[topic.channel]), dtype=topic.dtype) for topic in TOPICS}
+    samples, references, bench = (
+        np.frombuffer(b"".join(bodies[topic.channel]), dtype=topic.dtype) for topic in (SAMPLE, REFERENCE, BENCH)
+    )
+    return Tables(samples, references, bench, np.array(order, dtype=np.uint8), missing)
+
+
+def _assemble(found: Found, name: str) -> Recording:
+    tables = tables_of(found.chunks)
+    return Recording(
+        name=name,
+        metadata=found.metadata[METADATA_NAME],
+        result=found.metadata.get(RESULT_NAME, {}),
+        samples=tables.samples,
+        references=tables.references,
+        bench=tables.bench,
+        order=tables.order,
+        notes=_notes(found, tables),
+        fault=found.attachments.get(FAULT_NAME),
+    )
+
+
+def _notes(found: Found, tables: Tables) -> tuple[str, ...]:
     notes = []
     if found.damage:
         notes.append(f"recording is {found.damage}")
     elif RESULT_NAME not in found.metadata:
         notes.append("recording ended before the run did")
-    if gaps:
-        notes.append(f"{gaps} messages were dropped while recording")
-    return Recording(
-        name=name,
-        metadata=found.metadata[METADATA_NAME],
-        result=found.metadata.get(RESULT_NAME, {}),
-        samples=tables[SAMPLE.channel],
-        references=tables[REFERENCE.channel],
-        bench=tables[BENCH.channel],
-        order=np.array(order, dtype=np.uint8),
-        notes=tuple(notes),
-    )
-
-
-def _records(data: bytes) -> Iterator[tuple[int, bytes, int]]:
-    """Yield (opcode, body, end) of every whole record, until the data ends or makes no sense."""
-    offset = 0 if not data.startswith(MCAP0_MAGIC) else len(MCAP0_MAGIC)
-    while offset + RECORD_HEAD.size <= len(data):
-        opcode, length = RECORD_HEAD.unpack_from(data, offset)
-        offset += RECORD_HEAD.size
-        if length > LARGEST_RECORD or offset + length > len(data):
-            return
-        body = data[offset : offset + length]
-        offset += length
-        yield opcode, body, offset
-
-
-def _messages(records: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """Yield (channel, sequence, body) of every whole message of a chunk, as `_records` does."""
-    offset, end = 0, len(records)
-    head, head_size = MESSAGE_START.unpack_from, MESSAGE_HEAD.size
-    message = int(Opcode.MESSAGE)
-    while offset + head_size <= end:
-        opcode, length, channel, sequence = head(records, offset)
-        after = offset + RECORD_HEAD.size + length
-        if after > end:
-            return
-        if opcode == message:
-            yield channel, sequence, records[offset + head_size : after]
-        offset = after
-
-
-def _stream(body: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(body))
-
-
-def _unpacked(chunk: ChunkRecord, room: int) -> bytes:
-    """Return what a chunk holds; ValueError when it is more than `room`, or not what it says."""
-    size = chunk.uncompressed_size
-    if size > min(LARGEST_RECORD, room):
-        raise ValueError(f"a chunk of {size} bytes, {MAX_UNPACKED_BYTES >> 20} MiB are read of all")
-    if chunk.compression == COMPRESSION:
-        data = _inflated(chunk.data, size)
-    elif not chunk.compression:
-        data = chunk.data
-    else:
-        raise ValueError(f"a chunk packed by {chunk.compression[:20]!r}; recordings of the bench use {COMPRESSION}")
-    if len(data) != size:
-        raise ValueError(f"a chunk of {len(data)} bytes where it says {size}")
-    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise ValueError("the checksum of a chunk is wrong")
-    return data
-
-
-def _inflated(packed: bytes, size: int) -> bytes:
-    """Unpack one frame; the size in its own head is not believed, for memory is asked for by it."""
-    if zstandard.frame_content_size(packed) not in {-1, size}:
-        raise ValueError("a chunk whose two sizes differ")
-    data: bytes = zstandard.decompress(packed, max_output_size=size)
-    return data
-
-
-def _check_channel(channel: Channel, schemas: Mapping[int, str], name: str) -> None:
-    for topic in TOPICS:
-        if channel.topic != topic.topic:
-            continue
-        same = channel.id == topic.channel and channel.message_encoding == MESSAGE_ENCODING
-        if not same or schemas.get(channel.schema_id) != topic.schema_text():
-            raise UserError(f"{name}: {topic.topic} was recorded in another format; use the version that recorded it")
+    notes += found.remarks
+    if RECOVERY_NAME in found.metadata:
+        notes.append(f"recording was recovered: {found.metadata[RECOVERY_NAME].get('summary', '')}")
+    elif tables.missing:
+        is_damaged = found.damage or found.remarks
+        notes.append(f"{tables.missing} messages {'are missing' if is_damaged else 'were dropped while recording'}")
+    if found.counted is not None and found.counted > len(tables.order) and not found.damage:
+        notes.append(f"{found.counted - len(tables.order)} messages that its summary counts are not there")
+    return tuple(notes)

@@ -1,13 +1,18 @@
 """Writes a recording: the tick packs its messages into memory, whole chunks go to the file, by a thread in real time.
 
-Every chunk is written whole and handed to the system at once, so a killed process loses at most the chunk in the
-making (`CHUNK_BYTES`, a quarter of a second at 1 kHz), and `hil_forceps.data.recording.reader` reads what is there.
+Every chunk is written whole and handed to the system at once, in real time to the disk itself. A chunk ends when it is
+full (`CHUNK_BYTES`, a quarter of a second at 1 kHz) or with the first message that comes `FLUSH_NS` after it began: so
+long is what a killed process loses at most, and what lies on a disk that the power leaves is older by no more than the
+disk's own writing. `hil_forceps.data.recording.reader` reads what is there.
 Where the disk is full, or gone, the recording ends at the last whole chunk, `failure` says why, and what comes later is
 dropped: writing never raises into the motor loop. Where the disk is too slow for the thread's bounded queue, whole
 chunks are dropped and counted. The same messages give the same bytes, with a thread or without.
 """
 
+import os
+import stat
 from array import array
+from collections import deque
 from collections.abc import Mapping
 from enum import IntEnum
 from pathlib import Path
@@ -16,14 +21,17 @@ from typing import IO, NamedTuple
 from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, BENCH_TORQUE_LSB_N_M, CURRENT_LSB_A
 from hil_forceps.data.recording.background import Background
+from hil_forceps.data.recording.container import settings_bytes
 from hil_forceps.data.recording.format import (
     BENCH,
     CDR_HEAD,
+    JSON_TYPE,
     MESSAGE_OPCODE,
     METADATA_NAME,
     REFERENCE,
     RESULT_NAME,
     SAMPLE,
+    SETTINGS_NAME,
     TOPICS,
 )
 from hil_forceps.data.recording.mcap_file import Chunk, McapFile
@@ -31,6 +39,9 @@ from hil_forceps.estimation.interface import Estimate, Sample
 from hil_forceps.rig.errors import UserError
 
 CHUNK_BYTES = 1 << 16
+FLUSH_NS = 500_000_000  # by the messages' own times
+RECENT_NS = 2_000_000_000  # the second before a fault, and what follows until the drive is disabled
+RECENT_CHUNKS = 128  # of these at most: 8 MiB
 QUEUED_CHUNKS = 64  # a disk may stall this long: some 15 s at 1 kHz
 CLOSE_TIMEOUT_S = 10.0
 
@@ -98,17 +109,19 @@ class Recorder:
         self._overflowed = 0  # the tick's own count; what the thread could not write is counted by the thread
         self._unwritten = 0
         self._closed = False
+        self._began_ns = 0  # of the chunk in the making
+        self._due_ns = -1  # a message later than this begins another chunk
+        self._recent: deque[tuple[int, bytes]] = deque(maxlen=RECENT_CHUNKS)  # begin and messages of each
+        self._synced = _file_number(stream) if threaded else None
         self._guarded_head(metadata)
         self._background = Background(self._write, threaded, QUEUED_CHUNKS, "recording")
 
     def sample(self, raw: RawSample, sample: Sample, estimate: Estimate) -> None:
         """Record one sample, raw and in SI, with what the estimator made of it."""
-        offset = self._offset
-        if offset > self._limit:
-            self._hand_over()
-            offset = 0
-        count = self._counts[0]
         sequence, stamp_ns, theta_m, current, state, fault, setpoint_sequence, received_ns = raw
+        offset, count = self._offset, self._counts[0]
+        if offset > self._limit or received_ns > self._due_ns:
+            offset = self._begin_chunk(received_ns)
         _SAMPLE_PACK(
             self._buffer, offset, MESSAGE_OPCODE, _SAMPLE_LENGTH, 1, count, received_ns, received_ns, CDR_HEAD,
             stamp_ns, received_ns, theta_m, sample[1], current * CURRENT_LSB_A, sample[2], *estimate,
@@ -120,12 +133,10 @@ class Recorder:
 
     def reference(self, reference: Reference, sent_ns: int, outcome: int, setpoint_sequence: int) -> None:
         """Record one tick, whatever came of it."""
-        offset = self._offset
-        if offset > self._limit:
-            self._hand_over()
-            offset = 0
-        count = self._counts[1]
         tick_ns, stamp_ns, trajectory_ns, raw, theta_j_ref, elongation, requested, passed, verdict, sample = reference
+        offset, count = self._offset, self._counts[1]
+        if offset > self._limit or tick_ns > self._due_ns:
+            offset = self._begin_chunk(tick_ns)
         _REFERENCE_PACK(
             self._buffer, offset, MESSAGE_OPCODE, _REFERENCE_LENGTH, 2, count, tick_ns, tick_ns, CDR_HEAD,
             tick_ns, sent_ns, stamp_ns, trajectory_ns, raw or 0, theta_j_ref, elongation, requested, passed,
@@ -137,12 +148,10 @@ class Recorder:
 
     def bench(self, raw: RawBench) -> None:
         """Record one pair of bench values, raw and in SI."""
-        offset = self._offset
-        if offset > self._limit:
-            self._hand_over()
-            offset = 0
-        count = self._counts[2]
         sequence, theta_j, tau_w, received_ns = raw
+        offset, count = self._offset, self._counts[2]
+        if offset > self._limit or received_ns > self._due_ns:
+            offset = self._begin_chunk(received_ns)
         _BENCH_PACK(
             self._buffer, offset, MESSAGE_OPCODE, _BENCH_LENGTH, 3, count, received_ns, received_ns, CDR_HEAD,
             received_ns, theta_j * ANGLE_LSB_RAD, tau_w * BENCH_TORQUE_LSB_N_M, theta_j, tau_w, sequence,
@@ -151,8 +160,12 @@ class Recorder:
         self._counts[2] = count + 1
         self._offset = offset + _BENCH_SIZE
 
-    def close(self, result: Mapping[str, str]) -> RecordingReport:
-        """Write what is left, how the run ended, and the summary; bounded in time; once."""
+    def recent(self) -> list[bytes]:
+        """Return the messages of the last `RECENT_NS` and some before them, chunk by chunk."""
+        return [records for _, records in self._recent] + [bytes(self._buffer[: self._offset])]
+
+    def close(self, result: Mapping[str, str], attachments: Mapping[str, bytes] | None = None) -> RecordingReport:
+        """Write what is left, attachments (JSON), how the run ended, and the summary; bounded in time; once."""
         if self._closed:
             raise ValueError("the recording is closed already")
         self._closed = True
@@ -161,10 +174,23 @@ class Recorder:
             failure = self.failure or f"the disk did not take the recording within {CLOSE_TIMEOUT_S:g} s"
             return RecordingReport(sum(self._counts), self._overflowed + self._unwritten, 0, failure)
         if not self.failure:
-            self._guarded_tail(result)
+            self._guarded_tail(result, attachments or {})
         self._stream.close()
         dropped = self._overflowed + self._unwritten
         return RecordingReport(sum(self._counts), dropped, self._file.good_bytes, self.failure)
+
+    def _begin_chunk(self, now_ns: int) -> int:
+        """Hand over the chunk in the making; return where the next message goes."""
+        self._hand_over()
+        self._began_ns = now_ns
+        self._due_ns = now_ns + FLUSH_NS
+        return 0
+
+    def _keep(self, records: bytes) -> None:
+        recent = self._recent
+        recent.append((self._began_ns, records))
+        while len(recent) > 1 and recent[1][0] <= self._began_ns - RECENT_NS:
+            recent.popleft()
 
     def _hand_over(self, timeout_s: float = 0.0) -> None:
         if not self._offset:
@@ -173,6 +199,7 @@ class Recorder:
             records = bytes(view[: self._offset])
         indexes = {topic.channel: array("Q", index) for topic, index in zip(TOPICS, self._indexes, strict=True)}
         chunk = Chunk(records, indexes)
+        self._keep(records)
         self._offset = 0
         for index in self._indexes:
             index.clear()
@@ -185,6 +212,7 @@ class Recorder:
             return
         try:
             self._file.chunk(chunk)
+            self._sync()
         except OSError as error:
             self._unwritten += chunk.messages
             self._fail(error)
@@ -193,15 +221,24 @@ class Recorder:
         try:
             self._file.start()
             self._file.metadata(METADATA_NAME, metadata)
+            self._file.attachment(SETTINGS_NAME, JSON_TYPE, settings_bytes(metadata))
         except OSError as error:
             self._fail(error)
 
-    def _guarded_tail(self, result: Mapping[str, str]) -> None:
+    def _guarded_tail(self, result: Mapping[str, str], attachments: Mapping[str, bytes]) -> None:
         try:
+            for name, data in attachments.items():
+                self._file.attachment(name, JSON_TYPE, data)
             self._file.metadata(RESULT_NAME, result)
             self._file.finish()
+            self._sync()
         except OSError as error:
             self._fail(error)
+
+    def _sync(self) -> None:
+        """Wait until the disk has it; in real time only, and never in the tick."""
+        if self._synced is not None:
+            os.fdatasync(self._synced)
 
     def _fail(self, error: OSError) -> None:
         self.failure = f"recording stopped: {error.strerror or error}"
@@ -210,6 +247,15 @@ class Recorder:
             self._file.finish()  # cutting freed a little room: enough, mostly, for other tools to open the file too
         except OSError:
             return
+
+
+def _file_number(stream: IO[bytes]) -> int | None:
+    """Return the number of a stream that is a file on a disk, None of any other."""
+    try:
+        number = stream.fileno()
+    except OSError:
+        return None
+    return number if stat.S_ISREG(os.fstat(number).st_mode) else None
 
 
 def open_recorder(path: Path, metadata: Mapping[str, str], threaded: bool) -> Recorder:

@@ -11,6 +11,7 @@ from hil_forceps.bridge import bus_log
 from hil_forceps.bridge.bus_log import BATCH_ENTRIES, BusLog, CandumpWriter, LoggedLink, LogReport, open_bus_log
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.data.readers.bus_frames import read_frames
+from hil_forceps.data.recording.writer import FLUSH_NS, RECENT_NS
 from hil_forceps.rig.errors import UserError
 
 BEGIN_NS = 5_000_000_000
@@ -58,6 +59,28 @@ def test_the_same_frames_give_the_same_bytes_at_any_hour(tmp_path: Path, suffix:
     time.sleep(0.005)
     write(second, 700, threaded=True)
     assert first.read_bytes() == second.read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc"])
+def test_what_waits_for_a_full_batch_does_not_wait_long(tmp_path: Path, suffix: str) -> None:
+    """However rare frames are, the file lacks no more than those of the last `FLUSH_NS` and one of them."""
+    path, step_ns = tmp_path / f"bus{suffix}", 120_000_000
+    log = open_bus_log(path, BEGIN_NS, False)
+    for k in range(40):
+        log.add(True, [(BEGIN_NS + k * step_ns, some_frame(k))])
+        assert len(list(read_frames(path))) >= k - FLUSH_NS // step_ns - 1 if k > 10 else True
+    log.close()
+
+
+def test_the_last_seconds_stay_at_hand(tmp_path: Path) -> None:
+    log = open_bus_log(tmp_path / "bus.log", BEGIN_NS, False)
+    for k in range(20_000):
+        log.add(k % 2 == 0, [(BEGIN_NS + k * 500_000, some_frame(k))])
+    times = [frames[0][0] for _, frames in log.recent()]
+    assert times[-1] == BEGIN_NS + 19_999 * 500_000
+    assert times[0] <= times[-1] - RECENT_NS
+    assert len(times) <= RECENT_NS // 500_000 + 2 * BATCH_ENTRIES
+    log.close()
 
 
 def test_unknown_kinds_and_places_are_user_errors(tmp_path: Path) -> None:

@@ -11,18 +11,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
 from firmware_protocol.messages import DriveState
 from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD
 from hil_forceps.data.recording import writer as recording_writer
-from hil_forceps.data.recording.format import BENCH, MESSAGE_HEAD, REFERENCE, SAMPLE, TOPICS
-from hil_forceps.data.recording.reader import Recording, parse_recording, read_recording
+from hil_forceps.data.recording.format import BENCH, FORMAT_VERSION, MESSAGE_HEAD, REFERENCE, SAMPLE, TOPICS
+from hil_forceps.data.recording.reader import Recording, parse_recording, read_recording, tables_of
 from hil_forceps.data.recording.writer import Outcome, Recorder, RecordingReport, Reference, open_recorder
 from hil_forceps.estimation.interface import Estimate, Sample
 from hil_forceps.rig.errors import UserError
 from tests.reader_fuzz import sound_files
+from tests.reader_fuzz.sound_files import HEAD, MAGIC
 
 MS = 1_000_000
 METADATA = {"algorithm": "kalman", "rig": "forceps:\n  motor: {µ: 1}\n"}
@@ -173,7 +175,7 @@ def test_a_full_disk_ends_the_recording_and_never_raises(threaded: bool) -> None
         part = parse_recording(data, "part")
         assert is_prefix(part, parse_recording(whole, "whole"))
         assert len(part.order) == report.messages - report.dropped > 0
-        assert bool(part.notes) == (report.dropped > 0), "silent only where no message is missing"
+        assert part.notes, "the summary at least is not there"
 
 
 def test_after_a_full_disk_other_tools_still_read_the_file_by_its_index() -> None:
@@ -244,8 +246,72 @@ def test_foreign_files_are_refused_in_words(tmp_path: Path) -> None:
     data, _ = record(10)
     with pytest.raises(UserError, match="not a recording of the bench"):
         parse_recording(data.replace(b"hil_forceps", b"hil_fffceps"), "x")
-    with pytest.raises(UserError, match="another format"):
-        parse_recording(data.replace(b"int64 stamp_ns", b"int64 ztamp_ns"), "x")
+
+
+def test_another_format_is_refused_and_a_damaged_description_of_this_one_is_not() -> None:
+    data = record(10)[0]
+    other = data.replace(b"int64 stamp_ns", b"int64 ztamp_ns")
+    part = parse_recording(other, "x")
+    assert "recording is damaged: the description of /sample isn't what was written" in part.notes
+    assert is_prefix(parse_recording(data, "whole"), part)
+    without_copy = [each for each in sound_files.records(other) if each[0] != Opcode.ATTACHMENT]
+    with pytest.raises(UserError, match="/sample was recorded in another format"):
+        parse_recording(sound_files.mcap(without_copy), "x")
+    later = sound_files.attachment("hil_forceps.json", b'{"format": %d, "metadata": {}}' % (FORMAT_VERSION + 1))
+    found = [each for each in sound_files.records(data) if each[0] != Opcode.ATTACHMENT]
+    with pytest.raises(UserError, match=r"was recorded in another format \('2'\)"):
+        parse_recording(sound_files.mcap([later, *found]), "x")
+
+
+def test_what_a_recording_says_of_itself_is_read_from_the_copy_with_a_checksum() -> None:
+    data = record(10)[0]
+    part = parse_recording(data.replace(b"kalman", b"kalmam", 1), "x")
+    assert part.metadata == METADATA
+    assert "recording is damaged: its metadata aren't what was written, the copy of them is read" in part.notes
+    at = data.rindex(b'"kalman"')
+    part = parse_recording(data[:at] + data[at:].replace(b"kalman", b"kalmam", 1), "x")
+    assert part.metadata == METADATA
+    assert any("the checksum of an attachment is wrong" in note for note in part.notes)
+
+
+def test_recordings_without_these_checksums_are_read_as_before() -> None:
+    """Those of earlier versions: no copy of the metadata, no checksum over the data section."""
+    whole = parse_recording(record(1000)[0], "whole")
+    found = [each for each in sound_files.records(record(1000)[0]) if each[0] != Opcode.ATTACHMENT]
+    old = [(opcode, bytes(4) if opcode == Opcode.DATA_END else body) for opcode, body in found]
+    summary = next(place for place, (opcode, _) in enumerate(old) if opcode == Opcode.DATA_END) + 1
+    data = sound_files.mcap(old[:summary])
+    footer = HEAD.pack(Opcode.FOOTER, 20) + bytes(20)
+    part = parse_recording(data + footer + MAGIC, "old")
+    assert part.notes == ()
+    assert messages(part) == messages(whole)
+    assert part.metadata == METADATA
+
+
+def test_a_chunk_starts_anew_where_messages_are_rare() -> None:
+    """However slow a run is, no message waits longer than `FLUSH_NS` for the next one to take it to the file."""
+    file = Memory()
+    recorder = Recorder(file, METADATA, threaded=False)
+    for k in range(40):
+        now = k * 100 * MS
+        recorder.sample(RawSample(k, now, k, 0, 0, 0, 0, now), Sample(now, 0.0, 0.0), Estimate(0.0, 0.0))
+        read = parse_recording(file.getvalue(), "x").samples
+        assert now - (read["received_ns"][-1] if len(read) else 0) <= recording_writer.FLUSH_NS + 100 * MS
+    recorder.close({})
+
+
+def test_the_last_seconds_stay_at_hand_in_bounded_memory() -> None:
+    recorder = Recorder(Memory(), METADATA, threaded=False)
+    for k in range(20):
+        fill(recorder, 1000, first=1000 * k)
+        kept = tables_of(recorder.recent(), first_counts=False)
+        newest = 1000 * (k + 1) - 1
+        assert kept.samples["stamp_ns"][-1] == newest * MS
+        assert kept.samples["stamp_ns"][0] <= max(newest * MS - recording_writer.RECENT_NS, 0)
+        assert kept.missing == 0
+        assert len(recorder.recent()) <= 2 + recording_writer.RECENT_NS // (200 * MS)
+    fill(recorder, 3)
+    recorder.close({})
 
 
 def test_a_run_begins_at_its_zero_with_the_reference_that_the_drive_followed() -> None:
