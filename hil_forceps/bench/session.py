@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hil_forceps.bench.assembly import Settings, make_pipeline, metadata
+from hil_forceps.bench.fault_file import KeptFault, fault_content, fault_path, write_fault
 from hil_forceps.bridge.adapters import Connection
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.bus_log import LoggedLink, LogReport, open_bus_log
+from hil_forceps.bridge.bus_log import BusLog, LoggedLink, LogReport, open_bus_log
+from hil_forceps.bridge.fault import CRASHED
+from hil_forceps.bridge.flight_recorder import Recent
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Telemetry
 from hil_forceps.bridge.service import Service
+from hil_forceps.data.recording.format import FAULT_NAME
 from hil_forceps.data.recording.writer import Recorder, RecordingReport, open_recorder
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.port import DriveMachine
@@ -41,6 +45,7 @@ class SessionResult(NamedTuple):
     recording: RecordingReport
     bus_log: LogReport
     wall_s: float
+    fault: KeptFault | None = None  # where the run didn't end as it was meant to
 
     @property
     def failures(self) -> list[str]:
@@ -94,15 +99,16 @@ def run_axes(
     link, clock = connection.link, connection.clock
     threaded = not connection.virtual_time
     recorders: list[Recorder] = []
-    ending: Sequence[Mapping[str, str]] = [{"reason": "crashed"}] * len(plans)
+    ending: Sequence[Mapping[str, str]] = [{"reason": CRASHED}] * len(plans)
     try:
         with ExitStack() as files:
             axes = []
             for plan in plans:
+                fault_path(plan.recording).unlink(missing_ok=True)  # of a run before
                 pipeline = make_pipeline(plan.rig, plan.settings)
                 recorder = open_recorder(plan.recording, metadata(plan.rig, plan.settings, plan.about), threaded)
                 recorders.append(recorder)
-                files.callback(recorder.close, {"reason": "crashed", "message": "another file could not be opened"})
+                files.callback(recorder.close, {"reason": CRASHED, "message": "another file could not be opened"})
                 limit_A = current_limit_A(plan.rig)
                 watch = None if limit_A is None else RunawayWatch(limit_A)
                 axes.append(Axis(plan.drive, pipeline, plan.config, recorder, plan.name, watch))
@@ -111,18 +117,39 @@ def run_axes(
         logged = LoggedLink(link, clock, log)
         service = Service(logged, clock, axes, plans[0].config, stop_requested, telemetry, go_on=go_on)
         began = time.perf_counter()
+        crash = ""
         try:
             results = service.run()
             ending = [_ending(result) for result in results]
+        except BaseException as error:
+            crash = f"{type(error).__name__}: {error}"
+            raise
         finally:
-            reports = [recorder.close(said) for recorder, said in zip(recorders, ending, strict=True)]
             log_report = log.close()
+            lines = log.recent()
+            kept = [
+                fault_content(axis, plan.rig, service, _recent(recorder, lines, log, service), crash)
+                for axis, recorder, plan in zip(axes, recorders, plans, strict=True)
+            ]
+            reports = [
+                recorder.close(said, {} if content is None else {FAULT_NAME: content})
+                for recorder, said, content in zip(recorders, ending, kept, strict=True)
+            ]
+            faults = [
+                write_fault(axis, plan.recording, content)
+                for axis, plan, content in zip(axes, plans, kept, strict=True)
+            ]
     finally:
         link.close()
     wall_s = time.perf_counter() - began
     return tuple(
-        SessionResult(result, report, log_report, wall_s) for result, report in zip(results, reports, strict=True)
+        SessionResult(result, report, log_report, wall_s, fault)
+        for result, report, fault in zip(results, reports, faults, strict=True)
     )
+
+
+def _recent(recorder: Recorder, lines: Sequence[str], log: BusLog, service: Service) -> Recent:
+    return Recent(recorder.recent(), lines, log.begin_ns, service.lateness)
 
 
 def _ending(result: ServiceResult) -> dict[str, str]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from firmware_protocol.frames import Frame
 from firmware_protocol.scales import CURRENT_LSB_A
 from hil_forceps.bridge.course import Course
+from hil_forceps.bridge.fault import FaultReason, Situation, reason_of
 from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.bridge.results import AS_MEANT, ServiceConfig, ServiceResult, Stage, StopReason
@@ -39,6 +40,10 @@ class Axis:
         self.age = Histogram()
         self.references_sent = 0
         self.reference_rad = math.nan
+        self.stages: list[tuple[int, str]] = []  # when each began
+        self.fault: FaultReason | None = None  # as soon as the run ends otherwise than it was meant to
+        self.now_ns = 0  # of the tick under way, or the last
+        self._stage = Stage.CONNECTING
         self._config = config
         self._recorder = recorder
         self._watch = watch
@@ -49,6 +54,8 @@ class Axis:
         """Start to ask for the drive."""
         self.course = Course(self.drive, self.pipeline, self._config, self._recorder, stop_requested)
         self.course.begin(now_ns)
+        self._stage, self.now_ns = self.course.stage, now_ns
+        self.stages = [(now_ns, self._stage.value)]
 
     @property
     def has_ended(self) -> bool:
@@ -80,14 +87,27 @@ class Axis:
 
     def tick(self, now_ns: int, send: Callable[[Frame], SendResult], clock_ns: Callable[[], int]) -> None:
         """Send one reference at most, and what the drive's machine has to say."""
+        self.now_ns = now_ns
         course, watch = self.course, self._watch
         if watch is not None and watch.is_running_away and course.sends_references():
             course.stop(StopReason.RUNAWAY, watch.words(), now_ns)
         course.advance(now_ns)
+        if course.stage is not self._stage:
+            self._note_stage()
         if course.sends_references():
             self._send_reference(now_ns, send, clock_ns)
         for frame in self.drive.poll(now_ns):
             send(frame)
+
+    def _note_stage(self) -> None:
+        course, before = self.course, self._stage
+        since_ns, now_ns = self.stages[-1][0], self.now_ns
+        self._stage = course.stage
+        self.stages.append((now_ns, course.stage.value))
+        if self.fault is None and self.has_failed and course.reason is not None:
+            where = Situation(before, since_ns, now_ns, course.last_sample_ns)
+            trip = getattr(self.pipeline, "gate_trip", None)  # of a gate that tells one
+            self.fault = reason_of(course.reason, course.message, where, self.pipeline, self._config, trip)
 
     def _send_reference(self, now_ns: int, send: Callable[[Frame], SendResult], clock_ns: Callable[[], int]) -> None:
         reference = self.pipeline.reference(now_ns)
@@ -118,6 +138,8 @@ class Axis:
         course = self.course
         if course.reason is None:
             raise ValueError("the run has not ended")
+        if course.stage is not self._stage:  # the bus went down behind the last tick
+            self._note_stage()
         counters: dict[str, Mapping[str, int]] = {
             "service": {**service, "references_sent": self.references_sent, "frames_received": course.frames_received},
             "pipeline": dict(self.pipeline.counters),

@@ -50,8 +50,8 @@ class LogReport(NamedTuple):
 class LogWriter(Protocol):
     """A format. All raise OSError when the disk does."""
 
-    def write(self, is_received: bool, frames: Arrivals) -> None:
-        """Write frames with their times [ns since the log began]."""
+    def write(self, is_received: bool, frames: Arrivals, lines: str) -> None:
+        """Write frames with their times [ns since the log began]; `lines`: the same as candump has them."""
 
     def flush(self) -> None:
         """Hand over to the system what was written."""
@@ -60,16 +60,15 @@ class LogWriter(Protocol):
         """Finish the file."""
 
 
-class CandumpWriter:
-    """`candump -L`: (seconds) channel id#data direction."""
+class CandumpLines:
+    """Frames as lines of `candump -L`: (seconds) channel id#data direction."""
 
-    def __init__(self, file: IO[str]) -> None:
-        self._file = file
+    def __init__(self) -> None:
         self._heads: dict[int, str] = {}  # by id with `_EXTENDED`, FD ids negative; at most `_MAX_HEADS`
         self._last_s = 0.0
 
-    def write(self, is_received: bool, frames: Arrivals) -> None:
-        """Write frames; a time before the last written becomes that, since the format knows no going back."""
+    def of(self, is_received: bool, frames: Arrivals) -> str:
+        """Return the lines; a time before the last becomes that, since the format knows no going back."""
         heads, last_s, text = self._heads, self._last_s, ""
         end = " R\n" if is_received else " T\n"
         for time_ns, (identifier, data, is_fd, is_extended) in frames:
@@ -82,15 +81,7 @@ class CandumpWriter:
             head = heads.get(key) or self._head(key)
             text += f"({last_s:f}{head}{data.hex().upper()}{end}"
         self._last_s = last_s
-        self._file.write(text)
-
-    def flush(self) -> None:
-        """Hand over what the file's buffer holds."""
-        self._file.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        return text
 
     def _head(self, key: int) -> str:
         identifier, flags = (key, "#") if key >= 0 else (~key, "##1")  # 1: bit-rate switch
@@ -100,6 +91,25 @@ class CandumpWriter:
             self._heads.clear()
         self._heads[key] = head
         return head
+
+
+class CandumpWriter:
+    """`candump -L`."""
+
+    def __init__(self, file: IO[str]) -> None:
+        self._file = file
+
+    def write(self, is_received: bool, frames: Arrivals, lines: str) -> None:  # noqa: ARG002
+        """Write the lines."""
+        self._file.write(lines)
+
+    def flush(self) -> None:
+        """Hand over what the file's buffer holds."""
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
 
 
 class _AscWriter(can.ASCWriter):
@@ -115,7 +125,7 @@ class PythonCanWriter:
     def __init__(self, writer: can.ASCWriter | can.BLFWriter) -> None:
         self._writer = writer
 
-    def write(self, is_received: bool, frames: Arrivals) -> None:
+    def write(self, is_received: bool, frames: Arrivals, lines: str) -> None:  # noqa: ARG002
         """Write frames one by one."""
         for time_ns, frame in frames:
             self._writer.on_message_received(
@@ -148,10 +158,11 @@ class BusLog:
         self.failure = ""
         self._use = use
         self._writer = writer
-        self._begin_ns = begin_ns
+        self.begin_ns = begin_ns
         self._batch: list[Entry] = []
         self._due_ns = begin_ns + FLUSH_NS
-        self._recent: deque[tuple[int, list[Entry]]] = deque(maxlen=RECENT_BATCHES)  # end and entries of each
+        self._lines = CandumpLines()
+        self._recent: deque[tuple[int, str]] = deque(maxlen=RECENT_BATCHES)  # end and lines of each; the thread's own
         self._overflowed = 0  # the tick's own count; what could not be written is counted by the thread
         self._handed_over = 0
         self._unwritten = 0
@@ -160,12 +171,15 @@ class BusLog:
     def add(self, is_received: bool, frames: Arrivals) -> None:
         """Log frames; the sequence must not change any more."""
         self._batch.append((is_received, frames))
-        if len(self._batch) >= BATCH_ENTRIES or (frames and frames[0][0] >= self._due_ns):
+        if len(self._batch) >= BATCH_ENTRIES:
+            self._hand_over()
+        elif is_received and frames and frames[0][0] >= self._due_ns:
+            self._due_ns = frames[0][0] + FLUSH_NS
             self._hand_over()
 
-    def recent(self) -> list[Entry]:
-        """Return the entries of the last `RECENT_NS` and some before them."""
-        return [entry for _, batch in self._recent for entry in batch] + self._batch
+    def recent(self) -> list[str]:
+        """Return the lines of candump for the last `RECENT_NS` before the closing, and some before them."""
+        return [line for _, lines in list(self._recent) for line in lines.splitlines()]
 
     def close(self) -> LogReport:
         """Write what is left; bounded in time."""
@@ -183,30 +197,30 @@ class BusLog:
         batch, self._batch = self._batch, []
         count = _count(batch)
         self._handed_over += count
-        if count:
-            self._keep(batch)
         if batch and not self._background.put(batch, timeout_s):
             self._overflowed += count
 
-    def _keep(self, batch: list[Entry]) -> None:
-        now_ns = next(frames[-1][0] for _, frames in reversed(batch) if frames)
-        self._due_ns = now_ns + FLUSH_NS
-        self._recent.append((now_ns, batch))
-        while self._recent[0][0] < now_ns - RECENT_NS:
+    def _keep(self, end_ns: int, lines: str) -> None:
+        self._recent.append((end_ns, lines))
+        while self._recent[0][0] < end_ns - RECENT_NS:
             self._recent.popleft()
 
     def _write(self, batch: list[Entry]) -> None:
+        begin_ns, entries, end_ns = self.begin_ns, [], 0
+        for is_received, frames in batch:
+            timed = [(time_ns - begin_ns, frame) for time_ns, frame in frames]
+            entries.append((is_received, timed, self._lines.of(is_received, timed)))
+            end_ns = timed[-1][0] if timed else end_ns
+            if self._use is not None:
+                for _, frame in frames:
+                    self._use.add(len(frame.data), frame.is_fd, frame.is_extended)
+        self._keep(end_ns, "".join(lines for _, _, lines in entries))
         if self.failure:
             self._unwritten += _count(batch)
             return
-        begin_ns = self._begin_ns
-        if self._use is not None:
-            for _, frames in batch:
-                for _, frame in frames:
-                    self._use.add(len(frame.data), frame.is_fd, frame.is_extended)
         try:
-            for is_received, frames in batch:
-                self._writer.write(is_received, [(time_ns - begin_ns, frame) for time_ns, frame in frames])
+            for is_received, timed, lines in entries:
+                self._writer.write(is_received, timed, lines)
             self._writer.flush()
         except OSError as error:
             self._unwritten += _count(batch)

@@ -14,6 +14,7 @@ Where one axis fails, the others are stopped as well, unless they are to go on.
 
 import gc
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -22,7 +23,9 @@ from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.ports import Clock, Link, SendResult
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, StopReason, Telemetry
 from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics
+from hil_forceps.data.recording.writer import RECENT_NS
 
+MAX_RECENT_TICKS = 1 << 16
 _SENT = SendResult.SENT  # looked up once: members of an Enum cost as much as a call when asked for by their class
 
 
@@ -51,6 +54,8 @@ class Service:
         if not axes:
             raise ValueError("a service has one axis at least")
         self.statistics: LoopStatistics = make_loop_statistics()
+        recent_ticks = min(RECENT_NS // config.period_ns + 1, MAX_RECENT_TICKS)
+        self.lateness: deque[tuple[int, int]] = deque(maxlen=recent_ticks)  # time of each tick, and its lateness
         self._link = link
         self._clock = clock
         self._axes = tuple(axes)
@@ -58,7 +63,7 @@ class Service:
         self._stop_requested = stop_requested
         self._telemetry = telemetry
         self._stops_all = len(self._axes) > 1 and not go_on
-        self._counters = dict.fromkeys(("ticks", "overruns", "skipped_periods", "frames_sent", "queue_full"), 0)
+        self.counters = dict.fromkeys(("ticks", "overruns", "skipped_periods", "frames_sent", "queue_full"), 0)
         self._has_run = False
         self._bus_down = False
         self._next_telemetry_ns = 0
@@ -85,7 +90,7 @@ class Service:
                 self._link.send(axis.drive.estop_frame())
             raise
         timing = self.statistics.summary()
-        return tuple(axis.result(self._counters, self._link.counters, timing) for axis in self._axes)
+        return tuple(axis.result(self.counters, self._link.counters, timing) for axis in self._axes)
 
     def _loop(self, now_ns: int) -> None:
         period_ns, phase_ns = self._config.period_ns, self._config.phase_ns
@@ -93,21 +98,24 @@ class Service:
         before_ns: int | None = None
         axes, clock, tick = self._axes, self._clock, self._tick
         add_lateness, add_period = self.statistics.lateness.add, self.statistics.period.add
+        keep = self.lateness.append
         while not all(axis.has_ended for axis in axes):
             clock.sleep_until_ns(due_ns)
             now_ns = clock.now_ns()
-            add_lateness(now_ns - due_ns)
+            late_ns = now_ns - due_ns
+            add_lateness(late_ns)
+            keep((now_ns, late_ns))
             if before_ns is not None:
                 add_period(now_ns - before_ns)
             before_ns = now_ns
-            self._counters["ticks"] += 1
+            self.counters["ticks"] += 1
             tick(now_ns)
             due_ns += period_ns
             late_ns = clock.now_ns() - due_ns
             if late_ns >= 0:
                 skipped = late_ns // period_ns + 1
-                self._counters["overruns"] += 1
-                self._counters["skipped_periods"] += skipped
+                self.counters["overruns"] += 1
+                self.counters["skipped_periods"] += skipped
                 due_ns += skipped * period_ns
 
     def _tick(self, now_ns: int) -> None:
@@ -140,9 +148,9 @@ class Service:
     def _send(self, frame: Frame) -> SendResult:
         result = self._link.send(frame)
         if result is _SENT:
-            self._counters["frames_sent"] += 1
+            self.counters["frames_sent"] += 1
         elif result is SendResult.QUEUE_FULL:
-            self._counters["queue_full"] += 1
+            self.counters["queue_full"] += 1
         else:
             self._bus_down = True
         return result
@@ -158,9 +166,9 @@ class Service:
             reference_rad=axis.reference_rad,
             tau_w_N_m=pipeline.estimate.tau_w_N_m,
             elongation_m=pipeline.estimate.elongation_m,
-            frames_sent=self._counters["frames_sent"],
+            frames_sent=self.counters["frames_sent"],
             frames_received=axis.course.frames_received,
-            overruns=self._counters["overruns"],
+            overruns=self.counters["overruns"],
             axis=axis.name,
         )
 

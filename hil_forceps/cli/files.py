@@ -1,13 +1,16 @@
 """Folders and files that the user names, and files that are named by what is in data."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from hil_forceps.data.recording.format import FAULT_NAME
 from hil_forceps.rig.errors import UserError
 
 MAX_NAME_BYTES: Final = 200  # of 255, so that a suffix has room
 _NO_FILE_NAME: Final = re.compile(r"^\.+$|[/\x00-\x1f\x7f]")
+RUN_FILES = ("run.mcap", "run.json", FAULT_NAME, "bus.log", "bus.asc", "bus.blf")
 
 
 def make_folder(path: Path, inside: Path | None = None) -> None:
@@ -45,3 +48,15 @@ def _leads_into(link: Path, home: Path) -> bool:
 def file_name(name: str) -> str:
     """Return a name out of data as that of a file: one step of a path, of a length that a file system takes."""
     return _NO_FILE_NAME.sub("_", name).encode()[:MAX_NAME_BYTES].decode("utf-8", "ignore")
+
+
+def clear_runs(folders: Sequence[Path], *, overwrite: bool) -> None:
+    """Remove what a run left in folders; UserError where there is something and it may not be overwritten."""
+    there = [path for folder in folders for name in RUN_FILES if (path := folder / name).is_file()]
+    if there and not overwrite:
+        raise UserError(f"--out {there[0].parent}: holds a run ({there[0].name}); name another folder, or --overwrite")
+    try:
+        for path in there:
+            path.unlink()
+    except OSError as error:
+        raise UserError(f"{error.filename}: can't be overwritten: {error.strerror}; name another folder") from error

@@ -8,12 +8,14 @@ from rich.console import Console
 from rich.progress import Progress
 
 from hil_forceps.bench.assembly import make_pipeline, settings_of
+from hil_forceps.bridge.pipeline import VERDICT_NAMES
 from hil_forceps.bridge.replay import replay as replay_recording
 from hil_forceps.cli.commands.replay_axis import replay_axis
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.tables import print_cells
-from hil_forceps.data.recording.reader import read_recording
+from hil_forceps.data.recording.reader import Recording, read_recording
+from hil_forceps.data.recording.writer import Outcome
 from hil_forceps.identification.instrument.black_boxes import black_boxes as black_boxes_of
 from hil_forceps.identification.instrument.comparison_files import comparison_tables, write_comparison
 from hil_forceps.identification.instrument.evaluation import compare_instrument, evaluate, read_instrument
@@ -26,6 +28,11 @@ from hil_forceps.rig.errors import UserError
 EXIT_DIFFERENT = 1
 RECORDING_SUFFIX = ".mcap"
 RECORDING_NAME = "run.mcap"  # in the folder of a `run`
+_NOT_SENT = {
+    Outcome.QUEUE_FULL: "found the bus full",
+    Outcome.BUS_DOWN: "found no bus",
+    Outcome.NOT_ALLOWED: "came before the drive took references",
+}
 
 
 def replay(
@@ -104,10 +111,25 @@ def _recording(path: Path, algorithm: str | None) -> int:
         )
         return 0
     if result.first_difference is None:
-        sys.stdout.write(f"{path}: {count} references from {len(recording.samples)} samples, all identical\n")
+        sys.stdout.write(f"{path}: {count} references from {len(recording.samples)} samples, all identical")
+        sys.stdout.write(f"; {_sent_or_not(recording)}\n")
         return 0
     sys.stdout.write(f"{path}: differs: {result.first_difference}\n")
     return EXIT_DIFFERENT
+
+
+def _sent_or_not(recording: Recording) -> str:
+    """Say how many of the ticks' references left, which is what `run` counts, and why the others did not."""
+    references = recording.references
+    told = [f"{np.count_nonzero(references['outcome'] == Outcome.SENT)} of them were sent"]
+    for outcome in Outcome:
+        count = np.count_nonzero(references["outcome"] == outcome)
+        if count and outcome not in {Outcome.SENT, Outcome.NONE}:
+            told.append(f"{count} {_NOT_SENT[outcome]}")
+    unsent = references["verdict"][references["outcome"] == Outcome.NONE]
+    for verdict, count in zip(*np.unique(unsent, return_counts=True), strict=True):
+        told.append(f"{count} {VERDICT_NAMES.get(int(verdict), f'verdict {verdict}').lower().replace('_', ' ')}")
+    return ", ".join(told)
 
 
 def _instrument(source: Path, rig_path: Path, out: Path, with_learned: bool) -> int:

@@ -23,7 +23,8 @@ from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.results import Telemetry
 from hil_forceps.cli.drive_line import line_rate, named_rigs
-from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.fault_lines import fault_lines, told_reason
+from hil_forceps.cli.files import clear_runs, make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.trajectory_file import read_trajectory
@@ -57,11 +58,13 @@ def run(
     bus_log: Literal["log", "asc", "blf"] = "log",
     reset_fault: bool = False,
     go_on: bool = False,
+    overwrite: bool = False,
 ) -> int:
     """Estimate and compensate against a motor driver on any python-can interface or pyserial URL.
 
     Writes OUT/run.mcap (every sample and reference), OUT/bus.log (raw frames) and OUT/run.json (result, counters,
-    timing). Ctrl-C and SIGTERM disable the drive first. Exit code 2 when the run did not end as it was meant to.
+    timing). Ctrl-C and SIGTERM disable the drive first. Exit code 2 when the run did not end as it was meant to: then
+    OUT/fault.json has the last second, and `hil-forceps explain OUT` tells what happened.
 
     Several --rig: as many axes on one bus in one loop; recording and result of each are in OUT/NAME, by the name of its
     rig file.
@@ -100,6 +103,8 @@ def run(
         Clear a fault that the drive holds from before.
     go_on
         Where one axis fails the others go on; without it they are stopped.
+    overwrite
+        Write over the run that OUT holds; without it that is refused.
     """
     rigs = named_rigs(rig)
     rates = set()
@@ -117,6 +122,7 @@ def run(
     if not (math.isfinite(duration_s) and duration_s > 0.0):
         raise UserError(f"--duration {duration_s}: must be a positive number of seconds")
     make_folder(out)
+    clear_runs([out, *(out / name for name in rigs if len(rigs) > 1)], overwrite=overwrite)
     plans = []
     for (name, loaded), machine, motion in zip(rigs.items(), machines, points, strict=True):
         folder = out / name if len(rigs) > 1 else out
@@ -224,6 +230,8 @@ def _tell(session: SessionResult, plan: Plan, line_share: float | None) -> int:
         "counters": {name: dict(values) for name, values in result.counters.items()},
         "timing": dict(result.timing),
     }
+    if session.fault is not None:
+        content["fault"] = {**told_reason(session.fault.reason), "file": session.fault.path.name}
     if line_share is not None:
         content["bus_share_at_most"] = round(line_share, 4)
     failures = list(session.failures)
@@ -235,7 +243,8 @@ def _tell(session: SessionResult, plan: Plan, line_share: float | None) -> int:
     for failure in failures:
         sys.stderr.write(f"hil-forceps: {said}{failure}\n")
     if not result.ok:
-        sys.stderr.write(f"hil-forceps: {said}{result.message}\n")
+        lines = [result.message] if session.fault is None else fault_lines(session.fault, result.message, folder)
+        sys.stderr.write(f"hil-forceps: {said}" + "\n".join(lines) + "\n")
         return EXIT_RUN_FAILED
     age = result.timing["age"]
     sys.stdout.write(

@@ -8,7 +8,15 @@ import pytest
 
 from firmware_protocol.frames import Frame
 from hil_forceps.bridge import bus_log
-from hil_forceps.bridge.bus_log import BATCH_ENTRIES, BusLog, CandumpWriter, LoggedLink, LogReport, open_bus_log
+from hil_forceps.bridge.bus_log import (
+    BATCH_ENTRIES,
+    BusLog,
+    CandumpLines,
+    CandumpWriter,
+    LoggedLink,
+    LogReport,
+    open_bus_log,
+)
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.recording.writer import FLUSH_NS, RECENT_NS
@@ -76,11 +84,13 @@ def test_the_last_seconds_stay_at_hand(tmp_path: Path) -> None:
     log = open_bus_log(tmp_path / "bus.log", BEGIN_NS, False)
     for k in range(20_000):
         log.add(k % 2 == 0, [(BEGIN_NS + k * 500_000, some_frame(k))])
-    times = [frames[0][0] for _, frames in log.recent()]
-    assert times[-1] == BEGIN_NS + 19_999 * 500_000
-    assert times[0] <= times[-1] - RECENT_NS
-    assert len(times) <= RECENT_NS // 500_000 + 2 * BATCH_ENTRIES
     log.close()
+    lines = log.recent()
+    times = [float(line[1:].partition(")")[0]) for line in lines]
+    assert times[-1] == 19_999 * 5e-4
+    assert times[0] <= times[-1] - RECENT_NS / 1e9
+    assert len(times) <= RECENT_NS // 500_000 + 2 * BATCH_ENTRIES
+    assert (tmp_path / "bus.log").read_text().endswith("\n".join(lines) + "\n")
 
 
 def test_unknown_kinds_and_places_are_user_errors(tmp_path: Path) -> None:
@@ -173,11 +183,9 @@ def test_time_in_a_log_never_goes_back(tmp_path: Path) -> None:
     ]
 
 
-def test_a_flood_of_ids_does_not_grow_the_writer(tmp_path: Path) -> None:
-    with (tmp_path / "bus.log").open("w") as file:
-        writer = CandumpWriter(file)
-        for k in range(3 * bus_log._MAX_HEADS):
-            writer.write(True, [(k, Frame(k, b"", is_extended=True))])
-        assert len(writer._heads) <= bus_log._MAX_HEADS
-        writer.close()
-    assert (tmp_path / "bus.log").read_text().splitlines()[-1].split()[2] == f"{3 * bus_log._MAX_HEADS - 1:08X}#"
+def test_a_flood_of_ids_does_not_grow_the_writer() -> None:
+    lines = CandumpLines()
+    for k in range(3 * bus_log._MAX_HEADS):
+        said = lines.of(True, [(k, Frame(k, b"", is_extended=True))])
+        assert len(lines._heads) <= bus_log._MAX_HEADS
+    assert said.split()[2] == f"{3 * bus_log._MAX_HEADS - 1:08X}#"

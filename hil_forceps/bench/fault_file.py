@@ -1,0 +1,77 @@
+"""`fault.json`: what an axis leaves behind where its run ended in a fault."""
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hil_forceps.bridge.axis import Axis
+from hil_forceps.bridge.fault import CRASHED, FaultReason
+from hil_forceps.bridge.flight_recorder import Recent, last_second
+from hil_forceps.bridge.service import Service
+from hil_forceps.data.recording.format import FAULT_NAME
+from hil_forceps.rig import Rig
+
+
+class KeptFault(NamedTuple):
+    """Why a run ended in a fault, and where the last second before it is kept."""
+
+    reason: FaultReason
+    began_ns: int  # the run, on the host's clock
+    drive_state: str  # what the drive said of itself, at the end
+    path: Path
+    problem: str  # why it is not there; empty when it is
+
+
+def fault_path(recording: Path) -> Path:
+    """Return where the last second before a fault goes, beside a recording."""
+    return recording.with_name(FAULT_NAME if recording.stem == "run" else f"{recording.stem}.{FAULT_NAME}")
+
+
+def fault_content(axis: Axis, rig: Rig, service: Service, recent: Recent, crash: str) -> bytes | None:
+    """Return the file's content; None after a run that ended as it was meant to.
+
+    `crash`: what went wrong in this program, if it did.
+    """
+    if crash and axis.fault is None:
+        stage = axis.course.stage.value
+        axis.fault = FaultReason(CRASHED, "this program", math.nan, math.nan, "", axis.now_ns, stage, crash)
+    if axis.fault is None:
+        return None
+    drive, course = axis.drive, axis.course
+    more: dict[str, Any] = {
+        "axis": axis.name,
+        "zero_ns": axis.pipeline.zero_ns,
+        "drive": {
+            "profile": rig.drive_profile,
+            "state": _state_of(axis),
+            "phase": drive.phase.name,
+            "fault": drive.fault_words(),
+            "disabled": course.drive_disabled,
+        },
+        "period_s": rig.bench.host_period_s,
+        "limits": rig.limits.model_dump(),
+        "counters": {
+            "service": {**service.counters, "references_sent": axis.references_sent},
+            "pipeline": dict(axis.pipeline.counters),
+            "host": dict(drive.counters),
+        },
+    }
+    said = axis.fault._replace(message=course.message or axis.fault.message)
+    return last_second(said, axis.stages, recent, more)
+
+
+def write_fault(axis: Axis, recording: Path, content: bytes | None) -> KeptFault | None:
+    """Write the content beside the recording; None where there is none."""
+    if content is None or axis.fault is None:
+        return None
+    path, problem = fault_path(recording), ""
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        problem = error.strerror or str(error)
+    return KeptFault(axis.fault, axis.stages[0][0], _state_of(axis), path, problem)
+
+
+def _state_of(axis: Axis) -> str:
+    state = axis.drive.drive_state
+    return "unknown" if state is None else state.name

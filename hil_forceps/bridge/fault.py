@@ -1,0 +1,96 @@
+"""Why a run ended otherwise than it was meant to: which check failed, at what value, against what limit."""
+
+import math
+from typing import NamedTuple, Protocol
+
+from hil_forceps.bridge.course import SILENT_PERIODS
+from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
+from hil_forceps.bridge.results import ServiceConfig, Stage, StopReason
+
+CRASHED = "crashed"  # this program failed
+
+
+class FaultReason(NamedTuple):
+    """The check that failed. `value` and `limit` are NaN where nothing was compared."""
+
+    reason: str  # a `StopReason`'s word, or `CRASHED`
+    check: str
+    value: float
+    limit: float
+    unit: str
+    time_ns: int  # host's clock
+    stage: str  # that the run was in
+    message: str
+
+    @property
+    def comparison(self) -> str:
+        """What was compared, in words; empty where nothing was."""
+        if not math.isfinite(self.value) or not math.isfinite(self.limit):
+            return ""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.check}: {self.value:.6g}{unit}, limit {self.limit:.6g}{unit}"
+
+
+class Trip(Protocol):
+    """What a gate tells of the check that stopped it."""
+
+    @property
+    def check(self) -> str:
+        """Its name."""
+
+    @property
+    def value(self) -> float:
+        """What it saw."""
+
+    @property
+    def limit(self) -> float:
+        """What it allows."""
+
+    @property
+    def unit(self) -> str:
+        """Of both."""
+
+    @property
+    def time_ns(self) -> int:
+        """Host's clock."""
+
+
+class Situation(NamedTuple):
+    """Where an axis was when it ended."""
+
+    stage: Stage  # that it left
+    entered_ns: int
+    now_ns: int
+    last_sample_ns: int
+
+
+def reason_of(
+    reason: StopReason, message: str, where: Situation, pipeline: Pipeline, config: ServiceConfig, trip: Trip | None
+) -> FaultReason:
+    """Return what failed; a gate's own trip says it better than the references that it denied since."""
+    if trip is not None and reason is StopReason.REFERENCE_DENIED:
+        found = FaultReason("", trip.check, trip.value, trip.limit, trip.unit, trip.time_ns, "", "")
+    else:
+        found = FaultReason("", *_compared(reason, where, pipeline, config), where.now_ns, "", "")
+    return found._replace(reason=reason.value, stage=where.stage.value, message=message)
+
+
+def _compared(
+    reason: StopReason, where: Situation, pipeline: Pipeline, config: ServiceConfig
+) -> tuple[str, float, float, str]:
+    """Return check, value, limit and unit."""
+    spent_s = (where.now_ns - where.entered_ns) / 1e9
+    if reason is StopReason.NO_DRIVE:
+        return "time to connect", spent_s, config.connect_timeout_ns / 1e9, "s"
+    if reason is StopReason.ENABLE_FAILED:
+        return "time to become operational", spent_s, config.enable_timeout_ns / 1e9, "s"
+    if reason is StopReason.REFERENCE_DENIED:
+        verdict = VERDICT_NAMES.get(pipeline.verdict, str(pipeline.verdict))
+        denied = float(pipeline.denied_in_a_row)
+        return f"references denied in a row ({verdict})", denied, float(config.max_denied_in_a_row - 1), ""
+    if reason is StopReason.DRIVE_LOST and where.stage is Stage.RUNNING:
+        silent_ms = (where.now_ns - where.last_sample_ns) / 1e6
+        limit_ms = max(config.silence_timeout_ns, SILENT_PERIODS * config.period_ns) / 1e6
+        if silent_ms > limit_ms:
+            return "time since the last sample", silent_ms, limit_ms, "ms"
+    return reason.value.replace("_", " "), math.nan, math.nan, ""

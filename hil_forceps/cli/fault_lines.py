@@ -1,0 +1,29 @@
+"""A fault in three lines on the terminal: what failed, when and in which state, where the rest is kept."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from hil_forceps.bench.fault_file import KeptFault
+from hil_forceps.bridge.fault import FaultReason
+
+
+def fault_lines(fault: KeptFault, message: str, folder: Path) -> list[str]:
+    """Return the lines, the first without the command's name before it."""
+    reason = fault.reason
+    compared = f" ({reason.comparison})" if reason.comparison else ""
+    at_s = (reason.time_ns - fault.began_ns) / 1e9
+    kept = f"the last second is in {fault.path}" if not fault.problem else f"{fault.path}: {fault.problem}"
+    return [
+        f"{message}{compared}",
+        f"  {at_s:.3f} s after the start, while {reason.stage}; at the end the drive says {fault.drive_state}",
+        f"  {kept}; hil-forceps explain {folder}",
+    ]
+
+
+def told_reason(reason: FaultReason) -> dict[str, Any]:
+    """Return it for JSON, with null where nothing was compared."""
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in reason._asdict().items()
+    }
