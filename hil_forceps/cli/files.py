@@ -10,7 +10,9 @@ from hil_forceps.rig.errors import UserError
 
 MAX_NAME_BYTES: Final = 200  # of 255, so that a suffix has room
 _NO_FILE_NAME: Final = re.compile(r"^\.+$|[/\x00-\x1f\x7f]")
-RUN_FILES = ("run.mcap", "run.json", FAULT_NAME, "bus.log", "bus.asc", "bus.blf")
+RECORDING_NAME = "run.mcap"  # in the folder of a `run`
+BUS_LOGS = ("bus.log", "bus.asc", "bus.blf")
+RUN_FILES = (RECORDING_NAME, "run.json", FAULT_NAME, *BUS_LOGS)
 
 
 def make_folder(path: Path, inside: Path | None = None) -> None:
@@ -60,3 +62,21 @@ def clear_runs(folders: Sequence[Path], *, overwrite: bool) -> None:
             path.unlink()
     except OSError as error:
         raise UserError(f"{error.filename}: can't be overwritten: {error.strerror}; name another folder") from error
+
+
+def recording_of(run: Path) -> Path:
+    """Return the recording that the user means, by its folder or itself; UserError where there is none."""
+    path = run / RECORDING_NAME if run.is_dir() else run
+    if not path.is_file():
+        told = f"holds no {RECORDING_NAME}" if run.is_dir() else "no such file or folder"
+        raise UserError(f"{run}: {told}; name the folder of a run, or its recording")
+    return path
+
+
+def bus_log_of(recording: Path) -> Path | None:
+    """Return the bus log beside a recording, or above it where a run has several axes; of a bench's run NAME.log."""
+    if recording.name != RECORDING_NAME:
+        own = recording.with_suffix(".log")
+        return own if own.is_file() else None
+    folders = (recording.parent, recording.parent.parent)
+    return next((path for folder in folders for name in BUS_LOGS if (path := folder / name).is_file()), None)

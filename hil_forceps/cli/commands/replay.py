@@ -11,7 +11,7 @@ from hil_forceps.bench.assembly import make_pipeline, settings_of
 from hil_forceps.bridge.pipeline import VERDICT_NAMES
 from hil_forceps.bridge.replay import replay as replay_recording
 from hil_forceps.cli.commands.replay_axis import replay_axis
-from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.files import RECORDING_NAME, make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.tables import print_cells
 from hil_forceps.data.recording.reader import Recording, read_recording
@@ -27,7 +27,6 @@ from hil_forceps.rig.errors import UserError
 
 EXIT_DIFFERENT = 1
 RECORDING_SUFFIX = ".mcap"
-RECORDING_NAME = "run.mcap"  # in the folder of a `run`
 _NOT_SENT = {
     Outcome.QUEUE_FULL: "found the bus full",
     Outcome.BUS_DOWN: "found no bus",

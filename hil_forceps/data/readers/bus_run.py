@@ -124,6 +124,23 @@ def read_bus_log(path: str | Path, kind: str = "", choice: Choice = Choice()) ->
     return [Run(f"{run.name}-node{node}-{place}", run.columns, run.notes) for place, (node, run) in enumerate(runs, 1)]
 
 
+class HeardDrive(NamedTuple):
+    """What a drive said from one start of its own to the next, and how often it was told a reference."""
+
+    samples: list[RawSample]  # `received_ns` counts from the log's first frame; angles and stamps unwrap from the first
+    references: int
+
+
+def heard_drives(path: Path, node: int) -> tuple[list[HeardDrive], tuple[str, ...]]:
+    """Return what one node said, and what should be known of the log; UserError when it can't be read."""
+    account = Account()
+    heard = _Heard(path)
+    for logged in read_frames(path, account=account):
+        heard.take(logged)
+    drives = [drive for bus in heard.buses for drive in bus.get(node, [])]
+    return [HeardDrive(drive.samples, len(drive.setpoints)) for drive in drives], account.told()
+
+
 def _said(account: Account) -> str:
     return "".join(f"; {told}" for told in account.told())
 
@@ -141,6 +158,11 @@ class _Heard:
         self._last_ns = 0
         self._steps_back = 0
         self._longest_step_back_ns = 0
+
+    @property
+    def buses(self) -> list[dict[int, list[_Drive]]]:
+        """What was said, by node, on each bus."""
+        return list(self._drives.values())
 
     @property
     def refused(self) -> int:

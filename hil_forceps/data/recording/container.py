@@ -76,7 +76,7 @@ def collect(data: bytes, name: str) -> Found:
         body = data[start:end]
         try:
             if opcode == Opcode.CHUNK:
-                found.chunks.append(unpacked(ChunkRecord.read(_stream(body)), room))
+                found.chunks.append(unpacked(ChunkRecord.read(stream(body)), room))
                 room -= len(found.chunks[-1])
             elif opcode == Opcode.DATA_END:
                 found.has_end = True
@@ -93,7 +93,7 @@ def collect(data: bytes, name: str) -> Found:
             found.remarks.append(f"recording is {told}")
     if not found.has_end and not found.damage:
         found.damage = f"cut off or damaged at byte {found.end} of {len(data)}: it has no end"
-    _check_settings(found, name)
+    check_settings(found, name)
     if found.foreign:
         _check_foreign(found, name)
     return found
@@ -117,8 +117,8 @@ def records_from(data: bytes, offset: int) -> Iterator[tuple[int, int, int]]:
         yield opcode, start + offset, end + offset
 
 
-def messages(chunk: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """Yield (channel, sequence, body) of every whole message of a chunk, as `records` does."""
+def places(chunk: bytes) -> Iterator[tuple[int, int, int, int]]:
+    """Yield channel, sequence, begin of the record and end of every whole message of a chunk, as `records` does."""
     offset, end = 0, len(chunk)
     head, head_size = MESSAGE_START.unpack_from, MESSAGE_HEAD.size
     message = int(Opcode.MESSAGE)
@@ -128,13 +128,13 @@ def messages(chunk: bytes) -> Iterator[tuple[int, int, bytes]]:
         if after > end:
             return
         if opcode == message:
-            yield channel, sequence, chunk[offset + head_size : after]
+            yield channel, sequence, offset, after
         offset = after
 
 
-def next_chunk(data: bytes, at: int) -> int | None:
-    """Return where from `at` on a chunk may begin, by how it says that it is packed; None where none does."""
-    place = data.find(_CHUNK_BEGIN, at + _CHUNK_BEGIN_AT)
+def next_chunk(data: bytes, at: int, stop: int) -> int | None:
+    """Return where within [at, stop) a chunk may begin, by how it says that it is packed; None where none does."""
+    place = data.find(_CHUNK_BEGIN, at + _CHUNK_BEGIN_AT, stop + _CHUNK_BEGIN_AT + len(_CHUNK_BEGIN) - 1)
     return None if place < 0 else place - _CHUNK_BEGIN_AT
 
 
@@ -147,7 +147,7 @@ def chunk_at(data: bytes, at: int, room: int) -> Placed | None:
     if opcode != Opcode.CHUNK or length > LARGEST_RECORD or start + length > len(data):
         return None
     try:
-        chunk = ChunkRecord.read(_stream(data[start : start + length]))
+        chunk = ChunkRecord.read(stream(data[start : start + length]))
         return Placed(unpacked(chunk, room), start + length) if chunk.uncompressed_crc else None
     except DAMAGE:
         return None
@@ -171,6 +171,14 @@ def unpacked(chunk: ChunkRecord, room: int) -> bytes:
     return data
 
 
+def attachment_of(body: bytes) -> Attachment:
+    """Return an attachment; ValueError where its checksum is wrong."""
+    if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
+        raise ValueError("the checksum of an attachment is wrong")
+    attachment: Attachment = Attachment.read(stream(body))
+    return attachment
+
+
 def settings_bytes(metadata: Mapping[str, str]) -> bytes:
     """Return the attachment that says once more what the metadata do."""
     return json.dumps({"format": FORMAT_VERSION, "metadata": dict(metadata)}).encode()
@@ -178,18 +186,16 @@ def settings_bytes(metadata: Mapping[str, str]) -> bytes:
 
 def _take(opcode: int, body: bytes, found: Found, schemas: dict[int, str]) -> None:
     if opcode == Opcode.METADATA:
-        record = Metadata.read(_stream(body))
+        record = Metadata.read(stream(body))
         found.metadata[record.name] = record.metadata
     elif opcode == Opcode.ATTACHMENT:
-        if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
-            raise ValueError("the checksum of an attachment is wrong")
-        attachment = Attachment.read(_stream(body))
+        attachment = attachment_of(body)
         found.attachments[attachment.name] = bytes(attachment.data)
     elif opcode == Opcode.SCHEMA:
-        schema = Schema.read(_stream(body))
+        schema = Schema.read(stream(body))
         schemas[schema.id] = schema.data.decode()
     elif opcode == Opcode.CHANNEL:
-        found.foreign = found.foreign or _foreign(Channel.read(_stream(body)), schemas)
+        found.foreign = found.foreign or _foreign(Channel.read(stream(body)), schemas)
 
 
 def _foreign(channel: Channel, schemas: Mapping[int, str]) -> str:
@@ -210,7 +216,7 @@ def _check_foreign(found: Found, name: str) -> None:
     found.remarks.append(f"recording is damaged: the description of {found.foreign} isn't what was written")
 
 
-def _check_settings(found: Found, name: str) -> None:
+def check_settings(found: Found, name: str) -> None:
     """Take the metadata from the copy that has a checksum; say so where the record differs.
 
     UserError for another version of the format.
@@ -249,7 +255,7 @@ def _check_end(data: bytes, data_end: int, end: int, found: Found) -> None:
         after = stop
         if opcode == Opcode.STATISTICS:
             try:
-                found.counted = int(Statistics.read(_stream(data[start:stop])).message_count)
+                found.counted = int(Statistics.read(stream(data[start:stop])).message_count)
             except DAMAGE:
                 found.counted = None
         if opcode == Opcode.FOOTER:
@@ -282,5 +288,6 @@ def _inflated(packed: bytes, size: int) -> bytes:
     return data
 
 
-def _stream(body: bytes) -> ReadDataStream:
+def stream(body: bytes) -> ReadDataStream:
+    """Return what the record classes of mcap read from."""
     return ReadDataStream(BytesIO(body))

@@ -14,10 +14,11 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from firmware_protocol.messages import DriveState
-from hil_forceps.data.recording.container import Found, collect, messages
+from hil_forceps.data.recording.container import Found, collect, places
 from hil_forceps.data.recording.format import (
     BENCH,
     FAULT_NAME,
+    MESSAGE_HEAD,
     METADATA_NAME,
     RECOVERY_NAME,
     REFERENCE,
@@ -32,6 +33,7 @@ from hil_forceps.rig.errors import UserError
 Table = NDArray[np.void]
 
 MAX_FILE_BYTES = 4 << 30
+MAX_REFERENCE_AGE = 128  # ticks: half of what sequences repeat after
 BENCH_MATCH_NS = 100_000_000  # sequences repeat after 256 samples: a bench value belongs to a sample this near
 
 
@@ -91,15 +93,21 @@ class Recording:
         return Run(self.name, {name: np.asarray(values, float) for name, values in columns.items()}, tuple(notes))
 
     def _followed(self, samples: Table) -> NDArray[np.float64]:
-        """Return, for each sample, the reference last accepted: the latest sent before it with the echoed sequence."""
+        """Return, for each sample, the reference last accepted: the latest sent before it with the echoed sequence.
+
+        One from longer ago than half the sequence lasts is taken for another one of that number, which is missing.
+        """
         sent = self.references[self.references["outcome"] == Outcome.SENT]
         result = np.full(len(samples), np.nan)
+        oldest_ns = MAX_REFERENCE_AGE * np.median(np.diff(sent["tick_ns"])) if len(sent) > 1 else np.inf
         for sequence in np.unique(samples["setpoint_sequence"]):
             own = sent[sent["setpoint_sequence"] == sequence]
             wanted = np.flatnonzero(samples["setpoint_sequence"] == sequence)
             if len(own):
                 index = np.searchsorted(own["tick_ns"], samples["received_ns"][wanted], side="right") - 1
-                result[wanted[index >= 0]] = own["passed_rad"][index[index >= 0]]
+                known = index >= 0
+                known[known] = samples["received_ns"][wanted[known]] - own["tick_ns"][index[known]] <= oldest_ns
+                result[wanted[known]] = own["passed_rad"][index[known]]
         return result
 
 
@@ -171,14 +179,14 @@ def tables_of(chunks: Iterable[bytes], *, first_counts: bool = True) -> Tables:
     order: list[int] = []
     missing = 0
     expected: dict[int, int] = {topic.channel: 0 for topic in TOPICS} if first_counts else {}
-    sizes = {topic.channel: topic.dtype.itemsize for topic in TOPICS}
+    sizes, head_size = {topic.channel: topic.record.size for topic in TOPICS}, MESSAGE_HEAD.size
     for chunk in chunks:
-        for channel, sequence, body in messages(chunk):
-            if len(body) != sizes.get(channel):
+        for channel, sequence, begin, end in places(chunk):
+            if end - begin != sizes.get(channel):
                 continue
             missing += max(sequence - expected.get(channel, sequence), 0)
             expected[channel] = sequence + 1
-            bodies[channel].append(body)
+            bodies[channel].append(chunk[begin + head_size : end])
             order.append(channel)
     samples, references, bench = (
         np.frombuffer(b"".join(bodies[topic.channel]), dtype=topic.dtype) for topic in (SAMPLE, REFERENCE, BENCH)

@@ -24,6 +24,7 @@ COMMANDS = (
     "import",
     "simulate",
     "replay",
+    "recover",
     "check",
     "doctor",
     "scan",

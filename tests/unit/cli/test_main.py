@@ -29,6 +29,7 @@ COMMANDS = (
     "import",
     "simulate",
     "replay",
+    "recover",
     "check",
     "scan",
     "info",

@@ -1,0 +1,195 @@
+"""All that can still be read of a recording, damaged or not: what stands behind the damage, too.
+
+Where a record makes no sense the search goes on for the next one that does. Only chunks and attachments whose own
+checksum is right are taken, so nothing is taken for data that isn't.
+"""
+
+import struct
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.records import Metadata
+from mcap.writer import MCAP0_MAGIC
+
+from hil_forceps.data.recording.container import (
+    DAMAGE,
+    LARGEST_RECORD,
+    MAX_UNPACKED_BYTES,
+    Found,
+    attachment_of,
+    check_settings,
+    chunk_at,
+    collect,
+    next_chunk,
+    places,
+    stream,
+)
+from hil_forceps.data.recording.format import (
+    FAULT_NAME,
+    MESSAGE_HEAD,
+    METADATA_NAME,
+    RECORD_HEAD,
+    RESULT_NAME,
+    SETTINGS_NAME,
+    TOPICS,
+    Topic,
+)
+from hil_forceps.rig.errors import UserError
+
+_NAMES = {Opcode.METADATA: (METADATA_NAME, RESULT_NAME), Opcode.ATTACHMENT: (SETTINGS_NAME, FAULT_NAME)}
+_NAME_AT = {Opcode.METADATA: RECORD_HEAD.size, Opcode.ATTACHMENT: RECORD_HEAD.size + 8 + 8}
+_KNOWN = frozenset(int(opcode) for opcode in Opcode)
+_TIME_AT = MESSAGE_HEAD.size - 8 - 8 - 4  # of the log time, within a message record
+
+
+class Damage(NamedTuple):
+    """Bytes of the file that say nothing, up to `end`."""
+
+    begin: int
+    end: int
+
+
+class Message(NamedTuple):
+    """One message record, as it stands in a chunk."""
+
+    channel: int
+    number: int
+    time_ns: int  # host's clock
+    record: bytes
+
+
+class Gap(NamedTuple):
+    """Messages that are missing: their numbers, and the times of those before and behind (None at the ends)."""
+
+    channel: int
+    first: int
+    last: int
+    after_ns: int | None
+    before_ns: int | None
+
+    @property
+    def missing(self) -> int:
+        """How many are missing."""
+        return self.last - self.first + 1
+
+
+@dataclass(slots=True)
+class Salvage:
+    """What is there. `found` is what the reader makes of it, with what stands behind the damage added."""
+
+    found: Found
+    damage: list[Damage] = field(default_factory=list)
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the file is as it was written, and was closed as it should."""
+        return not (self.damage or self.found.damage or self.found.remarks)
+
+
+def salvage(data: bytes, name: str) -> Salvage:
+    """Return all that can be read; UserError where that is nothing, or of another format."""
+    result = Salvage(collect(data, name) if data.startswith(MCAP0_MAGIC) else Found(damage="without a head"))
+    found = result.found
+    if not result.is_sound:
+        found.chunks, room, at = [], MAX_UNPACKED_BYTES, 0
+        while at < len(data):
+            if data.startswith(MCAP0_MAGIC, at):
+                at += len(MCAP0_MAGIC)
+                continue
+            placed = chunk_at(data, at, room)
+            if placed is not None:
+                found.chunks.append(placed.records)
+                room -= len(placed.records)
+                at = placed.end
+                continue
+            end = _other_record(data, at, found)
+            if end is None:
+                end = _next_record(data, at + 1, room)
+                result.damage.append(Damage(at, end))
+            at = end
+        if not data.startswith(MCAP0_MAGIC):
+            check_settings(found, name)
+    if METADATA_NAME not in found.metadata and not found.chunks:
+        raise UserError(f"{name}: not a recording of the bench, or nothing of it can be read")
+    return result
+
+
+def all_messages(chunks: Iterable[bytes]) -> Iterator[Message]:
+    """Yield the messages of the known topics, in the order of the file."""
+    sizes = {topic.channel: topic.record.size for topic in TOPICS}
+    for chunk in chunks:
+        for channel, number, begin, end in places(chunk):
+            if sizes.get(channel) == end - begin:
+                record = chunk[begin:end]
+                yield Message(channel, number, int.from_bytes(record[_TIME_AT : _TIME_AT + 8], "little"), record)
+
+
+def gaps(found: Iterable[Message]) -> list[Gap]:
+    """Return what the numbers show to be missing between the messages, and before the first."""
+    last: dict[int, Message] = {}
+    result = []
+    for message in found:
+        before = last.get(message.channel)
+        expected = 0 if before is None else before.number + 1
+        if message.number > expected:
+            after_ns = None if before is None else before.time_ns
+            result.append(Gap(message.channel, expected, message.number - 1, after_ns, message.time_ns))
+        last[message.channel] = message
+    return result
+
+
+def topic_of(channel: int) -> Topic:
+    """Return the topic of a channel; StopIteration for one that isn't known."""
+    return next(topic for topic in TOPICS if topic.channel == channel)
+
+
+def _other_record(data: bytes, at: int, found: Found) -> int | None:
+    """Take a record that is no chunk; return where it ends, None where it makes no sense."""
+    if at + RECORD_HEAD.size > len(data):
+        return None
+    opcode, length = RECORD_HEAD.unpack_from(data, at)
+    start = at + RECORD_HEAD.size
+    end: int = start + length
+    if length > LARGEST_RECORD or end > len(data) or opcode not in _KNOWN:
+        return None
+    body = data[start:end]
+    try:
+        if opcode == Opcode.METADATA:
+            record = Metadata.read(stream(body))
+            found.metadata.setdefault(record.name, record.metadata)
+        elif opcode == Opcode.ATTACHMENT:
+            attachment = attachment_of(body)
+            found.attachments.setdefault(attachment.name, bytes(attachment.data))
+        elif opcode == Opcode.CHUNK:
+            return None
+    except DAMAGE:
+        return None
+    if opcode != Opcode.ATTACHMENT and _next_chunk(data, at + 1, end, LARGEST_RECORD) is not None:
+        return None  # its length is damaged: a chunk that vouches for itself begins within
+    return end
+
+
+def _next_record(data: bytes, at: int, room: int) -> int:
+    """Return where the next record begins that vouches for itself, or has a name that is known; else the end."""
+    found = [len(data)]
+    if (chunk := _next_chunk(data, at, len(data), room)) is not None:
+        found.append(chunk)
+    for opcode, names in _NAMES.items():
+        for name in names:
+            text, before = struct.pack("<I", len(name)) + name.encode(), _NAME_AT[opcode]
+            place = data.find(text, at + before)
+            while place >= 0 and data[place - before] != opcode:
+                place = data.find(text, place + 1)
+            if place >= 0:
+                found.append(place - before)
+    return min(found)
+
+
+def _next_chunk(data: bytes, at: int, stop: int, room: int) -> int | None:
+    """Return where the next chunk within [at, stop) begins whose checksum is right."""
+    place = next_chunk(data, at, stop)
+    while place is not None and chunk_at(data, place, room) is None:
+        place = next_chunk(data, place + 1, stop)
+    return place
