@@ -68,7 +68,9 @@ def recording_of(run: Path) -> Path:
     """Return the recording that the user means, by its folder or itself; UserError where there is none."""
     path = run / RECORDING_NAME if run.is_dir() else run
     if not path.is_file():
+        axes = sorted(each.parent.name for each in run.glob(f"*/{RECORDING_NAME}")) if run.is_dir() else []
         told = f"holds no {RECORDING_NAME}" if run.is_dir() else "no such file or folder"
+        told += f", but its folders {', '.join(axes[:8])} do" if axes else ""
         raise UserError(f"{run}: {told}; name the folder of a run, or its recording")
     return path
 

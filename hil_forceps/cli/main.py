@@ -35,6 +35,7 @@ for _name, _path, _help in (
     ("diagnose", "diagnose:diagnose", "Show what a simulation gets wrong about measured runs, and name the cause."),
     ("replay", "replay:replay", "Send a recording, or a measured run of a real forceps, through the estimators."),
     ("recover", "recover:recover", "Say what a damaged recording still holds; make a sound one of it."),
+    ("explain", "explain:explain", "Tell the course of a run, what ended it, and what may be behind that."),
     ("import", "import_:import_", "Turn measured runs of any known format into the project's own; audit them."),
     ("simulate", "simulate:simulate", "Simulate beside a measured run, as it was driven; compare channel by channel."),
     ("check", "check:check", "Look for settings of a rig that don't go together, before anything is connected."),

@@ -25,6 +25,7 @@ COMMANDS = (
     "simulate",
     "replay",
     "recover",
+    "explain",
     "check",
     "doctor",
     "scan",

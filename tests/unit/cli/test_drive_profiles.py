@@ -169,7 +169,7 @@ def test_a_path_that_takes_too_long_is_told_by_its_age(capsys: pytest.CaptureFix
     assert "older than limits.max_sample_age_s" in said
     rig.write_text(rig.read_text(encoding="utf-8").replace("max_sample_age_s: 3.0e-3", "max_sample_age_s: 0.02"))
     with pytest.raises(SystemExit) as ended:
-        cli.main(["run", "--rig", str(rig), *channel, "--duration", "2", "--out", str(tmp_path / "out")])
+        cli.main(["run", "--rig", str(rig), *channel, "--duration", "2", "--out", str(tmp_path / "out"), "--overwrite"])
     assert ended.value.code == 0
     age_us = json.loads((tmp_path / "out" / "run.json").read_text())["timing"]["age"]["p50_us"]
     assert age_us > 10_000.0

@@ -30,6 +30,7 @@ COMMANDS = (
     "simulate",
     "replay",
     "recover",
+    "explain",
     "check",
     "scan",
     "info",

@@ -162,7 +162,7 @@ def test_a_fault_of_before_is_told_and_reset_on_demand(
     code, result = run(tmp_path)
     assert (code, result["reason"]) == (2, "drive_fault")
     assert "holds a fault from before: hardware error 0x20 (overload)" in capsys.readouterr().err
-    code, result = run(tmp_path, RIG_FILE, "--reset-fault")
+    code, result = run(tmp_path, RIG_FILE, "--reset-fault", "--overwrite")
     assert (code, result["reason"]) == (0, "completed")
 
 

@@ -184,7 +184,7 @@ def test_a_fault_from_before_is_told_and_cleared_on_request(
     code, result = run(tmp_path)
     assert (code, result["reason"]) == (2, "drive_fault")
     assert "the drive holds a fault from before: watchdog expired (mode 11)" in line_of(capsys)
-    code, result = run(tmp_path, RIG_FILE, "--reset-fault")
+    code, result = run(tmp_path, RIG_FILE, "--reset-fault", "--overwrite")
     assert (code, result["reason"]) == (0, "completed")
 
 

@@ -1,0 +1,193 @@
+"""What happened in a run, in the order of time: one sentence for each stretch of ticks or samples of one kind."""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_protocol.messages import DriveState, fault_words
+from hil_forceps.bench.explanation.evidence import Evidence
+from hil_forceps.bridge.pipeline import Verdict
+from hil_forceps.data.recording.writer import Outcome
+
+JOIN_NS = 50_000_000  # stretches of one kind that lie nearer together are one
+QUIET_TICKS = 3  # ticks in a row without a new sample are told from here on: clocks that drift make one or two
+APPROACH_RAD = 1e-9  # of the reference beside the trajectory, far above what rounding leaves
+MIN_UNHEARD = 3  # references that the drive's echo doesn't show: one or two are always under way
+STATE_WORDS = {
+    DriveState.DISABLED: "DISABLED, without torque",
+    DriveState.ARMED: "ARMED, waiting for a first reference",
+    DriveState.OPERATIONAL: "OPERATIONAL, following references",
+    DriveState.FAULT: "FAULT",
+}
+Mask = NDArray[np.bool_]
+
+
+class Event(NamedTuple):
+    """Something that happened; time in s since the start."""
+
+    time_s: float
+    kind: str
+    text: str
+
+
+def events_of(evidence: Evidence) -> list[Event]:
+    """Return all of them, oldest first."""
+    sources: tuple[Callable[[Evidence], Iterator[Event]], ...] = (
+        _stages, _states, _zero, _approach, _missing_samples, _ticks, _skipped_ticks, _unheard,
+    )  # fmt: skip
+    found = [event for source in sources for event in source(evidence)]
+    return sorted(found, key=lambda event: event.time_s)
+
+
+def unheard_references(evidence: Evidence) -> tuple[int, int] | None:
+    """Return how many references left since the drive's echo last moved, and when that was; None before any."""
+    samples = evidence.samples[evidence.samples["received_ns"] <= evidence.ended_ns]
+    moved = np.flatnonzero(np.diff(samples["setpoint_sequence"].astype(np.int16)))
+    if not moved.size:
+        return None
+    heard_ns = int(samples["received_ns"][moved[-1] + 1])
+    sent = evidence.references[evidence.references["outcome"] == Outcome.SENT]["sent_ns"]
+    return int(np.count_nonzero((sent > heard_ns) & (sent <= evidence.ended_ns))), heard_ns
+
+
+def stretches(mask: Mask, times: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
+    """Yield first row, last row and count of each stretch of rows that hold, joined where they lie near together."""
+    rows = np.flatnonzero(mask)
+    if not rows.size:
+        return
+    breaks = np.flatnonzero(np.diff(times[rows]) > JOIN_NS) + 1
+    for part in np.split(rows, breaks):
+        yield int(part[0]), int(part[-1]), len(part)
+
+
+def _stages(evidence: Evidence) -> Iterator[Event]:
+    words = {"connecting": "the drive is looked for", "enabling": "it answers and is asked for torque",
+             "running": "references follow the trajectory", "stopping": "the drive is asked for no torque"}  # fmt: skip
+    for time_ns, stage in (evidence.fault or {}).get("stages", ()):
+        if stage in words:
+            yield Event(evidence.time_s(int(time_ns)), "stage", words[stage])
+
+
+def _states(evidence: Evidence) -> Iterator[Event]:
+    samples = evidence.samples
+    if not len(samples):
+        return
+    both = samples["state"].astype(np.int64) * 256 + samples["fault"]
+    changes = np.flatnonzero(both[1:] != both[:-1])
+    for place, row in enumerate([0, *(changes + 1).tolist()]):
+        state, fault = int(samples["state"][row]), int(samples["fault"][row])
+        words = STATE_WORDS.get(DriveState(state), "") if state in set(DriveState) else f"state {state}"
+        if state == DriveState.FAULT:
+            words += f": {_fault_words(evidence, fault)}"
+        begin = "the drive says" if place else f"the first sample {'kept' if evidence.is_second else 'comes'}; it says"
+        yield Event(evidence.time_s(int(samples["received_ns"][row])), "state", f"{begin} {words}")
+
+
+def _fault_words(evidence: Evidence, fault: int) -> str:
+    """Return a fault in the words of the drive's maker, where they were kept."""
+    if evidence.profile == "native":
+        return fault_words(fault)
+    if evidence.fault is not None:
+        return str(evidence.fault["drive"].get("fault", ""))
+    return f"see below, and what {evidence.profile} has to say of it"
+
+
+def _zero(evidence: Evidence) -> Iterator[Event]:
+    rows = np.flatnonzero(evidence.samples["stamp_ns"] == (-1 if evidence.zero_ns is None else evidence.zero_ns))
+    if rows.size:
+        time_s = evidence.time_s(int(evidence.samples["received_ns"][rows[0]]))
+        yield Event(time_s, "zero", "zero: the time of the experiment counts from here")
+
+
+def _approach(evidence: Evidence) -> Iterator[Event]:
+    """Tell the way from where the jaw was to where the trajectory was, by what was added to the reference."""
+    references = evidence.references
+    rows = np.flatnonzero((references["trajectory_ns"] >= 0) & np.isfinite(references["requested_rad"]))
+    if evidence.rig is None or not rows.size:
+        return
+    plant = evidence.rig.plant()
+    jaw_m = plant.jaw_pulley_radius_m * references["theta_j_ref_rad"][rows]
+    wanted = (jaw_m + references["elongation_used_m"][rows]) / plant.motor_pulley_radius_m  # (10)
+    added = references["requested_rad"][rows] - wanted
+    moving = np.abs(added) > APPROACH_RAD
+    if not moving[0]:
+        return
+    end = int(np.argmin(moving)) if not moving.all() else len(rows) - 1
+    begin_ns, end_ns = (int(references["tick_ns"][rows[row]]) for row in (0, end))
+    over = "" if not moving.all() else ", and is not over at the end"
+    yield Event(
+        evidence.time_s(begin_ns),
+        "approach",
+        f"approach: the motor is {float(added[0]):+.4f} rad from the trajectory; "
+        f"it fades out in {(end_ns - begin_ns) / 1e9:.3f} s{over}",
+    )
+
+
+def _missing_samples(evidence: Evidence) -> Iterator[Event]:
+    samples = evidence.samples
+    if len(samples) < 2:
+        return
+    times = samples["received_ns"]
+    sequences = samples["sequence"].astype(np.int64)
+    jumps = (sequences[1:] - sequences[:-1] - 1) % 256
+    for first, last, _ in stretches(jumps > 0, times[:-1]):
+        count = int(jumps[first : last + 1].sum())
+        text = f"{_number(count, 'sample')} of the drive did not come, by their sequence numbers"
+        yield Event(evidence.time_s(int(times[first])), "missing samples", text)
+
+
+def _ticks(evidence: Evidence) -> Iterator[Event]:
+    references = evidence.references
+    running = references["trajectory_ns"] >= 0
+    for code in np.unique(references["verdict"]).tolist():
+        mask = running & (references["verdict"] == code)
+        text = _verdict_words(code, evidence.verdicts.get(code, f"verdict {code}"))
+        if text:
+            yield from _told(evidence, mask, text, QUIET_TICKS if code == Verdict.NOTHING_NEW else 1)
+    for outcome, text in ((Outcome.QUEUE_FULL, "found the bus full: their references were dropped"),
+                          (Outcome.BUS_DOWN, "found no bus for their references")):  # fmt: skip
+        yield from _told(evidence, references["outcome"] == outcome, text, 1)
+
+
+def _told(evidence: Evidence, mask: Mask, text: str, least: int) -> Iterator[Event]:
+    times = evidence.references["tick_ns"]
+    for first, _, count in stretches(mask, times):
+        if count >= least:
+            yield Event(evidence.time_s(int(times[first])), "ticks", f"{_number(count, 'tick')} {text}")
+
+
+def _verdict_words(code: int, name: str) -> str:
+    """Return what a tick with this verdict did; empty where it is nothing to tell."""
+    if code == Verdict.NOTHING_NEW:
+        return "had no new sample, so no reference left"
+    if code == Verdict.STALE:
+        return "had only a sample older than limits.max_sample_age_s, so no reference left"
+    if name.startswith("LIMITED_"):
+        return f"had their references limited by the gate ({name[8:].lower()})"
+    return f"had their references denied ({name})" if name.startswith("DENIED_") else ""
+
+
+def _skipped_ticks(evidence: Evidence) -> Iterator[Event]:
+    times = evidence.references["tick_ns"]
+    if len(times) < 3:
+        return
+    steps = np.diff(times)
+    period = float(np.median(steps))
+    for first, last, _ in stretches(steps > 1.5 * period, times[:-1]):
+        skipped = int(np.round(steps[first : last + 1] / period - 1.0).sum())
+        longest_ms = float(steps[first : last + 1].max()) / 1e6
+        text = f"this host was late: {_number(skipped, 'tick')} left out, the longest pause {longest_ms:.1f} ms"
+        yield Event(evidence.time_s(int(times[first])), "overruns", text)
+
+
+def _unheard(evidence: Evidence) -> Iterator[Event]:
+    found = unheard_references(evidence)
+    if found is not None and found[0] >= MIN_UNHEARD and evidence.profile == "native":
+        text = f"the drive takes its last reference; {found[0]} sent after it did not arrive, or were refused"
+        yield Event(evidence.time_s(found[1]), "unheard", text)
+
+
+def _number(count: int, what: str) -> str:
+    return f"1 {what}" if count == 1 else f"{count} {what}s"

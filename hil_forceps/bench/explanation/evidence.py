@@ -1,0 +1,173 @@
+"""What there is to tell of a run: its recording, damaged or not, and the second that was kept before a fault."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.bench.assembly import settings_of
+from hil_forceps.bench.fault_file import fault_path
+from hil_forceps.bridge.flight_recorder import FAULT_FORMAT
+from hil_forceps.bridge.pipeline import VERDICT_NAMES
+from hil_forceps.data.recording.format import REFERENCE, SAMPLE, Topic
+from hil_forceps.data.recording.reader import Recording, Table, read_recording
+from hil_forceps.data.strict_json import parse_json
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Tables as in a recording. Strings are empty and `rig` is None where nothing says it."""
+
+    name: str
+    samples: Table
+    references: Table
+    reason: str  # a `StopReason`'s word, or "crashed"; empty where the run's end isn't recorded
+    message: str
+    began_ns: int  # host's clock
+    ended_ns: int  # the fault, or the last message
+    zero_ns: int | None  # drive's clock
+    profile: str  # what the drive speaks
+    rig: Rig | None
+    fault: Mapping[str, Any] | None  # of `fault.json`
+    verdicts: Mapping[int, str]
+    lateness: NDArray[np.int64]  # rows of a tick's time and how late it was; none without `fault`
+    notes: tuple[str, ...]
+
+    @property
+    def is_second(self) -> bool:
+        """Whether nothing but the last second is known."""
+        return self.rig is None and self.fault is not None
+
+    def time_s(self, time_ns: int) -> float:
+        """Return a time of the host's clock in s since the start."""
+        return (time_ns - self.began_ns) / 1e9
+
+
+def read_evidence(path: Path) -> Evidence:
+    """Read a recording, or `fault.json` alone; UserError where it is neither."""
+    if path.suffix == ".json":
+        return _of_fault(path.name, _fault_of(path.read_bytes(), str(path)), ())
+    beside = fault_path(path)
+    try:
+        recording = read_recording(path)
+    except UserError as error:
+        if not beside.is_file():
+            raise
+        return _of_fault(beside.name, _fault_of(beside.read_bytes(), str(beside)), (str(error),))
+    return _of_recording(recording, path, beside)
+
+
+def _of_recording(recording: Recording, path: Path, beside: Path) -> Evidence:
+    notes = list(recording.notes)
+    content = recording.fault or (beside.read_bytes() if beside.is_file() else None)
+    fault: dict[str, Any] | None = None
+    if content is not None:
+        try:
+            fault = _fault_of(content, str(beside))
+        except UserError as error:
+            notes.append(str(error))
+    rig: Rig | None = None
+    try:
+        rig = settings_of(recording)[0]
+    except UserError as error:
+        notes.append(str(error))
+    result = recording.result or ({} if fault is None else fault)
+    times = [*recording.samples["received_ns"].tolist(), *recording.references["tick_ns"].tolist()]
+    began_ns, ended_ns = (min(times), max(times)) if times else (0, 0)
+    if fault is not None:
+        began_ns, ended_ns = _begin_of(fault, began_ns), int(fault["time_ns"])
+    return Evidence(
+        name=path.name,
+        samples=recording.samples,
+        references=recording.references,
+        reason=str(result.get("reason", "")),
+        message=str(result.get("message", "")),
+        began_ns=began_ns,
+        ended_ns=ended_ns,
+        zero_ns=recording.zero_ns,
+        profile="native" if rig is None else rig.drive_profile,
+        rig=rig,
+        fault=fault,
+        verdicts=_verdicts(recording),
+        lateness=_lateness(fault),
+        notes=tuple(notes),
+    )
+
+
+def _of_fault(name: str, fault: dict[str, Any], notes: tuple[str, ...]) -> Evidence:
+    samples, references = _table(fault["samples"], SAMPLE), _table(fault["references"], REFERENCE)
+    return Evidence(
+        name=name,
+        samples=samples,
+        references=references,
+        reason=str(fault["reason"]),
+        message=str(fault["message"]),
+        began_ns=_begin_of(fault, int(fault["time_ns"])),
+        ended_ns=int(fault["time_ns"]),
+        zero_ns=fault.get("zero_ns"),
+        profile=str(fault["drive"]["profile"]),
+        rig=None,
+        fault=fault,
+        verdicts={int(code): str(words) for code, words in fault.get("verdicts", VERDICT_NAMES).items()},
+        lateness=_lateness(fault),
+        notes=(*notes, "only the last second is known"),
+    )
+
+
+def _fault_of(content: bytes, name: str) -> dict[str, Any]:
+    """Return the checked content of `fault.json`; UserError with what is wrong with it."""
+    try:
+        fault: dict[str, Any] = parse_json(content.decode())
+        if fault["format"] != FAULT_FORMAT:
+            raise UserError(f"{name}: of format {fault['format']!r}; use the version that wrote it")
+        for key in ("reason", "check", "message", "stage"):
+            if not isinstance(fault[key], str):
+                raise TypeError(f"{key} is no text")
+        if not isinstance(fault["time_ns"], int) or not isinstance(fault["drive"], dict):
+            raise TypeError("no time, or no drive")
+        _table(fault["samples"], SAMPLE)
+        _table(fault["references"], REFERENCE)
+        _lateness(fault)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise UserError(f"{name}: isn't the last second before a fault ({type(error).__name__}: {error})") from error
+    return fault
+
+
+def _table(content: Mapping[str, Any], topic: Topic) -> Table:
+    """Return columns and rows as the recording has them; what isn't there is NaN, or 0 where it is a whole number."""
+    rows = content["rows"]
+    table = np.zeros(len(rows), dtype=topic.dtype)
+    for name in topic.dtype.names or ():
+        is_float = topic.dtype[name].kind == "f"
+        if name not in content["columns"]:
+            table[name] = math.nan if is_float else 0
+            continue
+        place = content["columns"].index(name)
+        table[name] = [math.nan if row[place] is None and is_float else row[place] for row in rows]
+    return table
+
+
+def _lateness(fault: Mapping[str, Any] | None) -> NDArray[np.int64]:
+    rows = [] if fault is None else fault["lateness"]["rows"]
+    return np.array(rows, dtype=np.int64).reshape(-1, 2)
+
+
+def _begin_of(fault: Mapping[str, Any], otherwise_ns: int) -> int:
+    stages = fault.get("stages") or [[otherwise_ns, ""]]
+    return int(stages[0][0])
+
+
+def _verdicts(recording: Recording) -> dict[int, str]:
+    """Return what verdicts were called when it was recorded; today's names where it doesn't say."""
+    try:
+        said = json.loads(recording.metadata["verdicts"])
+        return {int(code): str(words) for code, words in said.items()}
+    except (KeyError, ValueError, AttributeError):
+        return dict(VERDICT_NAMES)

@@ -1,0 +1,148 @@
+"""A run told: its course, what ended it, the rows around it, the likely causes; as text and as JSON."""
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from firmware_protocol.messages import DriveState
+from hil_forceps.bench.explanation.causes import Cause, causes_of
+from hil_forceps.bench.explanation.events import Event, events_of
+from hil_forceps.bench.explanation.evidence import Evidence
+
+LAST_ROWS = 8
+MOST_EVENTS = 40  # that are told; of more the first and the last
+FIRST_EVENTS = 12
+COLUMNS = ("time_s", "theta_m_rad", "current_A", "requested_rad", "passed_rad", "verdict", "state")
+
+
+class Story(NamedTuple):
+    """What `explain` tells."""
+
+    name: str
+    notes: tuple[str, ...]
+    events: list[Event]
+    reason: str
+    message: str
+    compared: str  # the check that failed, with value and limit; empty where nothing was compared
+    ended_s: float
+    rows: list[dict[str, Any]]
+    causes: list[Cause]
+
+
+def story_of(evidence: Evidence) -> Story:
+    """Tell it."""
+    events = events_of(evidence)
+    return Story(
+        evidence.name,
+        evidence.notes,
+        events,
+        evidence.reason,
+        evidence.message,
+        _compared(evidence),
+        evidence.time_s(evidence.ended_ns),
+        last_rows(evidence),
+        causes_of(evidence, events),
+    )
+
+
+def last_rows(evidence: Evidence) -> list[dict[str, Any]]:
+    """Return the last samples up to the end, each with the reference computed from it; None where there is none."""
+    samples = evidence.samples[evidence.samples["received_ns"] <= evidence.ended_ns][-LAST_ROWS:]
+    references = evidence.references
+    rows = []
+    for sample in samples:
+        own = references[references["stamp_ns"] == sample["stamp_ns"]]
+        reference = own[0] if len(own) else None
+        code = None if reference is None else int(reference["verdict"])
+        rows.append(
+            {
+                "time_s": round(evidence.time_s(int(sample["received_ns"])), 6),
+                "theta_m_rad": _finite(sample["theta_m_rad"]),
+                "current_A": _finite(sample["current_A"]),
+                "requested_rad": None if reference is None else _finite(reference["requested_rad"]),
+                "passed_rad": None if reference is None else _finite(reference["passed_rad"]),
+                "verdict": None if code is None else evidence.verdicts.get(code, str(code)),
+                "state": _state(int(sample["state"])),
+            }
+        )
+    return rows
+
+
+def text_of(story: Story) -> Iterator[str]:
+    """Yield the lines."""
+    yield f"{story.name}: {_headline(story)}"
+    yield from (f"note: {note}" for note in story.notes)
+    yield ""
+    yield "Course (s since the start)"
+    yield from (f"  {line}" for line in _told_events(story.events))
+    yield ""
+    yield "End"
+    yield f"  {story.ended_s:9.3f}  {story.message or 'the recording says nothing of it'}"
+    if story.compared:
+        yield f"             {story.compared}"
+    if story.rows:
+        yield ""
+        yield "The last samples, with the reference computed from each"
+        yield from (f"  {line}" for line in _table(story.rows))
+    if story.causes:
+        yield ""
+        yield "Likely causes, the likeliest first, and what to check"
+        for number, (cause, check) in enumerate(story.causes, 1):
+            yield f"  {number}. {cause}"
+            yield f"     check: {check}"
+
+
+def json_of(story: Story) -> dict[str, Any]:
+    """Return all of it for JSON."""
+    return {
+        **story._asdict(),
+        "notes": list(story.notes),
+        "events": [event._asdict() for event in story.events],
+        "causes": [cause._asdict() for cause in story.causes],
+    }
+
+
+def _headline(story: Story) -> str:
+    if not story.reason:
+        return "its end isn't recorded"
+    if story.reason in {"completed", "stop_requested"}:
+        return f"ended as it was meant to: {story.reason.replace('_', ' ')}"
+    return f"ended in a fault: {story.reason.replace('_', ' ')}"
+
+
+def _told_events(events: list[Event]) -> Iterator[str]:
+    left_out = len(events) - MOST_EVENTS
+    for place, event in enumerate(events):
+        if left_out > 0 and FIRST_EVENTS <= place < FIRST_EVENTS + left_out:
+            if place == FIRST_EVENTS:
+                yield f"           {left_out} more, with --json"
+            continue
+        yield f"{event.time_s:9.3f}  {event.text}"
+
+
+def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
+    yield f"{'time s':>9}  {'θ_m rad':>10}  {'current A':>10}  {'asked rad':>10}  {'passed rad':>10}  verdict / drive"
+    for row in rows:
+        numbers = "  ".join(
+            f"{'–':>10}" if row[name] is None else f"{row[name]:10.5f}"
+            for name in ("theta_m_rad", "current_A", "requested_rad", "passed_rad")
+        )
+        yield f"{row['time_s']:9.4f}  {numbers}  {row['verdict'] or 'no reference'} / {row['state']}"
+
+
+def _compared(evidence: Evidence) -> str:
+    fault = evidence.fault or {}
+    value, limit, unit = fault.get("value"), fault.get("limit"), f" {fault.get('unit', '')}".rstrip()
+    if not isinstance(value, int | float) or not isinstance(limit, int | float):
+        return ""
+    return f"{fault['check']}: {value:.6g}{unit}, limit {limit:.6g}{unit}"
+
+
+def _finite(value: np.floating[Any]) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _state(state: int) -> str:
+    return DriveState(state).name if state in set(DriveState) else str(state)
