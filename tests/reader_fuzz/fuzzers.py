@@ -15,6 +15,9 @@ from typing import Any, NamedTuple
 from hypothesis import strategies as st
 
 from hil_forceps.bench.assembly import settings_of
+from hil_forceps.bench.explanation.evidence import read_evidence
+from hil_forceps.bench.explanation.story import story_of, text_of
+from hil_forceps.bench.recovery import recover, sound_file
 from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame
 from hil_forceps.data.readers.bus_run import read_bus_log
@@ -259,6 +262,37 @@ def check_recording(content: bytes) -> bool:
     return read
 
 
+def check_salvage(content: bytes) -> bool:
+    """What is salvaged makes a sound recording of the same messages."""
+    path = scratch() / "damaged.mcap"
+    path.write_bytes(content)
+    try:
+        found = recover(path, None)
+    except UserError as error:
+        told_well(path, error)
+        return False
+    again = parse_recording(sound_file(found), "r.mcap")
+    require(len(again.order) == len(found.messages), f"{len(again.order)} of {len(found.messages)} messages")
+    require(all(not note.startswith("recording is") for note in again.notes), f"notes {again.notes}")
+    return True
+
+
+FAULT = sound_files.fault()
+
+
+def check_fault(content: bytes) -> bool:
+    """The last second before a fault is told in lines, or refused."""
+    path = scratch() / "fault.json"
+    path.write_bytes(content)
+    try:
+        lines = list(text_of(story_of(read_evidence(path))))
+    except UserError as error:
+        told_well(path, error)
+        return False
+    require(all(line.isprintable() for line in lines), "a line that steers the terminal")
+    return True
+
+
 # --- YAML, JSON -------------------------------------------------------------------------------------------------------
 
 
@@ -311,6 +345,8 @@ FUZZERS: Mapping[str, Fuzzer] = {
         _of(MAT) | _of(MAT).map(sound_files.packed_mat) | _of(sound_files.packed_mat(MAT)), check_file("fuzz.mat")
     ),
     "mcap": Fuzzer(RECORDINGS, check_recording),
+    "salvage": Fuzzer(RECORDINGS, check_salvage),
+    "fault": Fuzzer(_of(FAULT), check_fault),
     "rig": Fuzzer(rig_yaml, check_rig),
     "json": Fuzzer(_of(sound_files.JSON), check_json),
     "any": Fuzzer(

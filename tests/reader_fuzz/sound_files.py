@@ -18,6 +18,8 @@ from scipy.io import savemat
 from firmware_protocol.messages import DriveState
 from firmware_protocol.samples import RawBench, RawSample
 from hil_forceps.bench.assembly import Settings, metadata
+from hil_forceps.bridge.fault import FaultReason
+from hil_forceps.bridge.flight_recorder import Recent, last_second
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.readers.csv_table import write_csv
 from hil_forceps.data.readers.parquet_table import write_parquet
@@ -96,6 +98,12 @@ def recording(ticks: int) -> bytes:
     file = _Kept()
     settings = Settings("kalman", True, 1e-3, PAPER_TRAJECTORY)
     recorder = Recorder(file, metadata(rig, settings, {}), False)
+    _fill(recorder, ticks)
+    recorder.close({"reason": "completed"})
+    return file.kept
+
+
+def _fill(recorder: Recorder, ticks: int) -> None:
     for k in range(ticks):
         now = k * 1_000_000
         state = DriveState.OPERATIONAL if k >= 3 else DriveState.ARMED
@@ -104,8 +112,17 @@ def recording(ticks: int) -> bytes:
         recorder.bench(RawBench(k % 256, k, 9, now + 400_000))
         reference = Reference(now + 600_000, now, now, k, 1.5, 2e-5, 0.25 * k, 0.25 * k, 16, k % 256)
         recorder.reference(reference, now + 610_000, Outcome.SENT, k % 256)
-    recorder.close({"reason": "completed"})
-    return file.kept
+
+
+def fault() -> bytes:
+    """Return a `fault.json` of a few rows."""
+    reason = FaultReason("drive_lost", "time since the last sample", 101.0, 100.0, "ms", 12_000_000, "running", "lost")
+    file = _Kept()
+    recorder = Recorder(file, {}, False)
+    _fill(recorder, 12)
+    recent = Recent(recorder.recent(), ["(0.001000) can0 0A5#0102 R"], 0, [(1_000_000, 3)])
+    more = {"zero_ns": 3_000_000, "drive": {"profile": "native", "fault": "none", "state": "unknown"}}
+    return last_second(reason, [(0, "connecting"), (5_000_000, "running")], recent, more)
 
 
 def records(data: bytes) -> list[tuple[int, bytes]]:

@@ -175,6 +175,8 @@ def _skipped_ticks(evidence: Evidence) -> Iterator[Event]:
         return
     steps = np.diff(times)
     period = float(np.median(steps))
+    if period <= 0.0:
+        return
     for first, last, _ in stretches(steps > 1.5 * period, times[:-1]):
         skipped = int(np.round(steps[first : last + 1] / period - 1.0).sum())
         longest_ms = float(steps[first : last + 1].max()) / 1e6

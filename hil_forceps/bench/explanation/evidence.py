@@ -20,6 +20,8 @@ from hil_forceps.data.strict_json import parse_json
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
+MAX_TIME_NS = 1 << 62
+
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
@@ -127,17 +129,34 @@ def _fault_of(content: bytes, name: str) -> dict[str, Any]:
         fault: dict[str, Any] = parse_json(content.decode())
         if fault["format"] != FAULT_FORMAT:
             raise UserError(f"{name}: of format {fault['format']!r}; use the version that wrote it")
-        for key in ("reason", "check", "message", "stage"):
-            if not isinstance(fault[key], str):
-                raise TypeError(f"{key} is no text")
-        if not isinstance(fault["time_ns"], int) or not isinstance(fault["drive"], dict):
-            raise TypeError("no time, or no drive")
+        _check(fault)
         _table(fault["samples"], SAMPLE)
         _table(fault["references"], REFERENCE)
         _lateness(fault)
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise UserError(f"{name}: isn't the last second before a fault ({type(error).__name__}: {error})") from error
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        told = f"{type(error).__name__}: {str(error)[:60]!r}"
+        raise UserError(
+            f"{name}: isn't the last second before a fault ({told}); take run.mcap, or save it again"
+        ) from error
     return fault
+
+
+def _check(fault: dict[str, Any]) -> None:
+    """TypeError or LookupError for what isn't as it was written."""
+    drive = fault["drive"]
+    texts = [*(fault[key] for key in ("reason", "check", "message", "stage", "unit")), drive["profile"], drive["fault"]]
+    texts += [*fault["verdicts"].values(), *(stage for _, stage in fault["stages"])]
+    if not all(isinstance(text, str) for text in texts):
+        raise TypeError("a text that is none")
+    times = [fault["time_ns"], *(time_ns for time_ns, _ in fault["stages"])]
+    times += [] if fault["zero_ns"] is None else [fault["zero_ns"]]
+    if not all(type(time_ns) is int and abs(time_ns) <= MAX_TIME_NS for time_ns in times):
+        raise TypeError("a time that is none")
+    for number in (fault["value"], fault["limit"]):
+        if number is not None and type(number) not in {int, float}:
+            raise TypeError("a value that is no number")
+    for code in fault["verdicts"]:
+        int(code)
 
 
 def _table(content: Mapping[str, Any], topic: Topic) -> Table:
@@ -169,5 +188,5 @@ def _verdicts(recording: Recording) -> dict[int, str]:
     try:
         said = json.loads(recording.metadata["verdicts"])
         return {int(code): str(words) for code, words in said.items()}
-    except (KeyError, ValueError, AttributeError):
+    except (LookupError, TypeError, ValueError, AttributeError):
         return dict(VERDICT_NAMES)

@@ -71,7 +71,12 @@ def last_rows(evidence: Evidence) -> list[dict[str, Any]]:
 
 
 def text_of(story: Story) -> Iterator[str]:
-    """Yield the lines."""
+    """Yield the lines; what would steer a terminal is shown as a question mark."""
+    for line in _lines(story):
+        yield "".join(character if character.isprintable() else "?" for character in line)
+
+
+def _lines(story: Story) -> Iterator[str]:
     yield f"{story.name}: {_headline(story)}"
     yield from (f"note: {note}" for note in story.notes)
     yield ""
