@@ -278,6 +278,23 @@ def check_salvage(content: bytes) -> bool:
 
 
 FAULT = sound_files.fault()
+STRANGE: tuple[Any, ...] = (None, True, -1, 1 << 70, 1e308, 0.5, "x", "\x1b[2J", [], [[]], {}, {"a": 1})
+
+
+def _places(value: Any) -> list[tuple[Any, Any]]:
+    """Return every container with each of its keys."""
+    keys = range(len(value)) if isinstance(value, list) else value if isinstance(value, dict) else ()
+    return [place for key in keys for place in ((value, key), *_places(value[key]))]
+
+
+def strange_fault(places: list[tuple[int, Any]]) -> bytes:
+    """Put strange values in places of a `fault.json`."""
+    content = json.loads(FAULT)
+    for at, strange in places:
+        found = _places(content)
+        container, key = found[at % len(found)]
+        container[key] = strange
+    return json.dumps(content).encode()
 
 
 def check_fault(content: bytes) -> bool:
@@ -346,7 +363,10 @@ FUZZERS: Mapping[str, Fuzzer] = {
     ),
     "mcap": Fuzzer(RECORDINGS, check_recording),
     "salvage": Fuzzer(RECORDINGS, check_salvage),
-    "fault": Fuzzer(_of(FAULT), check_fault),
+    "fault": Fuzzer(
+        _of(FAULT) | st.lists(st.tuples(PLACES, st.sampled_from(STRANGE)), min_size=1, max_size=3).map(strange_fault),
+        check_fault,
+    ),
     "rig": Fuzzer(rig_yaml, check_rig),
     "json": Fuzzer(_of(sound_files.JSON), check_json),
     "any": Fuzzer(
