@@ -33,6 +33,7 @@ from hil_forceps.rig.errors import UserError
 Table = NDArray[np.void]
 
 MAX_FILE_BYTES = 4 << 30
+MAX_NOTE = 200  # characters of what a file says of itself
 MAX_REFERENCE_AGE = 128  # ticks: half of what sequences repeat after
 BENCH_MATCH_NS = 100_000_000  # sequences repeat after 256 samples: a bench value belongs to a sample this near
 
@@ -217,7 +218,8 @@ def _notes(found: Found, tables: Tables) -> tuple[str, ...]:
         notes.append("recording ended before the run did")
     notes += found.remarks
     if RECOVERY_NAME in found.metadata:
-        notes.append(f"recording was recovered: {found.metadata[RECOVERY_NAME].get('summary', '')}")
+        said = found.metadata[RECOVERY_NAME].get("summary", "")
+        notes.append(f"recording was recovered: {said if said.isprintable() else ''}"[:MAX_NOTE])
     elif tables.missing:
         is_damaged = found.damage or found.remarks
         notes.append(f"{tables.missing} messages {'are missing' if is_damaged else 'were dropped while recording'}")
