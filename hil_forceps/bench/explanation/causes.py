@@ -14,6 +14,7 @@ from hil_forceps.bench.explanation.events import MIN_UNHEARD, Event, unheard_ref
 from hil_forceps.bench.explanation.evidence import Evidence
 from hil_forceps.bridge.flight_recorder import BEFORE_NS
 from hil_forceps.bridge.pipeline import Verdict
+from hil_forceps.bridge.results import AS_MEANT
 
 LATE_NS = 50_000_000  # before the end: longer than a watchdog waits that is fed at 1 kHz
 
@@ -104,12 +105,13 @@ _BY_REASON: dict[str, tuple[Cause, ...]] = {
               "hil-forceps recover says what is missing; `dmesg` whether memory ran out"),
     ),
 }  # fmt: skip
+_WELL = frozenset(reason.value for reason in AS_MEANT)
 _UNKNOWN_FAULT = Cause("what the maker says of this fault", "the drive's manual, by the words above")
 
 
 def causes_of(evidence: Evidence, events: list[Event]) -> list[Cause]:
     """Return them; none for a run that ended as it was meant to."""
-    if evidence.reason in {"completed", "stop_requested"}:
+    if evidence.reason in _WELL:
         return []
     found = list(_seen(evidence, events))
     if evidence.reason == "drive_fault":
@@ -133,6 +135,12 @@ def _seen(evidence: Evidence, events: list[Event]) -> Iterator[Cause]:
         yield Cause(
             "samples came too late: most of the last references stayed away",
             "limits.max_sample_age_s against bench.latency_s, the adapter's own delay and the drive's rates",
+        )
+    gaps = {code for code, name in evidence.verdicts.items() if name == "DENIED_GAP"}
+    if np.isin(references["verdict"], list(gaps)).any():
+        yield Cause(
+            "no reference passed for longer than the gate allows: samples stayed away, or the loop paused",
+            "missing samples and ticks left out just before the end; then the wiring, or other load on this host",
         )
     unheard = unheard_references(evidence)
     if evidence.profile == "native" and unheard is not None and unheard[0] >= MIN_UNHEARD and len(evidence.samples):

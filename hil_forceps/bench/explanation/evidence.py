@@ -14,6 +14,7 @@ from hil_forceps.bench.assembly import settings_of
 from hil_forceps.bench.fault_file import fault_path
 from hil_forceps.bridge.flight_recorder import FAULT_FORMAT
 from hil_forceps.bridge.pipeline import VERDICT_NAMES
+from hil_forceps.bridge.results import AS_MEANT
 from hil_forceps.data.recording.format import REFERENCE, SAMPLE, Topic
 from hil_forceps.data.recording.reader import Recording, Table, read_recording
 from hil_forceps.data.strict_json import parse_json
@@ -85,6 +86,8 @@ def _of_recording(recording: Recording, path: Path, beside: Path) -> Evidence:
     began_ns, ended_ns = (min(times), max(times)) if times else (0, 0)
     if fault is not None:
         began_ns, ended_ns = _begin_of(fault, began_ns), int(fault["time_ns"])
+    elif len(recording.references) and result.get("reason") not in {None, *(reason.value for reason in AS_MEANT)}:
+        ended_ns = int(recording.references["tick_ns"][-1])  # they stop where the run begins to end
     return Evidence(
         name=path.name,
         samples=recording.samples,

@@ -172,6 +172,15 @@ def test_stale_samples_before_a_watchdog_are_the_first_cause(native: Path) -> No
     assert causes_of(stale, events_of(stale))[0].cause.startswith("samples came too late")
 
 
+def test_a_gap_that_closed_the_gate_goes_before_what_it_denied_since(native: Path) -> None:
+    evidence = read_evidence(native / "run.mcap")
+    references = evidence.references.copy()
+    codes = {name: code for code, name in evidence.verdicts.items()}
+    references["verdict"][-5:] = [codes["DENIED_GAP"], *[codes["DENIED_CLOSED"]] * 4]
+    closed = changed(evidence, references=references, reason="reference_denied")
+    assert causes_of(closed, events_of(closed))[0].cause.startswith("no reference passed for longer than")
+
+
 def test_the_approach_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     motion = tmp_path / "motion.csv"
     motion.write_text("time_s,theta_j_rad\n0,1.2\n2,1.2\n")
