@@ -67,23 +67,23 @@ class McapFile:
     def start(self) -> None:
         """Write the head: what the topics are."""
         described = [record for topic in self._topics for record in _description(topic)]
-        self._write(MCAP0_MAGIC + _packed([Header(profile="", library=LIBRARY), *described]))
+        self._write(MCAP0_MAGIC + packed([Header(profile="", library=LIBRARY), *described]))
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record."""
-        data, start = _packed([Metadata(name=name, metadata=dict(values))]), self.good_bytes
+        data, start = packed([Metadata(name=name, metadata=dict(values))]), self.good_bytes
         self._write(data)
         self._metadata_indexes.append(MetadataIndex(offset=start, length=len(data), name=name))
 
     def attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Write an attachment with its checksum; it has no time of its own."""
-        packed = _packed([Attachment(log_time=0, create_time=0, name=name, media_type=media_type, data=data)])
+        record = packed([Attachment(log_time=0, create_time=0, name=name, media_type=media_type, data=data)])
         start = self.good_bytes
-        self._write(packed)
+        self._write(record)
         self._attachment_indexes.append(
             AttachmentIndex(
                 offset=start,
-                length=len(packed),
+                length=len(record),
                 log_time=0,
                 create_time=0,
                 data_size=len(data),
@@ -105,7 +105,7 @@ class McapFile:
             uncompressed_crc=zlib.crc32(chunk.records),
             uncompressed_size=len(chunk.records),
         )
-        data = _packed([record])
+        data = packed([record])
         start, offsets, parts = self.good_bytes, {}, [data]
         position = start + len(data)
         for channel, index in chunk.indexes.items():
@@ -134,7 +134,7 @@ class McapFile:
 
     def finish(self) -> None:
         """Write the summary that lets a reader jump; without it a file is still readable from front to end."""
-        data_end = _packed([DataEnd(data_section_crc=self._crc)])
+        data_end = packed([DataEnd(data_section_crc=self._crc)])
         described = [record for topic in self._topics for record in _description(topic)]
         statistics = Statistics(
             attachment_count=len(self._attachment_indexes),
@@ -147,14 +147,14 @@ class McapFile:
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self._topics),
         )
-        summary = _packed(
+        summary = packed(
             [*described, statistics, *self._chunk_indexes, *self._metadata_indexes, *self._attachment_indexes]
         )
         start = self.good_bytes + len(data_end)
         # the CRC of the summary covers the footer up to the CRC itself
         crc = zlib.crc32(summary)
         crc = zlib.crc32(RECORD_HEAD.pack(Opcode.FOOTER, 20) + start.to_bytes(8, "little") + bytes(8), crc)
-        footer = _packed([Footer(summary_start=start, summary_offset_start=0, summary_crc=crc)])
+        footer = packed([Footer(summary_start=start, summary_offset_start=0, summary_crc=crc)])
         self._write(data_end + summary + footer + MCAP0_MAGIC)
 
     def cut_back(self) -> None:
@@ -174,7 +174,8 @@ class McapFile:
         self._crc = zlib.crc32(data, self._crc)
 
 
-def _packed(records: Sequence[McapRecord]) -> bytes:
+def packed(records: Sequence[McapRecord]) -> bytes:
+    """Return records as they stand in a file."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)

@@ -7,10 +7,24 @@ checksum is right are taken, so nothing is taken for data that isn't.
 import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mcap.opcode import Opcode
-from mcap.records import Metadata
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    MessageIndex,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 from mcap.writer import MCAP0_MAGIC
 
 from hil_forceps.data.recording.container import (
@@ -36,11 +50,24 @@ from hil_forceps.data.recording.format import (
     TOPICS,
     Topic,
 )
+from hil_forceps.data.recording.mcap_file import packed
 from hil_forceps.rig.errors import UserError
 
 _NAMES = {Opcode.METADATA: (METADATA_NAME, RESULT_NAME), Opcode.ATTACHMENT: (SETTINGS_NAME, FAULT_NAME)}
 _NAME_AT = {Opcode.METADATA: RECORD_HEAD.size, Opcode.ATTACHMENT: RECORD_HEAD.size + 8 + 8}
-_KNOWN = frozenset(int(opcode) for opcode in Opcode)
+_RECORDS: dict[int, Any] = {
+    Opcode.HEADER: Header,
+    Opcode.FOOTER: Footer,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.MESSAGE_INDEX: MessageIndex,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
+    Opcode.STATISTICS: Statistics,
+    Opcode.METADATA: Metadata,
+    Opcode.METADATA_INDEX: MetadataIndex,
+    Opcode.DATA_END: DataEnd,
+}
 _TIME_AT = MESSAGE_HEAD.size - 8 - 8 - 4  # of the log time, within a message record
 
 
@@ -106,11 +133,10 @@ def salvage(data: bytes, name: str) -> Salvage:
                 continue
             end = _other_record(data, at, found)
             if end is None:
-                end = _next_record(data, at + 1, room)
+                end = _next_record(data, at + 1, room, len(data))
                 result.damage.append(Damage(at, end))
             at = end
-        if not data.startswith(MCAP0_MAGIC):
-            check_settings(found, name)
+        check_settings(found, name)
     if METADATA_NAME not in found.metadata and not found.chunks:
         raise UserError(f"{name}: not a recording of the bench, or nothing of it can be read")
     return result
@@ -150,38 +176,40 @@ def _other_record(data: bytes, at: int, found: Found) -> int | None:
     if at + RECORD_HEAD.size > len(data):
         return None
     opcode, length = RECORD_HEAD.unpack_from(data, at)
-    start = at + RECORD_HEAD.size
-    end: int = start + length
-    if length > LARGEST_RECORD or end > len(data) or opcode not in _KNOWN:
-        return None
-    body = data[start:end]
-    try:
-        if opcode == Opcode.METADATA:
-            record = Metadata.read(stream(body))
-            found.metadata.setdefault(record.name, record.metadata)
-        elif opcode == Opcode.ATTACHMENT:
-            attachment = attachment_of(body)
-            found.attachments.setdefault(attachment.name, bytes(attachment.data))
-        elif opcode == Opcode.CHUNK:
-            return None
-    except DAMAGE:
-        return None
-    if opcode != Opcode.ATTACHMENT and _next_chunk(data, at + 1, end, LARGEST_RECORD) is not None:
-        return None  # its length is damaged: a chunk that vouches for itself begins within
+    end: int = at + RECORD_HEAD.size + length
+    record = _parsed(opcode, data[at:end]) if length <= LARGEST_RECORD and end <= len(data) else None
+    if isinstance(record, Attachment):
+        found.attachments.setdefault(record.name, bytes(record.data))
+    elif record is None or _next_record(data, at + 1, LARGEST_RECORD, end) < end:
+        return None  # in the second case its length is damaged: another record begins within
+    elif isinstance(record, Metadata):
+        found.metadata.setdefault(record.name, record.metadata)
     return end
 
 
-def _next_record(data: bytes, at: int, room: int) -> int:
-    """Return where the next record begins that vouches for itself, or has a name that is known; else the end."""
-    found = [len(data)]
-    if (chunk := _next_chunk(data, at, len(data), room)) is not None:
+def _parsed(opcode: int, whole: bytes) -> McapRecord | None:
+    """Return a record; None for one of no kind that is known, or that isn't what its lengths say."""
+    body = whole[RECORD_HEAD.size :]
+    try:
+        if opcode == Opcode.ATTACHMENT:
+            return attachment_of(body)
+        record: McapRecord = _RECORDS[opcode].read(stream(body))
+    except (KeyError, *DAMAGE):
+        return None
+    return record if packed([record]) == whole else None
+
+
+def _next_record(data: bytes, at: int, room: int, stop: int) -> int:
+    """Return where in [at, stop) a record begins that vouches for itself, or has a name that is known; else `stop`."""
+    found = [stop]
+    if (chunk := _next_chunk(data, at, stop, room)) is not None:
         found.append(chunk)
     for opcode, names in _NAMES.items():
         for name in names:
             text, before = struct.pack("<I", len(name)) + name.encode(), _NAME_AT[opcode]
-            place = data.find(text, at + before)
+            place = data.find(text, at + before, stop)
             while place >= 0 and data[place - before] != opcode:
-                place = data.find(text, place + 1)
+                place = data.find(text, place + 1, stop)
             if place >= 0:
                 found.append(place - before)
     return min(found)

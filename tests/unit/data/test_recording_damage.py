@@ -15,6 +15,7 @@ from firmware_protocol.messages import DriveState
 from firmware_protocol.samples import RawBench, RawSample
 from hil_forceps.data.recording.mcap_file import Chunk
 from hil_forceps.data.recording.reader import Recording, parse_recording
+from hil_forceps.data.recording.salvage import all_messages, gaps, salvage
 from hil_forceps.data.recording.writer import Outcome, Recorder, Reference
 from hil_forceps.estimation.interface import Estimate, Sample
 from hil_forceps.rig.errors import UserError
@@ -196,3 +197,45 @@ def test_a_disk_that_is_full_at_any_write(takes: int) -> None:
         assert is_prefix(part, whole)
         assert len(part.order) == report.messages - report.dropped
         assert part.notes
+
+
+@every
+def test_salvage_loses_no_chunk_but_the_one_that_is_hit(stride: int) -> None:
+    data, ends = sound(), chunk_ends()
+    whole = salvage(data, "whole")
+    assert whole.is_sound
+    records = [{message.record for message in all_messages([chunk])} for chunk in whole.found.chunks]
+    for place, broken in changed(data, stride):
+        found = salvage(broken, "broken")
+        assert not found.is_sound, place
+        there = {message.record for message in all_messages(found.found.chunks)}
+        assert there <= set().union(*records), f"byte {place}: messages that nobody wrote"
+        lost = [number for number, chunk in enumerate(records) if not chunk <= there]
+        assert len(lost) <= 1, f"byte {place}: chunks {lost} are lost"
+        if lost:
+            begin = ends[lost[0] - 1] if lost[0] else 0
+            assert begin <= place < ends[lost[0]], f"byte {place} is not in chunk {lost[0]}, which is lost"
+            assert any(damage.begin <= place < damage.end for damage in found.damage)
+        assert found.found.metadata["hil_forceps"] == METADATA, place
+
+
+@every
+def test_salvage_of_a_cut_file_is_what_the_reader_gives(stride: int) -> None:
+    data = sound()
+    for size in range(0, len(data), stride):
+        part = read(data[:size])
+        if part is not None:
+            count = sum(1 for _ in all_messages(salvage(data[:size], "part").found.chunks))
+            assert count == len(part.order), size
+
+
+def test_salvage_crosses_what_is_overwritten() -> None:
+    """A block of zeros or of noise over a chunk's border: all other chunks, and where it lies."""
+    data, ends = sound(), chunk_ends()
+    for noise in (bytes(300), bytes(range(256)) + bytes(44)):
+        broken = data[: ends[0] - 150] + noise + data[ends[0] + 150 :]
+        found = salvage(broken, "broken")
+        assert len(found.found.chunks) == len(ends) - 1, "the one that begins behind the border"
+        (damage,) = found.damage
+        assert damage.begin < ends[0] < damage.end <= ends[1]
+        assert {gap.channel for gap in gaps(all_messages(found.found.chunks))} == {1, 2, 3}
