@@ -3,6 +3,7 @@
 import errno
 import io
 import math
+import os
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -227,6 +228,32 @@ class blocked:  # noqa: N801 reads as a word
 
     def __exit__(self, *_: object) -> None:
         self._go.set()
+
+
+@pytest.mark.parametrize("threaded", [False, True])
+def test_in_real_time_each_chunk_is_sent_to_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threaded: bool
+) -> None:
+    synced: list[int] = []
+    path = tmp_path / "run.mcap"
+    monkeypatch.setattr(os, "fdatasync", lambda _: synced.append(path.stat().st_size))
+    recorder = open_recorder(path, METADATA, threaded)
+    fill(recorder, 1000)
+    report = recorder.close(RESULT)
+    assert sorted(synced) == synced
+    assert (len(synced) > 3 and synced[-1] == report.file_bytes) if threaded else not synced
+
+
+def test_a_disk_that_fails_to_synchronise_ends_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(_: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(os, "fdatasync", fails)
+    recorder = open_recorder(tmp_path / "run.mcap", METADATA, threaded=True)
+    fill(recorder, 1000)
+    report = recorder.close(RESULT)
+    assert report.failure == "recording stopped: Input/output error"
+    assert len(read_recording(tmp_path / "run.mcap").order) >= report.messages - report.dropped
 
 
 def test_closing_twice_is_a_mistake_of_the_caller() -> None:
