@@ -28,7 +28,7 @@ from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_from_rad
 from hil_forceps.bridge.statistics import StampMap
 from hil_forceps.control.compensator import motor_reference_rad
-from hil_forceps.control.gate import Gate, GateState, GateVerdict
+from hil_forceps.control.gate import Gate, GateState, GateTrip, GateVerdict
 from hil_forceps.data.recording.writer import Reference
 from hil_forceps.estimation.interface import Estimate, Estimator, Sample, State
 from hil_forceps.rig.plant import PlantParameters
@@ -86,6 +86,7 @@ class Pipeline:
         if not max_sample_age_s > 0.0 or not approach.speed_rad_per_s > 0.0:
             raise ValueError("the greatest sample age and the approach speed must be positive")
         self.zero_ns: int | None = None
+        self.gate_trip: GateTrip | None = None  # what stopped the gate
         self.denied_in_a_row = 0
         self.verdict = int(Verdict.NOTHING_NEW)  # of the last reference asked for; NOTHING_NEW before it
         self.newest: RawSample | None = None
