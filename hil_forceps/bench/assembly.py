@@ -10,6 +10,7 @@ from hil_forceps import __version__
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
 from hil_forceps.control.gate import DEFAULT_MAX_GAP_S, Gate
+from hil_forceps.control.gate.bounds import feedback_bounds
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.data.recording.reader import Recording
 from hil_forceps.data.recording.writer import Outcome
@@ -57,7 +58,7 @@ def rigs_for(spec: RunSpec, rig: Rig, estimator_rig: Rig | None) -> Rigs:
 
 def gate_for(rig: Rig) -> Gate:
     """Return the rig's gate; a host slower than the gate's default expects is slow, not stuck."""
-    return Gate(rig.limits, max(DEFAULT_MAX_GAP_S, GAP_PERIODS * rig.bench.host_period_s))
+    return Gate(rig.limits, feedback_bounds(rig), max(DEFAULT_MAX_GAP_S, GAP_PERIODS * rig.bench.host_period_s))
 
 
 def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:

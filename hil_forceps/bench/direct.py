@@ -78,7 +78,7 @@ def run_direct(world: World, spec: RunSpec, rigs: Rigs, stop_requested: Callable
     torque_per_A = believed.torque_constant_N_m_per_A
     samples = round(spec.duration_s / spec.sample_time_s) + 1  # both ends, as the service does
     rows = np.empty((samples, 7))
-    state = gate_state = None
+    state = None
     for row in range(samples):
         now_ns, theta_m_rad, current_A, theta_j_rad, tau_w = world.sample()
         sample = Sample(now_ns, theta_m_rad, torque_per_A * current_A)
@@ -88,8 +88,10 @@ def run_direct(world: World, spec: RunSpec, rigs: Rigs, stop_requested: Callable
         theta_j_ref_rad = trajectory(t_s)
         rows[row] = (t_s, tau_w, tau_w_est, theta_j_rad, theta_j_ref_rad, r_m * theta_m_rad - r_j * theta_j_rad, x_est)
         wanted_rad = motor_reference_rad(theta_j_ref_rad, x_est if spec.compensated else 0.0, believed)
-        gate_state = gate.open(theta_m_rad, now_ns) if gate_state is None else gate_state
-        gate_state, passed_rad, verdict = gate.step(gate_state, wanted_rad, now_ns)
+        gate.see(now_ns, now_ns, theta_m_rad, current_A)
+        if row == 0:
+            gate.open(now_ns)
+        passed_rad, verdict = gate.step(wanted_rad, now_ns)
         if passed_rad is None:
             return DirectRun(rows[: row + 1], f"the gate denied the reference at {t_s:.4f} s: {verdict.name}")
         if row % STOP_CHECK_SAMPLES == 0 and stop_requested():

@@ -146,6 +146,9 @@ class Axis:
             "host": dict(self.drive.counters),
             "link": dict(link),
         }
+        told = self.pipeline.gate_tally.told()
+        if told:
+            counters["gate"] = {verdict.value: count.references for verdict, count in told.items()}
         return ServiceResult(
             course.reason,
             course.message,
@@ -153,4 +156,6 @@ class Axis:
             self.pipeline.zero_ns,
             counters,
             {**timing, "age": self.age.summary()},
+            told,
+            self.pipeline.gate_trip,
         )

@@ -15,6 +15,7 @@ from firmware_protocol.messages import DriveState
 from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
 from hil_forceps.bridge.results import ServiceConfig, Stage, StopReason
+from hil_forceps.control.gate.trip import IMPLAUSIBLE
 from hil_forceps.data.recording.writer import Recorder
 from hil_forceps.drives.port import NO_TORQUE, DriveMachine
 
@@ -163,6 +164,8 @@ class Course:
 
     def _enough(self) -> tuple[StopReason, str] | None:
         pipeline, config = self._pipeline, self._config
+        if pipeline.is_latched:
+            return self._latched()
         if pipeline.denied_in_a_row >= config.max_denied_in_a_row:
             why = VERDICT_NAMES[self._pipeline.verdict]
             return StopReason.REFERENCE_DENIED, f"the gate denied {pipeline.denied_in_a_row} references in a row: {why}"
@@ -174,6 +177,12 @@ class Course:
         if duration_ns is not None and newest and zero_ns is not None and newest.stamp_ns - zero_ns >= duration_ns:
             return StopReason.COMPLETED, "completed"
         return None
+
+    def _latched(self) -> tuple[StopReason, str]:
+        trip = self._pipeline.gate_trip
+        is_implausible = trip is not None and trip.check in IMPLAUSIBLE
+        reason = StopReason.FEEDBACK_IMPLAUSIBLE if is_implausible else StopReason.GATE_LATCHED
+        return reason, f"the gate has latched: {trip}"
 
     def _stopping(self, now_ns: int) -> None:
         """Wait for the drive's own word; not at once, for what arrives first was said before the request."""

@@ -26,6 +26,7 @@ from firmware_protocol.frames import make
 from firmware_protocol.host_machine import RawSample
 from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_from_rad
+from hil_forceps.bridge.gate_tally import GateTally
 from hil_forceps.bridge.statistics import StampMap
 from hil_forceps.control.compensator import motor_reference_rad
 from hil_forceps.control.gate import Gate, GateState, GateTrip, GateVerdict
@@ -86,18 +87,21 @@ class Pipeline:
         if not max_sample_age_s > 0.0 or not approach.speed_rad_per_s > 0.0:
             raise ValueError("the greatest sample age and the approach speed must be positive")
         self.zero_ns: int | None = None
-        self.gate_trip: GateTrip | None = None  # what stopped the gate
+        self.gate = gate
+        self._see, self._pass = gate.see, gate.step
+        self.gate_trip: GateTrip | None = None  # what closed or latched the gate
+        self.is_latched = False  # and it wants to be cleared
         self.denied_in_a_row = 0
         self.verdict = int(Verdict.NOTHING_NEW)  # of the last reference asked for; NOTHING_NEW before it
         self.newest: RawSample | None = None
         self.sample = Sample(0, math.nan, math.nan)  # the newest, in SI
         self.estimate = Estimate(math.nan, math.nan)  # after it
         self.counters = {"samples": 0, "not_increasing": 0, "nothing_new": 0, "stale": 0, "denied": 0, "passed": 0}
+        self.gate_tally = GateTally()
         self._start, self._step, self._estimate = estimator.start, estimator.step, estimator.estimate
         self._trajectory = trajectory
         self._plant = plant
         self._torque_lsb_N_m = plant.torque_constant_N_m_per_A * CURRENT_LSB_A
-        self._gate = gate
         self._compensate = compensate
         self._max_age_ns = round(max_sample_age_s * 1e9)
         self._approach = approach
@@ -105,7 +109,7 @@ class Pipeline:
         self._same_clock = same_clock
         self._state: State | None = None
         self._is_new = False
-        self._gate_state: GateState | None = None
+        self._was_opened = False
         self._fade: _Fade | None = None
 
     def warm_up(self) -> None:
@@ -125,6 +129,7 @@ class Pipeline:
         state = self._state
         self._state = state = self._start(sample) if state is None else self._step(state, sample)
         self.estimate = self._estimate(state)
+        self._see(stamp_ns, raw.received_ns, sample.theta_m_rad, raw.current * CURRENT_LSB_A)
         self._stamps.see(stamp_ns, raw.received_ns)
         if self.zero_ns is None and raw.state == _OPERATIONAL:
             self.zero_ns = stamp_ns
@@ -164,7 +169,7 @@ class Pipeline:
     def _hold(self, newest: RawSample, now_ns: int) -> Reference:
         """Ask for the measured angle: the first reference of the enable handshake."""
         theta_m_rad = self.sample.theta_m_rad
-        self._gate_state = self._gate.open(theta_m_rad, now_ns)
+        self._open(now_ns)
         return self._through_gate(newest, NOWHERE_NS, now_ns, math.nan, 0.0, theta_m_rad)
 
     def _follow(self, newest: RawSample, t_ns: int, now_ns: int) -> Reference:
@@ -174,12 +179,16 @@ class Pipeline:
         fade = self._fade
         if fade is None and math.isfinite(requested_rad):
             offset_rad = self.sample.theta_m_rad - requested_rad
-            if abs(offset_rad) > self._gate.range_rad:
+            if abs(offset_rad) > self.gate.range_rad:
                 return self._deny(newest, t_ns, now_ns, theta_j_rad, elongation_m, requested_rad)
             fade = self._fade = _fade(offset_rad, t_ns, self._approach)
         if fade is not None and t_ns < fade.end_ns:
             requested_rad += fade.offset_rad * (1.0 - _smooth((t_ns - fade.begin_ns) / (fade.end_ns - fade.begin_ns)))
         return self._through_gate(newest, t_ns, now_ns, theta_j_rad, elongation_m, requested_rad)
+
+    def _open(self, now_ns: int) -> None:
+        self._was_opened = True
+        self.gate.open(now_ns)
 
     def _deny(
         self, newest: RawSample, t_ns: int, now_ns: int, theta_j_rad: float, elongation_m: float, requested_rad: float
@@ -198,18 +207,22 @@ class Pipeline:
     def _through_gate(
         self, newest: RawSample, t_ns: int, now_ns: int, theta_j_rad: float, elongation_m: float, requested_rad: float
     ) -> Reference:
-        state = self._gate_state
-        if state is None:  # the drive was OPERATIONAL before we came: begin where it is
-            state = self._gate.open(self.sample.theta_m_rad, now_ns)
-        self._gate_state, passed_rad, verdict = self._gate.step(state, requested_rad, now_ns)
+        if not self._was_opened:  # the drive was OPERATIONAL before we came: begin where it is
+            self._open(now_ns)
+        passed_rad, verdict = self._pass(requested_rad, now_ns)
         if passed_rad is None:
             self._count_denied()
+            self.gate_trip, self.is_latched = self.gate.trip, self.gate.state is GateState.LATCHED
             raw, passed_rad = None, math.nan
         else:
             self.denied_in_a_row = 0
             self.counters["passed"] += 1
             raw = angle_raw_from_rad(passed_rad)
-        self.verdict = code = PASSED_CODE if verdict is _PASSED else GATE_CODES[verdict]
+        if verdict is _PASSED:
+            self.verdict = code = PASSED_CODE
+        else:
+            self.verdict = code = GATE_CODES[verdict]
+            self.gate_tally.add(verdict, t_ns, abs(requested_rad - passed_rad))
         return make(Reference, (
             now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad, code,
             newest.sequence,

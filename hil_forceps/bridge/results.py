@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import NamedTuple
 
+from hil_forceps.bridge.gate_tally import GateCount
 from hil_forceps.bridge.statistics import HistogramSummary
+from hil_forceps.control.gate import GateTrip, GateVerdict
 
 
 class StopReason(Enum):
@@ -19,6 +21,8 @@ class StopReason(Enum):
     DRIVE_LOST = "drive_lost"  # the drive fell silent
     DRIVE_STOPPED = "drive_stopped"  # the drive left operation by itself
     REFERENCE_DENIED = "reference_denied"  # the gate let nothing pass
+    FEEDBACK_IMPLAUSIBLE = "feedback_implausible"  # the gate has latched: what is measured can't be
+    GATE_LATCHED = "gate_latched"  # the gate has latched: what is measured stayed beyond a limit
     BUS_DOWN = "bus_down"
     RECORDING_FAILED = "recording_failed"
     RUNAWAY = "runaway"  # the motor went away from its reference at the current limit
@@ -84,6 +88,8 @@ class ServiceResult(NamedTuple):
     zero_ns: int | None
     counters: Mapping[str, Mapping[str, int]]  # of the service, the pipeline, the host's machine, the link
     timing: Mapping[str, HistogramSummary]
+    gate: Mapping[GateVerdict, GateCount]  # what the gate limited, held or denied
+    gate_trip: GateTrip | None  # what stopped the gate
 
     @property
     def ok(self) -> bool:

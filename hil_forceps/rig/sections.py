@@ -185,6 +185,21 @@ class Limits(Section):
     max_sample_age_s: Annotated[Number, Quantity("s", 1e-4, 1.0)] = Field(
         default=3e-3, description="no reference is computed from an older sample"
     )
+    jerk_max_rad_per_s3: Annotated[Number, Quantity("rad_per_s3", 0.0, 1e18, open_low=True)] | None = Field(
+        default=None,
+        description="highest jerk of the reference; absent: not limited, for references from a coarse encoder jerk",
+    )
+    window_travel_max_rad: Annotated[Number, Quantity("rad", 0.0, 1600.0, open_low=True)] | None = Field(
+        default=None, description="how far the reference may move within any 250 ms; absent: not limited"
+    )
+    tension_max_N: Annotated[Number, Quantity("N", 0.0, 1e5, open_low=True)] | None = Field(
+        default=None,
+        description="highest tension of the wire, by the balance of the motor's torque; beyond it the reference is "
+        "held, and soon the drive disabled; absent: not limited",
+    )
+    current_max_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] | None = Field(
+        default=None, description="highest measured current, likewise; absent: not limited"
+    )
 
 
 class Recording(Section):

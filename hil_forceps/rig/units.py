@@ -54,7 +54,7 @@ _MIX_UPS = {
 
 def show_unit(unit: str) -> str:
     """Write `N_m_s_per_rad` as `N m s/rad`."""
-    above, _, below = _parts(unit.replace("2", "²"))
+    above, _, below = _parts(unit.replace("2", "²").replace("3", "³"))
     shown = above.replace("_", " ")
     if below:
         shown = shown or "1"

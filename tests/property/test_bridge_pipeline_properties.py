@@ -11,7 +11,7 @@ from firmware_protocol.messages import DriveState
 from firmware_protocol.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD
 from hil_forceps.bridge.pipeline import Pipeline
-from hil_forceps.control.gate import Gate, GateState, GateVerdict
+from hil_forceps.control.gate import Gate, GateVerdict
 from hil_forceps.estimation.interface import Estimate, Estimator, Sample, State
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.sections import Limits
@@ -48,9 +48,9 @@ class SpyGate(Gate):
     passed_rad: float | None = None
     asked = 0
 
-    def step(self, state: GateState, requested_rad: float, now_ns: int) -> tuple[GateState, float | None, GateVerdict]:
-        result = super().step(state, requested_rad, now_ns)
-        self.passed_rad = result[1]
+    def step(self, requested_rad: float, now_ns: int) -> tuple[float | None, GateVerdict]:
+        result = super().step(requested_rad, now_ns)
+        self.passed_rad = result[0]
         self.asked += 1
         return result
 

@@ -17,7 +17,7 @@ from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_fro
 from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.drive_conformance.bounds import Bounds, narrowed
 from hil_forceps.bridge.drive_conformance.line import Line
-from hil_forceps.control.gate import CLOSED, Gate, GateState
+from hil_forceps.control.gate import Gate
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import Limits
@@ -95,7 +95,6 @@ class Loop:
         self._used: Seen | None = None  # the sample of the last reference
         self._gate = Gate(self.limits)
         self._low_rad, self._high_rad = self.limits.position_min_rad, self.limits.position_max_rad
-        self._gate_state: GateState = CLOSED
         self._denied = self._refused = 0
         self.begin()
 
@@ -147,7 +146,7 @@ class Loop:
         self.home_rad, self.target_rad = home_rad, None
         limits = narrowed(self.limits, home_rad)
         self._low_rad, self._high_rad = limits.position_min_rad, limits.position_max_rad
-        self._gate, self._gate_state = Gate(limits), CLOSED
+        self._gate = Gate(limits)
         self._used, self._denied = self.newest, 0
 
     def off_at_once(self) -> None:
@@ -218,13 +217,14 @@ class Loop:
             self.stale += 1
             return
         self._used = newest
+        self._gate.see(newest.stamp_ns, newest.received_ns, newest.theta_rad, newest.current_A)
         wanted_rad = newest.theta_rad if self.target_rad is None else self.target_rad
         if newest.state != _OPERATIONAL:
             wanted_rad = newest.theta_rad
-            self._gate_state = self._gate.open(newest.theta_rad, now_ns)
+            self._gate.open(now_ns)
         elif self.target_rad is None:
-            wanted_rad = self.target_rad = self._gate_state.position_rad
-        self._gate_state, passed_rad, verdict = self._gate.step(self._gate_state, wanted_rad, now_ns)
+            wanted_rad = self.target_rad = self._gate.position_rad
+        passed_rad, verdict = self._gate.step(wanted_rad, now_ns)
         self._denied = 0 if passed_rad is not None else self._denied + 1
         if self._denied >= MAX_DENIED:
             if not self._low_rad <= newest.theta_rad <= self._high_rad:  # and it was within when torque was asked for

@@ -1,6 +1,6 @@
-"""What stopped the gate, as plain data."""
+"""What stopped the gate, as plain data and in words."""
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 
 class GateTrip(NamedTuple):
@@ -11,3 +11,24 @@ class GateTrip(NamedTuple):
     limit: float
     unit: str
     time_ns: int  # host's clock
+
+    def __str__(self) -> str:
+        return f"{WORDS[self.check]}: {self.value:.4g} {self.unit}, the limit is {self.limit:.4g} {self.unit}"
+
+
+JUMP: Final = "encoder_jump"
+STILL: Final = "encoder_frozen"
+AGAINST: Final = "against_current"
+TENSION: Final = "tension"
+CURRENT: Final = "current"
+GAP: Final = "gap"
+
+WORDS: Final = {
+    JUMP: "the encoder jumps further between two samples than the motor gets",
+    STILL: "encoder frozen or motor blocked: the angle stays the same to the last bit while the reference moves",
+    AGAINST: "the encoder disagrees with the current: the motor turns on against a strong one",
+    TENSION: "the tension of the wire, by the balance of the motor, is beyond limits.tension_max_N",
+    CURRENT: "the measured current is beyond limits.current_max_A",
+    GAP: "too long between two references",
+}
+IMPLAUSIBLE: Final = frozenset({JUMP, STILL, AGAINST})  # what is measured cannot be; the others are beyond a limit

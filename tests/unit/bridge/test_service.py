@@ -19,7 +19,7 @@ from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Stage, StopReason, Telemetry
 from hil_forceps.bridge.service import Service
-from hil_forceps.control.gate import Gate, GateState, GateVerdict
+from hil_forceps.control.gate import Gate, GateVerdict
 from hil_forceps.data.recording.reader import parse_recording
 from hil_forceps.data.recording.writer import Outcome, Recorder
 from hil_forceps.estimation.interface import Estimate, Estimator
@@ -120,10 +120,10 @@ class SpyGate(Gate):
         super().__init__(limits)
         self.passed: set[int] = set()
 
-    def step(self, state: GateState, requested_rad: float, now_ns: int) -> tuple[GateState, float | None, GateVerdict]:
-        result = super().step(state, requested_rad, now_ns)
-        if result[1] is not None:
-            self.passed.add(round(result[1] / ANGLE_LSB_RAD))
+    def step(self, requested_rad: float, now_ns: int) -> tuple[float | None, GateVerdict]:
+        result = super().step(requested_rad, now_ns)
+        if result[0] is not None:
+            self.passed.add(round(result[0] / ANGLE_LSB_RAD))
         return result
 
 

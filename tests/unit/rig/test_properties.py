@@ -1,6 +1,7 @@
 """Properties: a rig written out loads back equal, and nothing that is read raises anything but UserError."""
 
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from hypothesis import given
@@ -39,7 +40,10 @@ def parameters(quantity: Quantity) -> st.SearchStrategy[object]:
 
 
 def quantity_of(model: type[Forceps | Motor | DriveLaw | Noise | Limits], key: str) -> Quantity:
-    return next(item for item in model.model_fields[key].metadata if isinstance(item, Quantity))
+    field = model.model_fields[key]
+    optional = (item for each in get_args(field.annotation) for item in get_args(each))  # of `X | None`
+    parts = [*field.metadata, *optional]
+    return next(item for item in parts if isinstance(item, Quantity))
 
 
 def physical(model: type[Forceps | Motor]) -> st.SearchStrategy[dict[str, object]]:

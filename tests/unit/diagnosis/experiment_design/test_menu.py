@@ -62,15 +62,17 @@ def test_every_motion_on_the_menu_passes_the_gate_untouched(
         acceleration_max_rad_per_s2=acceleration,
     )
     bounds = Bounds(low, low + span, 0.5 * speed, 0.5 * acceleration, 1e-3, 1e-3)
-    gate = Gate(limits)
     offered = menu(bounds)
     assert "rest" in {e.name for e in offered}
     for experiment in offered:
         ticks = np.arange(0.0, min(float(experiment.time_s[-1]), 4.0), 1e-3)
         wanted = np.interp(ticks, experiment.time_s, experiment.theta_m_rad)
-        state = gate.open(float(wanted[0]), -1_000_000)
+        gate = Gate(limits)
+        gate.see(-1_000_000, -1_000_000, float(wanted[0]), 0.0)
+        gate.open(-1_000_000)
         for tick, angle in enumerate(wanted.tolist()):
-            state, _, verdict = gate.step(state, angle, tick * 1_000_000)
+            gate.see(tick * 1_000_000, tick * 1_000_000, angle, 0.0)
+            _, verdict = gate.step(angle, tick * 1_000_000)
             assert verdict in {GateVerdict.OPENED, GateVerdict.PASSED}, (experiment.name, tick)
 
 

@@ -1,0 +1,193 @@
+"""The gate: samples and requests in, the reference that may leave out. No clock, and nothing of estimators or service.
+
+`see` takes every sample, `open` begins at the newest one's angle, `step` answers a request. The limits are those of
+`limiter` (`jerk` where the rig limits it) and `window`, the checks of the feedback those of `feedback`; where the gate
+stands is the table of `latch`.
+
+A gate is closed until it is opened at a measured angle within the bounds, and its first output is that angle. It closes
+when more than `max_gap_s` lies between two outputs. Each output needs a sample of its own that is no older than
+`limits.max_sample_age_s`. While the feedback is beyond a limit the reference is held: the request is then the last
+reference, and the limits hold as ever. After `FeedbackBounds.hold_s` of that the gate latches.
+"""
+
+import math
+from typing import Final
+
+from hil_forceps.control.gate.bounds import FeedbackBounds
+from hil_forceps.control.gate.feedback import FeedbackMonitor, trip_of
+from hil_forceps.control.gate.jerk import JerkLimiter
+from hil_forceps.control.gate.latch import TRANSITIONS, GateEvent, GateState
+from hil_forceps.control.gate.limiter import AccelerationLimiter
+from hil_forceps.control.gate.trip import GAP, IMPLAUSIBLE, GateTrip
+from hil_forceps.control.gate.verdicts import Bounds, GateVerdict, Motion
+from hil_forceps.control.gate.window import TravelWindow
+from hil_forceps.rig.sections import Limits
+
+# The drive's own watchdog has ended the run by then; whoever comes back after it has to start anew.
+DEFAULT_MAX_GAP_S: Final = 0.02
+NEVER_NS: Final = -(1 << 63)
+NOWHERE: Final[Motion] = (math.nan, 0.0, 0.0)
+
+# Members of an Enum cost as much as a call when looked up by their class, and these are asked for at every tick.
+_CLOSED, _OPEN, _LATCHED = GateState.CLOSED, GateState.OPEN, GateState.LATCHED
+_POSITION = GateVerdict.LIMITED_POSITION
+_is_finite = math.isfinite
+
+
+class Gate:
+    """The gate of one motor; `state` is where it stands, `trip` what froze, closed or latched it last."""
+
+    __slots__ = (
+        "_bounds", "_frozen_ns", "_has_output", "_hold_ns", "_hold_rad", "_is_fresh", "_limit",
+        "_max_age_ns", "_max_gap_ns", "_monitor", "_motion", "_received_ns", "_stamp_ns", "_theta_rad", "_time_ns",
+        "_window", "state", "trip",
+    )  # fmt: skip
+
+    def __init__(
+        self, limits: Limits, feedback: FeedbackBounds | None = None, max_gap_s: float = DEFAULT_MAX_GAP_S
+    ) -> None:
+        """Take the limits; without `feedback` its plausibility isn't checked. ValueError for what can't be limits."""
+        self._bounds: Bounds = (limits.position_min_rad, limits.position_max_rad)
+        _check(limits, max_gap_s)
+        jerk, travel = limits.jerk_max_rad_per_s3, limits.window_travel_max_rad
+        self._limit = AccelerationLimiter(limits).step if jerk is None else JerkLimiter(limits, jerk).step
+        self._window = None if travel is None else TravelWindow(travel)
+        self._monitor: FeedbackMonitor | None = None
+        if feedback is not None:
+            self._monitor, self._hold_ns = FeedbackMonitor(feedback), round(feedback.hold_s * 1e9)
+        self._max_gap_ns = round(max_gap_s * 1e9)
+        self._max_age_ns = round(limits.max_sample_age_s * 1e9)
+        self.state = _CLOSED
+        self.trip: GateTrip | None = None
+        self._stamp_ns = self._received_ns = NEVER_NS
+        self._theta_rad = math.nan
+        self._motion = NOWHERE
+
+    @property
+    def range_rad(self) -> float:
+        """How far the bounds lie apart."""
+        low, high = self._bounds
+        return high - low
+
+    @property
+    def position_rad(self) -> float:
+        """The last output, or where the gate was opened; NaN before."""
+        return self._motion[0]
+
+    def see(self, stamp_ns: int, received_ns: int, theta_m_rad: float, current_A: float) -> None:
+        """Take a sample; one whose stamp does not increase is none. `received_ns` is the host's time."""
+        if stamp_ns <= self._stamp_ns:
+            return
+        self._stamp_ns, self._received_ns, self._theta_rad, self._is_fresh = stamp_ns, received_ns, theta_m_rad, True
+        monitor = self._monitor
+        if monitor is None or self.state is _CLOSED:
+            return
+        if monitor.see(stamp_ns, theta_m_rad, current_A, self._motion[0]):
+            self._take_finding(monitor, received_ns)
+
+    def open(self, now_ns: int) -> None:
+        """Open at the measured angle, also anew; a gate that is frozen or latched stays so."""
+        low, high = self._bounds
+        is_well = low <= self._theta_rad <= high and now_ns - self._received_ns <= self._max_age_ns
+        self._turn(GateEvent.OPENED if is_well else GateEvent.REFUSED)
+        if self.state is not _OPEN:
+            return
+        self._motion = (self._theta_rad, 0.0, 0.0)
+        self._time_ns, self._has_output, self.trip = now_ns, False, None
+        if self._window is not None:
+            self._window.restart()
+        if self._monitor is not None:
+            self._monitor.restart(self._stamp_ns, self._theta_rad)
+
+    def clear(self) -> None:
+        """Take back a latch: the gate is closed then, and wants to be opened."""
+        self._turn(GateEvent.CLEARED)
+
+    def step(self, requested_rad: float, now_ns: int) -> tuple[float | None, GateVerdict]:
+        """Return the reference that may leave (None: none may), and why."""
+        is_open = self.state is _OPEN
+        if not is_open:
+            if not self._may_hold(now_ns):
+                return None, GateVerdict.DENIED_CLOSED if self.state is _CLOSED else GateVerdict.DENIED_LATCHED
+            requested_rad = self._hold_rad
+        since_ns = now_ns - self._time_ns
+        if not (
+            self._has_output <= since_ns <= self._max_gap_ns  # the first output may come at the instant of opening
+            and self._is_fresh
+            and now_ns - self._received_ns <= self._max_age_ns
+            and _is_finite(requested_rad)
+        ):
+            return None, self._deny(since_ns, now_ns)
+        if self._window is not None:
+            verdict = self._move_within_window(self._window, requested_rad, since_ns, now_ns)
+        elif self._has_output:
+            self._motion, verdict = self._limit(self._motion, requested_rad, since_ns * 1e-9, self._bounds)
+        else:
+            verdict = GateVerdict.OPENED
+        self._is_fresh, self._has_output, self._time_ns = False, True, now_ns
+        return self._motion[0], verdict if is_open else GateVerdict.FROZEN
+
+    def _may_hold(self, now_ns: int) -> bool:
+        """Tell whether the reference is held; latch where that took too long."""
+        if self.state is _CLOSED or self.state is _LATCHED:
+            return False
+        if now_ns - self._frozen_ns > self._hold_ns:
+            self._turn(GateEvent.HELD_TOO_LONG)
+        return self.state is not _LATCHED
+
+    def _deny(self, since_ns: int, now_ns: int) -> GateVerdict:
+        """Return why nothing leaves; too long a time without output closes the gate, or latches it."""
+        if since_ns < self._has_output:
+            return GateVerdict.DENIED_TIME
+        if since_ns > self._max_gap_ns:
+            if self.state is _OPEN:  # a gate that is frozen keeps what froze it
+                self.trip = GateTrip(GAP, since_ns * 1e-9, self._max_gap_ns * 1e-9, "s", now_ns)
+            self._turn(GateEvent.GAP)
+            return GateVerdict.DENIED_GAP
+        if not self._is_fresh or now_ns - self._received_ns > self._max_age_ns:
+            return GateVerdict.DENIED_STALE
+        return GateVerdict.DENIED_NOT_FINITE
+
+    def _move_within_window(
+        self, window: TravelWindow, requested_rad: float, since_ns: int, now_ns: int
+    ) -> GateVerdict:
+        """Move the reference as its travel within 250 ms allows, too."""
+        verdict = GateVerdict.OPENED
+        if self._has_output:
+            before, dt_s = self._motion, since_ns * 1e-9
+            self._motion, verdict = self._limit(before, requested_rad, dt_s, window.narrow(self._bounds, now_ns))
+            # It is the window's doing where the position alone would limit nothing.
+            if verdict is _POSITION and self._limit(before, requested_rad, dt_s, self._bounds)[1] is not _POSITION:
+                verdict = GateVerdict.LIMITED_WINDOW
+        window.see(self._motion[0], now_ns)
+        return verdict
+
+    def _take_finding(self, monitor: FeedbackMonitor, received_ns: int) -> None:
+        finding, was_open = monitor.finding, self.state is _OPEN
+        if finding is None:
+            self._turn(GateEvent.RECOVERED)
+            if self.state is _OPEN:
+                self.trip = None
+            return
+        is_worse = finding[0] in IMPLAUSIBLE and self.state is GateState.FROZEN
+        self._turn(GateEvent.IMPLAUSIBLE if finding[0] in IMPLAUSIBLE else GateEvent.EXCEEDED)
+        if was_open:
+            self._frozen_ns, self._hold_rad = received_ns, self._motion[0]
+        if was_open or is_worse:
+            self.trip = trip_of(finding, received_ns)
+
+    def _turn(self, event: GateEvent) -> None:
+        self.state = TRANSITIONS[self.state][event]
+
+
+def _check(limits: Limits, max_gap_s: float) -> None:
+    low, high, jerk, travel = (
+        limits.position_min_rad,
+        limits.position_max_rad,
+        limits.jerk_max_rad_per_s3,
+        limits.window_travel_max_rad,
+    )
+    positive = [limits.speed_max_rad_per_s, limits.acceleration_max_rad_per_s2, max_gap_s]
+    positive += [each for each in (jerk, travel) if each is not None]
+    if not (all(map(math.isfinite, (low, high, *positive))) and low < high and min(positive) > 0.0):
+        raise ValueError(f"not limits of a gate: {limits!r}, max_gap_s={max_gap_s!r}")
