@@ -3,10 +3,13 @@
 import csv
 from pathlib import Path
 
+from hil_forceps.control.requests import first_excess
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.data.readers.csv_block import finite_number
+from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
+FIRST_LINE = 2  # of a file's points, behind the header
 MAX_FILE_BYTES = 64 << 20  # an hour at 1 kHz
 
 
@@ -24,7 +27,7 @@ def read_trajectory(path: Path) -> Trajectory:
     if not text.endswith("\n"):
         raise UserError(f"{path}:{len(rows)}: the last line has no line end and may be cut off; complete it")
     points: list[tuple[float, float]] = []
-    for line, row in enumerate(rows[1:], 2):
+    for line, row in enumerate(rows[1:], FIRST_LINE):
         numbers = [number for cell in row if (number := finite_number(cell)) is not None]
         if len(row) != 2 or len(numbers) != 2:
             raise UserError(f"{path}:{line}: {','.join(row)[:60]!r} is not two finite numbers; correct the line")
@@ -36,6 +39,20 @@ def read_trajectory(path: Path) -> Trajectory:
         raise UserError(f"{path}: holds no points")
     times_s, angles_rad = zip(*points, strict=True)
     return Trajectory(times_s, angles_rad)
+
+
+def check_trajectory(path: Path | None, trajectory: Trajectory, until_s: float, rig_path: Path, rig: Rig) -> None:
+    """UserError where a trajectory asks for what the gate would cut; `path` None: it is the paper's."""
+    found = first_excess(trajectory, until_s, rig.plant(), rig.limits)
+    if found is None:
+        return
+    where = "the paper's trajectory" if path is None else f"{path}:{found.point + FIRST_LINE}"
+    unit = "rad/s" if found.key.endswith("_per_s") else "rad"
+    raise UserError(
+        f"{where}: at {found.time_s:g} s the motor would go {'at' if unit == 'rad/s' else 'to'} {found.asked:.4g} "
+        f"{unit} (r_j/r_m times the jaw), beyond limits.{found.key} of {found.limit:g} in {rig_path}; change the "
+        f"trajectory{'' if path else ' by --trajectory'} or the limit"
+    )
 
 
 def write_trajectory(trajectory: Trajectory, path: Path) -> None:

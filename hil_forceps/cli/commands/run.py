@@ -25,9 +25,10 @@ from hil_forceps.bridge.results import Telemetry
 from hil_forceps.cli.drive_line import line_rate, named_rigs
 from hil_forceps.cli.fault_lines import fault_lines, told_reason
 from hil_forceps.cli.files import clear_runs, make_folder
+from hil_forceps.cli.gate_words import gate_data, gate_lines
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.options import interface_options
-from hil_forceps.cli.trajectory_file import read_trajectory
+from hil_forceps.cli.trajectory_file import check_trajectory, read_trajectory
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.lint import findings
@@ -121,6 +122,9 @@ def run(
     duration_s = max(last_s, 1e-3) if duration is None else duration
     if not (math.isfinite(duration_s) and duration_s > 0.0):
         raise UserError(f"--duration {duration_s}: must be a positive number of seconds")
+    sources = [*trajectory] if len(trajectory) in {0, len(rigs)} else [*trajectory] * len(rigs)
+    for place, (path, loaded) in enumerate(zip(rig, rigs.values(), strict=True)):
+        check_trajectory(sources[place] if sources else None, points[place], duration_s, path, loaded)
     make_folder(out)
     clear_runs([out, *(out / name for name in rigs if len(rigs) > 1)], overwrite=overwrite)
     plans = []
@@ -229,6 +233,7 @@ def _tell(session: SessionResult, plan: Plan, line_share: float | None) -> int:
         "bus_log": session.bus_log._asdict(),
         "counters": {name: dict(values) for name, values in result.counters.items()},
         "timing": dict(result.timing),
+        "gate": gate_data(result),
     }
     if session.fault is not None:
         content["fault"] = {**told_reason(session.fault.reason), "file": session.fault.path.name}
@@ -242,6 +247,8 @@ def _tell(session: SessionResult, plan: Plan, line_share: float | None) -> int:
     said = f"{plan.name}: " if plan.name else ""
     for failure in failures:
         sys.stderr.write(f"hil-forceps: {said}{failure}\n")
+    for line in gate_lines(result.gate):
+        sys.stderr.write(f"note: {said}{line}\n")
     if not result.ok:
         lines = [result.message] if session.fault is None else fault_lines(session.fault, result.message, folder)
         sys.stderr.write(f"hil-forceps: {said}" + "\n".join(lines) + "\n")

@@ -1,0 +1,191 @@
+"""What a user sees of the gate: trajectories that are refused, what was limited, and feedback that can't be."""
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil_forceps.bridge.gate_tally import GateCount
+from hil_forceps.cli import main as cli
+from hil_forceps.cli.gate_words import gate_lines
+from hil_forceps.control.gate import GateVerdict
+from virtual_bus.plant.forceps import SimulatedForceps
+
+REALISTIC = Path(__file__).parents[3] / "configs" / "realistic.yaml"
+COUNT_RAW = (1 << 24) // 16384
+Alter = Callable[[int, int, int], tuple[int, int]]  # sample, angle, current -> angle, current
+
+
+def run(folder: Path, *more: str, rig: Path = REALISTIC) -> int:
+    channel = ("--interface", "virtual_forceps", "--channel", str(folder), "--option", f"rig={rig}")
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", "--rig", str(rig), *channel, "--out", str(folder / "out"), *more])
+    return int(ended.value.code or 0)
+
+
+def told(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "out" / "run.json").read_text())
+    return found
+
+
+def rig_with(folder: Path, *lines: str) -> Path:
+    text = REALISTIC.read_text(encoding="utf-8")
+    path = folder / "rig.yaml"
+    path.write_text(
+        text.replace("  max_sample_age_s:", "".join(f"  {line}\n" for line in lines) + "  max_sample_age_s:")
+    )
+    return path
+
+
+def trajectory(folder: Path, text: str) -> str:
+    path = folder / "motion.csv"
+    path.write_text("time_s,theta_j_rad\n" + text, encoding="utf-8")
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("motion", "said"),
+    [
+        ("0,1.5\n1,1\n3,3.4\n5,0.7\n", "motion.csv:4: at 3 s the motor would go to 2.38 rad"),
+        ("0,1.5\n1,-0.8\n", "motion.csv:3: at 1 s the motor would go to -0.56 rad"),
+        ("0,1.5\n1,1\n1.001,1.4\n", "motion.csv:4: at 1.001 s the motor would go at 280 rad/s"),
+    ],
+)
+def test_a_trajectory_beyond_the_limits_is_refused_before_anything_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], motion: str, said: str
+) -> None:
+    assert run(tmp_path, "--trajectory", trajectory(tmp_path, motion)) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert f"in {REALISTIC}; change the trajectory or the limit" in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_papers_own_trajectory_is_held_to_the_limits_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(REALISTIC.read_text().replace("position_min_rad: -0.5", "position_min_rad: 0.5"))
+    assert run(tmp_path, rig=rig) == 2
+    said = capsys.readouterr().err
+    assert "the paper's trajectory: at 5 s the motor would go to 0.1222 rad" in said
+    assert "limits.position_min_rad of 0.5" in said
+    assert run(tmp_path, "--duration", "1", rig=rig) == 0, "what is asked for within the run is all that counts"
+
+
+def test_what_the_gate_limits_is_told_and_counted_and_the_run_is_good(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = rig_with(tmp_path, "jerk_max_rad_per_s3: 5.0e+4", "window_travel_max_rad: 0.5")
+    motion = trajectory(tmp_path, "0,1.57\n0.5,1.57\n1.0,0.2\n3,0.2\n")
+    assert run(tmp_path, "--trajectory", motion, rig=rig) == 0
+    said = capsys.readouterr().err.splitlines()
+    found = told(tmp_path)
+    assert found["reason"] == "completed"
+    jerk = found["gate"]["verdicts"]["limited_jerk"]
+    assert jerk["references"] == found["counters"]["gate"]["limited_jerk"] > 0
+    assert jerk["first_s"] >= 0.0
+    assert jerk["greatest_cut_rad"] > 0.0
+    assert found["gate"]["trip"] is None
+    notes = [line for line in said if line.startswith("note: the gate limited ")]
+    assert len(notes) == len(found["gate"]["verdicts"]), "a line for each kind"
+    assert any(f"limited {jerk['references']} references (jerk), first at" in line for line in notes)
+
+
+def test_nothing_is_told_where_nothing_was_limited(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path, "--duration", "2") == 0
+    assert "gate" not in capsys.readouterr().err
+    found = told(tmp_path)
+    assert "gate" not in found["counters"]
+    assert found["gate"] == {"verdicts": {}, "trip": None}
+
+
+def altered(monkeypatch: pytest.MonkeyPatch, alter: Alter) -> None:
+    """Let the drive tell other values than it closes its loop with."""
+    sample, number = SimulatedForceps.sample, 0
+
+    def wrong(self: SimulatedForceps, now_ns: int, until_ns: int, reference: int | None) -> tuple[int, int, int, int]:
+        nonlocal number
+        number += 1
+        theta_m, current, theta_j, tau_w = sample(self, now_ns, until_ns, reference)
+        return *alter(number, theta_m, current), theta_j, tau_w
+
+    monkeypatch.setattr(SimulatedForceps, "sample", wrong)
+
+
+def jumping(number: int, theta: int, current: int) -> tuple[int, int]:
+    return (theta if number < 2000 else theta + 3000 * COUNT_RAW), current
+
+
+def freezing() -> Alter:
+    kept: list[int] = []
+
+    def alter(number: int, theta: int, current: int) -> tuple[int, int]:
+        if number < 2000:
+            return theta, current
+        kept.append(theta)
+        return kept[0], current
+
+    return alter
+
+
+def running_away(number: int, theta: int, current: int) -> tuple[int, int]:
+    return (theta, current) if number < 2000 else (theta - 4 * COUNT_RAW * (number - 2000), 3500)
+
+
+@pytest.mark.parametrize(
+    ("alter", "lines", "reason", "check"),
+    [
+        (jumping, (), "feedback_implausible", "encoder_jump"),
+        (freezing(), (), "feedback_implausible", "encoder_frozen"),
+        (running_away, (), "feedback_implausible", "against_current"),
+        (lambda n, th, i: (th, i if n < 2000 else 4000), ("current_max_A: 0.6",), "gate_latched", "current"),
+        (lambda n, th, i: (th, i if n < 2000 else 4000), ("tension_max_N: 3.0",), "gate_latched", "tension"),
+    ],
+)
+def test_feedback_that_cannot_be_ends_the_run_and_takes_torque_off(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    alter: Alter,
+    lines: tuple[str, ...],
+    reason: str,
+    check: str,
+) -> None:
+    altered(monkeypatch, alter)
+    assert run(tmp_path, "--duration", "5", rig=rig_with(tmp_path, *lines)) == 2
+    found = told(tmp_path)
+    assert (found["reason"], found["drive_disabled"]) == (reason, True)
+    trip = found["gate"]["trip"]
+    assert trip["check"] == check
+    assert trip["value"] > trip["limit"]
+    said = capsys.readouterr().err
+    assert f"the gate has latched: {found['message'].partition('latched: ')[2]}" in said
+    assert found["gate"]["verdicts"]["frozen"]["references"] >= 1
+    assert found["gate"]["verdicts"]["denied_latched"]["references"] == 1
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["replay", str(tmp_path / "out")])
+    assert not ended.value.code, "and a replay comes to the same references"
+
+
+def test_a_short_excess_is_held_and_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    altered(monkeypatch, lambda n, th, i: (th, 4000 if 2000 <= n < 2040 else i))
+    assert run(tmp_path, "--duration", "3", rig=rig_with(tmp_path, "current_max_A: 0.6")) == 0
+    assert "note: the gate held " in capsys.readouterr().err
+    assert 8 <= told(tmp_path)["gate"]["verdicts"]["frozen"]["references"] <= 32
+
+
+def test_lines_for_people() -> None:
+    lines = gate_lines({
+        GateVerdict.LIMITED_SPEED: GateCount(812, 1_204_000_000, 2.314),
+        GateVerdict.DENIED_GAP: GateCount(1, -1, 0.0),
+    })  # fmt: skip
+    assert lines[0].startswith("the gate limited 812 references (speed), first at 1.204 s, by up to 2.31 rad: ")
+    assert lines[1].startswith("the gate denied 1 references, before the drive was operational: ")
+    assert all(len(gate_lines({verdict: GateCount(1, 0, math.pi)})) == 1 for verdict in list(GateVerdict)[2:])
