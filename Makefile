@@ -7,7 +7,7 @@ TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects fuzz fuzz-readers hidden-effects real-data drive-costs benchmark audit wheel clean
+.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects gate-coverage mutate-gate fuzz fuzz-readers hidden-effects real-data drive-costs benchmark audit wheel clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 18
@@ -77,6 +77,16 @@ targets-quick: install  ## one emulated target of each kind
 effects: install  ## put model and world together from the files of their effects
 	$(PY) -m tools.compose_effects
 	$(PY) tools/rig_file_doc.py
+
+gate-coverage: install  ## the gate: all lines and branches by its own tests
+	$(PY) -m pytest -n 0 -q tests/unit/control/gate --cov=hil_forceps.control.gate --cov-branch \
+		--cov-report=term-missing --cov-fail-under=100
+
+# Each survivor is explained in docs/safety-gate.md; one that isn't there is a test that is missing.
+mutate-gate: gate-coverage  ## the gate: which changes of its code its tests don't see; some 5 minutes
+	rm -rf mutants
+	$(VENV)/bin/mutmut run --max-children 2 >build/mutate-gate.txt 2>&1 || tail -c 2000 build/mutate-gate.txt
+	$(PY) -m tools.gate_survivors
 
 # Ten million bytes into every reader and state machine of the Python side.
 fuzz: install  ## ten million bytes into every reader and state machine
