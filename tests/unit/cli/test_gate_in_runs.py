@@ -12,9 +12,12 @@ from hil_forceps.bridge.gate_tally import GateCount
 from hil_forceps.cli import main as cli
 from hil_forceps.cli.gate_words import gate_lines
 from hil_forceps.control.gate import GateVerdict
+from hil_forceps.drives.registry import PROFILES
+from hil_forceps.rig import dump_rig, load_rig
 from virtual_bus.plant.forceps import SimulatedForceps
 
-REALISTIC = Path(__file__).parents[3] / "configs" / "realistic.yaml"
+CONFIGS = Path(__file__).parents[3] / "configs"
+REALISTIC = CONFIGS / "realistic.yaml"
 COUNT_RAW = (1 << 24) // 16384
 Alter = Callable[[int, int, int], tuple[int, int]]  # sample, angle, current -> angle, current
 
@@ -189,3 +192,26 @@ def test_lines_for_people() -> None:
     assert lines[0].startswith("the gate limited 812 references (speed), first at 1.204 s, by up to 2.31 rad: ")
     assert lines[1].startswith("the gate denied 1 references, before the drive was operational: ")
     assert all(len(gate_lines({verdict: GateCount(1, 0, math.pi)})) == 1 for verdict in list(GateVerdict)[2:])
+
+
+# 2048 counts, dry friction of 30 % of the load of 2 mN m (r_m/r_j · 0.3 · 2 mN m), a slow motion, quick ones, holds.
+HARD = {"encoder.counts_per_rev": 2048, "forceps.motor_coulomb_N_m": 8.6e-4}
+SLOW_AND_QUICK = "0,1.57\n6,1.45\n6.5,0.4\n9,0.38\n9.3,1.5\n11,1.5\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["realistic", "realistic, a twentieth of the frames lost", *sorted(PROFILES)])
+def test_no_check_trips_on_hard_but_sound_feedback(tmp_path: Path, name: str) -> None:
+    """With the pulses of the paper's simulation 2 from 10 s on."""
+    path = CONFIGS / "drives" / f"{name}.yaml" if name in PROFILES else REALISTIC
+    rig, faults = tmp_path / "rig.yaml", tmp_path / "faults.yaml"
+    more: tuple[str, ...] = ()
+    rig.write_text(dump_rig(load_rig(path).with_changes(HARD)), encoding="utf-8")
+    if name.endswith("lost"):
+        faults.write_text("- {fault: drop, direction: to_host, probability: 0.05}\n", encoding="utf-8")
+        more = ("--option", f"faults={faults}")
+    motion = trajectory(tmp_path, SLOW_AND_QUICK)
+    assert run(tmp_path, "--trajectory", motion, "--duration", "11", *more, rig=rig) == 0
+    found = told(tmp_path)
+    assert (found["reason"], found["gate"]["trip"]) == ("completed", None)
+    assert "frozen" not in found["gate"]["verdicts"]
