@@ -84,7 +84,7 @@ gate-coverage: install  ## the gate: all lines and branches by its own tests
 
 # Each survivor is explained in docs/safety-gate.md; one that isn't there is a test that is missing.
 mutate-gate: gate-coverage  ## the gate: which changes of its code its tests don't see; some 5 minutes
-	rm -rf mutants
+	rm -rf mutants && mkdir -p build
 	$(VENV)/bin/mutmut run --max-children 2 >build/mutate-gate.txt 2>&1 || tail -c 2000 build/mutate-gate.txt
 	$(PY) -m tools.gate_survivors
 

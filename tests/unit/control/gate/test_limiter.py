@@ -134,6 +134,14 @@ def test_a_jump_is_approached_without_swinging() -> None:
     assert next(k for k, position in enumerate(positions) if position > 0.79) <= 95
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_request_out_of_reach_is_approached_as_fast_as_it_could_be_stopped_at(sign: float) -> None:
+    """v dt + v²/(2a) = the way there."""
+    motion, verdict = limit(0.0, sign * 5.0, sign * 0.0125)
+    assert verdict is GateVerdict.LIMITED_SPEED
+    assert motion[1] == pytest.approx(sign * (-1.0 + math.sqrt(1.0 + 2.0 * 1000.0 * 0.0125)))
+
+
 @pytest.mark.parametrize("dt_s", [1e-9, 999e-9, 1e-3, 3e-3, 2e-2])
 def test_what_is_within_all_limits_passes_bit_for_bit(dt_s: float) -> None:
     for part in (-0.999, -0.5, 0.0, 1e-300, 0.3, 0.999):
