@@ -62,8 +62,7 @@ def stopping_acceleration(
 
 def _turns_back(speed: float, acceleration: float, jerk_max: float) -> bool:
     """Tell whether a motion goes down by the time its acceleration could be zero."""
-    crest = speed + acceleration * abs(acceleration) / (2.0 * jerk_max)
-    return crest < 0.0 or (crest == 0.0 and speed < 0.0)
+    return speed + acceleration * abs(acceleration) / (2.0 * jerk_max) < 0.0
 
 
 class JerkLimiter:

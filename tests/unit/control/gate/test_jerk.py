@@ -69,6 +69,12 @@ def test_stops_known_in_closed_form() -> None:
     assert stop_of(-0.5, 1.0, 1.0, 10.0) == pytest.approx((-1.0 / 6.0, 0.0, 0.5))
     assert stop_of(0.0, 1.0, 1.0, 10.0) == pytest.approx((0.0, 0.5**1.5 + 0.5 - 1.0 / 6.0, 0.5))
     assert stop_of(0.0, 0.0, 1.0, 1.0) == (0.0, 0.0, 0.0)
+    # Turning back: speed is 0 after 0.5 s, 1/12 down; then a crest of 1/8, and from there to rest.
+    assert stop_of(-0.375, 1.0, 1.0, 10.0) == pytest.approx((-1.0 / 12.0, 0.125**1.5 - 1.0 / 24.0, 0.375))
+    assert stop_of(0.375, -1.0, 1.0, 10.0) == pytest.approx((-(0.125**1.5) + 1.0 / 24.0, 1.0 / 12.0, 0.375))
+    # The same in other units: jerk 8, so times are halved where lengths stay.
+    assert stop_of(-0.75, 4.0, 8.0, 10.0) == pytest.approx((-1.0 / 12.0, 0.125**1.5 - 1.0 / 24.0, 0.75))
+    assert stop_of(-0.125, 1.0, 1.0, 10.0).speed_rad_per_s == pytest.approx(0.375)  # the crest, where that is faster
 
 
 def test_the_step_of_a_stop_is_known_in_closed_form() -> None:
