@@ -106,7 +106,7 @@ class Axis:
         self.stages.append((now_ns, course.stage.value))
         if self.fault is None and self.has_failed and course.reason is not None:
             where = Situation(before, since_ns, now_ns, course.last_sample_ns)
-            trip = getattr(self.pipeline, "gate_trip", None)  # of a gate that tells one
+            trip = self.pipeline.gate_trip
             self.fault = reason_of(course.reason, course.message, where, self.pipeline, self._config, trip)
 
     def _send_reference(self, now_ns: int, send: Callable[[Frame], SendResult], clock_ns: Callable[[], int]) -> None:

@@ -1,13 +1,15 @@
 """Why a run ended otherwise than it was meant to: which check failed, at what value, against what limit."""
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 from hil_forceps.bridge.course import SILENT_PERIODS
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
 from hil_forceps.bridge.results import ServiceConfig, Stage, StopReason
+from hil_forceps.control.gate import GateTrip
 
 CRASHED = "crashed"  # this program failed
+BY_THE_GATE: Final = frozenset({StopReason.REFERENCE_DENIED, StopReason.FEEDBACK_IMPLAUSIBLE, StopReason.GATE_LATCHED})
 
 
 class FaultReason(NamedTuple):
@@ -31,30 +33,6 @@ class FaultReason(NamedTuple):
         return f"{self.check}: {self.value:.6g}{unit}, limit {self.limit:.6g}{unit}"
 
 
-class Trip(Protocol):
-    """What a gate tells of the check that stopped it."""
-
-    @property
-    def check(self) -> str:
-        """Its name."""
-
-    @property
-    def value(self) -> float:
-        """What it saw."""
-
-    @property
-    def limit(self) -> float:
-        """What it allows."""
-
-    @property
-    def unit(self) -> str:
-        """Of both."""
-
-    @property
-    def time_ns(self) -> int:
-        """Host's clock."""
-
-
 class Situation(NamedTuple):
     """Where an axis was when it ended."""
 
@@ -65,10 +43,10 @@ class Situation(NamedTuple):
 
 
 def reason_of(
-    reason: StopReason, message: str, where: Situation, pipeline: Pipeline, config: ServiceConfig, trip: Trip | None
+    reason: StopReason, message: str, where: Situation, pipeline: Pipeline, config: ServiceConfig, trip: GateTrip | None
 ) -> FaultReason:
     """Return what failed; a gate's own trip says it better than the references that it denied since."""
-    if trip is not None and reason is StopReason.REFERENCE_DENIED:
+    if trip is not None and reason in BY_THE_GATE:
         found = FaultReason("", trip.check, trip.value, trip.limit, trip.unit, trip.time_ns, "", "")
     else:
         found = FaultReason("", *_compared(reason, where, pipeline, config), where.now_ns, "", "")

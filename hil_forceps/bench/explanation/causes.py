@@ -93,6 +93,14 @@ _BY_REASON: dict[str, tuple[Cause, ...]] = {
         Cause("the trajectory or the estimate asks for what limits: forbid", "requested and passed in the table"),
         Cause("the loop paused longer than the gate lets pass", "other load on this host"),
     ),
+    "feedback_implausible": (
+        Cause("the encoder, its cable or its coupling to the motor", "theta_m_rad and current_A in the table"),
+        Cause("the motor is blocked, by the jaw or by a wire off its pulley", "whether it turns freely without torque"),
+        Cause("the rig says less of the motor than is true", "docs/safety-gate.md: the numbers that a check takes"),
+    ),
+    "gate_latched": (
+        Cause("the load, or friction, asks for more than limits: allow", "the check above, and what the jaw holds"),
+    ),
     "bus_down": (
         Cause("the adapter was unplugged, or its interface went down", "cable and `ip -details link show`"),
         Cause("the controller went off the bus after too many errors", "bit rate, termination, and who else sends"),

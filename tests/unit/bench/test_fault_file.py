@@ -10,10 +10,11 @@ from firmware_protocol.messages import DriveState, FaultReason
 from hil_forceps.bench.fault_file import fault_path
 from hil_forceps.bridge.course import Course
 from hil_forceps.bridge.flight_recorder import BEFORE_NS
-from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.bridge.results import StopReason
 from hil_forceps.bridge.service import Service
 from hil_forceps.cli import main as cli
+from hil_forceps.cli.commands import run as run_command
+from hil_forceps.control.gate import GateTrip
 from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.data.strict_json import parse_json
@@ -153,16 +154,12 @@ def test_a_maker_s_words_are_kept(tmp_path: Path) -> None:
     assert (drive["profile"], drive["fault"]) == ("odrive", "axis error 0x1000000 (watchdog expired)")
 
 
-class Trip:
-    check, value, limit, unit, time_ns = "reference position", 3.5, 3.0, "rad", 1_200_000_000
-
-
 def test_a_gate_that_says_what_stopped_it_is_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = tmp_path / "rig.yaml"
     rig.write_text(PAPER.read_text().replace("position_max_rad: 3.0", "position_max_rad: 0.5"))
+    monkeypatch.setattr(run_command, "check_trajectory", lambda *_: None)  # or nothing would begin at all
     assert run(tmp_path, "", rig) == 2
     assert kept(tmp_path)["check"] == "time to become operational"
-    monkeypatch.setattr(Pipeline, "gate_trip", Trip(), raising=False)
     monkeypatch.setattr(Course, "_connecting", stop_as_denied)
     assert run(tmp_path, "", rig, "--overwrite") == 2
     said = kept(tmp_path)
@@ -172,6 +169,7 @@ def test_a_gate_that_says_what_stopped_it_is_believed(tmp_path: Path, monkeypatc
 
 
 def stop_as_denied(course: Course, _now_ns: int) -> None:
+    course._pipeline.gate_trip = GateTrip("reference position", 3.5, 3.0, "rad", 1_200_000_000)
     course._end(StopReason.REFERENCE_DENIED, "the gate denied 5 references in a row")
 
 

@@ -167,6 +167,7 @@ def test_feedback_that_cannot_be_ends_the_run_and_takes_torque_off(
     assert trip["check"] == check
     assert trip["value"] > trip["limit"]
     said = capsys.readouterr().err
+    assert [found["fault"][key] for key in ("check", "value", "limit", "unit")] == list(trip.values())[:4]
     assert f"the gate has latched: {found['message'].partition('latched: ')[2]}" in said
     assert found["gate"]["verdicts"]["frozen"]["references"] >= 1
     assert found["gate"]["verdicts"]["denied_latched"]["references"] == 1
