@@ -153,12 +153,6 @@ def test_a_vesc_whose_rig_can_not_work_is_refused(
     assert not (tmp_path / "out").exists()
 
 
-def test_the_simulated_process_does_not_pretend_to_be_an_odrive(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--rig", str(ODRIVE), "--interface", "virtual", "--channel", "profiles", "--duration", "0.1"]
-    assert process.main(arguments) == 2
-    assert "motor_driver.profile: is odrive" in capsys.readouterr().err
-
-
 def test_a_path_that_takes_too_long_is_told_by_its_age(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """A SYNC's answer comes 10 ms later; the age is that, and no reference leaves from such a sample."""
     rig = tmp_path / "rig.yaml"

@@ -196,7 +196,7 @@ def test_one_line_says_what_is_wrong(
     arguments = ["run", "--rig", str(host), "--interface", "virtual_forceps", "--channel", str(tmp_path)]
     with pytest.raises(SystemExit) as ended:
         cli.main([*arguments, "--option", f"rig={drives}", "--duration", "1", "--out", str(tmp_path / "out")])
-    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("note: ")]
+    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith(("note: ", "  "))]
     result = json.loads((tmp_path / "out" / "run.json").read_text())
     recording = read_recording(tmp_path / "out" / "run.mcap")
     assert recording.notes == ()
