@@ -7,7 +7,7 @@ import numpy as np
 
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.driven.jaw_zero import without_jaw_zero
-from hil_forceps.diagnosis.driven.noise import Adapting
+from hil_forceps.diagnosis.driven.noise import Adapting, noise_of_strokes
 from hil_forceps.diagnosis.driven.passed import DrivenRun
 from hil_forceps.diagnosis.driven.rows import driven_rows
 from hil_forceps.diagnosis.driven.runs import driven_runs
@@ -69,7 +69,7 @@ def identify_driven(
         seed,
         progress,
         spent,
-        Adapting(without, mapper),
+        Adapting(without, mapper, noise_of_strokes(fitted)),
         LEAST_SHARE,
         tied_share=LEAST_SHARE,  # a further parameter is to gain no less than a further entry
         geared=True,

@@ -1,6 +1,8 @@
-"""The noise of driven runs: what neither a model explains nor the catalogue beside it, taken for autoregressive.
+"""The noise of driven runs, taken for autoregressive.
 
-What an entry would explain must not pass for noise: on a real instrument it is most of what is left.
+What an entry would explain must not pass for noise: on a real instrument it is most of what is left. Where strokes
+repeat themselves, noise is how they differ, whatever the model. Elsewhere it is what neither the model explains nor a
+regression on the catalogue beside it.
 """
 
 from collections.abc import Sequence
@@ -14,6 +16,7 @@ from hil_forceps.diagnosis.driven.whitening import Whitening, white, whitening
 from hil_forceps.diagnosis.evidence import Gram, Mapper, gram_of, total
 from hil_forceps.diagnosis.hypotheses.places import places_of
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, inverted, prior_of
+from hil_forceps.diagnosis.validation.strokes import stroke_differences
 
 Vector = NDArray[np.float64]
 
@@ -26,12 +29,29 @@ class Adapting:
 
     without: frozenset[str]
     mapper: Mapper
+    repeated: dict[str, Whitening] | None  # the noise that strokes show
 
     def __call__(self, runs: Sequence[DrivenRun], model: Fit, *, first: bool) -> list[DrivenRun]:
         """Return the runs adapted; the noise in the first round alone."""
-        filters = noise_beside(model, self.without, self.mapper) if first else runs[0].white
+        filters = runs[0].white
+        if first:
+            filters = self.repeated or noise_beside(model, self.without, self.mapper)
         theta = model.passes.theta
         return list(self.mapper(lambda run: run.adapted(theta, filters), runs))
+
+
+def noise_of_strokes(runs: Sequence[DrivenRun]) -> dict[str, Whitening] | None:
+    """Return the filter of each channel for what differs from stroke to stroke; None where most rows don't repeat."""
+    rows = sum(int(run.mask.sum()) for run in runs)
+    repeating = [(run, found) for run in runs if (found := stroke_differences(run.rows)) is not None]
+    if 2 * sum(int(run.mask.sum()) for run, _ in repeating) < rows:
+        return None
+    names = dict.fromkeys(name for _, found in repeating for name in found.channels)
+    filters = {}
+    for name in names:
+        there = [found for _, found in repeating if name in found.channels]
+        filters[name] = whitening([found.channels[name] for found in there], [found.both for found in there])
+    return filters
 
 
 def noise_beside(model: Fit, without: frozenset[str], mapper: Mapper) -> dict[str, Whitening]:

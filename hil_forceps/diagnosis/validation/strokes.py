@@ -36,8 +36,16 @@ class Strokes(NamedTuple):
     floor_rms: Mapping[str, float]  # of each channel
 
 
-def strokes_of(record: Rows) -> Strokes | None:
-    """Return period and floors of a run; None where its motion, or the load on it, doesn't come again."""
+class Differences(NamedTuple):
+    """How strokes of one run differ from the next, over √2: as noisy as one stroke is."""
+
+    period_rows: float
+    both: NDArray[np.bool_]  # rows that count in both strokes
+    channels: Mapping[str, Vector]  # of each channel (n)
+
+
+def stroke_differences(record: Rows) -> Differences | None:
+    """Return what differs from stroke to stroke; None where the motion, or the load on it, doesn't come again."""
     period = period_rows(record.reference_rad)
     if period is None:
         return None
@@ -54,14 +62,24 @@ def strokes_of(record: Rows) -> Strokes | None:
             return None
         changes.append(change)
     speed = np.gradient(changes[0])
-    changes = [change[both] for change in (*changes, speed, np.gradient(speed))]
-    floors = {}
+    changes += [speed, np.gradient(speed)]
+    columns = np.column_stack([each / max(float(np.std(each[both])), 1e-30) for each in changes])
+    freedom = max(1.0 - columns.shape[1] / int(both.sum()), 1e-3)
+    found = {}
     for name, values in record.channels.items():
-        change = (_later(values, period) - values)[both]
-        columns = np.column_stack([each / max(float(np.std(each)), 1e-30) for each in changes])
-        change = change - columns @ np.linalg.lstsq(columns, change, rcond=1e-9)[0]
-        freedom = max(1.0 - columns.shape[1] / change.size, 1e-3)
-        floors[name] = float(np.sqrt(0.5 * np.mean(change**2) / freedom))
+        change = _later(values, period) - values
+        follows = np.linalg.lstsq(columns[both], change[both], rcond=1e-9)[0]
+        found[name] = (change - columns @ follows) * np.sqrt(0.5 / freedom)
+    return Differences(period, both, found)
+
+
+def strokes_of(record: Rows) -> Strokes | None:
+    """Return period and floors of a run; None where its motion, or the load on it, doesn't come again."""
+    differences = stroke_differences(record)
+    if differences is None:
+        return None
+    both, period = differences.both, differences.period_rows
+    floors = {name: float(np.sqrt(np.mean(left[both] ** 2))) for name, left in differences.channels.items()}
     span_s = float(record.time_s[-1] - record.time_s[0])
     return Strokes(record.name, period * record.period_s, span_s / (period * record.period_s), floors)
 
