@@ -17,8 +17,7 @@ from hil_forceps.rig import load_rig
 from tests.unit.identification.test_surgical_replay import DATA, SETS
 
 RIG = Path(__file__).parents[3] / "configs" / "surgical_tool_unknown.yaml"
-# mN m and degrees on the runs held out; documented: 4.90, 0.354 and 2.04, 0.223; the left
-# angle was 0.215 by the method before, and its bound is still that.
+# mN m and degrees on the runs held out; documented: 5.13, 0.233 and 2.06, 0.203.
 ENDS = {"left": (5.6, 0.24), "right": (2.7, 0.26)}
 
 pytestmark = [
