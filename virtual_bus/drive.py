@@ -70,11 +70,12 @@ def drive_config_of(rig: Rig, node: int, fd: bool) -> DriveConfig:
     """Set up a drive as its rig asks: limits a little wider than the host's gate, so that the gate acts first.
 
     Sequence numbers count feedback, so the age of a sample and the sample period are in units of feedback. A
-    reference may move twice what the gate lets pass in a host period; whatever does not fit the wire saturates.
+    reference may move twice what the gate lets pass in a host period, or between two samples where these are rarer;
+    whatever does not fit the wire saturates.
     """
     feedback_s = rig.require_drive().sample_time_s * rig.bench.feedback_divider
     watchdog_us = min(max(WATCHDOG_US, round(WATCHDOG_HOST_PERIODS * rig.bench.host_period_s * 1e6)), 500_000)
-    step_rad = 2.0 * rig.limits.speed_max_rad_per_s * rig.bench.host_period_s
+    step_rad = 2.0 * rig.limits.speed_max_rad_per_s * max(rig.bench.host_period_s, feedback_s)
     return DriveConfig(
         node=node,
         serial_number=SERIAL_NUMBER + node,

@@ -20,6 +20,7 @@ from hil_forceps.rig import Rig, dump_rig, parse_rig
 from hil_forceps.rig.errors import UserError
 
 GAP_PERIODS = 5
+STEP_PERIODS = 2  # whose way a reference may go at once: a native drive takes no more by default (HFP-116)
 MAX_SAMPLE_TIME_S = 100.0  # the rig's longest, a thousand times over
 
 
@@ -56,9 +57,11 @@ def rigs_for(spec: RunSpec, rig: Rig, estimator_rig: Rig | None) -> Rigs:
     return Rigs(rig, rig.model_copy(update={section: getattr(estimator_rig, section) for section in BELIEVED}))
 
 
-def gate_for(rig: Rig) -> Gate:
+def gate_for(rig: Rig, sample_time_s: float) -> Gate:
     """Return the rig's gate; a host slower than the gate's default expects is slow, not stuck."""
-    return Gate(rig.limits, feedback_bounds(rig), max(DEFAULT_MAX_GAP_S, GAP_PERIODS * rig.bench.host_period_s))
+    period_s = rig.bench.host_period_s
+    step_s = STEP_PERIODS * max(period_s, sample_time_s)
+    return Gate(rig.limits, feedback_bounds(rig), max(DEFAULT_MAX_GAP_S, GAP_PERIODS * period_s), step_s)
 
 
 def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
@@ -69,7 +72,7 @@ def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
         make_estimator(settings.algorithm, rig, settings.sample_time_s),
         settings.trajectory,
         rig.plant(),
-        gate_for(rig),
+        gate_for(rig, settings.sample_time_s),
         settings.compensated,
         rig.limits.max_sample_age_s,
         same_clock=settings.same_clock,

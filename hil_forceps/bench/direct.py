@@ -73,7 +73,7 @@ def _world_factory() -> Callable[[Rig, int, int], World]:
 def run_direct(world: World, spec: RunSpec, rigs: Rigs, stop_requested: Callable[[], bool]) -> DirectRun:
     """Step `world` through the run; ends early at the first reference that the gate denies, or on request."""
     estimator = make_estimator(spec.algorithm, rigs.estimator, spec.sample_time_s, over_wire=False)
-    believed, gate, trajectory = rigs.estimator.plant(), gate_for(rigs.plant), PAPER_TRAJECTORY
+    believed, gate, trajectory = rigs.estimator.plant(), gate_for(rigs.plant, spec.sample_time_s), PAPER_TRAJECTORY
     r_m, r_j = rigs.plant.plant().motor_pulley_radius_m, rigs.plant.plant().jaw_pulley_radius_m
     torque_per_A = believed.torque_constant_N_m_per_A
     samples = round(spec.duration_s / spec.sample_time_s) + 1  # both ends, as the service does

@@ -6,8 +6,9 @@ stands is the table of `latch`.
 
 A gate is closed until it is opened at a measured angle within the bounds, and its first output is that angle. It closes
 when more than `max_gap_s` lies between two outputs. Each output needs a sample of its own that is no older than
-`limits.max_sample_age_s`. While the feedback is beyond a limit the reference is held: the request is then the last
-reference, and the limits hold as ever. After `FeedbackBounds.hold_s` of that the gate latches.
+`limits.max_sample_age_s`. A step makes use of `max_step_s` at most, however long the last output is ago: what a late
+tick left out is not caught up at once. While the feedback is beyond a limit the reference is held: the request is then
+the last reference, and the limits hold as ever. After `FeedbackBounds.hold_s` of that the gate latches.
 """
 
 import math
@@ -39,23 +40,27 @@ class Gate:
 
     __slots__ = (
         "_bounds", "_frozen_ns", "_has_output", "_hold_ns", "_hold_rad", "_is_fresh", "_limit",
-        "_max_age_ns", "_max_gap_ns", "_monitor", "_motion", "_received_ns", "_stamp_ns", "_theta_rad", "_time_ns",
-        "_window", "state", "trip",
+        "_max_age_ns", "_max_gap_ns", "_max_step_ns", "_monitor", "_motion", "_received_ns", "_stamp_ns", "_theta_rad",
+        "_time_ns", "_window", "state", "trip",
     )  # fmt: skip
 
     def __init__(
-        self, limits: Limits, feedback: FeedbackBounds | None = None, max_gap_s: float = DEFAULT_MAX_GAP_S
+        self,
+        limits: Limits,
+        feedback: FeedbackBounds | None = None,
+        max_gap_s: float = DEFAULT_MAX_GAP_S,
+        max_step_s: float = DEFAULT_MAX_GAP_S,
     ) -> None:
         """Take the limits; without `feedback` its plausibility isn't checked. ValueError for what can't be limits."""
         self._bounds: Bounds = (limits.position_min_rad, limits.position_max_rad)
-        _check(limits, max_gap_s)
+        _check(limits, max_gap_s, max_step_s)
         jerk, travel = limits.jerk_max_rad_per_s3, limits.window_travel_max_rad
         self._limit = AccelerationLimiter(limits).step if jerk is None else JerkLimiter(limits, jerk).step
         self._window = None if travel is None else TravelWindow(travel)
         self._monitor: FeedbackMonitor | None = None
         if feedback is not None:
             self._monitor, self._hold_ns = FeedbackMonitor(feedback), round(feedback.hold_s * 1e9)
-        self._max_gap_ns = round(max_gap_s * 1e9)
+        self._max_gap_ns, self._max_step_ns = round(max_gap_s * 1e9), round(max_step_s * 1e9)
         self._max_age_ns = round(limits.max_sample_age_s * 1e9)
         self.state = _CLOSED
         self.trip: GateTrip | None = None
@@ -118,10 +123,11 @@ class Gate:
             and _is_finite(requested_rad)
         ):
             return None, self._deny(since_ns, now_ns)
+        dt_s = (since_ns if since_ns < self._max_step_ns else self._max_step_ns) * 1e-9
         if self._window is not None:
-            verdict = self._move_within_window(self._window, requested_rad, since_ns, now_ns)
+            verdict = self._move_within_window(self._window, requested_rad, dt_s, now_ns)
         elif self._has_output:
-            self._motion, verdict = self._limit(self._motion, requested_rad, since_ns * 1e-9, self._bounds)
+            self._motion, verdict = self._limit(self._motion, requested_rad, dt_s, self._bounds)
         else:
             verdict = GateVerdict.OPENED
         self._is_fresh, self._has_output, self._time_ns = False, True, now_ns
@@ -148,13 +154,11 @@ class Gate:
             return GateVerdict.DENIED_STALE
         return GateVerdict.DENIED_NOT_FINITE
 
-    def _move_within_window(
-        self, window: TravelWindow, requested_rad: float, since_ns: int, now_ns: int
-    ) -> GateVerdict:
+    def _move_within_window(self, window: TravelWindow, requested_rad: float, dt_s: float, now_ns: int) -> GateVerdict:
         """Move the reference as its travel within 250 ms allows, too."""
         verdict = GateVerdict.OPENED
         if self._has_output:
-            before, dt_s = self._motion, since_ns * 1e-9
+            before = self._motion
             self._motion, verdict = self._limit(before, requested_rad, dt_s, window.narrow(self._bounds, now_ns))
             # It is the window's doing where the position alone would limit nothing.
             if verdict is _POSITION and self._limit(before, requested_rad, dt_s, self._bounds)[1] is not _POSITION:
@@ -180,14 +184,14 @@ class Gate:
         self.state = TRANSITIONS[self.state][event]
 
 
-def _check(limits: Limits, max_gap_s: float) -> None:
+def _check(limits: Limits, max_gap_s: float, max_step_s: float) -> None:
     low, high, jerk, travel = (
         limits.position_min_rad,
         limits.position_max_rad,
         limits.jerk_max_rad_per_s3,
         limits.window_travel_max_rad,
     )
-    positive = [limits.speed_max_rad_per_s, limits.acceleration_max_rad_per_s2, max_gap_s]
+    positive = [limits.speed_max_rad_per_s, limits.acceleration_max_rad_per_s2, max_gap_s, max_step_s]
     positive += [each for each in (jerk, travel) if each is not None]
     if not (all(map(math.isfinite, (low, high, *positive))) and low < high and min(positive) > 0.0):
-        raise ValueError(f"not limits of a gate: {limits!r}, max_gap_s={max_gap_s!r}")
+        raise ValueError(f"not limits of a gate: {limits!r}, max_gap_s={max_gap_s!r}, max_step_s={max_step_s!r}")

@@ -298,6 +298,22 @@ def test_the_limits_are_those_of_the_rig() -> None:
     assert running(window_travel_max_rad=1.0).tick(2e-3) == (pytest.approx(1e-3), V.LIMITED_ACCELERATION)
     assert running().gate.range_rad == 3.0
     assert Gate(LIMITS, max_gap_s=1.0)._max_gap_ns == 1_000_000_000
+    assert Gate(LIMITS)._max_step_ns == GAP_NS
+
+
+@pytest.mark.parametrize("has_window", [False, True])
+@pytest.mark.parametrize(("wait_ns", "used_ns"), [(MS, MS), (2 * MS, 2 * MS), (2 * MS + 1, 2 * MS), (GAP_NS, 2 * MS)])
+def test_what_a_late_tick_left_out_is_not_caught_up_at_once(wait_ns: int, used_ns: int, has_window: bool) -> None:
+    bench = Bench()
+    travel = {"window_travel_max_rad": 3.0} if has_window else {}
+    limits = LIMITS.model_copy(update={"acceleration_max_rad_per_s2": 1e9, **travel})
+    bench.gate = Gate(limits, FEEDBACK, max_step_s=0.002)
+    bench.sample()
+    bench.gate.open(bench.now_ns)
+    assert bench.gate.step(0.0, bench.now_ns) == (0.0, V.OPENED)
+    passed, verdict = bench.tick(0.5, wait_ns=wait_ns)
+    assert verdict is V.LIMITED_SPEED
+    assert passed == pytest.approx(limits.speed_max_rad_per_s * used_ns * 1e-9, rel=1e-12)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -466,8 +482,10 @@ def test_an_angle_that_is_no_number_fails() -> None:
 
 @pytest.mark.parametrize("gap_s", [0.0, -1.0, math.nan, math.inf])
 def test_nonsense_gap_is_refused(gap_s: float) -> None:
-    with pytest.raises(ValueError, match=r"not limits of a gate: .*max_gap_s"):
+    with pytest.raises(ValueError, match=rf"not limits of a gate: .*max_gap_s={gap_s}"):
         Gate(LIMITS, max_gap_s=gap_s)
+    with pytest.raises(ValueError, match=rf"not limits of a gate: .*max_step_s={gap_s}"):
+        Gate(LIMITS, max_step_s=gap_s)
 
 
 @pytest.mark.parametrize(
