@@ -123,7 +123,7 @@ class Gate:
             and _is_finite(requested_rad)
         ):
             return None, self._deny(since_ns, now_ns)
-        dt_s = (since_ns if since_ns < self._max_step_ns else self._max_step_ns) * 1e-9
+        dt_s = min(since_ns, self._max_step_ns) * 1e-9
         if self._window is not None:
             verdict = self._move_within_window(self._window, requested_rad, dt_s, now_ns)
         elif self._has_output:
