@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import time
@@ -168,3 +169,18 @@ def operational() -> Callable[[Command, Path], None]:
         wait_until(lambda: recording.exists() and recording.stat().st_size > 12_000 + chunks * 20_000, command)
 
     return wait
+
+
+@pytest.fixture
+def always_full() -> Callable[[Path], None]:
+    """Make a file that takes nothing: a device like /dev/full; skipped where making one is not permitted."""
+
+    def make(path: Path) -> None:
+        try:
+            os.mknod(path, stat.S_IFCHR | 0o666, Path("/dev/full").stat().st_rdev)
+            with path.open("wb", buffering=0):
+                pass
+        except OSError:
+            pytest.skip("making a device is not permitted here")
+
+    return make

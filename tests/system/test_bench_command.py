@@ -192,10 +192,12 @@ def test_bench_by_the_clock_disables_its_drive_when_stopped(start: Start, tmp_pa
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize("name", ["sim2_kalman_compensated_0.001s.mcap", "sim2_kalman_uncompensated_0.001s.log"])
-def test_bench_on_a_full_disk_ends_with_a_line(start: Start, small_bench: Path, tmp_path: Path, name: str) -> None:
+def test_bench_on_a_full_disk_ends_with_a_line(
+    start: Start, small_bench: Path, tmp_path: Path, name: str, always_full: Callable[[Path], None]
+) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    (out / name).symlink_to("/dev/full")
+    always_full(out / name)
     ended = bench(start, small_bench, out, "--jobs", "1")
     assert ended.code == 2
     lines = [line for line in ended.err.splitlines() if line.startswith("hil-forceps: ")]

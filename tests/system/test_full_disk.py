@@ -4,7 +4,6 @@ import json
 import os
 import resource
 import signal
-import stat
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,6 +20,7 @@ ROOM_BYTES = 200_000  # less than a second of recording and bus log
 
 DriveFixture = Callable[..., Any]
 RunFixture = Callable[..., Any]
+AlwaysFull = Callable[[Path], None]
 
 
 @pytest.fixture
@@ -33,16 +33,6 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
         pytest.skip("mounting a small tmpfs is not permitted here")
     yield folder
     subprocess.run(["umount", "-l", str(folder)], check=True)
-
-
-def always_full(path: Path) -> None:
-    """Make a file that takes nothing: a device like /dev/full; skipped where making one is not permitted."""
-    try:
-        os.mknod(path, stat.S_IFCHR | 0o666, Path("/dev/full").stat().st_rdev)
-        with path.open("wb", buffering=0):
-            pass
-    except OSError:
-        pytest.skip("making a device is not permitted here")
 
 
 def check_prefix(recording_path: Path) -> None:
@@ -86,7 +76,9 @@ def test_limit_on_the_size_of_files(drive: DriveFixture, run: RunFixture, pty_wi
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_bus_log_alone_does_not_end_a_run(drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path) -> None:
+def test_bus_log_alone_does_not_end_a_run(
+    drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path, always_full: AlwaysFull
+) -> None:
     out = tmp_path / "out"
     out.mkdir()
     always_full(out / "bus.log")
@@ -106,7 +98,7 @@ def test_bus_log_alone_does_not_end_a_run(drive: DriveFixture, run: RunFixture, 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_recording_that_can_not_begin_never_starts_the_motor(
-    drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path
+    drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path, always_full: AlwaysFull
 ) -> None:
     out = tmp_path / "out"
     out.mkdir()
@@ -122,7 +114,7 @@ def test_recording_that_can_not_begin_never_starts_the_motor(
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_summary_that_can_not_be_written_is_told(
-    drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path
+    drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path, always_full: AlwaysFull
 ) -> None:
     out = tmp_path / "out"
     out.mkdir()
