@@ -1,3 +1,74 @@
-"""Bridge and bench for wire-actuated surgical forceps. Not a medical device."""
+"""Bridge and bench for wire-actuated surgical forceps. Not a medical device.
+
+    import hil_forceps as hf
+
+What stands in `__all__` is what programs may rely on; docs/python-api.md has an example of each. What is below, in the
+packages, may move.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hil_forceps.api.diagnosis import DiagnosisResult, diagnose
+    from hil_forceps.api.estimator import Estimator
+    from hil_forceps.api.runs import read_runs
+    from hil_forceps.api.service import Service, ServiceRun
+    from hil_forceps.api.simulation import Simulation, simulate
+    from hil_forceps.api.virtual_bench import VirtualBench, virtual_bench
+    from hil_forceps.control.trajectories import Trajectory
+    from hil_forceps.data.run import Run
+    from hil_forceps.rig import Rig, UserError, load_rig
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "DiagnosisResult",
+    "Estimator",
+    "Rig",
+    "Run",
+    "Service",
+    "ServiceRun",
+    "Simulation",
+    "Trajectory",
+    "UserError",
+    "VirtualBench",
+    "diagnose",
+    "load_rig",
+    "read_runs",
+    "simulate",
+    "virtual_bench",
+]
+
+# Where each name lives: importing this package loads none of it, for a name costs what it needs when it is first asked
+# for. The layers below take `__version__` from here, so no import statement may lead up to the API.
+_HOMES = {
+    "DiagnosisResult": "api.diagnosis",
+    "Estimator": "api.estimator",
+    "Rig": "rig",
+    "Run": "data.run",
+    "Service": "api.service",
+    "ServiceRun": "api.service",
+    "Simulation": "api.simulation",
+    "Trajectory": "control.trajectories",
+    "UserError": "rig",
+    "VirtualBench": "api.virtual_bench",
+    "diagnose": "api.diagnosis",
+    "load_rig": "rig",
+    "read_runs": "api.runs",
+    "simulate": "api.simulation",
+    "virtual_bench": "api.virtual_bench",
+}
+
+
+def __getattr__(name: str) -> object:
+    home = _HOMES.get(name)
+    if home is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value: object = getattr(import_module(f"{__name__}.{home}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -25,6 +25,7 @@ from virtual_bus.bus.faults import FOREVER_NS, Fault, load_faults, parse_faults
 from virtual_bus.bus.host_node import DEFAULT_RECEIVE_FRAMES
 from virtual_bus.bus.node import Node
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, PortState
+from virtual_bus.plant.load import paper_load, piecewise_linear
 from virtual_bus.truth_log import TruthLog
 
 _LAST_NS = FOREVER_NS - 1
@@ -58,7 +59,8 @@ class VirtualForcepsBus(can.BusABC):
 
     `rig`: a rig or its file, or several, as a text separated by commas, each with a drive on the bus; needed for the
     first handle of a channel unless `nodes` are given. `simulation`: load of
-    the paper's simulation 1 or 2, or 0 for none. `fd`: CAN FD with bit-rate switch; by default what the rig says.
+    the paper's simulation 1 or 2, or 0 for none; `load`, points of time [s] and torque on the jaw [N m] with straight
+    lines between them, goes before it. `fd`: CAN FD with bit-rate switch; by default what the rig says.
     `faults`: a fault file, or a list as in `virtual_bus.bus.faults`. `truth_duration_s`: how much truth to log.
     `transmit_queue`, `receive_queue`: frames; `bitrate`, `data_bitrate` in bit/s go before the rig's. Numbers may come
     as strings, as from a configuration file. CanInitializationError says what can't be opened, and why.
@@ -78,6 +80,7 @@ class VirtualForcepsBus(can.BusABC):
         receive_queue: int | str = DEFAULT_RECEIVE_FRAMES,
         bitrate: int | str | None = None,
         data_bitrate: int | str | None = None,
+        load: Sequence[tuple[float, float]] | None = None,
         can_filters: CanFilters | None = None,
         **unknown: object,
     ) -> None:
@@ -89,7 +92,8 @@ class VirtualForcepsBus(can.BusABC):
         if faults is not None and not is_first:
             raise ValueError("faults belong to the handle that says which rig is to be (rig=...)")
         queues = _positive("transmit_queue", transmit_queue), _positive("receive_queue", receive_queue)
-        load, number, is_fd, truth_s = int(simulation), int(seed), _flag(fd), float(truth_duration_s)
+        paper, number, is_fd, truth_s = int(simulation), int(seed), _flag(fd), float(truth_duration_s)
+        points = None if load is None else tuple(load)
 
         def make() -> worlds.World:
             schedule = _faults_of(faults)
@@ -101,10 +105,11 @@ class VirtualForcepsBus(can.BusABC):
             rates = BitTiming(bench.bitrate_bit_per_s, bench.data_bitrate_bit_per_s)
             fd_mode = bench.transport == "fd" if is_fd is None else is_fd
             timing = _timing(rates, bitrate, data_bitrate)
-            return worlds.drive_world(loaded, load, number, fd_mode, schedule, timing, truth_s)
+            profile = paper_load(paper) if points is None else piecewise_linear(*zip(*points, strict=True))
+            return worlds.drive_world(loaded, profile, number, fd_mode, schedule, timing, truth_s)
 
         self._channel = str(channel)
-        recipe = (rig, nodes, load, number, is_fd, faults)
+        recipe = (rig, nodes, paper, points, number, is_fd, faults)
         try:
             self._world = worlds.join(self._channel, recipe, make if is_first else None)
         except UserError as error:

@@ -17,7 +17,7 @@ from virtual_bus.bus.simulation import Simulation
 from virtual_bus.bus.wire import LineCodec
 from virtual_bus.drive import SimulatedDrive
 from virtual_bus.drives.registry import SERIAL_LINES, SIMULATED_DRIVES, SimulatedMotorDriver
-from virtual_bus.plant.load import paper_load
+from virtual_bus.plant.load import LoadProfile
 
 
 @dataclass(slots=True)
@@ -54,7 +54,7 @@ def as_rigs(rigs: Rig | str | Path | Sequence[Rig | Path]) -> tuple[Rig, ...]:
 
 def drive_world(
     rigs: Sequence[Rig],
-    simulation: int,
+    load: LoadProfile,
     seed: int,
     is_fd: bool,
     faults: Sequence[Fault],
@@ -63,13 +63,11 @@ def drive_world(
 ) -> World:
     """Build the world of rigs: their drives on one line, of the first's kind. UserError when one doesn't say enough.
 
-    `simulation` is the paper's 1 or 2, or 0 for no load; `truth_s` seconds of truth are logged. Latency and jitter of
-    hosts are the first rig's.
+    `truth_s` seconds of truth are logged. Latency and jitter of hosts are the first rig's.
     """
     injector = FaultInjector(faults, seed) if faults else None
     codec = SERIAL_LINES.get(rigs[0].drive_profile)
     stepper = Simulation(Medium(timing, injector) if codec is None else _line(rigs[0], codec, injector))
-    load = paper_load(simulation)
     drives: list[SimulatedMotorDriver] = []
     for place, rig in enumerate(rigs):
         drive: SimulatedMotorDriver

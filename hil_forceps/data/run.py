@@ -2,9 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hil_forceps.data.pandas_frame import to_pandas
 
 Column = NDArray[np.float64]
 
@@ -57,8 +60,20 @@ class Run:
         object.__setattr__(self, "columns", columns)
         object.__setattr__(self, "notes", self.notes + new)
 
+    def __repr__(self) -> str:
+        seconds = float(self.columns["time_s"][-1] - self.columns["time_s"][0])
+        return f"<Run {self.name!r}: {len(self)} samples over {seconds:.6g} s; {', '.join(self.columns)}>"
+
     def __len__(self) -> int:
         return len(self.columns["time_s"])
+
+    def __getitem__(self, column: str) -> Column:
+        """Return a column; KeyError where it was not measured."""
+        return self.columns[column]
+
+    def to_pandas(self) -> Any:
+        """Return the columns as a pandas DataFrame; UserError where pandas is not installed."""
+        return to_pandas(self.columns)
 
     @property
     def sample_time_s(self) -> float:

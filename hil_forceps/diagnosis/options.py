@@ -55,12 +55,12 @@ def split_runs(runs: Sequence[AnyRun], wanted: Sequence[str]) -> tuple[list[AnyR
     """Return the runs to fit and those to hold out: those wanted, else the last third, but none of a single run."""
     names = [run.name for run in runs]
     if unknown := [name for name in wanted if name not in names]:
-        raise UserError(f"--hold-out {unknown[0]}: no such run; the runs are {', '.join(names)}")
+        raise UserError(f"hold_out {unknown[0]}: no such run; the runs are {', '.join(names)}")
     if wanted:
         held = [run for run in runs if run.name in wanted]
         fitted = [run for run in runs if run.name not in wanted]
         if not fitted:
-            raise UserError("--hold-out: every run is held out; leave one at least to fit")
+            raise UserError("hold_out: every run is held out; leave one at least to fit")
         return fitted, held
     count = len(runs) // HELD_OUT_SHARE if len(runs) > 2 else len(runs) - 1
     split = len(runs) - max(count, 0)

@@ -9,10 +9,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
+from hil_forceps.api.threads import over_threads
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.tables import print_cells
-from hil_forceps.cli.threads import over_threads
 from hil_forceps.identification.axis.axis import read_axis
 from hil_forceps.identification.axis.comparison import compare_axis
 from hil_forceps.identification.axis.files import axis_tables, write_axis

@@ -10,11 +10,12 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from hil_forceps.api.simulation import Simulation
+from hil_forceps.api.simulation import simulate as simulate_run
 from hil_forceps.cli.files import file_name, make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.reading import bar, read_sources
 from hil_forceps.data.readers.format import Choice
-from hil_forceps.diagnosis.validation.beside import Beside, simulate_beside
 from hil_forceps.report.overlay import SHOWN, beside_figure
 from hil_forceps.report.save import save_figure
 from hil_forceps.rig import load_rig
@@ -48,7 +49,7 @@ def simulate(rig: Path, *, like: Path, out: Path | None = None, bus: str | None 
         task = progress.add_task("simulating", total=len(runs))
         results = []
         for run in runs:
-            result = simulate_beside(run, known)
+            result = simulate_run(known, run)
             if not result.measured:
                 raise UserError(f"run {run.name}: nothing that is simulated was measured; see hil-forceps info {rig}")
             results.append(result)
@@ -61,23 +62,23 @@ def simulate(rig: Path, *, like: Path, out: Path | None = None, bus: str | None 
     return 0
 
 
-def _write(results: list[Beside], out: Path, progress: Progress) -> None:
+def _write(results: list[Simulation], out: Path, progress: Progress) -> None:
     task = progress.add_task("writing", total=len(results))
     for result in results:
         name = file_name(re.sub(r"[^\w.-]", "_", result.name))
-        columns = {"time_s": result.time_s}
+        columns = {"time_s": result["time_s"]}
         for channel in result.measured:
             columns[channel] = result.measured[channel]
-            columns[f"simulated_{channel}"] = result.simulated[channel]
+            columns[f"simulated_{channel}"] = result[channel]
         with (out / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
             writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-        save_figure(beside_figure(result.time_s, result.measured, result.simulated), out, name)
+        save_figure(beside_figure(result["time_s"], result.measured, result.columns), out, name)
         progress.advance(task)
 
 
-def _print(results: list[Beside]) -> None:
+def _print(results: list[Simulation]) -> None:
     table = Table(title="Simulated less measured", title_justify="left", box=SIMPLE_HEAD)
     table.add_column("run")
     table.add_column("channel")

@@ -1,6 +1,7 @@
 """`read_run`: whatever a run may be stored in, told by its first bytes, then by its suffix."""
 
 from collections.abc import Iterable
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ _HDF5 = b"\x89HDF"
 
 
 def read_run(
-    path: str | Path,
+    path: str | PathLike[str],
     progress: Progress | None = None,
     rig: Rig | None = None,
     choice: Choice = Choice(),  # noqa: B008 - a constant
@@ -44,8 +45,7 @@ def read_run(
     place in the file where there is one, for whatever can't be used.
     """
     found = _read(Request(Path(path), progress, rig, choice))
-    load_N_m = None if rig is None else rig.recording.constant_load_N_m
-    return found if load_N_m is None else [_with_load(run, load_N_m) for run in found]
+    return [with_known_load(run, rig) for run in found]
 
 
 def format_of(path: Path, head: bytes) -> Format:
@@ -65,8 +65,10 @@ def format_of(path: Path, head: bytes) -> Format:
     return next(claims, FORMATS[-1])
 
 
-def _with_load(run: Run, load_N_m: float) -> Run:
-    if "tau_w_N_m" in run.columns:
+def with_known_load(run: Run, rig: Rig | None) -> Run:
+    """Add the load that the rig says was there throughout, where it says so and the run has none."""
+    load_N_m = None if rig is None else rig.recording.constant_load_N_m
+    if load_N_m is None or "tau_w_N_m" in run.columns:
         return run
     columns = {**run.columns, "tau_w_N_m": np.full(len(run), load_N_m)}
     return Run(run.name, columns, (*run.notes, f"load: {load_N_m:g} N m throughout, as the rig says"))

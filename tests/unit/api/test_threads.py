@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from hil_forceps.cli.threads import over_threads
+from hil_forceps.api.threads import over_threads
 
 LONGEST_S = 20.0
 

@@ -1,0 +1,1 @@
+"""What Python programs call, and the commands of the command line too: few functions over the packages below."""

@@ -1,0 +1,178 @@
+"""`diagnose`: what a rig's simulation gets wrong about measured runs, why, and what mending it gains."""
+
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hil_forceps.api.runs import RigSource, Source, as_rig, read_runs
+from hil_forceps.api.threads import over_threads
+from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.run import Run
+from hil_forceps.diagnosis.result import Diagnosis, Gain, NamedEffect, Verdict, to_json
+from hil_forceps.report.diagnosis.cell import cell
+from hil_forceps.report.diagnosis.files import write_report
+from hil_forceps.report.diagnosis.text import text_lines
+from hil_forceps.rig import Rig
+from hil_forceps.rig.catalogue import EFFECT_IDS
+from hil_forceps.rig.errors import UserError
+
+
+class FittedParameter(NamedTuple):
+    """A number that was fitted, with its 95 % interval."""
+
+    name: str  # dotted, as a rig file has it: `effects.cogging.sine_N_m`, `motor.motor_inertia_kg_m2`
+    value: float
+    low: float
+    high: float
+    unit: str
+    assumed: float | None  # what the rig said; None for an effect, and where it didn't know
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DiagnosisResult:
+    """What a diagnosis found; printed it is what the command line says, in a notebook a table."""
+
+    diagnosis: Diagnosis  # everything, as plain data
+    extended_rig: Rig  # with the causes in it; the rig as given where none was found
+    next_trajectory: Trajectory | None  # of the jaw, for the experiment that would tell more
+
+    @property
+    def verdict(self) -> Verdict:
+        """`consistent`, `parameters`, `effects`, `unnamed` or `undetermined`."""
+        return self.diagnosis.verdict
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        return self.diagnosis.sentence
+
+    @property
+    def causes(self) -> tuple[NamedEffect, ...]:
+        """The effects that were named: `id`, `location`, `confidence` (0 to 1), `parameters`."""
+        return self.diagnosis.effects
+
+    @property
+    def parameters(self) -> tuple[FittedParameter, ...]:
+        """Every number that was fitted: those of the causes, and known ones that turned out to be others."""
+        of_effects = [
+            FittedParameter(f"effects.{effect.id}.{name}", p.value, p.low, p.high, p.unit, None)
+            for effect in self.diagnosis.effects
+            for name, p in effect.parameters.items()
+        ]
+        shifts = self.diagnosis.parameter_shifts.items()
+        shifted = [
+            FittedParameter(name, s.fitted.value, s.fitted.low, s.fitted.high, s.fitted.unit, s.assumed)
+            for name, s in shifts
+        ]
+        return (*of_effects, *shifted)
+
+    @property
+    def gain(self) -> Mapping[str, Gain]:
+        """What the extended rig gains on the runs that were held out, by channel."""
+        return self.diagnosis.gain
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of diagnosis.json."""
+        return to_json(self.diagnosis)
+
+    def report(self, path: str | PathLike[str]) -> None:
+        """Write the report, one HTML page that opens offline; raises OSError as the disk does."""
+        write_report(self.diagnosis, Path(path))
+
+    def __str__(self) -> str:
+        return "\n".join(text_lines(self.diagnosis))
+
+    def __repr__(self) -> str:
+        return f"<DiagnosisResult {self.verdict}: {', '.join(effect.id for effect in self.causes) or self.sentence}>"
+
+    def _repr_html_(self) -> str:
+        return cell(self.diagnosis)
+
+
+class Wishes(NamedTuple):
+    """How to diagnose, as a user says it."""
+
+    hold_out: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+    seed: int = 0
+    jobs: int | None = None
+    budget_s: float | None = None
+
+    def check(self) -> None:
+        """UserError, by the name of the parameter, for what can't be."""
+        if unknown := [name for name in self.without if name not in EFFECT_IDS]:
+            raise UserError(f"without {unknown[0]}: is no effect of the catalogue; see docs/diagnosis.md")
+        if self.jobs is not None and self.jobs < 1:
+            raise UserError(f"jobs {self.jobs}: must be 1 or more")
+        if self.seed < 0:
+            raise UserError(f"seed {self.seed}: must be 0 or more")
+        if self.budget_s is not None and not self.budget_s > 0.0:
+            raise UserError(f"budget_s {self.budget_s}: must be more than 0 seconds")
+
+    @property
+    def threads(self) -> int:
+        """How many compute at a time."""
+        return self.jobs or os.cpu_count() or 1
+
+
+def diagnose(
+    runs: Source | Sequence[Source],
+    rig: RigSource,
+    *,
+    hold_out: Sequence[str] = (),
+    without: Sequence[str] = (),
+    seed: int = 0,
+    jobs: int | None = None,
+    budget_s: float | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> DiagnosisResult:
+    """Show what a rig's simulation gets wrong about measured runs, name the cause, extend the rig, measure the gain.
+
+    `runs`: what `read_runs` takes, one or several. `hold_out`: names of runs that are neither fitted nor chosen by;
+    the last third by default. `without`: effects of the catalogue to leave out. `seed`: of bootstraps; the same one
+    gives the same numbers. `jobs`: threads, by default all processors. `budget_s`: seconds after which nothing new is
+    begun: the best answer so far, and what was not looked at. `progress`: told each step in words. UserError for what
+    can't be used; data that say nothing give the verdict `undetermined` with its reasons.
+    """
+    began = time.monotonic()
+    wishes = Wishes(tuple(hold_out), tuple(without), seed, jobs, budget_s)
+    wishes.check()
+    known = as_rig(rig)
+    sources = runs if isinstance(runs, list | tuple) else [runs]
+    read = read_runs(*sources, rig=known)
+    return conclude(read, known, wishes, began, progress or _say_nothing, _say_nothing)
+
+
+def conclude(
+    runs: Sequence[Run],
+    rig: Rig,
+    wishes: Wishes,
+    began_s: float,
+    progress: Callable[[str], None],
+    to_draw: Callable[[Diagnosis], None],
+) -> DiagnosisResult:
+    """Diagnose runs that are read; `began_s`: monotonic time from which the budget counts. `to_draw`: see `Options`."""
+    # What computes takes a second to load, and the module has names that need none of it.
+    from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs  # noqa: PLC0415
+    from hil_forceps.diagnosis.options import Options  # noqa: PLC0415
+    from hil_forceps.diagnosis.validation.conclusion import even_runs  # noqa: PLC0415
+
+    def spent() -> bool:
+        return wishes.budget_s is not None and time.monotonic() > began_s + wishes.budget_s
+
+    if wishes.budget_s is not None and even_runs(runs, rig) is None:
+        raise UserError("budget_s: needs runs of a drive whose law and references are known; leave it out for these")
+    with ThreadPoolExecutor(wishes.threads) as pool:
+        mapper = over_threads(pool, wishes.threads)
+        without = frozenset(wishes.without)
+        options = Options(without, wishes.hold_out, wishes.seed, mapper, progress, to_draw, spent)
+        return DiagnosisResult(*diagnose_runs(runs, rig, options))
+
+
+def _say_nothing(_: object) -> None:
+    """Say nothing."""

@@ -1,0 +1,69 @@
+"""`read_runs`: measured runs out of files, DataFrames and arrays."""
+
+from collections import Counter
+from collections.abc import Sequence
+from os import PathLike
+
+from hil_forceps.data.frames import Table, is_table, read_table
+from hil_forceps.data.readers.format import Choice
+from hil_forceps.data.readers.read_run import read_run, with_known_load
+from hil_forceps.data.run import Run
+from hil_forceps.rig import Rig, load_rig
+from hil_forceps.rig.errors import UserError
+
+Source = str | PathLike[str] | Run | Table
+RigSource = Rig | str | PathLike[str]
+
+
+def read_runs(
+    *sources: Source,
+    rig: RigSource | None = None,
+    names: Sequence[str] | None = None,
+    bus: str | None = None,
+    node: int | None = None,
+) -> list[Run]:
+    """Return every run of every source, in their order, under names that differ.
+
+    A source is a file or a folder of any format that `hil-forceps import` reads, a DataFrame of pandas or polars, a
+    pyarrow table, a mapping of arrays, a structured array, or a `Run`. Columns are named and in units as in a CSV:
+    `time_s`, `theta_m_rad`, and `current_A` or `tau_m_N_m` at least; other names are left out and noted.
+
+    `rig`: says what recordings leave out (`recording:`). `names`: of all runs that come out; else files name
+    theirs, and a table is `table0`, `table1`, ... by its place among the sources. `bus`, `node`: which of those in a
+    bus log. UserError names file or run, the place in it and the remedy; TypeError for what is no source.
+    """
+    known = None if rig is None else as_rig(rig)
+    found: list[Run] = []
+    for place, source in enumerate(sources):
+        if isinstance(source, Run):
+            found.append(source)
+        elif isinstance(source, str | PathLike):
+            found += read_run(source, rig=known, choice=Choice(bus, node))
+        elif is_table(source):
+            found.append(with_known_load(read_table(source, f"table{place}"), known))
+        else:
+            raise TypeError(f"no runs can be read from a {type(source).__name__}")
+    if not found:
+        raise UserError("no runs were given")
+    if names is None:
+        return _with_own_names(found)
+    if len(names) != len(found) or len(set(names)) < len(names):
+        raise ValueError(f"{len(found)} runs need as many names that differ, not {list(names)}")
+    return [Run(name, run.columns, run.notes) for name, run in zip(names, found, strict=True)]
+
+
+def as_rig(rig: RigSource) -> Rig:
+    """Return a rig, read where a path is given; UserError as `load_rig`."""
+    return rig if isinstance(rig, Rig) else load_rig(str(rig))
+
+
+def _with_own_names(runs: Sequence[Run]) -> list[Run]:
+    """Number the runs that share a name."""
+    count = Counter(run.name for run in runs)
+    met: Counter[str] = Counter()
+    result = []
+    for run in runs:
+        met[run.name] += 1
+        own = run if count[run.name] == 1 else Run(f"{run.name}#{met[run.name]}", run.columns, run.notes)
+        result.append(own)
+    return result

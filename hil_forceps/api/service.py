@@ -1,0 +1,210 @@
+"""`Service`: estimate and compensate against a motor driver, real or simulated, on any link."""
+
+import math
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
+
+import numpy as np
+
+from firmware_protocol.messages import DriveState
+from hil_forceps.api.estimator import Estimates
+from hil_forceps.api.runs import RigSource, as_rig
+from hil_forceps.bench.assembly import Settings, make_pipeline
+from hil_forceps.bench.session import Plan, SessionResult, run_session, service_config, stamps_are_host_time
+from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
+from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.bridge.results import Telemetry
+from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
+from hil_forceps.data.recording.reader import Recording, read_recording
+from hil_forceps.data.run import Run
+from hil_forceps.drives.lint import findings
+from hil_forceps.drives.registry import framing_for, machine_for, maker_profile, sample_period_s
+from hil_forceps.estimation.interface import Sample
+from hil_forceps.estimation.registry import make_estimator
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+
+NATIVE_BAUDRATE = 1_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ServiceRun:
+    """How a run of the service ended, and what was recorded.
+
+    `recorded` and `estimates` have a row for each sample of the drive in operation, from its zero; None where it never
+    came to operate. `folder` holds run.mcap and bus.log where they were wanted.
+    """
+
+    reason: str  # "completed", "stop_requested", "no_drive", ... of `StopReason`
+    message: str
+    ok: bool  # ended as it was meant to, the drive disabled and all recorded
+    drive_disabled: bool
+    recorded: Run | None
+    estimates: Estimates | None
+    counters: Mapping[str, Mapping[str, int]]  # of the service, the pipeline, the host's machine, the link
+    notes: tuple[str, ...]  # what a user should know of the rig and the link, and what could not be recorded
+    folder: Path | None
+
+    def __repr__(self) -> str:
+        return f"<ServiceRun {self.reason}: {self.message}; {self.recorded!r}>"
+
+
+class Service:
+    """The service for one drive, on a python-can interface or a serial port; each `run` opens the link anew.
+
+    `interface`, `channel`, `options`: of python-can; or `serial`: a port, a pyserial URL, or udp://ADDRESS:PORT, with
+    its `baudrate` where the rig doesn't say. `algorithm`: as of `Estimator`. `compensate`: send the motor angle that
+    makes up for the stretched wire, else only estimate. UserError for a rig that doesn't go with its drive or lacks
+    `limits:`.
+    """
+
+    def __init__(
+        self,
+        rig: RigSource,
+        *,
+        interface: str = "",
+        channel: str = "",
+        serial: str = "",
+        baudrate: int | None = None,
+        options: Mapping[str, object] = MappingProxyType({}),
+        algorithm: str = "kalman",
+        compensate: bool = True,
+    ) -> None:
+        self.rig = as_rig(rig)
+        found = findings(self.rig)
+        if problems := [f"{each.key}: {each.text}" for each in found if each.level == "problem"]:
+            raise UserError(problems)
+        self._notes = tuple(f"{each.key}: {each.text}" for each in found)
+        self._algorithm = algorithm
+        self._compensate = compensate
+        bench = self.rig.bench
+        self._link = LinkSpec(
+            interface=interface,
+            channel=channel,
+            serial_url=serial,
+            fd=bench.transport == "fd",
+            bitrate_bit_per_s=bench.bitrate_bit_per_s,
+            data_bitrate_bit_per_s=bench.data_bitrate_bit_per_s,
+            baudrate=_baudrate(self.rig, serial, baudrate),
+            options=options,
+            framing=framing_for(self.rig),
+        )
+        machine_for(self.rig)  # so that a rig it can't be made for is refused here
+        make_pipeline(self.rig, self._settings(PAPER_TRAJECTORY))
+
+    def run(
+        self,
+        trajectory: Trajectory = PAPER_TRAJECTORY,
+        duration_s: float | None = None,
+        *,
+        out: str | PathLike[str] | None = None,
+        reset_fault: bool = False,
+        stop_requested: Callable[[], bool] = lambda: False,
+        telemetry: Callable[[Telemetry], None] | None = None,
+    ) -> ServiceRun:
+        """Connect, enable the drive, follow a trajectory of the jaw, disable the drive, close the link.
+
+        It has to begin where the jaw is, for the gate lets no jump pass; without one it is the paper's, 90 to 10
+        degrees in 5 s. `duration_s`: from the first sample in operation, by default to the trajectory's end. `out`: a
+        folder for run.mcap and bus.log. `reset_fault`: clear a fault that the drive holds from before. An interrupt
+        (Ctrl-C, or a notebook's stop) ends it cleanly, drive first, where it runs in the main thread; so does
+        `stop_requested`, asked once a period. What goes wrong with the drive is told in the result; UserError where no
+        link or file can be opened.
+        """
+        lasts_s = trajectory.times_s[-1] if duration_s is None else duration_s
+        if not (math.isfinite(lasts_s) and lasts_s > 0.0):
+            raise ValueError(f"a run can't last {lasts_s} s")
+        _ready(self._algorithm, self.rig)
+        with TemporaryDirectory() if out is None else _folder(Path(out)) as name:
+            folder = Path(name)
+            plan = Plan(
+                self.rig,
+                self._settings(trajectory),
+                machine_for(self.rig),
+                service_config(self.rig, lasts_s, reset_fault),
+                recording=folder / "run.mcap",
+                bus_log=folder / "bus.log",
+                about={"interface": self._link.interface or self._link.serial_url, "channel": self._link.channel},
+            )
+            connection = open_link(self._link)
+            with _stoppable() as flag:
+                session = run_session(connection, plan, lambda: flag.is_set() or stop_requested(), telemetry)
+            recording = read_recording(plan.recording)
+        return _result(session, recording, (*self._notes, *connection.notes), None if out is None else folder)
+
+    def _settings(self, trajectory: Trajectory) -> Settings:
+        period_s, same_clock = sample_period_s(self.rig), stamps_are_host_time(self.rig)
+        return Settings(self._algorithm, self._compensate, period_s, trajectory, same_clock)
+
+
+def _baudrate(rig: Rig, serial: str, wanted: int | None) -> int:
+    """Return the rate of a serial line; UserError where the drive is on another kind of line."""
+    found = maker_profile(rig)
+    if found is None:
+        return NATIVE_BAUDRATE if wanted is None else wanted
+    profile, settings = found
+    if profile.link == "can" and serial:
+        raise UserError(f"serial {serial!r}: the rig's {profile.name} is on a CAN bus; give interface and channel")
+    if profile.link == "serial" and wanted not in {None, settings.baudrate_bit_per_s}:
+        told = (
+            f"the rig says motor_driver.baudrate_bit_per_s: {settings.baudrate_bit_per_s}, by which samples are stamped"
+        )
+        raise UserError(f"baudrate {wanted}: {told}; leave it out, or change it there")
+    return settings.baudrate_bit_per_s
+
+
+def _ready(algorithm: str, rig: Rig) -> None:
+    """Call the estimator's kernels once: the first call compiles, and a drive doesn't wait for that."""
+    period_s = sample_period_s(rig)
+    estimator = make_estimator(algorithm, rig, period_s)
+    state = estimator.start(Sample(0, 0.0, 0.0))
+    estimator.estimate(estimator.step(state, Sample(round(period_s * 1e9), 0.0, 0.0)))
+
+
+@contextmanager
+def _folder(path: Path) -> Iterator[str]:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"out {path}: can't be made: {error.strerror}; name another folder") from error
+    yield str(path)
+
+
+@contextmanager
+def _stoppable() -> Iterator[StopFlag]:
+    """Turn signals into a clean stop; only the main thread can."""
+    flag = StopFlag()
+    if threading.current_thread() is not threading.main_thread():
+        yield flag
+        return
+    with stopped_by_signals(flag):
+        yield flag
+
+
+def _result(session: SessionResult, recording: Recording, notes: tuple[str, ...], folder: Path | None) -> ServiceRun:
+    service = session.service
+    rows = np.flatnonzero(recording.samples["state"] == DriveState.OPERATIONAL)
+    recorded = estimates = None
+    if rows.size >= 2:
+        run, samples = recording.to_run(), recording.samples[rows]
+        recorded = Run("run", run.columns, run.notes)
+        estimates = Estimates(
+            samples["tau_w_estimate_N_m"].astype(np.float64), samples["elongation_estimate_m"].astype(np.float64)
+        )
+    return ServiceRun(
+        service.reason.value,
+        service.message,
+        service.ok and not session.failures,
+        service.drive_disabled,
+        recorded,
+        estimates,
+        service.counters,
+        (*notes, *session.failures),
+        folder,
+    )

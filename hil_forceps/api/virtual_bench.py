@@ -1,0 +1,105 @@
+"""`virtual_bench`: a simulated forceps with its drive and bus, in virtual time, for programs and tests."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import count
+from os import PathLike
+from typing import Final, Protocol, cast
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.api.runs import RigSource, as_rig
+from hil_forceps.api.service import Service, ServiceRun
+from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+
+INTERFACE: Final = "virtual_forceps"  # an entry point of python-can: the world is reached as hardware is
+_channels = count()
+
+
+class _TruthLog(Protocol):
+    def columns(self) -> Mapping[str, NDArray[np.int64] | NDArray[np.float64]]:
+        """Return what was logged."""
+
+
+class _World(Protocol):
+    def truth_log(self) -> _TruthLog:
+        """Return the log of the world's drive."""
+
+
+class VirtualBench:
+    """A simulated forceps on a bus: `interface` and `channel` lead to it as they would to hardware."""
+
+    interface = INTERFACE
+
+    def __init__(self, rig: Rig, channel: str, bus: can.BusABC) -> None:
+        self.rig = rig  # what the forceps really is like
+        self.channel = channel
+        self._bus = bus
+
+    def run(
+        self,
+        trajectory: Trajectory = PAPER_TRAJECTORY,
+        duration_s: float | None = None,
+        *,
+        rig: RigSource | None = None,
+        algorithm: str = "kalman",
+        compensate: bool = True,
+        out: str | PathLike[str] | None = None,
+    ) -> ServiceRun:
+        """Run the service against it, as `Service.run`; `rig`: what the service takes it for, where it is wrong.
+
+        The next run goes on with the same forceps, where this one has left it.
+        """
+        service = Service(
+            self.rig if rig is None else rig,
+            interface=self.interface,
+            channel=self.channel,
+            algorithm=algorithm,
+            compensate=compensate,
+        )
+        return service.run(trajectory, duration_s, out=out)
+
+    def truth(self) -> dict[str, NDArray[np.int64] | NDArray[np.float64]]:
+        """Return what really was at each sample so far: `stamp_ns` of the drive, and in SI what no sensor says."""
+        return dict(cast(_World, self._bus).truth_log().columns())
+
+
+@contextmanager
+def virtual_bench(
+    rig: RigSource,
+    *,
+    load_N_m: Trajectory | float = 0.0,
+    seed: int = 0,
+    faults: str | PathLike[str] | Sequence[object] | None = None,
+    truth_duration_s: float = 60.0,
+) -> Iterator[VirtualBench]:
+    """Open a world of a rig, in virtual time, and close it at the end of the block.
+
+    The forceps has the rig's values, its sensors' noise and the `effects:` in it: what a model is not told of is hidden
+    there. It begins at rest with the jaw at 90 degrees. `load_N_m`: on the jaw, a number or a trajectory of torques
+    that begins with the first sample in operation. The same `seed` gives the same bytes. `faults`: of the bus, a file
+    or a list. `truth_duration_s`: how much truth is logged. UserError for what can't be simulated.
+    """
+    known = as_rig(rig)
+    channel = f"virtual_bench{next(_channels)}"
+    load = load_N_m if isinstance(load_N_m, Trajectory) else Trajectory((0.0,), (load_N_m,))
+    options: dict[str, object] = {
+        "rig": known,
+        "load": list(zip(load.times_s, load.angles_rad, strict=True)),
+        "seed": seed,
+        "faults": faults,
+        "truth_duration_s": truth_duration_s,
+    }
+    try:
+        # ty: python-can takes whatever the interface knows
+        bus = can.Bus(channel=channel, interface=INTERFACE, ignore_config=True, **options)  # type: ignore[arg-type]
+    except can.CanInitializationError as error:
+        raise UserError(str(error)) from error
+    try:
+        yield VirtualBench(known, channel, bus)
+    finally:
+        bus.shutdown()
