@@ -13,6 +13,7 @@ from hil_forceps.api.runs import RigSource, Source, as_rig, read_runs
 from hil_forceps.api.threads import over_threads
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.data.run import Run
+from hil_forceps.diagnosis.options import Options, split_runs
 from hil_forceps.diagnosis.result import Diagnosis, Gain, NamedEffect, Verdict, to_json
 from hil_forceps.report.diagnosis.cell import cell
 from hil_forceps.report.diagnosis.files import write_report
@@ -114,6 +115,10 @@ class Wishes(NamedTuple):
         if self.budget_s is not None and not self.budget_s > 0.0:
             raise UserError(f"budget_s {self.budget_s}: must be more than 0 seconds")
 
+    def check_names(self, runs: Sequence[Run]) -> None:
+        """UserError for a run to hold out that isn't there, and where none is left to fit."""
+        split_runs(runs, self.hold_out)
+
     @property
     def threads(self) -> int:
         """How many compute at a time."""
@@ -145,6 +150,7 @@ def diagnose(
     known = as_rig(rig)
     sources = runs if isinstance(runs, list | tuple) else [runs]
     read = read_runs(*sources, rig=known)
+    wishes.check_names(read)
     return conclude(read, known, wishes, began, progress or _say_nothing, _say_nothing)
 
 
@@ -159,7 +165,6 @@ def conclude(
     """Diagnose runs that are read; `began_s`: monotonic time from which the budget counts. `to_draw`: see `Options`."""
     # What computes takes a second to load, and the module has names that need none of it.
     from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs  # noqa: PLC0415
-    from hil_forceps.diagnosis.options import Options  # noqa: PLC0415
     from hil_forceps.diagnosis.validation.conclusion import even_runs  # noqa: PLC0415
 
     def spent() -> bool:

@@ -1,8 +1,11 @@
 """pytest plugin: `pytest --hfp-serial /dev/ttyUSB0` adds a test for each requirement of the protocol.
 
+The fixture `forceps_bench` opens simulated forceps, for tests of programs that talk to one (docs/python-api.md).
 Nothing heavy is imported before an option asks for it: every pytest run in the environment loads this module.
 """
 
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +13,7 @@ import pytest
 
 if TYPE_CHECKING:
     from firmware_protocol.conformance.suite import Result, Suite
+    from hil_forceps import VirtualBench
     from hil_forceps.bridge.conformance_port import LinkPort
 
 
@@ -26,6 +30,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--hfp-allow-motion", action="store_true", help="also run what gives torque")
     group.addoption("--hfp-line-ms", type=float, default=None, help="what the line may add to a round trip")
     group.addoption("--hfp-out", default="", help="folder for the certificate")
+
+
+@pytest.fixture
+def forceps_bench() -> "Iterator[Callable[..., VirtualBench]]":
+    """Open a bench as `virtual_bench(rig, ...)` does, as often as is wanted; each is closed after the test."""
+    from hil_forceps import virtual_bench  # noqa: PLC0415 - see above
+
+    with ExitStack() as benches:
+        yield lambda rig, **wishes: benches.enter_context(virtual_bench(rig, **wishes))
 
 
 class Bench:

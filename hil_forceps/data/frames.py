@@ -42,7 +42,7 @@ def read_table(table: Table, name: str) -> Run:
     errors, notes = name_problems(names)
     columns: dict[str, Column] = {}
     for known in (each for each in names if each in KNOWN_COLUMNS and names.count(each) == 1):
-        array = np.asarray(table[known])  # type: ignore[call-overload, index]  # of each kind of table by its name
+        array = np.asarray(table[known])
         if array.dtype.kind in "fiu":
             columns[known] = array.astype(np.float64)
         else:

@@ -81,6 +81,8 @@ def diagnose(
         wishes.check()
     known = load_rig(rig)
     read = read_runs(*runs, rig=known, bus=bus, node=node)
+    with spoken_as_options(_OPTIONS):
+        wishes.check_names(read)
     make_folder(out)
     console = Console(stderr=True)
     with (
