@@ -110,12 +110,12 @@ class Service:
     ) -> ServiceRun:
         """Connect, enable the drive, follow a trajectory of the jaw, disable the drive, close the link.
 
-        It has to begin where the jaw is, for the gate lets no jump pass; without one it is the paper's, 90 to 10
-        degrees in 5 s. `duration_s`: from the first sample in operation, by default to the trajectory's end. `out`: a
-        folder for run.mcap and bus.log. `reset_fault`: clear a fault that the drive holds from before. An interrupt
-        (Ctrl-C, or a notebook's stop) ends it cleanly, drive first, where it runs in the main thread; so does
-        `stop_requested`, asked once a period. What goes wrong with the drive is told in the result; UserError where no
-        link or file can be opened.
+        It should begin where the jaw is: what becomes of a jump is up to the rig's `limits:`. Without one it is the
+        paper's, 90 to 10 degrees in 5 s. `duration_s`: from the first sample in operation, by default to the
+        trajectory's end. `out`: a folder for run.mcap and bus.log. `reset_fault`: clear a fault that the drive holds
+        from before. An interrupt (Ctrl-C, or a notebook's stop) ends it cleanly, drive first, where it runs in the main
+        thread; so does `stop_requested`, asked once a period. What goes wrong with the drive is told in the result;
+        UserError where no link or file can be opened.
         """
         lasts_s = trajectory.times_s[-1] if duration_s is None else duration_s
         if not (math.isfinite(lasts_s) and lasts_s > 0.0):
