@@ -17,8 +17,8 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
 INTERFACE: Final = "virtual_forceps"  # an entry point of python-can: the world is reached as hardware is
-# Between runs: until the drive has noticed that its host is gone (0.1 s without a heartbeat). The heartbeats of the next
-# host count from the beginning and would be stale to it before.
+# Between runs: until the drive has noticed that its host is gone (0.1 s without a heartbeat). The heartbeats of the
+# next host count from the beginning and would be stale to it before.
 PAUSE_NS: Final = 500_000_000
 _channels = count()
 

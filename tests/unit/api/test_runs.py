@@ -24,7 +24,10 @@ COLUMNS: dict[str, Column] = {
 
 
 def structured(columns: dict[str, Any]) -> Any:
-    return np.rec.fromarrays(list(columns.values()), names=",".join(columns))
+    array = np.zeros(ROWS, [(name, np.asarray(values).dtype) for name, values in columns.items()])
+    for name, values in columns.items():
+        array[name] = values
+    return array
 
 
 KINDS: dict[str, Callable[[dict[str, Any]], Any]] = {

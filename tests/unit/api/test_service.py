@@ -39,7 +39,7 @@ def test_the_same_seed_gives_the_same_numbers_and_another_one_others(forceps_ben
     def current(seed: int) -> list[float]:
         recorded = forceps_bench(REALISTIC, seed=seed).run(duration_s=0.1).recorded
         assert recorded is not None
-        return recorded["current_A"].tolist()
+        return list(recorded["current_A"])
 
     assert current(1) == current(1)
     assert current(1) != current(2)
