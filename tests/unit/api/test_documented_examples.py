@@ -10,10 +10,13 @@ from typing import Any
 import pytest
 
 import hil_forceps as hf
+from hil_forceps.data.readers.csv_table import write_csv
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "python-api.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+_BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCKS = _BLOCK.findall(PAGE)
+README = _BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))
 
 
 def test_every_name_is_in_the_table_and_what_is_called_is_in_an_example() -> None:
@@ -49,6 +52,20 @@ def test_the_examples_run(
     assert "<script" not in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+def test_the_lines_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    monkeypatch.chdir(tmp_path)
+    # A motor that stands still ends a diagnosis at once.
+    still = hf.simulate("configs/realistic.yaml", hf.Trajectory((0.0, 1.0), (1.0, 1.0))).to_run()
+    write_csv(still, "day1.csv")
+    write_csv(still, "day2.csv")
+    names: dict[str, Any] = {}
+    (block,) = README
+    exec(compile(block, "README.md", "exec"), names)
+    assert [run.name for run in names["runs"]] == ["day1", "day2"]
+    assert names["result"].verdict == "undetermined"
+
+
 WRONG = """
 from typing import assert_type
 import hil_forceps as hf
@@ -65,9 +82,10 @@ hf.nothing_of_this_name
 @pytest.mark.slow
 def test_type_checkers_take_the_examples_and_refuse_wrong_calls(tmp_path: Path) -> None:
     (tmp_path / "examples.py").write_text("\n\n".join(BLOCKS))
+    (tmp_path / "readme.py").write_text(README[0])
     (tmp_path / "wrong.py").write_text(WRONG)
-    command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", "examples.py", "wrong.py"]
-    files = [str(tmp_path / name) for name in command[-2:]]
-    done = subprocess.run([*command[:-2], *files], cwd=ROOT, capture_output=True, text=True, check=False)
+    files = [str(tmp_path / name) for name in ("examples.py", "readme.py", "wrong.py")]
+    command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", *files]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     places = re.findall(r"^\S*?(\w+)\.py:(\d+): error", done.stdout, re.MULTILINE)
     assert places == [("wrong", str(line)) for line in (7, 8, 9, 10)], done.stdout + done.stderr
