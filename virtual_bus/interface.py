@@ -105,7 +105,7 @@ class VirtualForcepsBus(can.BusABC):
             rates = BitTiming(bench.bitrate_bit_per_s, bench.data_bitrate_bit_per_s)
             fd_mode = bench.transport == "fd" if is_fd is None else is_fd
             timing = _timing(rates, bitrate, data_bitrate)
-            profile = paper_load(paper) if points is None else piecewise_linear(*zip(*points, strict=True))
+            profile = paper_load(paper) if points is None else piecewise_linear(*_split(points))
             return worlds.drive_world(loaded, profile, number, fd_mode, schedule, timing, truth_s)
 
         self._channel = str(channel)
@@ -283,6 +283,12 @@ class VirtualForcepsBus(can.BusABC):
     def _check_open(self) -> None:
         if self._is_shutdown:
             raise CanOperationError("this handle has been shut down", errno.EBADF)
+
+
+def _split(points: Iterable[tuple[float, float]]) -> tuple[list[float], list[float]]:
+    """Return times and torques of points."""
+    pairs = list(points)
+    return [time_s for time_s, _ in pairs], [torque for _, torque in pairs]
 
 
 def _flag(value: bool | str | None) -> bool | None:

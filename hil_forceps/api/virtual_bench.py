@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import count
 from os import PathLike
+from pathlib import Path
 from typing import Final, Protocol, cast
 
 import can
@@ -108,7 +109,7 @@ def virtual_bench(
         "rig": known,
         "load": list(zip(load.times_s, load.angles_rad, strict=True)),
         "seed": seed,
-        "faults": faults,
+        "faults": Path(faults) if isinstance(faults, str | PathLike) else faults,
         "truth_duration_s": truth_duration_s,
     }
     try:

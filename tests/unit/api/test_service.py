@@ -99,6 +99,17 @@ def test_an_interrupt_and_a_wish_to_stop_end_it_cleanly(forceps_bench: Bench) ->
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def test_faults_of_the_bus_happen_there(forceps_bench: Bench, tmp_path: Path) -> None:
+    gone = [{"fault": "bus_gone", "from_s": 0.3}]
+    (tmp_path / "faults.yaml").write_text("- {fault: bus_gone, from_s: 0.3}\n")
+    for faults in (gone, tmp_path / "faults.yaml", str(tmp_path / "faults.yaml")):
+        run = forceps_bench(PAPER, faults=faults).run()
+        assert (run.ok, run.reason) == (False, "bus_down")
+        assert run.recorded is not None  # what came before
+    with pytest.raises(hf.UserError, match="gremlin"):
+        forceps_bench(PAPER, faults=[{"fault": "gremlin"}])
+
+
 def test_what_is_refused(tmp_path: Path) -> None:
     rig = hf.load_rig(PAPER)
     with pytest.raises(hf.UserError, match="limits: is missing"):

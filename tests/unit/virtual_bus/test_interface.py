@@ -391,3 +391,20 @@ def test_python_can_finds_it_by_name(tmp_path: Path) -> None:
         timeout=120,
     )
     assert done.stdout.split() == ["VirtualForcepsBus", "1", "True"], done.stderr
+
+
+def test_a_load_by_points_goes_before_the_papers() -> None:
+    rig = ROOT / "configs" / "paper.yaml"
+    with VirtualForcepsBus("load", rig=rig, simulation=2, load=[(0.0, 1e-3), (1.0, 0.0)], truth_duration_s=0.05) as bus:
+        bus.advance_until_ns(40 * MS)
+        # It begins with the first sample in operation: until then the first torque holds.
+        assert set(bus.truth_log().columns()["tau_w_N_m"]) == {1e-3}
+        with pytest.raises(can.CanInitializationError, match="already has a world made of something else"):
+            VirtualForcepsBus("load", rig=rig, simulation=2)
+    for points, said in (
+        ([], "at least one"),
+        ([(1.0, 0.0), (0.0, 0.0)], "not decrease"),
+        ([(0.0, float("nan"))], "fin"),
+    ):
+        with pytest.raises(can.CanInitializationError, match=said):
+            VirtualForcepsBus("load", rig=rig, load=points)
