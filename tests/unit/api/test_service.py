@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import hil_forceps as hf
+from firmware_protocol.messages import DriveState
+from hil_forceps.cli.main import main
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.recording.reader import read_recording
 
@@ -30,9 +32,24 @@ def test_a_run_is_recorded_and_its_files_are_those_of_the_command_line(forceps_b
         np.testing.assert_array_equal(run.recorded[name], read[name])
     assert len(run.estimates.tau_w_N_m) == len(run.recorded) == 201
     samples = read_recording(tmp_path / "out" / "run.mcap").samples
-    assert run.estimates.tau_w_N_m[-1] in samples["tau_w_estimate_N_m"]
+    rows = samples[samples["state"] == DriveState.OPERATIONAL]
+    np.testing.assert_array_equal(run.estimates.tau_w_N_m, rows["tau_w_estimate_N_m"])
+    np.testing.assert_array_equal(run.estimates.elongation_m, rows["elongation_estimate_m"])
     assert run.folder == tmp_path / "out"
     assert repr(run).startswith("<ServiceRun completed: completed; <Run 'run': 201 samples")
+
+
+def test_it_is_the_run_of_the_command_line(tmp_path: Path) -> None:
+    line = ["--interface", "virtual_forceps", "--channel", "same", "--option", f"rig={REALISTIC}"]
+    command = ["run", "--rig", str(REALISTIC), *line, "--duration", "0.2", "--out", str(tmp_path / "command")]
+    with pytest.raises(SystemExit) as ended:
+        main(command)
+    assert ended.value.code == 0
+    options = {"rig": str(REALISTIC)}
+    service = hf.Service(REALISTIC, interface="virtual_forceps", channel="same", options=options)
+    assert service.run(duration_s=0.2, out=tmp_path / "api").ok
+    for name in ("run.mcap", "bus.log"):
+        assert (tmp_path / "api" / name).read_bytes() == (tmp_path / "command" / name).read_bytes()
 
 
 def test_the_same_seed_gives_the_same_numbers_and_another_one_others(forceps_bench: Bench) -> None:
