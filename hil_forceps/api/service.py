@@ -16,10 +16,12 @@ from firmware_protocol.messages import DriveState
 from hil_forceps.api.estimator import Estimates
 from hil_forceps.api.runs import RigSource, as_rig
 from hil_forceps.bench.assembly import Settings, make_pipeline
+from hil_forceps.bench.run_folder import RUN_FILES
 from hil_forceps.bench.session import Plan, SessionResult, run_session, service_config, stamps_are_host_time
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.results import Telemetry
+from hil_forceps.control.requests import first_excess
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
 from hil_forceps.data.recording.reader import Recording, read_recording
 from hil_forceps.data.run import Run
@@ -38,7 +40,8 @@ class ServiceRun:
     """How a run of the service ended, and what was recorded.
 
     `recorded` and `estimates` have a row for each sample of the drive in operation, from its zero; None where it never
-    came to operate. `folder` holds run.mcap and bus.log where they were wanted.
+    came to operate. `folder` holds run.mcap and bus.log where they were wanted,
+    and fault.json where the run did not end as it was meant to.
     """
 
     reason: str  # "completed", "stop_requested", "no_drive", ... of `StopReason`
@@ -48,6 +51,7 @@ class ServiceRun:
     recorded: Run | None
     estimates: Estimates | None
     counters: Mapping[str, Mapping[str, int]]  # of the service, the pipeline, the host's machine, the link
+    gate: Mapping[str, int]  # references that the gate limited, held or denied, by what it said
     notes: tuple[str, ...]  # what a user should know of the rig and the link, and what could not be recorded
     folder: Path | None
 
@@ -110,16 +114,18 @@ class Service:
     ) -> ServiceRun:
         """Connect, enable the drive, follow a trajectory of the jaw, disable the drive, close the link.
 
-        It should begin where the jaw is: what becomes of a jump is up to the rig's `limits:`. Without one it is the
-        paper's, 90 to 10 degrees in 5 s. `duration_s`: from the first sample in operation, by default to the
+        It should begin where the jaw is, and ask for no more than the rig's `limits:`. Without one it is the paper's,
+        90 to 10 degrees in 5 s. `duration_s`: from the first sample in operation, by default to the
         trajectory's end. `out`: a folder for run.mcap and bus.log. `reset_fault`: clear a fault that the drive holds
         from before. An interrupt (Ctrl-C, or a notebook's stop) ends it cleanly, drive first, where it runs in the main
         thread; so does `stop_requested`, asked once a period. What goes wrong with the drive is told in the result;
-        UserError where no link or file can be opened.
+        UserError where the trajectory is beyond the limits, and where no link or file can be opened.
         """
         lasts_s = trajectory.times_s[-1] if duration_s is None else duration_s
         if not (math.isfinite(lasts_s) and lasts_s > 0.0):
             raise ValueError(f"a run can't last {lasts_s} s")
+        if (excess := first_excess(trajectory, lasts_s, self.rig.plant(), self.rig.limits)) is not None:
+            raise UserError(f"the trajectory: {excess.words}; change it or the limit")
         _ready(self._algorithm, self.rig)
         with TemporaryDirectory() if out is None else _folder(Path(out)) as name:
             folder = Path(name)
@@ -171,6 +177,8 @@ def _ready(algorithm: str, rig: Rig) -> None:
 def _folder(path: Path) -> Iterator[str]:
     try:
         path.mkdir(parents=True, exist_ok=True)
+        if there := [name for name in RUN_FILES if (path / name).is_file()]:
+            raise UserError(f"out {path}: holds a run ({there[0]}); name another folder")
     except OSError as error:
         raise UserError(f"out {path}: can't be made: {error.strerror}; name another folder") from error
     yield str(path)
@@ -205,6 +213,7 @@ def _result(session: SessionResult, recording: Recording, notes: tuple[str, ...]
         recorded,
         estimates,
         service.counters,
+        {verdict.value: count.references for verdict, count in service.gate.items()},
         (*notes, *session.failures),
         folder,
     )

@@ -5,14 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from hil_forceps.data.recording.format import FAULT_NAME
+from hil_forceps.bench.run_folder import BUS_LOGS, RECORDING_NAME, RUN_FILES
 from hil_forceps.rig.errors import UserError
 
 MAX_NAME_BYTES: Final = 200  # of 255, so that a suffix has room
 _NO_FILE_NAME: Final = re.compile(r"^\.+$|[/\x00-\x1f\x7f]")
-RECORDING_NAME = "run.mcap"  # in the folder of a `run`
-BUS_LOGS = ("bus.log", "bus.asc", "bus.blf")
-RUN_FILES = (RECORDING_NAME, "run.json", FAULT_NAME, *BUS_LOGS)
 
 
 def make_folder(path: Path, inside: Path | None = None) -> None:

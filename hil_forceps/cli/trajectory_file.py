@@ -47,12 +47,8 @@ def check_trajectory(path: Path | None, trajectory: Trajectory, until_s: float, 
     if found is None:
         return
     where = "the paper's trajectory" if path is None else f"{path}:{found.point + FIRST_LINE}"
-    unit = "rad/s" if found.key.endswith("_per_s") else "rad"
-    raise UserError(
-        f"{where}: at {found.time_s:g} s the motor would go {'at' if unit == 'rad/s' else 'to'} {found.asked:.4g} "
-        f"{unit} (r_j/r_m times the jaw), beyond limits.{found.key} of {found.limit:g} in {rig_path}; change the "
-        f"trajectory{'' if path else ' by --trajectory'} or the limit"
-    )
+    change = f"change the trajectory{'' if path else ' by --trajectory'} or the limit"
+    raise UserError(f"{where}: {found.words} in {rig_path}; {change}")
 
 
 def write_trajectory(trajectory: Trajectory, path: Path) -> None:

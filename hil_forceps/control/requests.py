@@ -23,6 +23,15 @@ class Excess(NamedTuple):
     asked: float
     limit: float
 
+    @property
+    def words(self) -> str:
+        """The same for a user, without the trajectory's name."""
+        unit = "rad/s" if self.key.endswith("_per_s") else "rad"
+        return (
+            f"at {self.time_s:g} s the motor would go {'at' if unit == 'rad/s' else 'to'} {self.asked:.4g} "
+            f"{unit} (r_j/r_m times the jaw), beyond limits.{self.key} of {self.limit:g}"
+        )
+
 
 def first_excess(trajectory: Trajectory, until_s: float, plant: PlantParameters, limits: Limits) -> Excess | None:
     """Return the first point before `until_s` whose angle, or the speed towards it, is beyond the limits."""

@@ -9,7 +9,8 @@ from cyclopts import Parameter
 
 from hil_forceps.bench.explanation.evidence import Evidence, read_evidence
 from hil_forceps.bench.explanation.story import json_of, story_of, text_of
-from hil_forceps.cli.files import RECORDING_NAME, make_folder, recording_of
+from hil_forceps.bench.run_folder import RECORDING_NAME
+from hil_forceps.cli.files import make_folder, recording_of
 from hil_forceps.data.recording.format import FAULT_NAME
 
 

@@ -8,10 +8,11 @@ from rich.console import Console
 from rich.progress import Progress
 
 from hil_forceps.bench.assembly import make_pipeline, settings_of
+from hil_forceps.bench.run_folder import RECORDING_NAME
 from hil_forceps.bridge.pipeline import VERDICT_NAMES
 from hil_forceps.bridge.replay import replay as replay_recording
 from hil_forceps.cli.commands.replay_axis import replay_axis
-from hil_forceps.cli.files import RECORDING_NAME, make_folder
+from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.tables import print_cells
 from hil_forceps.data.recording.reader import Recording, read_recording

@@ -36,6 +36,7 @@ def test_a_run_is_recorded_and_its_files_are_those_of_the_command_line(forceps_b
     np.testing.assert_array_equal(run.estimates.tau_w_N_m, rows["tau_w_estimate_N_m"])
     np.testing.assert_array_equal(run.estimates.elongation_m, rows["elongation_estimate_m"])
     assert run.folder == tmp_path / "out"
+    assert set(run.gate) <= {"limited_acceleration", "limited_jerk"}
     assert repr(run).startswith("<ServiceRun completed: completed; <Run 'run': 201 samples")
 
 
@@ -141,6 +142,13 @@ def test_what_is_refused(tmp_path: Path) -> None:
         hf.Service(ROOT / "configs" / "drives" / "dynamixel.yaml", serial="/dev/ttyUSB0", baudrate=9600)
     with pytest.raises(ValueError, match="can't last nan s"):
         hf.Service(rig, interface="virtual_forceps").run(duration_s=float("nan"))
+    with pytest.raises(
+        hf.UserError, match=r"the trajectory: at 1 s the motor would go to 35 rad .*; change it or the li"
+    ):
+        hf.Service(rig, interface="virtual_forceps").run(hf.Trajectory((0.0, 1.0), (1.5, 50.0)))
+    (tmp_path / "run.mcap").touch()
+    with pytest.raises(hf.UserError, match=r"out .*: holds a run \(run\.mcap\); name another folder"):
+        hf.Service(rig, interface="virtual_forceps").run(out=tmp_path)
     (tmp_path / "file").touch()
     with pytest.raises(hf.UserError, match=r"out .*/file: can't be made: .*; name another folder"):
         hf.Service(rig, interface="virtual_forceps").run(out=tmp_path / "file")

@@ -1,0 +1,7 @@
+"""What a run leaves in its folder, by name."""
+
+from hil_forceps.data.recording.format import FAULT_NAME
+
+RECORDING_NAME = "run.mcap"
+BUS_LOGS = ("bus.log", "bus.asc", "bus.blf")
+RUN_FILES = (RECORDING_NAME, "run.json", FAULT_NAME, *BUS_LOGS)
