@@ -122,6 +122,7 @@ class Service:
         received = self._link.receive()
         for axis in self._axes:
             axis.receive(received)
+        now_ns = self._clock.now_ns()  # estimators take their time: a sample that has become too old by it is too old
         if not self._link.is_up():
             self._bus_down = True
         for axis in self._axes:

@@ -22,7 +22,7 @@ from hil_forceps.bridge.service import Service
 from hil_forceps.control.gate import Gate, GateVerdict
 from hil_forceps.data.recording.reader import parse_recording
 from hil_forceps.data.recording.writer import Outcome, Recorder
-from hil_forceps.estimation.interface import Estimate, Estimator
+from hil_forceps.estimation.interface import Estimate, Estimator, Sample, State
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.sections import Limits
 
@@ -215,6 +215,25 @@ def test_nothing_is_sent_to_follow_when_samples_are_stale() -> None:
     assert result.reason is StopReason.DRIVE_FAULT, "the drive's watchdog acts"
     assert "WATCHDOG" in result.message
     assert safe(world)
+
+
+def test_a_reference_from_a_sample_that_aged_while_the_estimator_stalled_does_not_leave() -> None:
+    world = World()
+    bench = rigged(world)
+    (axis,) = bench.service._axes
+    step = axis.pipeline._step
+    stalls = [200 * MS]
+
+    def stalled(state: State, sample: Sample) -> State:
+        if stalls and world.time_ns >= stalls[0]:
+            world.sleep_until_ns(stalls.pop() + 12 * MS + 300 * US)
+        return step(state, sample)
+
+    axis.pipeline._step = stalled
+    result = bench.run()
+    assert result.counters["pipeline"]["stale"] == 1
+    assert not [time_ns for time_ns, _ in world.setpoints() if 200 * MS < time_ns < 212 * MS + 600 * US]
+    assert result.reason is StopReason.COMPLETED
 
 
 def test_enabling_moves_nothing() -> None:
