@@ -146,7 +146,9 @@ class Pipeline:
                 now_ns, 0, NOWHERE_NS, None, math.nan, math.nan, math.nan, math.nan, Verdict.NOTHING_NEW, 0
             )
         verdict: Verdict | None = None
-        taken_ns = self._stamps.host_time_ns(newest.stamp_ns) if self._same_clock else newest.received_ns
+        taken_ns = newest.received_ns
+        if self._same_clock:  # by a clock that was set back a sample may be stamped later than it arrived: it wasn't
+            taken_ns = min(taken_ns, self._stamps.host_time_ns(newest.stamp_ns))
         if now_ns - taken_ns > self._max_age_ns:
             verdict = Verdict.STALE
             self.counters["stale"] += 1

@@ -134,6 +134,12 @@ def test_a_sample_held_up_on_its_way_is_stale_although_it_has_just_come_where_th
     assert line.reference(15 * MS).verdict == Verdict.STALE
 
 
+def test_a_sample_that_arrived_before_the_clock_was_set_back_is_as_old_as_its_arrival() -> None:
+    line = pipeline(same_clock=True)
+    line.feed(raw(100, delay_ns=-80 * MS))  # asked for at 100 ms; by the time of its arrival it was 20 ms
+    assert line.reference(101 * MS).verdict == Verdict.STALE
+
+
 def test_a_step_of_a_drives_own_clock_does_not_stop_the_references() -> None:
     line = pipeline()
     for k in range(20):
