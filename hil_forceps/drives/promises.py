@@ -26,6 +26,9 @@ class Promises:
     starved: Starved = "fault"
     tells_state: bool = True  # the drive itself says whether it has torque
     tells_watchdog: bool = True  # the drive itself says that its watchdog has stopped it
+    # Behind the watchdog's time, until it acts: firmware looks rarely, or something else feeds it for a while. None: no
+    # watchdog is documented.
+    reaction_s: float | None = 0.0
     current_step_A: float = 0.0  # in which it tells its current, where that is coarser than its noise
     harmless_counters: frozenset[str] = frozenset()  # besides `…_sent`: what grows where nothing is wrong
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from firmware_protocol.drive_config import DriveConfig
 from firmware_protocol.frames import arbitration_id
 from firmware_protocol.host_machine import HostConfig, HostMachine
 from firmware_protocol.messages import Function
@@ -20,6 +21,9 @@ from hil_forceps.drives.vesc.profile import PROFILE as VESC
 from hil_forceps.rig import Rig
 from hil_forceps.rig.consistency import native_bus_load
 from hil_forceps.rig.sections import MotorDriver
+
+NATIVE_WATCHDOG_S: Final = 1e-6 * DriveConfig.watchdog_timeout_us
+NATIVE_REACTION_S: Final = 1e-3  # HFP-123
 
 PROFILES: Final[dict[str, Profile]] = {
     profile.name: profile for profile in (ODRIVE, CIA402, MIT, MOTEUS, DYNAMIXEL, VESC)
@@ -109,6 +113,23 @@ def framing_for(rig: Rig) -> Framing:
     """Return how packets of a rig's drive are packed on a serial line."""
     found = maker_profile(rig)
     return NATIVE if found is None else found[0].framing
+
+
+def torque_free_within_s(rig: Rig) -> float | None:
+    """Return the time from the last fresh reference that reaches a rig's drive until nothing leads its motor any more.
+
+    Watchdog, what its profile promises beyond (`Promises.reaction_s`), and a period of the host's loop for the rest.
+    A Dynamixel stops and keeps its torque, a moteus brakes where its `timeout_mode` says so. None: no watchdog does it.
+    The native protocol's is that of its default parameter and HFP-123.
+    """
+    found = maker_profile(rig)
+    if found is None:
+        return NATIVE_WATCHDOG_S + NATIVE_REACTION_S
+    profile, settings = found
+    reaction_s = profile.promises(rig, settings).reaction_s
+    if settings.watchdog_s == 0.0 or reaction_s is None:
+        return None
+    return settings.watchdog_s + reaction_s + rig.bench.host_period_s
 
 
 def sample_period_s(rig: Rig) -> float:

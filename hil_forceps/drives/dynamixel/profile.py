@@ -205,7 +205,8 @@ def _value(address: int, data: bytes) -> int | str:
 
 def _promises(_rig: Rig, settings: MotorDriver) -> Promises:
     silent_s = 0.5 * settings.watchdog_s + SILENCE_NS * 1e-9  # the machine asks on for so long, and then waits
-    return Promises(state_report_s=silent_s, starved="lost", tells_watchdog=False)
+    fed_s = 0.5 * settings.watchdog_s  # by questions alone
+    return Promises(state_report_s=silent_s, starved="lost", tells_watchdog=False, reaction_s=fed_s)
 
 
 PROFILE: Final = Profile(

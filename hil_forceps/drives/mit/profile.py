@@ -253,9 +253,11 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
     return Mit(_config(rig, settings))
 
 
-def _promises(_rig: Rig, settings: MotorDriver) -> Promises:
+def _promises(rig: Rig, settings: MotorDriver) -> Promises:
+    repeats_s = rig.limits.max_sample_age_s  # for so long the machine repeats a reference whose answer is missing
     return Promises(
         starved="released",
+        reaction_s=None if settings.mit_variant == "cubemars" else repeats_s,
         tells_state=settings.mit_variant == "damiao",
         tells_watchdog=False,
         harmless_counters=frozenset({"repeats", "releases"}),

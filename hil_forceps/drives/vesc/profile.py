@@ -25,6 +25,7 @@ from hil_forceps.drives.vesc import messages as wire
 from hil_forceps.drives.vesc.inquiry import VescInquiry
 from hil_forceps.drives.vesc.machine import Vesc, VescConfig
 from hil_forceps.drives.vesc.messages import Command
+from hil_forceps.drives.vesc.timeout_trial import THREAD_NS
 from hil_forceps.drives.vesc.turns import Turns, TurnsConfig
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -222,6 +223,7 @@ PROFILE: Final = Profile(
     promises=lambda _rig, _settings: Promises(
         tells_state=False,
         tells_watchdog=False,
+        reaction_s=THREAD_NS * 1e-9,
         current_step_A=wire.CURRENT_LSB_A,
         harmless_counters=frozenset({"broadcasts"}),
     ),
