@@ -4,6 +4,7 @@ from typing import Final
 
 FLIGHT_NS: Final = 10_000_000  # for a frame to arrive and for what was on its way before to have come
 MAX_IN_FLIGHT: Final = 4  # frames that may still be answered
+MAX_UNANSWERED: Final = 64  # frames counted at most; all that go out until silence ends a run, in an enabling too
 
 
 class Exchange:
@@ -15,6 +16,8 @@ class Exchange:
         self._asked_ns = 0  # the newest frame's tick
         self._unanswered_ns: int | None = None  # the first tick since the last answer
         self._exit_ns: int | None = None  # since when nothing but "exit" was sent
+        self._unanswered = 0  # frames; those that were lost stay among them
+        self._before_exit = 0  # answers that may be to what was sent before; below 0 none is any more
 
     def ask(self, frames: int, only_exit: bool, now_ns: int) -> None:
         """Note the frames of a tick."""
@@ -27,7 +30,8 @@ class Exchange:
         if not only_exit:
             self._exit_ns = None
         elif self._exit_ns is None:
-            self._exit_ns = now_ns
+            self._exit_ns, self._before_exit = now_ns, self._unanswered
+        self._unanswered = min(self._unanswered + frames, MAX_UNANSWERED)
 
     def take_answer(self) -> bool:
         """Note an answer; False, and counted, where no frame is left that it could be to."""
@@ -35,6 +39,8 @@ class Exchange:
             self.unasked += 1
             return False
         self._in_flight -= 1
+        self._unanswered = max(self._unanswered - 1, 0)
+        self._before_exit -= 1
         self._unanswered_ns = None
         return True
 
@@ -43,8 +49,8 @@ class Exchange:
         return 0 if self._unanswered_ns is None else now_ns - self._unanswered_ns
 
     def is_to_exit(self, now_ns: int) -> bool:
-        """Return whether an answer that comes now can be to nothing but "exit"."""
-        return self._exit_ns is not None and now_ns - self._exit_ns >= FLIGHT_NS
+        """Return whether the answer just taken can be to nothing but "exit", however long frames were held up."""
+        return self._exit_ns is not None and now_ns - self._exit_ns >= FLIGHT_NS and self._before_exit < 0
 
     def stamp_ns(self, now_ns: int) -> int:
         """Return when the drive has measured what comes now: half way back to the tick that asked."""

@@ -205,6 +205,21 @@ def test_no_torque_is_claimed_only_behind_an_answer_that_can_be_to_nothing_but_e
     assert silent == [[EXIT]] * 30
     assert drive.drive_state is DriveState.ARMED  # nobody said anything
     drive.receive(answer(), 86 * MS)
+    assert drive.drive_state is DriveState.ARMED  # to the command at 56 ms, if that was held up
+    drive.receive(answer(), 87 * MS)
+    assert drive.drive_state.name == "DISABLED"
+
+
+def test_answers_to_commands_that_were_held_up_are_none_to_exit_however_late_they_come() -> None:
+    drive = running()
+    asked = sum(len(frames) for frames in ticks(drive, 56, 5, answers=nobody))
+    drive.disable()
+    ticks(drive, 61, 30, answers=nobody)
+    for n in range(asked):
+        drive.receive(answer(), (91 + n) * MS)
+        assert drive.drive_state is DriveState.ARMED
+        ticks(drive, 91 + n, 1, answers=nobody)
+    drive.receive(answer(), 99 * MS)
     assert drive.drive_state.name == "DISABLED"
 
 
