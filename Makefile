@@ -7,7 +7,7 @@ TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects gate-coverage mutate-gate fuzz fuzz-readers hidden-effects real-data drive-costs benchmark audit wheel clean
+.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects gate-coverage mutate-gate fuzz fuzz-readers campaign hidden-effects real-data drive-costs benchmark audit wheel clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 18
@@ -98,6 +98,12 @@ N ?= 100000
 SEED ?= 0
 fuzz-readers: install  ## damaged files into every reader, N=100000 of them; N=10000000 at night
 	$(PY) -m tests.reader_fuzz.campaign $(N) --seed $(SEED) --out $(OUT)/reader-fuzz
+
+# Schedules of faults on bus, drive, host and clock, N seeds from SEED on: some 0.1 s each on a core. What fails is shrunk,
+# and told with the command that makes it again.
+campaign: N = 1000
+campaign: install  ## faults on bus, drive, host and clock in virtual time: N=1000 seeds; N=10000 at night
+	$(PY) -m tests.fault_campaign.campaign $(N) --seed $(SEED) --out $(OUT)/fault-campaign
 
 # Effects hidden in data and diagnosed, hours of it; goes on where it was stopped. Then the tables of docs/diagnosis.md.
 hidden-effects: install  ## the campaign of effects hidden in data; hours

@@ -11,8 +11,10 @@ from tests.fault_campaign.run import Record
 from tests.fault_campaign.schedule import Kind, Schedule
 
 # The gate takes all the time since its last output for the next step: behind a late tick, or a clock that leapt, up to
-# its gap at once. To be switched on once it bounds that time: what is late then loosens no bound any more.
+# its gap at once. To be switched on once no step is longer than that of `STEP_PERIODS`: what is late then loosens no
+# bound any more. A native drive, told by its host to, faults at steps beyond two periods' (HFP-116).
 GATE_BOUNDS_ITS_STEP: Final = False
+STEP_PERIODS: Final = 2
 # A sensor that jumps or stands still leads the motor astray inside the drive. To be switched on once the gate freezes
 # or ends the run within `IMPLAUSIBLE_WITHIN_NS` of such feedback (`invariants.motion.implausible_feedback_stops`).
 GATE_SEES_IMPLAUSIBLE_FEEDBACK: Final = False

@@ -4,17 +4,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.fault_campaign import campaign
+from tests.fault_campaign import campaign, excuses
 from tests.fault_campaign.defects import DEFECTS
 from tests.fault_campaign.defects.hunt import hunt
 from tests.fault_campaign.invariants import INVARIANTS
-from tests.fault_campaign.schedule import from_json
+from tests.fault_campaign.schedule import Fault, Kind, Schedule, from_json
 
 MOST_SEEDS = 80  # the slowest to be caught takes half of it (docs/decisions/0018-fault-campaign.md)
+MS = 1_000_000
 SHORT = (
     "gate_without_bounds", "gate_never_closes", "a_sample_serves_twice", "what_was_refused_is_sent_later",
     "the_last_chunk_is_forgotten", "the_file_has_the_date_in_it", "drive_without_watchdog", "moteus_is_enabled_at_zero",
-    "moteus_trusts_an_old_answer",
+    "moteus_trusts_an_old_answer", "adapter_bundles_frames",
 )  # fmt: skip
 
 
@@ -38,9 +39,24 @@ def test_every_defect_is_caught(name: str) -> None:
 def test_there_are_defects_of_every_invariant() -> None:
     assert len(DEFECTS) >= 30
     looked_for = set().union(*(defect.caught_by for defect in DEFECTS.values()))
-    # A burst at the drive shows as one of the service first; implausible feedback waits for the gate (`excuses`).
-    assert looked_for == {*INVARIANTS, "same bytes"} - {"wire burst", "implausible"}
+    assert looked_for == {*INVARIANTS, "same bytes"} - {"implausible"}  # which waits for the gate (`excuses`)
     assert all(defect.plant.__doc__ for defect in DEFECTS.values())
+
+
+@pytest.mark.parametrize(
+    ("flag", "fault", "said"),
+    [
+        ("GATE_SEES_IMPLAUSIBLE_FEEDBACK", Fault(Kind.ENCODER_JUMP, 300 * MS, 100 * MS, 0.2), "implausible: the motor"),
+        ("GATE_BOUNDS_ITS_STEP", Fault(Kind.LATE_TICK, 320 * MS, 0, 0.01), "gate: a step of"),
+    ],
+)
+def test_what_waits_for_the_gate_is_seen_once_it_is_switched_on(
+    flag: str, fault: Fault, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    schedule = Schedule(2, "odrive", (fault,))
+    assert campaign.judge(schedule).findings == ()
+    monkeypatch.setattr(excuses, flag, True)
+    assert campaign.judge(schedule).findings[0].startswith(said)
 
 
 def test_a_failing_seed_is_told_shrunk_and_made_again(

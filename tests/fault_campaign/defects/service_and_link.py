@@ -14,6 +14,7 @@ from hil_forceps.bridge.results import ServiceResult, Stage, StopReason
 from hil_forceps.bridge.service import Service
 from tests.fault_campaign.defects.table import around, defect
 from tests.fault_campaign.schedule import Kind
+from virtual_bus.bus.host_node import HostNode
 
 
 @defect("stale")
@@ -193,3 +194,13 @@ def references_are_in_degrees(patch: pytest.MonkeyPatch) -> None:
             axis.drive.setpoint = setpoint
 
     around(patch, Axis, "_send_reference", send)
+
+
+@defect("wire burst", profiles=("odrive",), among=(Kind.CURRENT_STUCK, Kind.FULL_DISK))
+def adapter_bundles_frames(patch: pytest.MonkeyPatch) -> None:
+    """The adapter keeps frames and sends them all together, every 25 ms."""
+
+    def send(old: Any, node: Any, frame: Any, now_ns: int) -> int:
+        return int(old(node, frame, now_ns // 25_000_000 * 25_000_000 + 25_000_000))
+
+    around(patch, HostNode, "send", send)

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from firmware_protocol.scales import ANGLE_LSB_RAD
 from hil_forceps.bench.assembly import GAP_PERIODS
 from hil_forceps.control.gate import DEFAULT_MAX_GAP_S
+from tests.fault_campaign import excuses
 from tests.fault_campaign.drive import FaultyDrive, Moment
 from tests.fault_campaign.excuses import (
-    GATE_SEES_IMPLAUSIBLE_FEEDBACK,
     IMPLAUSIBLE_WITHIN_NS,
     kick_rad,
     reference_slack_ns,
@@ -94,6 +94,10 @@ def gate_limits_as_sent(record: Record) -> Iterator[str]:
         if abs(speed) > limits.speed_max_rad_per_s + rounding:
             yield f"speed {speed:.2f} rad/s {at}"
             return
+        leap_rad = limits.speed_max_rad_per_s * excuses.STEP_PERIODS * period_s
+        if excuses.GATE_BOUNDS_ITS_STEP and abs(now[1] - before[1]) > leap_rad + ANGLE_LSB_RAD:
+            yield f"a step of {now[1] - before[1]:.4f} rad behind {1e3 * dt_s:.1f} ms, {at}"
+            return
         most = limits.acceleration_max_rad_per_s2 * dt_s + rounding + rounding_before
         if abs(speed - speed_before) > most:
             yield f"speed changed by {speed - speed_before:.3f} rad/s, {most:.3f} at most, {at}"
@@ -128,7 +132,7 @@ def _beginnings(drive: FaultyDrive) -> Iterator[tuple[int, bool]]:
 
 def implausible_feedback_stops(record: Record) -> Iterator[str]:
     """Behind an angle that can't be, the reference stands still or torque is gone in time."""
-    if not GATE_SEES_IMPLAUSIBLE_FEEDBACK:
+    if not excuses.GATE_SEES_IMPLAUSIBLE_FEEDBACK:
         return
     most = record.rig.limits.speed_max_rad_per_s * record.config.period_ns * 1e-9 * 2.0
     for fault in record.schedule.of_kind(Kind.ENCODER_JUMP):
