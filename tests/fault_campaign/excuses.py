@@ -95,6 +95,8 @@ def reference_slack_ns(record: Record) -> int:
         slack_ns += round(record.rig.limits.max_sample_age_s * 1e9)
     if schedule.of_kind(Kind.ERROR_PASSIVE, Kind.CORRUPT_WIRE, Kind.FLOOD, Kind.REORDER):
         slack_ns += QUEUED_NS
+    if schedule.of_kind(Kind.REORDER):  # what is held back until the next frame comes behind it, however late
+        slack_ns += sum(round(fault.size * 1e9) for fault in schedule.of_kind(Kind.STOPPED, Kind.LATE_TICK))
     if record.rig.drive_profile == "dynamixel" and schedule.of_kind(Kind.REORDER):
         slack_ns += 2 * QUEUED_NS  # what is held back waits for the next question, behind a missing answer
     return slack_ns
@@ -120,6 +122,9 @@ def kick_rad(record: Record, has_led_before: bool) -> float:
         return math.inf
     if has_led_before and any(fault.size < 0.0 for fault in schedule.of_kind(Kind.CLOCK_STEP)):
         return math.inf  # the host doesn't know of the silence in which the drive let go
+    if has_led_before and record.rig.drive_profile == "vesc" and schedule.of_kind(Kind.BUS_OFF, Kind.ERROR_PASSIVE):
+        # What waited in a controller that was alone on the bus undoes its timeout, and is let go at the next answer.
+        return DEFAULT_APPROACH.tolerance_rad + limits.speed_max_rad_per_s * transit_ns(record) * 1e-9
     if settings is None or settings.profile != "mit" or not has_led_before:
         return DEFAULT_APPROACH.tolerance_rad
     assert settings.kd_N_m_s_per_rad is not None
