@@ -7,6 +7,7 @@ from hil_forceps.bridge.pipeline import DEFAULT_APPROACH
 from hil_forceps.bridge.results import StopReason
 from hil_forceps.control.gate import DEFAULT_MAX_GAP_S
 from tests.fault_campaign.bus import DELAYED
+from tests.fault_campaign.host import STARTED_NS
 from tests.fault_campaign.run import Record
 from tests.fault_campaign.schedule import Kind, Schedule
 
@@ -19,6 +20,7 @@ STEP_PERIODS: Final = 2
 # or ends the run within `IMPLAUSIBLE_WITHIN_NS` of such feedback (`invariants.motion.implausible_feedback_stops`).
 GATE_SEES_IMPLAUSIBLE_FEEDBACK: Final = False
 IMPLAUSIBLE_WITHIN_NS: Final = 20_000_000
+ENABLED_NS: Final = 10_000_000  # from the first reference of the trajectory on, until it has reached the drive
 RECOVERY_NS: Final = 25_000_000  # 128 x 11 bits, one behind each frame that a host alone on the bus repeats
 QUEUED_NS: Final = 5_000_000  # 32 failed transmissions, or a queue full of a flood's frames, before one gets through
 
@@ -108,7 +110,23 @@ def leap_ns(schedule: Schedule) -> int:
         return 0
     leaps = [fault.size for fault in schedule.of_kind(Kind.CLOCK_STEP) if fault.size > 0.0]
     leaps += [fault.size for fault in schedule.of_kind(Kind.STOPPED) if fault.where == "tick"]
+    # The last reference waits in the controller until the drive is back, and the next comes right behind it.
+    leaps += [DEFAULT_MAX_GAP_S for _ in schedule.of_kind(Kind.BUS_OFF)]
     return sum(round(min(leap_s, DEFAULT_MAX_GAP_S) * 1e9) for leap_s in leaps)
+
+
+def jump_rad(record: Record, at_ns: int) -> float:
+    """Return by how much the angle that a drive's machine holds while it enables may differ from that of its end."""
+    follows = [row[0].tick_ns - STARTED_NS for row in record.tap.references if row[0].trajectory_ns >= 0]
+    if GATE_SEES_IMPLAUSIBLE_FEEDBACK or not follows or at_ns > follows[0] + ENABLED_NS:
+        return 0.0
+    return sum(abs(fault.size) for fault in record.schedule.of_kind(Kind.ENCODER_JUMP))
+
+
+def repeat_ns(record: Record) -> int:
+    """Return how long behind its first time a mini cheetah drive's reference may be repeated: while it is fresh."""
+    back_s = sum(-fault.size for fault in record.schedule.of_kind(Kind.CLOCK_STEP) if fault.size < 0.0)
+    return round((record.rig.limits.max_sample_age_s + back_s) * 1e9) + record.config.period_ns
 
 
 def kick_rad(record: Record, has_led_before: bool) -> float:

@@ -11,6 +11,7 @@ from tests.fault_campaign import excuses
 from tests.fault_campaign.drive import FaultyDrive, Moment
 from tests.fault_campaign.excuses import (
     IMPLAUSIBLE_WITHIN_NS,
+    jump_rad,
     kick_rad,
     reference_slack_ns,
     seen_within_ns,
@@ -68,7 +69,7 @@ def _beyond(record: Record, came: list[int], at_ns: int, before_ns: int, referen
     if math.isnan(before) or not last:
         return ""
     between_ns = newest(came, at_ns) - came[last - 1] + reference_slack_ns(record)
-    most = limits.speed_max_rad_per_s * between_ns * 1e-9 + 2.0 * quantum
+    most = limits.speed_max_rad_per_s * between_ns * 1e-9 + 2.0 * quantum + jump_rad(record, at_ns)
     return f"a step of {reference - before:.4f} rad, {most:.4f} at most," if abs(reference - before) > most else ""
 
 

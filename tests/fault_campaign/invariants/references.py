@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import Final
 
 from hil_forceps.data.recording.writer import Outcome
+from tests.fault_campaign.excuses import repeat_ns
 from tests.fault_campaign.host import Sent
 from tests.fault_campaign.invariants.times import MS, newest
 from tests.fault_campaign.run import Record
@@ -61,7 +62,7 @@ def no_queued_burst(record: Record) -> Iterator[str]:
         if before.tick == sent.tick:
             yield f"two references in one tick, at {sent.bus_ns / MS:.1f} ms"
             return
-    allowed_ns = round(record.rig.limits.max_sample_age_s * 1e9) + record.config.period_ns
+    allowed_ns = repeat_ns(record)
     left = [sent.bus_ns for sent in references if sent.is_fresh]
     for sent in references:
         if sent.is_fresh:
