@@ -26,7 +26,7 @@ QUEUED_NS: Final = 5_000_000  # 32 failed transmissions, or a queue full of a fl
 
 _IMPLAUSIBLE: Final = (Kind.ENCODER_JUMP, Kind.ENCODER_FREEZE)
 _LATE: Final = frozenset(Kind) - {
-    Kind.DUPLICATE, Kind.REORDER, Kind.RESET, Kind.CURRENT_STUCK, Kind.FULL_DISK, Kind.KILLED, *_IMPLAUSIBLE,
+    Kind.DUPLICATE, Kind.RESET, Kind.CURRENT_STUCK, Kind.FULL_DISK, Kind.KILLED, *_IMPLAUSIBLE,
 }  # fmt: skip
 
 R = StopReason
