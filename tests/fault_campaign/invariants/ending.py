@@ -44,8 +44,8 @@ def _reason(record: Record, result: ServiceResult) -> Iterator[str]:
     if result.reason not in reasons_of(record.schedule):
         yield f"ended as {result.reason.name} ({result.message}), which none of its faults explains"
     schedule = record.schedule
-    # Of two drives one may be what is talked to. Most stamps are the host's time; and where that is set back the host is
-    # silent for so long, in which a mini cheetah drive may be reset that doesn't say so.
+    # Of two drives one may be what is talked to. Most stamps are the host's time; and where that is set back the host
+    # is silent for so long, in which a mini cheetah drive may be reset that doesn't say so.
     if result.reason is not StopReason.COMPLETED or schedule.of_kind(Kind.SAME_ID, Kind.CLOCK_STEP):
         return
     stopped_ns = sum(round(fault.size * 1e9) for fault in schedule.of_kind(Kind.STOPPED))
