@@ -16,39 +16,38 @@ from tests.fault_campaign.schedule import Kind, Schedule
 # bound any more. A native drive, told by its host to, faults at steps beyond two periods' (HFP-116).
 GATE_BOUNDS_ITS_STEP: Final = False
 STEP_PERIODS: Final = 2
-# A sensor that jumps or stands still leads the motor astray inside the drive. To be switched on once the gate freezes
-# or ends the run within `IMPLAUSIBLE_WITHIN_NS` of such feedback (`invariants.motion.implausible_feedback_stops`).
-GATE_SEES_IMPLAUSIBLE_FEEDBACK: Final = False
-IMPLAUSIBLE_WITHIN_NS: Final = 20_000_000
+# A jump that the motor could have made, or one frozen for less than the gate waits, leads the motor astray inside the
+# drive, and nobody can tell.
+_IMPLAUSIBLE: Final = (Kind.ENCODER_JUMP, Kind.ENCODER_FREEZE)
 ENABLED_NS: Final = 10_000_000  # from the first reference of the trajectory on, until it has reached the drive
 RECOVERY_NS: Final = 25_000_000  # 128 x 11 bits, one behind each frame that a host alone on the bus repeats
 QUEUED_NS: Final = 5_000_000  # 32 failed transmissions, or a queue full of a flood's frames, before one gets through
 
-_IMPLAUSIBLE: Final = (Kind.ENCODER_JUMP, Kind.ENCODER_FREEZE)
 _LATE: Final = frozenset(Kind) - {
     Kind.DUPLICATE, Kind.RESET, Kind.CURRENT_STUCK, Kind.FULL_DISK, Kind.KILLED, *_IMPLAUSIBLE,
 }  # fmt: skip
 
 R = StopReason
 _LOST: Final = {R.NO_DRIVE, R.DRIVE_LOST, R.DRIVE_FAULT, R.DRIVE_STOPPED, R.REFERENCE_DENIED, R.ENABLE_FAILED}
+_BAD_FEEDBACK: Final = {R.FEEDBACK_IMPLAUSIBLE}
 _SET_UP: Final = {R.VERSION_REFUSED}  # a machine refuses a drive whose answers don't come, or don't fit
 REASONS: Final[dict[Kind, set[StopReason]]] = {
     Kind.DROP: _LOST | _SET_UP,
     Kind.DUPLICATE: _LOST | _SET_UP,
     Kind.REORDER: _LOST | _SET_UP,
     Kind.DELAY: _LOST | _SET_UP,
-    Kind.CORRUPT_PAYLOAD: _LOST | _SET_UP,
+    Kind.CORRUPT_PAYLOAD: _LOST | _SET_UP | _BAD_FEEDBACK,
     Kind.CORRUPT_WIRE: _LOST | _SET_UP | {R.BUS_DOWN},
     Kind.FLOOD: _LOST | _SET_UP,
-    Kind.SAME_ID: _LOST | _SET_UP | {R.BUS_DOWN},
+    Kind.SAME_ID: _LOST | _SET_UP | _BAD_FEEDBACK | {R.BUS_DOWN},
     Kind.BUS_OFF: _LOST | _SET_UP | {R.BUS_DOWN},
     Kind.BUS_GONE: _LOST | _SET_UP | {R.BUS_DOWN},
     Kind.ERROR_PASSIVE: _LOST | _SET_UP | {R.BUS_DOWN},
     Kind.RESET: _LOST | _SET_UP,
     Kind.BROWN_OUT: _LOST | _SET_UP,
-    Kind.ENCODER_JUMP: _LOST | _SET_UP,
-    Kind.ENCODER_FREEZE: _LOST,
-    Kind.CURRENT_STUCK: _LOST | _SET_UP,
+    Kind.ENCODER_JUMP: _LOST | _SET_UP | _BAD_FEEDBACK,
+    Kind.ENCODER_FREEZE: _LOST | _BAD_FEEDBACK,
+    Kind.CURRENT_STUCK: _LOST | _SET_UP | _BAD_FEEDBACK,
     Kind.FULL_QUEUE: _LOST | _SET_UP,
     Kind.FULL_DISK: {R.RECORDING_FAILED},
     Kind.LATE_TICK: _LOST,
@@ -118,7 +117,7 @@ def leap_ns(schedule: Schedule) -> int:
 def jump_rad(record: Record, at_ns: int) -> float:
     """Return by how much the angle that a drive's machine holds while it enables may differ from that of its end."""
     follows = [row[0].tick_ns - STARTED_NS for row in record.tap.references if row[0].trajectory_ns >= 0]
-    if GATE_SEES_IMPLAUSIBLE_FEEDBACK or not follows or at_ns > follows[0] + ENABLED_NS:
+    if not follows or at_ns > follows[0] + ENABLED_NS:
         return 0.0
     return sum(abs(fault.size) for fault in record.schedule.of_kind(Kind.ENCODER_JUMP))
 
@@ -136,7 +135,7 @@ def kick_rad(record: Record, has_led_before: bool) -> float:
     it would be. It lags by kd v / kp and by what the motion makes of a sample's age, and of a late tick.
     """
     settings, limits, schedule = record.rig.motor_driver, record.rig.limits, record.schedule
-    if has_led_before and not GATE_SEES_IMPLAUSIBLE_FEEDBACK and schedule.of_kind(*_IMPLAUSIBLE):
+    if has_led_before and schedule.of_kind(*_IMPLAUSIBLE):
         return math.inf
     if has_led_before and any(fault.size < 0.0 for fault in schedule.of_kind(Kind.CLOCK_STEP)):
         return math.inf  # the host doesn't know of the silence in which the drive let go

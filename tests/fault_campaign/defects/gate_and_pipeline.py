@@ -1,90 +1,102 @@
 """Defects of the gate and of the pipeline."""
 
-import math
 from typing import Any
 
 import pytest
 
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.pipeline import NOWHERE_NS, Pipeline
-from hil_forceps.control.gate import Gate, GateState, GateVerdict
+from hil_forceps.bridge.pipeline import Pipeline
+from hil_forceps.control.gate import Gate, GateVerdict
+from hil_forceps.control.gate.feedback import FeedbackMonitor
+from hil_forceps.control.gate.limiter import AccelerationLimiter
 from tests.fault_campaign.defects.table import around, defect
 from tests.fault_campaign.schedule import Kind
 
 MAKERS = ("odrive", "cia402", "moteus", "mit", "dynamixel", "vesc")
 
 
-def _gate_with(patch: pytest.MonkeyPatch, **numbers: float) -> None:
-    def init(old: Any, gate: Any, *arguments: Any) -> None:
-        old(gate, *arguments)
-        for name, value in numbers.items():
-            setattr(gate, name, value)
+def _with(patch: pytest.MonkeyPatch, owner: Any, **numbers: Any) -> None:
+    """Have what is made with other numbers."""
+    init = owner.__init__
 
-    around(patch, Gate, "__init__", init)
+    def made(self: Any, *arguments: Any, **named: Any) -> None:
+        init(self, *arguments, **named)
+        for name, value in numbers.items():
+            setattr(self, name, value)
+
+    patch.setattr(owner, "__init__", made)
 
 
 @defect("limits", "gate")
 def gate_lets_all_pass(patch: pytest.MonkeyPatch) -> None:
     """Whatever is requested passes."""
 
-    def limit(_: Any, _gate: Any, _position: float, speed: float, requested: float, _dt: float, now_ns: int) -> Any:
-        return GateState(True, True, requested, speed, now_ns), requested, GateVerdict.PASSED
+    def step(_: Any, _limiter: Any, motion: Any, requested: float, _dt_s: float, _bounds: Any) -> Any:
+        return (requested, motion[1], 0.0), GateVerdict.PASSED
 
-    around(patch, Gate, "_limit", limit)
+    around(patch, AccelerationLimiter, "step", step)
 
 
 @defect("limits")
 def gate_without_bounds(patch: pytest.MonkeyPatch) -> None:
     """Its bounds are those of another forceps."""
-    _gate_with(patch, _low=-10.0, _high=10.0)
+    _with(patch, Gate, _bounds=(-10.0, 10.0))
 
 
 @defect("limits", "gate")
 def gate_without_speed(patch: pytest.MonkeyPatch) -> None:
     """It doesn't bound the speed."""
-    _gate_with(patch, _speed=1e6)
+    _with(patch, AccelerationLimiter, _speed=1e6)
 
 
 @defect("gate")
 def gate_without_acceleration(patch: pytest.MonkeyPatch) -> None:
     """It doesn't bound the acceleration."""
-    _gate_with(patch, _acceleration=1e9)
+    _with(patch, AccelerationLimiter, _acceleration=1e9)
 
 
 @defect("gate", among=(Kind.STOPPED, Kind.DROP, Kind.STALLED_ESTIMATOR))
 def gate_never_closes(patch: pytest.MonkeyPatch) -> None:
     """However long it had no output, it goes on."""
-    _gate_with(patch, _max_gap_ns=1 << 62)
+    _with(patch, Gate, _max_gap_ns=1 << 62)
 
 
 @defect("gate", "limits")
 def gate_counts_in_microseconds(patch: pytest.MonkeyPatch) -> None:
     """It takes its time for a thousand times longer than it is."""
 
-    def limit(old: Any, gate: Any, position: float, speed: float, requested: float, dt_s: float, now_ns: int) -> Any:
-        return old(gate, position, speed, requested, 1e3 * dt_s, now_ns)
+    def step(old: Any, limiter: Any, motion: Any, requested: float, dt_s: float, bounds: Any) -> Any:
+        return old(limiter, motion, requested, 1e3 * dt_s, bounds)
 
-    around(patch, Gate, "_limit", limit)
+    around(patch, AccelerationLimiter, "step", step)
 
 
 @defect("kick", profiles=MAKERS)
 def gate_opens_elsewhere(patch: pytest.MonkeyPatch) -> None:
     """It opens at the middle of its bounds, not at the measured angle."""
 
-    def opened(old: Any, gate: Any, _theta_m_rad: float, now_ns: int) -> GateState:
-        middle: GateState = old(gate, 0.5 * (gate._low + gate._high), now_ns)
-        return middle
+    def opened(old: Any, gate: Any, now_ns: int) -> None:
+        measured, gate._theta_rad = gate._theta_rad, 0.5 * sum(gate._bounds)
+        old(gate, now_ns)
+        gate._theta_rad = measured
 
     around(patch, Gate, "open", opened)
 
 
+@defect("implausible", profiles=("native", "native_fd"), among=(Kind.ENCODER_JUMP,))
+def gate_sees_no_jump(patch: pytest.MonkeyPatch) -> None:
+    """Samples go past the checks of the feedback."""
+    around(patch, FeedbackMonitor, "see", lambda *_: False)
+
+
 @defect("kick", profiles=MAKERS)
 def holds_another_angle(patch: pytest.MonkeyPatch) -> None:
-    """Before the drive follows, the reference isn't the measured angle but where the trajectory begins, and more."""
+    """Before the drive follows, the reference isn't the measured angle."""
 
-    def hold(_: Any, line: Any, newest: Any, now_ns: int) -> Any:
-        line._gate_state = line._gate.open(line.sample.theta_m_rad - 0.05, now_ns)
-        return line._through_gate(newest, NOWHERE_NS, now_ns, math.nan, 0.0, line.sample.theta_m_rad - 0.05)
+    def hold(old: Any, line: Any, newest: Any, now_ns: int) -> Any:
+        made = old(line, newest, now_ns)
+        raw = made.reference_raw
+        return made if raw is None else made._replace(reference_raw=raw - (1 << 17))
 
     around(patch, Pipeline, "_hold", hold)
 
@@ -94,7 +106,7 @@ def any_sample_is_fresh(patch: pytest.MonkeyPatch) -> None:
     """No sample is too old."""
 
     def reference(old: Any, line: Any, now_ns: int) -> Any:
-        line._max_age_ns = 1 << 62
+        line._max_age_ns = line.gate._max_age_ns = 1 << 62
         return old(line, now_ns)
 
     around(patch, Pipeline, "reference", reference)
@@ -106,7 +118,7 @@ def a_sample_serves_twice(patch: pytest.MonkeyPatch) -> None:
 
     def reference(old: Any, line: Any, now_ns: int) -> Any:
         made = old(line, now_ns)
-        line._is_new = line.newest is not None
+        line._is_new = line.gate._is_fresh = line.newest is not None
         return made
 
     around(patch, Pipeline, "reference", reference)
@@ -120,6 +132,7 @@ def age_counts_from_a_clock_set_back(patch: pytest.MonkeyPatch) -> None:
         newest = line.newest
         if newest is not None and line._same_clock:
             line.newest = newest._replace(received_ns=max(newest.received_ns, newest.stamp_ns))
+            line.gate._received_ns = line.newest.received_ns
         return old(line, now_ns)
 
     around(patch, Pipeline, "reference", reference)

@@ -58,7 +58,7 @@ def a_tick_sends_two_references(patch: pytest.MonkeyPatch) -> None:
 
     def send(old: Any, axis: Any, now_ns: int, *more: Any) -> None:
         old(axis, now_ns, *more)
-        axis.pipeline._is_new = axis.pipeline.newest is not None
+        axis.pipeline._is_new = axis.pipeline.gate._is_fresh = axis.pipeline.newest is not None
         old(axis, now_ns + 1, *more)
 
     around(patch, Axis, "_send_reference", send)
