@@ -3,19 +3,14 @@
 import math
 from typing import Final
 
+from hil_forceps.bench.assembly import STEP_PERIODS
 from hil_forceps.bridge.pipeline import DEFAULT_APPROACH
 from hil_forceps.bridge.results import StopReason
-from hil_forceps.control.gate import DEFAULT_MAX_GAP_S
 from tests.fault_campaign.bus import DELAYED
 from tests.fault_campaign.host import STARTED_NS
 from tests.fault_campaign.run import Record
 from tests.fault_campaign.schedule import Kind, Schedule
 
-# The gate takes all the time since its last output for the next step: behind a late tick, or a clock that leapt, up to
-# its gap at once. To be switched on once no step is longer than that of `STEP_PERIODS`: what is late then loosens no
-# bound any more. A native drive, told by its host to, faults at steps beyond two periods' (HFP-116).
-GATE_BOUNDS_ITS_STEP: Final = False
-STEP_PERIODS: Final = 2
 # A jump that the motor could have made, or one frozen for less than the gate waits, leads the motor astray inside the
 # drive, and nobody can tell.
 _IMPLAUSIBLE: Final = (Kind.ENCODER_JUMP, Kind.ENCODER_FREEZE)
@@ -90,28 +85,14 @@ def reference_slack_ns(record: Record) -> int:
     """Return by how much references may come closer together than they were computed."""
     bench, schedule = record.rig.bench, record.schedule
     slack_ns = round(bench.latency_jitter_s * 1e9) + 2 * record.config.period_ns
-    slack_ns += leap_ns(schedule)
     slack_ns += sum(DELAYED * round(fault.size * 1e9) for fault in schedule.of_kind(Kind.DELAY))
     if record.rig.drive_profile == "mit":  # a reference is repeated for so long where its answer is missing
         slack_ns += round(record.rig.limits.max_sample_age_s * 1e9)
     if schedule.of_kind(Kind.ERROR_PASSIVE, Kind.CORRUPT_WIRE, Kind.FLOOD, Kind.REORDER):
         slack_ns += QUEUED_NS
-    if schedule.of_kind(Kind.REORDER):  # what is held back until the next frame comes behind it, however late
-        slack_ns += sum(round(fault.size * 1e9) for fault in schedule.of_kind(Kind.STOPPED, Kind.LATE_TICK))
     if record.rig.drive_profile == "dynamixel" and schedule.of_kind(Kind.REORDER):
         slack_ns += 2 * QUEUED_NS  # what is held back waits for the next question, behind a missing answer
     return slack_ns
-
-
-def leap_ns(schedule: Schedule) -> int:
-    """Return how much more time than passed between two references the gate may have taken for the second."""
-    if GATE_BOUNDS_ITS_STEP:
-        return 0
-    leaps = [fault.size for fault in schedule.of_kind(Kind.CLOCK_STEP) if fault.size > 0.0]
-    leaps += [fault.size for fault in schedule.of_kind(Kind.STOPPED) if fault.where == "tick"]
-    # The last reference waits in the controller until the drive is back, and the next comes right behind it.
-    leaps += [DEFAULT_MAX_GAP_S for _ in schedule.of_kind(Kind.BUS_OFF)]
-    return sum(round(min(leap_s, DEFAULT_MAX_GAP_S) * 1e9) for leap_s in leaps)
 
 
 def jump_rad(record: Record, at_ns: int) -> float:
@@ -147,6 +128,6 @@ def kick_rad(record: Record, has_led_before: bool) -> float:
     assert settings.kd_N_m_s_per_rad is not None
     assert settings.kp_N_m_per_rad is not None
     lag_s = settings.kd_N_m_s_per_rad / settings.kp_N_m_per_rad + limits.max_sample_age_s
-    if not GATE_BOUNDS_ITS_STEP and schedule.of_kind(*_LATE):
-        lag_s += DEFAULT_MAX_GAP_S
+    if schedule.of_kind(*_LATE):
+        lag_s += STEP_PERIODS * record.rig.bench.host_period_s
     return DEFAULT_APPROACH.tolerance_rad + limits.speed_max_rad_per_s * lag_s

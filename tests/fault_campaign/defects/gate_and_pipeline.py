@@ -61,6 +61,12 @@ def gate_never_closes(patch: pytest.MonkeyPatch) -> None:
     _with(patch, Gate, _max_gap_ns=1 << 62)
 
 
+@defect("gate", among=(Kind.LATE_TICK, Kind.STOPPED, Kind.STALLED_ESTIMATOR))
+def gate_catches_up_at_once(patch: pytest.MonkeyPatch) -> None:
+    """Behind a late tick the reference goes as far as it would have gone without."""
+    _with(patch, Gate, _max_step_ns=1 << 62)
+
+
 @defect("gate", "limits")
 def gate_counts_in_microseconds(patch: pytest.MonkeyPatch) -> None:
     """It takes its time for a thousand times longer than it is."""
