@@ -18,9 +18,9 @@ from firmware_protocol.frames import Frame
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.metrics import STEADY_WINDOW_S, WINDOW_S
 from hil_forceps.bench.session import Plan, run_session, service_config, stamps_are_host_time
-from hil_forceps.bridge.adapters import Connection
-from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
+from hil_forceps.bridge.links.adapters import Connection
+from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.recording.reader import read_recording

@@ -13,9 +13,9 @@ import can
 
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.session import Plan, run_session, service_config, stamps_are_host_time
-from hil_forceps.bridge.adapters import Connection
-from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
+from hil_forceps.bridge.links.adapters import Connection
+from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.drives.lint import findings
 from hil_forceps.drives.promises import damage

@@ -19,7 +19,7 @@ from hil_forceps.bench.assembly import Settings, make_pipeline
 from hil_forceps.bench.run_folder import RUN_FILES
 from hil_forceps.bench.session import Plan, SessionResult, run_session, service_config, stamps_are_host_time
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
-from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from hil_forceps.bridge.results import Telemetry
 from hil_forceps.control.requests import first_excess
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory

@@ -11,7 +11,7 @@ from hil_forceps.bench.metrics import judge
 from hil_forceps.bench.session import Plan, run_session, service_config
 from hil_forceps.bench.summary import RunRecord
 from hil_forceps.bench.traces import traces_of
-from hil_forceps.bridge.adapters import Connection, LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import Connection, LinkSpec, open_link
 from hil_forceps.bridge.results import ServiceResult
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.recording.reader import read_recording

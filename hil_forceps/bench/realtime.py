@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 
 from hil_forceps.bench.execute import Executed, never, run_on
 from hil_forceps.bench.matrix import RunSpec
-from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 from hil_forceps.bench.assembly import Settings, make_pipeline, metadata
 from hil_forceps.bench.fault_file import KeptFault, fault_content, fault_path, write_fault
-from hil_forceps.bridge.adapters import Connection
 from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.bus_log import BusLog, LoggedLink, LogReport, open_bus_log
 from hil_forceps.bridge.fault import CRASHED
 from hil_forceps.bridge.flight_recorder import Recent
+from hil_forceps.bridge.links.adapters import Connection
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Telemetry
 from hil_forceps.bridge.service import Service
 from hil_forceps.data.recording.format import FAULT_NAME

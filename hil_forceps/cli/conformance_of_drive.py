@@ -11,14 +11,14 @@ from firmware_protocol.conformance.findings import Disturbed, Inconclusive
 from firmware_protocol.conformance.port import Margins
 from firmware_protocol.conformance.report import is_well, junit
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
-from hil_forceps.bridge.adapters import LinkSpec, open_link
-from hil_forceps.bridge.conformance_port import LinkPort
 from hil_forceps.bridge.drive_conformance.catalogue import PROMISES
 from hil_forceps.bridge.drive_conformance.certificate import certificate
 from hil_forceps.bridge.drive_conformance.loop import Stopped
 from hil_forceps.bridge.drive_conformance.registry import CHECKS, Need
 from hil_forceps.bridge.drive_conformance.session import Session
 from hil_forceps.bridge.drive_conformance.suite import Result, Suite
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.conformance_port import LinkPort
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.verdicts import print_verdicts, progress
 from hil_forceps.drives.lint import findings

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from hil_forceps.bridge.adapters import LinkSpec
+from hil_forceps.bridge.links.adapters import LinkSpec
 from hil_forceps.drives.registry import framing_for, maker_profile
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError

@@ -14,7 +14,7 @@ import pytest
 if TYPE_CHECKING:
     from firmware_protocol.conformance.suite import Result, Suite
     from hil_forceps import VirtualBench
-    from hil_forceps.bridge.conformance_port import LinkPort
+    from hil_forceps.bridge.links.conformance_port import LinkPort
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -82,8 +82,8 @@ class Bench:
         return self._config.getoption(f"hfp_{name}")
 
     def _open(self) -> "Suite":
-        from hil_forceps.bridge.adapters import LinkSpec, open_link  # noqa: PLC0415
-        from hil_forceps.bridge.conformance_port import LinkPort  # noqa: PLC0415
+        from hil_forceps.bridge.links.adapters import LinkSpec, open_link  # noqa: PLC0415
+        from hil_forceps.bridge.links.conformance_port import LinkPort  # noqa: PLC0415
         from hil_forceps.cli.commands.conformance import margins_of, open_suite  # noqa: PLC0415
         from hil_forceps.cli.options import interface_options  # noqa: PLC0415
 

@@ -25,8 +25,8 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
 from hil_forceps.bench.assembly import Settings, make_pipeline
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
+from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.bridge.results import ServiceConfig
 from hil_forceps.bridge.service import Service

@@ -12,8 +12,8 @@ from firmware_protocol.frames import Frame
 from hil_forceps.bench.assembly import Settings, make_pipeline
 from hil_forceps.bench.session import service_config, stamps_are_host_time
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
+from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.bridge.service import Service
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY

@@ -10,9 +10,9 @@ import numpy as np
 
 from hil_forceps.bench.execute import Executed, run_on
 from hil_forceps.bench.matrix import RunSpec
-from hil_forceps.bridge.adapters import Connection
-from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
+from hil_forceps.bridge.links.adapters import Connection
+from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.bridge.ports import Link
 from hil_forceps.rig import load_rig
 from tests.targets.lockstep import LockstepWorld, PlantLine

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import pytest
 
-from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from tests.firmware_library import make
 from tests.targets.closed_loop import check_loop, check_same_motion, close_loop, drive_arguments
 from tests.targets.lockstep import UdpPlantLine

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from tests.firmware_library import make
 from tests.targets.closed_loop import check_loop, check_same_motion, close_loop
 from tests.targets.lockstep import ANSWER_BYTES, PATIENCE_S

@@ -15,9 +15,9 @@ from firmware_protocol.conformance.suite import Result, Suite, Verdict
 from firmware_protocol.frames import Frame
 from hil_forceps.bench.execute import Executed, run_on
 from hil_forceps.bench.matrix import RunSpec
-from hil_forceps.bridge.adapters import Connection
-from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
+from hil_forceps.bridge.links.adapters import Connection
+from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.rig import Rig, load_rig
 from tests.targets.page import column
 from tests.targets.record import ROOT, Part, latency_figures, recorded

@@ -5,8 +5,8 @@ from typing import Final, NamedTuple
 
 from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_PER_REV, ANGLE_LSB_RAD
-from hil_forceps.bridge.adapters import Connection
 from hil_forceps.bridge.doctor.check import Check, Verdict, unknown
+from hil_forceps.bridge.links.adapters import Connection
 from hil_forceps.drives.inquiry import Inquiry, Said
 from hil_forceps.drives.profile import Found
 from hil_forceps.drives.registry import PROFILES, sample_period_s

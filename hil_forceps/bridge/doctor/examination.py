@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.doctor import can_interface, disk, drive, machine, multicast, rig, serial_port, timing
 from hil_forceps.bridge.doctor.check import Check, Verdict, unknown
 from hil_forceps.bridge.doctor.reads import Reads
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from hil_forceps.bridge.ports import Clock
 from hil_forceps.drives.registry import inquiry_for
 from hil_forceps.drives.several import findings as findings_of_several

@@ -4,9 +4,9 @@ import os
 from collections.abc import Iterator
 from typing import Final
 
-from hil_forceps.bridge.adapters import LinkSpec
 from hil_forceps.bridge.doctor.check import Check, Verdict, unknown, why
 from hil_forceps.bridge.doctor.reads import Reads
+from hil_forceps.bridge.links.adapters import LinkSpec
 
 _CLASSES: Final = {
     os.SCHED_OTHER: "SCHED_OTHER",

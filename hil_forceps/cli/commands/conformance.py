@@ -19,8 +19,8 @@ from firmware_protocol.conformance.registry import CHECKS, Need
 from firmware_protocol.conformance.report import certificate, is_well, junit
 from firmware_protocol.conformance.suite import Result, Suite, discover
 from firmware_protocol.frames import MAX_NODE
-from hil_forceps.bridge.adapters import LinkSpec, open_link
-from hil_forceps.bridge.conformance_port import LinkPort
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.conformance_port import LinkPort
 from hil_forceps.cli import conformance_of_drive
 from hil_forceps.cli.drive_line import NATIVE_BAUDRATE, link_of
 from hil_forceps.cli.files import make_folder

@@ -10,11 +10,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from hil_forceps.bridge.adapters import LinkSpec
 from hil_forceps.bridge.clocks import MonotonicClock
 from hil_forceps.bridge.doctor.check import Check, Verdict
 from hil_forceps.bridge.doctor.examination import Asked, examine
 from hil_forceps.bridge.doctor.reads import System
+from hil_forceps.bridge.links.adapters import LinkSpec
 from hil_forceps.cli.check_table import lines
 from hil_forceps.cli.drive_line import link_of, named_rigs
 from hil_forceps.cli.options import interface_options

@@ -20,7 +20,7 @@ from hil_forceps.bench.session import (
     stamps_are_host_time,
 )
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
-from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from hil_forceps.bridge.results import Telemetry
 from hil_forceps.cli.drive_line import line_rate, named_rigs
 from hil_forceps.cli.fault_lines import fault_lines, told_reason

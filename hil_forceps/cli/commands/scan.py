@@ -6,7 +6,7 @@ import sys
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.tables import print_table
 from hil_forceps.drives.framing import NATIVE

@@ -5,10 +5,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from firmware_protocol.conformance.port import VIRTUAL
-from hil_forceps.bridge.adapters import LinkSpec, open_link
-from hil_forceps.bridge.conformance_port import LinkPort
 from hil_forceps.bridge.drive_conformance.session import Session
 from hil_forceps.bridge.drive_conformance.suite import Suite
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.conformance_port import LinkPort
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.registry import machine_for, maker_profile
 from hil_forceps.rig import Rig, load_rig

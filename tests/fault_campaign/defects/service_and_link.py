@@ -7,8 +7,8 @@ import pytest
 
 from hil_forceps.bench.session import SessionResult
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.course import Course
+from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.bridge.results import ServiceResult, Stage, StopReason
 from hil_forceps.bridge.service import Service

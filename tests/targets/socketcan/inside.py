@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from tests.targets.closed_loop import close_loop, drive_arguments
 from tests.targets.lockstep import UdpPlantLine
 from tests.targets.record import Part, TargetRecord

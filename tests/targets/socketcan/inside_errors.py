@@ -13,8 +13,8 @@ import pytest
 from firmware_protocol.codec import Decoder, encode
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import Discover, Identity
-from hil_forceps.bridge.adapters import LinkSpec, open_link
-from hil_forceps.bridge.can_link import PythonCanLink
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.can_link import PythonCanLink
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.rig.errors import UserError
 from tests.targets.socketcan.guest import PATIENCE_S, RIG, c_drive, python_drive, running, service

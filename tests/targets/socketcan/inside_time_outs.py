@@ -21,7 +21,7 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
 from firmware_protocol.messages import DriveHeartbeat, DriveState, FaultReason, Function, ParamOp
 from firmware_protocol.parameters import Index
-from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.rig import load_rig
 from tests.targets.socketcan.guest import IS_VIRTUAL, ROOT, Drive, c_drive, python_drive, running, service

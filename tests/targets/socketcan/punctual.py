@@ -1,7 +1,7 @@
 """`hil-forceps` for a guest in virtual time: the same, but the host never spins, for there no sleep ends late."""
 
-from hil_forceps.bridge import adapters
 from hil_forceps.bridge.clocks import MonotonicClock
+from hil_forceps.bridge.links import adapters
 from hil_forceps.cli.main import main
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ import can
 import pytest
 
 from firmware_protocol.frames import Frame
-from hil_forceps.bridge import loopback
-from hil_forceps.bridge.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links import loopback
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from hil_forceps.rig.errors import UserError
 from virtual_bus.realtime import transports
 

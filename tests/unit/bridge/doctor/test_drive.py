@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from firmware_protocol import codec, drive_machine
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import PROTOCOL_MAJOR, DriveState, Estop, Function, Identity
-from hil_forceps.bridge.adapters import Connection
-from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
 from hil_forceps.bridge.doctor import drive, timing
 from hil_forceps.bridge.doctor.check import Check, Verdict
+from hil_forceps.bridge.links.adapters import Connection
+from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.drives.inquiry import Said
 from hil_forceps.drives.registry import inquiry_for

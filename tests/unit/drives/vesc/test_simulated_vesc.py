@@ -14,9 +14,9 @@ import pytest
 from firmware_protocol.frames import Frame
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.session import Plan, run_session, service_config, stamps_are_host_time
-from hil_forceps.bridge.adapters import Connection
-from hil_forceps.bridge.can_link import VirtualTimeLink
 from hil_forceps.bridge.clocks import VirtualClock
+from hil_forceps.bridge.links.adapters import Connection
+from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.bridge.results import StopReason
 from hil_forceps.cli import main as cli
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY

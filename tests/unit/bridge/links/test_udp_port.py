@@ -9,10 +9,10 @@ import pytest
 from firmware_protocol.conformance.port import Capability
 from firmware_protocol.frames import Frame
 from firmware_protocol.serial_framing import encode_serial
-from hil_forceps.bridge.adapters import Connection, LinkSpec, open_link
-from hil_forceps.bridge.conformance_port import LinkPort
+from hil_forceps.bridge.links.adapters import Connection, LinkSpec, open_link
+from hil_forceps.bridge.links.conformance_port import LinkPort
+from hil_forceps.bridge.links.udp_port import MAX_DATAGRAMS
 from hil_forceps.bridge.ports import SendResult
-from hil_forceps.bridge.udp_port import MAX_DATAGRAMS
 from hil_forceps.rig.errors import UserError
 
 FRAMES = [Frame(0x80 + i, bytes([i] * 8)) for i in range(20)]

@@ -12,10 +12,10 @@ import serial
 
 from firmware_protocol.frames import Frame
 from firmware_protocol.serial_framing import SerialReader, encode_serial
-from hil_forceps.bridge.adapters import LinkSpec, open_link
 from hil_forceps.bridge.clocks import MonotonicClock
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.serial_link import SerialLink
 from hil_forceps.bridge.ports import SendResult
-from hil_forceps.bridge.serial_link import SerialLink
 from hil_forceps.drives.registry import PROFILES
 
 FRAME = Frame(0x44, b"12345678")

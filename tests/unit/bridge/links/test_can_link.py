@@ -7,9 +7,9 @@ import can
 import pytest
 
 from firmware_protocol.frames import Frame
-from hil_forceps.bridge import can_link
-from hil_forceps.bridge.can_link import PythonCanLink, VirtualTimeLink
 from hil_forceps.bridge.clocks import MonotonicClock, VirtualClock
+from hil_forceps.bridge.links import can_link
+from hil_forceps.bridge.links.can_link import PythonCanLink, VirtualTimeLink
 from hil_forceps.bridge.ports import SendResult
 
 FRAME = Frame(0x44, b"12345678")

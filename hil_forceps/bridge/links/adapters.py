@@ -10,12 +10,12 @@ import can
 import serial
 from can.interfaces.udp_multicast import UdpMulticastBus
 
-from hil_forceps.bridge.can_link import PythonCanLink, VirtualTimeLink, error_number
 from hil_forceps.bridge.clocks import MonotonicClock, VirtualClock, VirtualTimeBus
-from hil_forceps.bridge.loopback import keep_on_loopback
+from hil_forceps.bridge.links.can_link import PythonCanLink, VirtualTimeLink, error_number
+from hil_forceps.bridge.links.loopback import keep_on_loopback
+from hil_forceps.bridge.links.serial_link import SerialLink
+from hil_forceps.bridge.links.udp_port import SCHEME, UdpPort
 from hil_forceps.bridge.ports import Clock, Link
-from hil_forceps.bridge.serial_link import SerialLink
-from hil_forceps.bridge.udp_port import SCHEME, UdpPort
 from hil_forceps.drives.framing import NATIVE, Framing
 from hil_forceps.rig.errors import UserError
 

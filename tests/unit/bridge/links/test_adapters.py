@@ -10,9 +10,9 @@ import can
 import pytest
 import serial
 
-from hil_forceps.bridge import adapters
-from hil_forceps.bridge.adapters import LinkSpec, open_link, serial_notes
-from hil_forceps.bridge.can_link import PythonCanLink
+from hil_forceps.bridge.links import adapters
+from hil_forceps.bridge.links.adapters import LinkSpec, open_link, serial_notes
+from hil_forceps.bridge.links.can_link import PythonCanLink
 from hil_forceps.rig.errors import UserError
 
 

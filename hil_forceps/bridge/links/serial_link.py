@@ -20,8 +20,8 @@ from typing import Protocol
 import serial
 
 from firmware_protocol.frames import Frame
+from hil_forceps.bridge.links.udp_port import CONGESTED, UdpPort
 from hil_forceps.bridge.ports import Clock, Received, SendResult
-from hil_forceps.bridge.udp_port import CONGESTED, UdpPort
 from hil_forceps.drives.framing import NATIVE, Framing
 
 MAX_READ = 1 << 13  # bytes taken by one call, some 500 frames: more would hold up a tick

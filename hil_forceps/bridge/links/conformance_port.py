@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 from firmware_protocol.conformance.port import Capability
 from firmware_protocol.frames import Frame
-from hil_forceps.bridge.adapters import Connection
-from hil_forceps.bridge.can_link import PythonCanLink
+from hil_forceps.bridge.links.adapters import Connection
+from hil_forceps.bridge.links.can_link import PythonCanLink
+from hil_forceps.bridge.links.serial_link import SerialLink
 from hil_forceps.bridge.ports import SendResult
-from hil_forceps.bridge.serial_link import SerialLink
 
 
 class LinkPort:
