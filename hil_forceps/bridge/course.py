@@ -175,8 +175,23 @@ class Course:
             return StopReason.STOP_REQUESTED, "stopped on request"
         newest, zero_ns, duration_ns = pipeline.newest, pipeline.zero_ns, config.duration_ns
         if duration_ns is not None and newest and zero_ns is not None and newest.stamp_ns - zero_ns >= duration_ns:
-            return StopReason.COMPLETED, "completed"
+            return self._completed(newest.stamp_ns - pipeline.passed_stamp_ns)
         return None
+
+    def _completed(self, without_ns: int) -> tuple[StopReason, str]:
+        """Return how a run ends whose time is over, `without_ns` after the last sample that made a reference.
+
+        A drive that lets its motor go without a fault, where references stay away, tells nothing of it.
+        """
+        if without_ns <= self._pipeline.gate.max_gap_ns:
+            return StopReason.COMPLETED, "completed"
+        why = "samples were older than limits.max_sample_age_s"
+        if self._pipeline.denied_in_a_row:
+            why = f"the gate denied it: {VERDICT_NAMES[self._pipeline.verdict]}"
+        return (
+            StopReason.REFERENCE_DENIED,
+            f"no reference has left for the last {without_ns / 1e6:.0f} ms of the run: {why}",
+        )
 
     def _latched(self) -> tuple[StopReason, str]:
         trip = self._pipeline.gate_trip

@@ -92,6 +92,7 @@ class Pipeline:
         self.gate_trip: GateTrip | None = None  # what closed or latched the gate
         self.is_latched = False  # and it wants to be cleared
         self.denied_in_a_row = 0
+        self.passed_stamp_ns = 0  # of the sample that the last reference came from
         self.verdict = int(Verdict.NOTHING_NEW)  # of the last reference asked for; NOTHING_NEW before it
         self.newest: RawSample | None = None
         self.sample = Sample(0, math.nan, math.nan)  # the newest, in SI
@@ -218,6 +219,7 @@ class Pipeline:
             raw, passed_rad = None, math.nan
         else:
             self.denied_in_a_row = 0
+            self.passed_stamp_ns = newest.stamp_ns
             self.counters["passed"] += 1
             raw = angle_raw_from_rad(passed_rad)
         if verdict is _PASSED:

@@ -75,6 +75,11 @@ class Gate:
         return high - low
 
     @property
+    def max_gap_ns(self) -> int:
+        """How long after an output the gate closes."""
+        return self._max_gap_ns
+
+    @property
     def position_rad(self) -> float:
         """The last output, or where the gate was opened; NaN before."""
         return self._motion[0]

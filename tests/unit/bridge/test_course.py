@@ -1,5 +1,6 @@
 """What a run says of the drive at its end, with a drive that says what it is told to."""
 
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -7,7 +8,9 @@ import pytest
 from firmware_protocol.messages import DriveState
 from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.course import Course
+from hil_forceps.bridge.pipeline import GATE_CODES
 from hil_forceps.bridge.results import ServiceConfig, Stage, StopReason
+from hil_forceps.control.gate import GateVerdict
 from hil_forceps.drives.port import DriveMachine
 
 MS = 1_000_000
@@ -73,3 +76,36 @@ def test_a_drive_that_is_gone_while_enabling_is_not_waited_for() -> None:
     course.advance(2 * MS)
     assert (course.stage, course.reason) == (Stage.STOPPING, StopReason.DRIVE_LOST)
     assert drive.calls == ["connect 0", "enable", "disable"]
+
+
+@pytest.mark.parametrize(
+    ("passed_stamp_ns", "denied_in_a_row", "reason", "words"),
+    [
+        (100 * MS, 0, StopReason.COMPLETED, "completed"),
+        (80 * MS, 0, StopReason.COMPLETED, "completed"),
+        (80 * MS - 1, 0, StopReason.REFERENCE_DENIED, "the last 20 ms of the run: samples were older than"),
+        (60 * MS, 2, StopReason.REFERENCE_DENIED, "the last 40 ms of the run: the gate denied it: DENIED_GAP"),
+    ],
+)
+def test_a_run_whose_motor_was_let_go_before_its_end_is_not_completed(
+    passed_stamp_ns: int, denied_in_a_row: int, reason: StopReason, words: str
+) -> None:
+    pipeline: Any = SimpleNamespace(
+        is_latched=False,
+        denied_in_a_row=denied_in_a_row,
+        newest=SimpleNamespace(stamp_ns=100 * MS),
+        zero_ns=0,
+        passed_stamp_ns=passed_stamp_ns,
+        gate=SimpleNamespace(max_gap_ns=20 * MS),
+        verdict=GATE_CODES[GateVerdict.DENIED_GAP],
+    )
+    drive = Drive()
+    course = Course(cast(DriveMachine, drive), pipeline, ServiceConfig(duration_ns=100 * MS), None, lambda: False)
+    course.begin(0)
+    for phase in (HostPhase.READY, HostPhase.RUNNING):
+        drive.phase = phase
+        course.advance(MS)
+    course.last_sample_ns = 101 * MS
+    course.advance(101 * MS)
+    assert (course.stage, course.reason) == (Stage.STOPPING, reason)
+    assert words in course.message

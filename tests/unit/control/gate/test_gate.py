@@ -297,7 +297,7 @@ def test_the_limits_are_those_of_the_rig() -> None:
     assert running(jerk_max_rad_per_s3=1e5).tick(2e-4)[1] is V.LIMITED_JERK
     assert running(window_travel_max_rad=1.0).tick(2e-3) == (pytest.approx(1e-3), V.LIMITED_ACCELERATION)
     assert running().gate.range_rad == 3.0
-    assert Gate(LIMITS, max_gap_s=1.0)._max_gap_ns == 1_000_000_000
+    assert Gate(LIMITS, max_gap_s=1.0).max_gap_ns == 1_000_000_000
     assert Gate(LIMITS)._max_step_ns == GAP_NS
 
 
