@@ -1,7 +1,7 @@
 """Write docs/rig-file.md from the schema: `python tools/rig_file_doc.py`, with `--check` to compare only."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, get_args, get_origin
 
@@ -11,6 +11,7 @@ from pydantic.fields import FieldInfo
 from hil_forceps.rig import UserError, catalogue, consistency, load_rig, units
 from hil_forceps.rig.catalogue import EFFECTS, Effect
 from hil_forceps.rig.effects import quantity_of as effect_quantity
+from hil_forceps.rig.json_schema import quantity_of
 from hil_forceps.rig.problems import show_number
 from hil_forceps.rig.quantities import Parameter, Quantity
 from hil_forceps.rig.schema import Rig
@@ -78,20 +79,6 @@ def row(name: str, field: FieldInfo) -> str:
     )
     parameter = " (*p*)" if field.annotation is Parameter else ""
     return f"| `{name}`{parameter} | {unit} | {default} | {range_of(field, quantity)} | {field.description} |"
-
-
-def quantity_of(field: FieldInfo) -> Quantity | None:
-    """Return the unit and range of a field, or of the entries that its annotation holds."""
-    return next(quantities([*field.metadata, field.annotation]), None)
-
-
-def quantities(parts: Sequence[object]) -> Iterator[Quantity]:
-    """Yield the quantities in nested annotations and their metadata."""
-    for part in parts:
-        if isinstance(part, Quantity):
-            yield part
-        else:
-            yield from quantities(get_args(part))
 
 
 def range_of(field: FieldInfo, quantity: Quantity | None) -> str:

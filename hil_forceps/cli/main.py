@@ -38,6 +38,8 @@ for _name, _path, _help in (
     ("explain", "explain:explain", "Tell the course of a run, what ended it, and what may be behind that."),
     ("import", "import_:import_", "Turn measured runs of any known format into the project's own; audit them."),
     ("simulate", "simulate:simulate", "Simulate beside a measured run, as it was driven; compare channel by channel."),
+    ("init", "init:init", "Write a first rig file from motor, drive, encoder and pulleys, with their sources."),
+    ("schema", "schema:schema", "Print the JSON schema of rig or bench files, for editors."),
     ("check", "check:check", "Look for settings of a rig that don't go together, before anything is connected."),
     ("doctor", "doctor:doctor", "Look at machine, line, rig and drive before motion; each check with its remedy."),
     ("scan", "scan:scan", "Tell which drives are on a bus or port, by listening alone."),

@@ -20,13 +20,30 @@ MAX_BUS_LOAD, HIGH_BUS_LOAD = 0.9, 0.6
 
 def findings(rig: Rig) -> list[Finding]:
     """Return all that was found, problems first, otherwise in the order of the rig's keys."""
-    found = [*_limits(rig), *_watchdog(rig), *_of_profile(rig), *_quanta(rig), *_current(rig), *_bus(rig)]
+    found = [
+        *_limits(rig),
+        *_unknown(rig),
+        *_watchdog(rig),
+        *_of_profile(rig),
+        *_quanta(rig),
+        *_current(rig),
+        *_bus(rig),
+    ]
     return sorted(found, key=lambda finding: finding.level != "problem")
 
 
 def _limits(rig: Rig) -> Iterator[Finding]:
     if "limits" not in rig.model_fields_set:
         yield Finding("problem", "limits", "is missing; a motor is only driven within limits that somebody has chosen")
+
+
+def _unknown(rig: Rig) -> Iterator[Finding]:
+    for section, values in (("forceps", rig.forceps), ("motor", rig.motor)):
+        for key in type(values).model_fields:
+            if getattr(values, key).value is None:
+                yield Finding(
+                    "note", f"{section}.{key}", "has no value yet, and `run` needs one; docs/diagnosis.md fits it"
+                )
 
 
 def _watchdog(rig: Rig) -> Iterator[Finding]:

@@ -61,6 +61,14 @@ class Listener(Protocol):
         """Return the drives heard so far, by node."""
 
 
+def torque_constant_N_m_per_A(rig: Rig) -> float:
+    """Return the torque on the motor pulley per ampere; UserError where it isn't known."""
+    value = rig.motor.torque_constant_N_m_per_A.value
+    if value is None:
+        raise UserError("motor.torque_constant_N_m_per_A: its value isn't known and is needed here; give a value")
+    return value
+
+
 def usual_promises(_rig: Rig, _settings: MotorDriver) -> Promises:
     """Return what most drives promise."""
     return Promises()

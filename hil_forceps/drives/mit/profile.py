@@ -18,6 +18,7 @@ from hil_forceps.drives.profile import (
     Quantum,
     check_node,
     classic_load,
+    torque_constant_N_m_per_A,
 )
 from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
@@ -68,7 +69,7 @@ def _config(rig: Rig, settings: MotorDriver) -> MitConfig:
         reply_id=_reply_id(settings),
         variant=variant,
         ranges=ranges,
-        current_range_A=_current_range_A(rig.plant(), settings, ranges),
+        current_range_A=_current_range_A(torque_constant_N_m_per_A(rig), settings, ranges),
         **gains,
         rev_per_pulley_rev=settings.encoder_rev_per_pulley_rev,
         zero_rev=settings.encoder_zero_rev,
@@ -91,18 +92,17 @@ def _reach_rad(rig: Rig, settings: MotorDriver) -> float:
     return max(abs(zero_rad + end * ratio) for end in ends)
 
 
-def _current_range_A(plant: PlantParameters, settings: MotorDriver, ranges: wire.Ranges) -> float:
+def _current_range_A(constant_N_m_per_A: float, settings: MotorDriver, ranges: wire.Ranges) -> float:
     ratio = settings.encoder_rev_per_pulley_rev
     if settings.feedback_current_range_A is not None:
         return math.copysign(settings.feedback_current_range_A, ratio)
-    return ranges.torque_N_m * ratio / plant.torque_constant_N_m_per_A
+    return ranges.torque_N_m * ratio / constant_N_m_per_A
 
 
 def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
     config = _config(rig, settings)
     yield from _gains(config)
-    yield from _torque(config, rig.plant())
-    yield from _stiffness(config, rig.plant())
+    yield from _of_plant(config, rig)
     if config.variant == "cubemars":
         yield Finding(
             "note",
@@ -118,6 +118,16 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
             f"is {age_s:g} s, but the drive answers to commands alone: behind a lost answer the next sample comes two "
             f"periods later; at least {2.0 * period_s:g} s",
         )
+
+
+def _of_plant(config: MitConfig, rig: Rig) -> Iterator[Finding]:
+    """What torque and gains are for this forceps, as far as that is known."""
+    try:
+        plant = rig.plant()
+    except UserError:
+        return
+    yield from _torque(config, plant)
+    yield from _stiffness(config, plant)
 
 
 def _gains(config: MitConfig) -> Iterator[Finding]:

@@ -12,7 +12,16 @@ from hil_forceps.drives.moteus.machine import Moteus, MoteusConfig
 from hil_forceps.drives.moteus.subframes import parse_subframes
 from hil_forceps.drives.moteus.words import register_values
 from hil_forceps.drives.port import DriveMachine
-from hil_forceps.drives.profile import Decoded, Finding, Found, Profile, check_node, float_quantum, too_old_by_polling
+from hil_forceps.drives.profile import (
+    Decoded,
+    Finding,
+    Found,
+    Profile,
+    check_node,
+    float_quantum,
+    too_old_by_polling,
+    torque_constant_N_m_per_A,
+)
 from hil_forceps.drives.promises import Promises
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import MotorDriver
@@ -33,7 +42,7 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
             node=settings.node_id,
             rev_per_pulley_rev=ratio,
             zero_rev=settings.encoder_zero_rev,
-            max_torque_N_m=settings.current_limit_A * rig.plant().torque_constant_N_m_per_A / abs(ratio),
+            max_torque_N_m=settings.current_limit_A * torque_constant_N_m_per_A(rig) / abs(ratio),
             watchdog_s=settings.watchdog_s,
             silence_ns=round(max(SHORTEST_SILENCE_S, SILENT_PERIODS * rig.bench.host_period_s) * 1e9),
         )

@@ -31,6 +31,8 @@ COMMANDS = (
     "replay",
     "recover",
     "explain",
+    "init",
+    "schema",
     "check",
     "scan",
     "info",
