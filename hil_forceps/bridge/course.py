@@ -130,6 +130,8 @@ class Course:
             why = f"{line.counters['samples']} samples seen"
             if line.denied_in_a_row:
                 why = f"the gate denies the measured angle: {VERDICT_NAMES[line.verdict]}; is it within `limits:`?"
+            elif self._host.drive_state is DriveState.OPERATIONAL:
+                why = "it says that it is operational, but not for this program; another one drives it: end that first"
             self._stop(
                 StopReason.ENABLE_FAILED, f"the drive did not become operational: {why}{self._lateness()}", now_ns
             )

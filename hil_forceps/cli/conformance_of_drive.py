@@ -20,6 +20,7 @@ from hil_forceps.bridge.drive_conformance.suite import Result, Suite
 from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from hil_forceps.bridge.links.conformance_port import LinkPort
 from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.notes import note
 from hil_forceps.cli.verdicts import print_verdicts, progress
 from hil_forceps.drives.lint import findings
 from hil_forceps.drives.profile import Profile
@@ -61,8 +62,8 @@ def judge(judged: Judged, margins_of: Callable[[bool], Margins]) -> int:
     if judged.out is not None:
         make_folder(judged.out)
     connection = open_link(judged.link)
-    for note in connection.notes:
-        sys.stderr.write(f"note: {note}\n")
+    for each in connection.notes:
+        note(each)
     port, flag = LinkPort(connection, judged.link.fd), StopFlag()
     try:
         margins = margins_of(port.virtual_time)

@@ -1,7 +1,8 @@
 """Folders and files that the user names, and files that are named by what is in data."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -42,6 +43,15 @@ def _leads_into(link: Path, home: Path) -> bool:
         return link.resolve().is_relative_to(home)
     except RuntimeError:  # links in a circle, before Python 3.13
         return False
+
+
+@contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Put the file that the user named before each problem that is found in what it says."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError([f"{path}: {problem}" for problem in error.problems]) from error
 
 
 def file_name(name: str) -> str:

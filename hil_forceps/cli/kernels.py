@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 from numba.core import event
 
+from hil_forceps.cli.notes import is_quiet
 from hil_forceps.estimation.interface import Sample
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig
@@ -23,7 +24,8 @@ class _Announcer(event.Listener):
         """Say it once."""
         if not self._has_said:
             self._has_said = True
-            sys.stderr.write(MESSAGE)
+            if not is_quiet():
+                sys.stderr.write(MESSAGE)
 
     def on_end(self, event: event.Event) -> None:
         """Nothing to say."""

@@ -8,6 +8,8 @@ from typing import Any, TextIO
 from cyclopts import App, CycloptsError
 
 from hil_forceps import __version__
+from hil_forceps.cli.examples import EXAMPLES
+from hil_forceps.cli.notes import without_quiet
 from hil_forceps.rig.errors import UserError
 
 EXIT_USER_ERROR = 2
@@ -40,6 +42,7 @@ for _name, _path, _help in (
     ("simulate", "simulate:simulate", "Simulate beside a measured run, as it was driven; compare channel by channel."),
     ("init", "init:init", "Write a first rig file from motor, drive, encoder and pulleys, with their sources."),
     ("schema", "schema:schema", "Print the JSON schema of rig or bench files, for editors."),
+    ("open", "open_:open_", "Open the newest report of a folder in the browser."),
     ("check", "check:check", "Look for settings of a rig that don't go together, before anything is connected."),
     ("doctor", "doctor:doctor", "Look at machine, line, rig and drive before motion; each check with its remedy."),
     ("scan", "scan:scan", "Tell which drives are on a bus or port, by listening alone."),
@@ -47,7 +50,11 @@ for _name, _path, _help in (
 ):
     # `drive` hands its whole line on, the call for help too: only the drive itself knows its options.
     _own: dict[str, Any] = {"help_flags": [], "version_flags": []} if _name == "drive" else {}
+    _own["help_epilogue"] = (
+        f"Example:\n\n    {EXAMPLES[_name]}\n\nWith --quiet nothing but errors goes to standard error."
+    )
     app.command(f"hil_forceps.cli.commands.{_path}", name=_name, help=_help, **_own)
+app.register_install_completion_command(help="Install completion of commands and options for your shell.")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -77,13 +84,18 @@ def _is_closed(stream: TextIO | None) -> bool:
 
 def _run(arguments: list[str] | None) -> int:
     try:
-        result = app(arguments, exit_on_error=False, print_error=False)
+        words = sys.argv[1:] if arguments is None else arguments
+        if words[:1] != ["drive"]:  # whose line is its own
+            words = without_quiet(words)
+        result = app(words, exit_on_error=False, print_error=False)
     except UserError as error:
         for problem in error.problems:
             sys.stderr.write(f"hil-forceps: {problem}\n")
         return EXIT_USER_ERROR
     except CycloptsError as error:
-        sys.stderr.write(f"hil-forceps: {' '.join(str(error).split()).rstrip('.')}; see hil-forceps --help\n")
+        from hil_forceps.cli.mistakes import told  # noqa: PLC0415 - difflib, for mistakes only
+
+        sys.stderr.write(f"hil-forceps: {told(error, EXAMPLES)}\n")
         return EXIT_USER_ERROR
     except KeyboardInterrupt:
         sys.stderr.write("hil-forceps: interrupted\n")

@@ -1,15 +1,19 @@
 """What long work is at: a spinner on a terminal, else lines that come at each step and every few seconds."""
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 FIRST_LINE_S = 1.0  # what is refused sooner is refused in one line
 LINE_PERIOD_S = 5.0
+
+T = TypeVar("T")
 
 
 @contextmanager
@@ -43,3 +47,28 @@ def progress_on(console: Console, every_s: float = LINE_PERIOD_S) -> Iterator[Ca
     finally:
         done.set()
         teller.join()
+
+
+@contextmanager
+def last_told(line: Callable[[T], str], every_s: float = LINE_PERIOD_S) -> Iterator[Callable[[T], None]]:
+    """Yield what takes the newest state; a thread writes it as a line every few seconds.
+
+    A thread, so that a loop in real time never waits for whoever reads standard error.
+    """
+    began, done, newest = time.monotonic(), threading.Event(), list[T]()
+
+    def take(state: T) -> None:
+        newest[:] = [state]
+
+    def write() -> None:
+        while not done.wait(every_s):
+            for state in newest:
+                sys.stderr.write(f"{time.monotonic() - began:5.0f} s  {line(state)}\n")
+
+    teller = threading.Thread(target=write, name="progress", daemon=True)
+    teller.start()
+    try:
+        yield take
+    finally:
+        done.set()
+        teller.join(timeout=1.0)

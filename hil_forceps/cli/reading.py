@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
+from hil_forceps.cli.notes import note_console
 from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.run import Run
@@ -58,7 +59,7 @@ def _teller(progress: Progress, task: TaskID) -> Callable[[int, int], None]:
 
 def bar() -> Progress:
     """Return a bar on standard error, silent where nobody watches."""
-    console = Console(stderr=True)
+    console = note_console()
     return Progress(console=console, disable=not console.is_terminal, transient=True)
 
 

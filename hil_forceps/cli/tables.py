@@ -2,11 +2,13 @@
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 
 from hil_forceps.identification.instrument.report import Table as Cells
 
 FILE_COLUMNS = 160
+WIDE = 1000  # more than any table takes
 
 
 def print_cells(cells: Cells, title: str, texts: int) -> None:
@@ -20,6 +22,34 @@ def print_cells(cells: Cells, title: str, texts: int) -> None:
 
 
 def print_table(table: Table, file_columns: int) -> None:
-    """Print a table as wide as the terminal is; a file or a pipe, which has no width, gets so many columns."""
+    """Print a table as wide as the terminal is; a file or a pipe, which has no width, gets so many columns.
+
+    Where the terminal is too narrow for its words, row by row below each other: no word is cut.
+    """
     console = Console()
-    Console(width=None if console.is_terminal else file_columns).print(table)
+    width = console.width if console.is_terminal else file_columns
+    console = Console(width=width)
+    if least_width(table) <= width:
+        console.print(table)
+    else:
+        _print_rows(console, table)
+
+
+def least_width(table: Table) -> int:
+    """Return the columns that a table needs for its longest words."""
+    wide = Console(width=WIDE)
+    return Measurement.get(wide, wide.options, table).minimum
+
+
+def _print_rows(console: Console, table: Table) -> None:
+    if table.title:
+        console.print(table.title)
+    headers = [str(column.header).replace("\n", " ") for column in table.columns]
+    for row in zip(*(column.cells for column in table.columns), strict=True):
+        grid = Table.grid(padding=(0, 2))
+        grid.add_column(no_wrap=True)
+        grid.add_column(overflow="fold")
+        for header, cell in zip(headers, row, strict=True):
+            grid.add_row(header, cell)
+        console.print(grid)
+        console.print()

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from firmware_protocol.conformance.report import Verdicted
 from firmware_protocol.conformance.suite import NEEDS_MOTION, Verdict
+from hil_forceps.cli.notes import is_quiet
 from hil_forceps.cli.tables import print_table
 
 MINIMUM_WIDTH: Final = 120
@@ -23,7 +24,7 @@ _STYLES: Final = {
 
 def progress(total: int) -> Callable[[str], None]:
     """Return what shows life: one line that is written over on a terminal, nothing elsewhere."""
-    if not sys.stderr.isatty():
+    if is_quiet() or not sys.stderr.isatty():
         return lambda _: None
     done = 0
 

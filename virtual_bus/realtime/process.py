@@ -194,7 +194,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         summary = _serve(arguments)
     except UserError as error:
-        sys.stderr.write("".join(f"{problem}\n" for problem in error.problems))
+        sys.stderr.write("".join(f"hil-forceps: {problem}\n" for problem in error.problems))
         return 2
     _say(json.dumps(summary))
     return 0

@@ -8,7 +8,6 @@ from typing import Annotated
 
 from cyclopts import Parameter
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -18,8 +17,9 @@ from hil_forceps.bench.matrix import PAPER_DURATION_S, RunSpec, run_matrix
 from hil_forceps.bench.realtime import RealTime, Wire, run_realtime
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bench.summary import RunRecord, summary, timing, timing_traces, write_json
-from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.files import make_folder, named
 from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.cli.notes import is_quiet, note_console
 from hil_forceps.cli.tables import print_table
 from hil_forceps.report.bench.figures import write_bench_figures
 from hil_forceps.report.bench.timing import timing_figure
@@ -75,7 +75,8 @@ def bench(
         has; what happens is still as the bench file says.
     """
     rig = load_rig(config)
-    rig.require_bench()
+    with named(config):
+        rig.require_bench()
     if seed < 0:
         raise UserError(f"--seed {seed}: must not be negative")
     count = default_jobs() if jobs is None else jobs
@@ -124,13 +125,13 @@ def _duration(given: float | None) -> float:
 def _with_progress(specs: Sequence[RunSpec], work: Callable[[Done], list[Executed]]) -> list[Executed]:
     """Show a bar on a terminal; elsewhere one line a run, so that a log shows life too."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
+    console = note_console()
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         task = progress.add_task("bench", total=len(specs))
 
         def done(executed: Executed) -> None:
             progress.update(task, advance=1, description=executed.record.spec.name)
-            if not console.is_terminal:
+            if not console.is_terminal and not is_quiet():
                 sys.stderr.write(f"{executed.record.spec.name}: {executed.record.ending}\n")
 
         return work(done)

@@ -1,7 +1,11 @@
 """`hil-forceps check`: whether a rig's drive, bus, loop and forceps go together, before anything is connected."""
 
+import json
 import sys
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from hil_forceps.drives.lint import findings
 from hil_forceps.drives.registry import machine_for
@@ -10,7 +14,7 @@ from hil_forceps.rig import load_rig
 EXIT_PROBLEMS = 1
 
 
-def check(rig: Path) -> int:
+def check(rig: Path, *, as_json: Annotated[bool, Parameter(name="--json", negative="")] = False) -> int:
     """Look for settings that don't go together: watchdog, rates, quanta, currents, bus load. Nothing is opened.
 
     Exit code 1 when there is a problem, 0 when there are notes alone or nothing.
@@ -19,10 +23,15 @@ def check(rig: Path) -> int:
     ----------
     rig
         Rig file, as for `run`.
+    as_json
+        As JSON.
     """
     loaded = load_rig(rig)
     machine_for(loaded)  # what its profile can't take is told first
     found = findings(loaded)
+    if as_json:
+        sys.stdout.write(json.dumps({"rig": str(rig), "findings": [each._asdict() for each in found]}, indent=2) + "\n")
+        return EXIT_PROBLEMS if any(each.level == "problem" for each in found) else 0
     for finding in found:
         sys.stdout.write(f"{rig}: {finding.level}: {finding.key}: {finding.text}\n")
     problems = sum(finding.level == "problem" for finding in found)

@@ -24,6 +24,7 @@ from hil_forceps.bridge.links.conformance_port import LinkPort
 from hil_forceps.cli import conformance_of_drive
 from hil_forceps.cli.drive_line import NATIVE_BAUDRATE, link_of
 from hil_forceps.cli.files import make_folder
+from hil_forceps.cli.notes import note
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.verdicts import print_verdicts, progress
 from hil_forceps.drives.registry import maker_profile
@@ -112,8 +113,8 @@ def conformance(
     rate = NATIVE_BAUDRATE if baudrate is None else baudrate
     spec = LinkSpec(interface, channel, serial, fd, baudrate=rate, options=interface_options(option))
     connection = open_link(spec)
-    for note in connection.notes:
-        sys.stderr.write(f"note: {note}\n")
+    for each in connection.notes:
+        note(each)
     port = LinkPort(connection, fd)
     try:
         suite = open_suite(port, node, margins_of(port.virtual_time, line_ms, flood_s), allow_motion)

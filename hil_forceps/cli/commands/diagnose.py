@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Annotated, Final
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from hil_forceps.api.diagnosis import DiagnosisResult, Wishes, conclude
 from hil_forceps.api.runs import read_runs
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.memory import keep_pages
+from hil_forceps.cli.notes import note_console
 from hil_forceps.cli.options import spoken_as_options
 from hil_forceps.cli.progress import progress_on
 from hil_forceps.cli.trajectory_file import write_trajectory
@@ -84,7 +84,7 @@ def diagnose(
     with spoken_as_options(_OPTIONS):
         wishes.check_names(read)
     make_folder(out)
-    console = Console(stderr=True)
+    console = note_console()
     with (
         draughtsman() if wishes.threads > 1 else nullcontext() as helper,
         progress_on(console) as tell,

@@ -1,10 +1,14 @@
 """`hil-forceps info`: what is installed, what can be reached, what a rig means."""
 
+import json
 import platform
 import sys
 from collections.abc import Iterator
 from importlib.metadata import entry_points, version
 from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
 
 from firmware_protocol.messages import PROTOCOL_MAJOR, PROTOCOL_MINOR
 from hil_forceps import __version__
@@ -15,32 +19,51 @@ NET_DEVICES = Path("/sys/class/net")
 ARPHRD_CAN = 280
 
 
-def info(rig: Path | None = None) -> int:
+def info(rig: Path | None = None, *, as_json: Annotated[bool, Parameter(name="--json", negative="")] = False) -> int:
     """Say what is installed and which interfaces and ports are there; with --rig, what the rig means.
 
     Parameters
     ----------
     rig
         Rig file to explain: derived figures of the plant and the load on the bus.
+    as_json
+        As JSON.
     """
+    if as_json:
+        told = _known() if rig is None else _derived(load_rig(rig))
+        sys.stdout.write(json.dumps(told, indent=2) + "\n")
+        return 0
     lines = list(_installed()) if rig is None else list(_explained(load_rig(rig)))
     sys.stdout.write("\n".join(lines) + "\n")
     return 0
 
 
-def _installed() -> Iterator[str]:
+def _known() -> dict[str, Any]:
     import serial.tools.list_ports  # noqa: PLC0415 - only this branch looks for ports
 
-    yield f"hil-forceps {__version__}, protocol {PROTOCOL_MAJOR}.{PROTOCOL_MINOR}; not a medical device"
-    yield f"Python {platform.python_version()} on {platform.system()} {platform.release()}"
-    yield "libraries: " + ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
-    plugins = sorted(point.name for point in entry_points(group="can.interface"))
-    yield f"CAN interfaces from plugins: {', '.join(plugins) or 'none'}; python-can's own come on top"
-    yield f"CAN devices of this kernel: {', '.join(_can_devices()) or 'none (no SocketCAN device is there)'}"
-    ports = sorted(port.device for port in serial.tools.list_ports.comports())
-    yield f"serial ports: {', '.join(ports) or 'none'}"
-    drives = sorted(point.name for point in entry_points(group="hil_forceps.drive"))
-    yield f"drives for `hil-forceps drive`: {', '.join(drives) or 'none'}"
+    return {
+        "version": __version__,
+        "protocol": f"{PROTOCOL_MAJOR}.{PROTOCOL_MINOR}",
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.release()}",
+        "libraries": {name: version(name) for name in LIBRARIES},
+        "can_plugins": sorted(point.name for point in entry_points(group="can.interface")),
+        "can_devices": _can_devices(),
+        "serial_ports": sorted(port.device for port in serial.tools.list_ports.comports()),
+        "drives": sorted(point.name for point in entry_points(group="hil_forceps.drive")),
+    }
+
+
+def _installed() -> Iterator[str]:
+    found = _known()
+    yield f"hil-forceps {found['version']}, protocol {found['protocol']}; not a medical device"
+    yield f"Python {found['python']} on {found['system']}"
+    yield "libraries: " + ", ".join(f"{name} {number}" for name, number in found["libraries"].items())
+    yield f"CAN interfaces from plugins: {', '.join(found['can_plugins']) or 'none'}; python-can's own come on top"
+    none = "none (no SocketCAN device is there)"
+    yield f"CAN devices of this kernel: {', '.join(found['can_devices']) or none}"
+    yield f"serial ports: {', '.join(found['serial_ports']) or 'none'}"
+    yield f"drives for `hil-forceps drive`: {', '.join(found['drives']) or 'none'}"
 
 
 def _can_devices() -> list[str]:
@@ -55,10 +78,16 @@ def _can_devices() -> list[str]:
     return found
 
 
-def _explained(rig: Rig) -> Iterator[str]:
+def _derived(rig: Rig) -> dict[str, Any]:
     from hil_forceps.model import two_inertia  # noqa: PLC0415 - loads numba, which the bare `info` does not need
 
     plant = rig.plant()
-    yield f"wire mode, undamped: {two_inertia.wire_mode_rad_per_s(plant):.1f} rad/s"
-    poles = ", ".join(f"{p.real:.0f}{p.imag:+.0f}j" for p in two_inertia.poles_per_s(plant))
+    poles = [[float(pole.real), float(pole.imag)] for pole in two_inertia.poles_per_s(plant)]
+    return {"wire_mode_rad_per_s": float(two_inertia.wire_mode_rad_per_s(plant)), "poles_per_s": poles}
+
+
+def _explained(rig: Rig) -> Iterator[str]:
+    found = _derived(rig)
+    yield f"wire mode, undamped: {found['wire_mode_rad_per_s']:.1f} rad/s"
+    poles = ", ".join(f"{real:.0f}{imaginary:+.0f}j" for real, imaginary in found["poles_per_s"])
     yield f"poles of the plant: {poles} 1/s"

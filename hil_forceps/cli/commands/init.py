@@ -10,6 +10,7 @@ from typing import Annotated
 from cyclopts import Group, Parameter
 
 from hil_forceps.cli.first_rig import Besides, Hardware, answers_of
+from hil_forceps.cli.notes import note
 from hil_forceps.rig import presets
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.first_rig.answers import Answers
@@ -30,7 +31,6 @@ def init(
     overwrite: Annotated[bool, Parameter(group=OUTPUT, negative="")] = False,
     list_: Annotated[bool, Parameter(name="--list", group=OUTPUT, negative="")] = False,
     json_: Annotated[bool, Parameter(name="--json", group=OUTPUT, negative="")] = False,
-    quiet: Annotated[bool, Parameter(group=OUTPUT, negative="")] = False,
 ) -> int:
     """Write a first rig file with a comment for each key: its meaning, its unit, and where its value is from.
 
@@ -47,8 +47,6 @@ def init(
         List the presets with their sources, and write nothing.
     json_
         What was written and which keys are still without a value, or the list, as JSON.
-    quiet
-        No notes on stderr; errors come all the same.
     """
     if list_:
         _list(as_json=json_)
@@ -62,10 +60,10 @@ def init(
         sys.stdout.write(json.dumps({"rig": str(rig), "without_value": left}) + "\n")
         return 0
     sys.stdout.write(f"{rig}: written; next: hil-forceps check {shlex.quote(str(rig))}\n")
-    if left and not quiet:
-        sys.stderr.write(
-            f"note: {rig}: {len(left)} keys have bounds and no value yet, which `run` and `bench` need: "
-            f"{', '.join(left)}; docs/diagnosis.md\n"
+    if left:
+        note(
+            f"{rig}: {len(left)} keys have bounds and no value yet, which `run` and `bench` need: {', '.join(left)}; "
+            "docs/diagnosis.md"
         )
     return 0
 

@@ -4,7 +4,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.progress import Progress
 
 from hil_forceps.bench.assembly import make_pipeline, settings_of
@@ -14,6 +13,7 @@ from hil_forceps.bridge.replay import replay as replay_recording
 from hil_forceps.cli.commands.replay_axis import replay_axis
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.cli.notes import note, note_console
 from hil_forceps.cli.tables import print_cells
 from hil_forceps.data.recording.reader import Recording, read_recording
 from hil_forceps.data.recording.writer import Outcome
@@ -28,6 +28,7 @@ from hil_forceps.rig.errors import UserError
 
 EXIT_DIFFERENT = 1
 RECORDING_SUFFIX = ".mcap"
+RIG_SUFFIXES = {".yaml", ".yml"}
 _NOT_SENT = {
     Outcome.QUEUE_FULL: "found the bus full",
     Outcome.BUS_DOWN: "found no bus",
@@ -84,6 +85,8 @@ def replay(
         source /= RECORDING_NAME
     if source.suffix.lower() == RECORDING_SUFFIX:
         return _recording(source, algorithm)
+    if source.suffix.lower() in RIG_SUFFIXES:
+        raise UserError(f"{source}: is no recording; a rig file goes behind --rig, the recording or run comes first")
     if rig is None or out is None:
         raise UserError(f"{source}: runs of an instrument need --rig RIG.yaml and --out DIR")
     return _instrument(source, rig, out, black_boxes)
@@ -91,8 +94,8 @@ def replay(
 
 def _recording(path: Path, algorithm: str | None) -> int:
     recording = read_recording(path)
-    for note in recording.notes:
-        sys.stderr.write(f"note: {path}: {note}\n")
+    for each in recording.notes:
+        note(f"{path}: {each}")
     rig, settings = settings_of(recording)
     is_same = algorithm is None or algorithm == settings.algorithm
     if algorithm is not None:
@@ -137,7 +140,7 @@ def _instrument(source: Path, rig_path: Path, out: Path, with_learned: bool) -> 
     make_folder(out)
     if with_learned:
         black_boxes_of(with_learned=True)  # says at once what isn't installed
-    console = Console(stderr=True)
+    console = note_console()
     with Progress(console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("replay", total=None)
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import Progress
 
 from hil_forceps.api.threads import over_threads
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
+from hil_forceps.cli.notes import note_console
 from hil_forceps.cli.tables import print_cells
 from hil_forceps.identification.axis.axis import read_axis
 from hil_forceps.identification.axis.comparison import compare_axis
@@ -25,7 +25,7 @@ def replay_axis(sources: Sequence[Path], rig_path: Path, out: Path, *, with_netw
     """Compare, print the tables, write files and figures; returns the exit code."""
     rig = load_rig(rig_path)
     make_folder(out)
-    console = Console(stderr=True)
+    console = note_console()
     with Progress(console=console, disable=not console.is_terminal) as bar, telling_when_compiling():
         task = bar.add_task("replay", total=None)
 

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from rich.console import Console
 from rich.status import Status
 
 from hil_forceps.bench.assembly import Settings
@@ -24,10 +23,12 @@ from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from hil_forceps.bridge.results import Telemetry
 from hil_forceps.cli.drive_line import line_rate, named_rigs
 from hil_forceps.cli.fault_lines import fault_lines, told_reason
-from hil_forceps.cli.files import clear_runs, make_folder
+from hil_forceps.cli.files import clear_runs, make_folder, named
 from hil_forceps.cli.gate_words import gate_data, gate_lines
 from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.cli.notes import is_quiet, note, note_console
 from hil_forceps.cli.options import interface_options
+from hil_forceps.cli.progress import last_told
 from hil_forceps.cli.trajectory_file import check_trajectory, read_trajectory
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
 from hil_forceps.drives.line_use import LineUse
@@ -115,6 +116,8 @@ def run(
     machines = machines_for(list(rigs.values()))
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_settings(str(path), findings(loaded))
+        with named(path):
+            loaded.plant()  # what every estimator needs; told before anything is opened
     if len(rigs) > 1:
         _check_settings(" ".join(map(str, rig)), findings_of_several(rigs))
     points = _trajectories(trajectory, len(rigs))
@@ -158,8 +161,8 @@ def run(
         framing=framing_for(loaded),
     )
     connection = open_link(link)
-    for note in connection.notes:
-        sys.stderr.write(f"note: {note}\n")
+    for each in connection.notes:
+        note(each)
     flag, use = StopFlag(), LineUse()
     with stopped_by_signals(flag), _status() as show:
         results = run_axes(connection, plans, flag.is_set, show, go_on=go_on, use=use)
@@ -199,16 +202,20 @@ def _check_settings(where: str, found: Sequence[Finding]) -> None:
     problems = [f"{where}: {each.key}: {each.text}" for each in found if each.level == "problem"]
     if problems:
         raise UserError(problems)
-    for note in found:
-        sys.stderr.write(f"note: {where}: {note.key}: {note.text}\n")
+    for each in found:
+        note(f"{where}: {each.key}: {each.text}")
 
 
 @contextmanager
 def _status() -> Iterator[Any]:
-    """Show the run on a terminal; nothing elsewhere."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    """Show the run on a terminal; elsewhere, such as in a log file, a line every few seconds."""
+    console = note_console()
+    if is_quiet():
         yield None
+        return
+    if not console.is_terminal:
+        with last_told(_line) as show:
+            yield show
         return
     with Status("connecting", console=console) as status:
 
@@ -220,6 +227,14 @@ def _status() -> Iterator[Any]:
             )
 
         yield show
+
+
+def _line(seen: Telemetry) -> str:
+    axis = f"{seen.axis} " if seen.axis else ""
+    return (
+        f"{axis}{seen.stage.value}, {seen.frames_received} frames received, {seen.frames_sent} sent, "
+        f"{seen.overruns} overruns"
+    )
 
 
 def _tell(session: SessionResult, plan: Plan, line_share: float | None) -> int:
@@ -248,7 +263,7 @@ def _tell(session: SessionResult, plan: Plan, line_share: float | None) -> int:
     for failure in failures:
         sys.stderr.write(f"hil-forceps: {said}{failure}\n")
     for line in gate_lines(result.gate):
-        sys.stderr.write(f"note: {said}{line}\n")
+        note(f"{said}{line}")
     if not result.ok:
         lines = [result.message] if session.fault is None else fault_lines(session.fault, result.message, folder)
         sys.stderr.write(f"hil-forceps: {said}" + "\n".join(lines) + "\n")

@@ -1,8 +1,11 @@
 """`hil-forceps scan`: who is on this bus or port, by listening, or by asking what moves nothing."""
 
+import json
 import math
 import sys
+from typing import Annotated
 
+from cyclopts import Parameter
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
@@ -34,6 +37,7 @@ def scan(
     option: tuple[str, ...] = (),
     seconds: float = 2.0,
     ask: ProfileName | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Listen on a bus or a serial port, and tell which drives are there. Nothing moves or changes.
 
@@ -63,6 +67,8 @@ def scan(
     ask
         Ask the drives of this profile who they are, where it has such a question: dynamixel, by a ping to all; moteus,
         over CAN FD, for mode and fault.
+    as_json
+        As JSON.
     """
     if not (math.isfinite(seconds) and 0.0 < seconds <= MAX_SECONDS):
         raise UserError(f"--seconds {seconds:g}: must be above 0 and at most {MAX_SECONDS:g}")
@@ -94,6 +100,10 @@ def scan(
                 listener.receive(frame)
     finally:
         connection.link.close()
+    if as_json:
+        drives = [each._asdict() for each in listener.found()]
+        sys.stdout.write(json.dumps({"frames": listener.frames, "drives": drives}, indent=2) + "\n")
+        return 0 if drives else EXIT_NOBODY
     return _tell(listener, seconds)
 
 

@@ -97,7 +97,10 @@ def _duplicates(views: Sequence[View]) -> Iterator[Finding]:
             text = f"the same data as run {whole[key]}: counted twice it would make everything look twice as sure"
             yield view.finding("duplicate", "", "problem", text)
         elif head in heads:
-            text = f"begins with the same {_HEAD_ROWS} rows as run {heads[head]}: two cuts of one recording"
+            text = (
+                f"begins with the same {_HEAD_ROWS} rows as run {heads[head]}: two cuts of one recording, or two "
+                "simulations that begin alike"
+            )
             yield view.finding("duplicate", "", "warning", text)
         whole.setdefault(key, view.name)
         heads.setdefault(head, view.name)

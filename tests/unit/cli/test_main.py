@@ -33,6 +33,7 @@ COMMANDS = (
     "explain",
     "init",
     "schema",
+    "open",
     "check",
     "scan",
     "info",

@@ -1,0 +1,51 @@
+"""`hil-forceps open`: the newest report, in a browser."""
+
+import os
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from hil_forceps.rig.errors import UserError
+
+USUAL_FOLDER = Path("out")
+REPORT_NAME = "report.html"
+
+
+def open_(
+    folder: Path = USUAL_FOLDER, *, print_: Annotated[bool, Parameter(name="--print", negative="")] = False
+) -> int:
+    """Open the newest report.html below a folder, and print its path. Without a display it is only printed.
+
+    Parameters
+    ----------
+    folder
+        Folder of results, or a report itself.
+    print_
+        Print the path alone.
+    """
+    report = newest_report(folder)
+    sys.stdout.write(f"{report}\n")
+    sys.stdout.flush()
+    if not print_ and has_display():
+        webbrowser.open(report.resolve().as_uri())
+    return 0
+
+
+def newest_report(folder: Path) -> Path:
+    """Return the report that was written last; UserError where there is none."""
+    if folder.is_file():
+        return folder
+    if not folder.is_dir():
+        raise UserError(f"{folder}: no such folder; name that of --out")
+    found = [path for path in folder.rglob(REPORT_NAME) if path.is_file()]
+    if not found:
+        raise UserError(f"{folder}: no {REPORT_NAME} in it; `hil-forceps diagnose` writes one into the folder of --out")
+    return max(found, key=lambda path: (path.stat().st_mtime_ns, path))
+
+
+def has_display() -> bool:
+    """Tell whether a browser has somewhere to show itself: elsewhere than on Linux always."""
+    return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

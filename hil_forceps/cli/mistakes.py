@@ -1,0 +1,27 @@
+"""What to say of a command line that isn't understood: one line, with what was meant where that can be told."""
+
+import difflib
+from collections.abc import Iterable
+
+from cyclopts import CycloptsError, UnknownCommandError, UnknownOptionError
+
+SIMILAR = 0.6  # difflib's own bound for a close match
+
+
+def told(error: CycloptsError, commands: Iterable[str]) -> str:
+    """Return the line, without the program's name."""
+    command = " ".join(error.command_chain or ())
+    see = f"see hil-forceps {command} --help" if command else "see hil-forceps --help"
+    if isinstance(error, UnknownCommandError):
+        wrong = next(iter(error.unused_tokens or error.root_input_tokens or ["?"]))
+        return f"{wrong}: there is no such command{_meant(wrong, commands)}; {see} for all of them"
+    if isinstance(error, UnknownOptionError):
+        known = [name for each in error.argument_collection for name in (*each.names, *each.negatives)]
+        wrong = (error.token.keyword or error.token.value).partition("=")[0]
+        return f"{wrong}: {command or 'hil-forceps'} has no such option{_meant(wrong, known)}; {see}"
+    return f"{' '.join(str(error).split()).rstrip('.')}; {see}"
+
+
+def _meant(wrong: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(wrong, list(known), n=1, cutoff=SIMILAR)
+    return f" (did you mean {close[0]}?)" if close else ""
