@@ -87,6 +87,7 @@ def _run(arguments: list[str] | None) -> int:
         words = sys.argv[1:] if arguments is None else arguments
         if words[:1] != ["drive"]:  # whose line is its own
             words = without_quiet(words)
+            _help_in_full(words)
         result = app(words, exit_on_error=False, print_error=False)
     except UserError as error:
         for problem in error.problems:
@@ -103,6 +104,12 @@ def _run(arguments: list[str] | None) -> int:
     except SystemExit as ended:  # the drive's own parser, and a help text whose reader went away
         result = ended.code
     return result if isinstance(result, int) else 0
+
+
+def _help_in_full(words: list[str]) -> None:
+    """Show all of a command's docstring where its own help is asked for; the list of commands has a line of each."""
+    if words[:1] and words[0] in EXAMPLES and {"--help", "-h"} & set(words):
+        app[words[0]].help = None
 
 
 def _drop_output() -> None:

@@ -17,6 +17,7 @@ from hil_forceps.bridge.doctor.reads import System
 from hil_forceps.bridge.links.adapters import LinkSpec
 from hil_forceps.cli.check_table import lines
 from hil_forceps.cli.drive_line import link_of, named_rigs
+from hil_forceps.cli.groups import OfLine
 from hil_forceps.cli.options import interface_options
 from hil_forceps.rig.errors import UserError
 
@@ -27,11 +28,11 @@ USUAL_DURATION_S = 20.0  # of `run` without a trajectory
 def doctor(
     *,
     rig: tuple[Path, ...] = (),
-    interface: str = "",
-    channel: str = "",
-    serial: str = "",
-    baudrate: int | None = None,
-    option: tuple[str, ...] = (),
+    interface: OfLine[str] = "",
+    channel: OfLine[str] = "",
+    serial: OfLine[str] = "",
+    baudrate: OfLine[int | None] = None,
+    option: OfLine[tuple[str, ...]] = (),
     duration: float = USUAL_DURATION_S,
     out: Path = Path("out"),
     as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,

@@ -25,6 +25,7 @@ from hil_forceps.cli.drive_line import line_rate, named_rigs
 from hil_forceps.cli.fault_lines import fault_lines, told_reason
 from hil_forceps.cli.files import clear_runs, make_folder, named
 from hil_forceps.cli.gate_words import gate_data, gate_lines
+from hil_forceps.cli.groups import OfControl, OfFaults, OfLine, OfOutput
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.notes import is_quiet, note, note_console
 from hil_forceps.cli.options import interface_options
@@ -46,21 +47,21 @@ EXIT_RUN_FAILED = 2
 def run(
     *,
     rig: tuple[Path, ...],
-    out: Path,
-    interface: str = "",
-    channel: str = "",
-    serial: str = "",
-    baudrate: int | None = None,
-    drive: ProfileName | None = None,
-    option: tuple[str, ...] = (),
-    algorithm: str = "kalman",
-    compensate: bool = True,
-    trajectory: tuple[Path, ...] = (),
-    duration: float | None = None,
-    bus_log: Literal["log", "asc", "blf"] = "log",
-    reset_fault: bool = False,
-    go_on: bool = False,
-    overwrite: bool = False,
+    out: OfOutput[Path],
+    interface: OfLine[str] = "",
+    channel: OfLine[str] = "",
+    serial: OfLine[str] = "",
+    baudrate: OfLine[int | None] = None,
+    drive: OfLine[ProfileName | None] = None,
+    option: OfLine[tuple[str, ...]] = (),
+    algorithm: OfControl[str] = "kalman",
+    compensate: OfControl[bool] = True,
+    trajectory: OfControl[tuple[Path, ...]] = (),
+    duration: OfControl[float | None] = None,
+    bus_log: OfOutput[Literal["log", "asc", "blf"]] = "log",
+    reset_fault: OfFaults[bool] = False,
+    go_on: OfFaults[bool] = False,
+    overwrite: OfOutput[bool] = False,
 ) -> int:
     """Estimate and compensate against a motor driver on any python-can interface or pyserial URL.
 

@@ -10,6 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from hil_forceps.bridge.links.adapters import LinkSpec, open_link
+from hil_forceps.cli.groups import OfLine
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.tables import print_table
 from hil_forceps.drives.framing import NATIVE
@@ -27,14 +28,14 @@ TABLE_WIDTH = 100
 
 def scan(
     *,
-    interface: str = "",
-    channel: str = "",
-    serial: str = "",
-    baudrate: int = 1_000_000,
-    bitrate: int = 1_000_000,
-    fd: bool = False,
-    data_bitrate: int = 5_000_000,
-    option: tuple[str, ...] = (),
+    interface: OfLine[str] = "",
+    channel: OfLine[str] = "",
+    serial: OfLine[str] = "",
+    baudrate: OfLine[int] = 1_000_000,
+    bitrate: OfLine[int] = 1_000_000,
+    fd: OfLine[bool] = False,
+    data_bitrate: OfLine[int] = 5_000_000,
+    option: OfLine[tuple[str, ...]] = (),
     seconds: float = 2.0,
     ask: ProfileName | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,

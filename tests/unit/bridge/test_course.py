@@ -109,3 +109,22 @@ def test_a_run_whose_motor_was_let_go_before_its_end_is_not_completed(
     course.advance(101 * MS)
     assert (course.stage, course.reason) == (Stage.STOPPING, reason)
     assert words in course.message
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [(DriveState.OPERATIONAL, "another one drives it: end that first"), (DriveState.ARMED, "0 samples seen")],
+)
+def test_a_drive_that_another_program_drives_is_told_as_that(said: DriveState, words: str) -> None:
+    drive, line = (
+        Drive(),
+        cast(Any, SimpleNamespace(counters={"samples": 0, "stale": 0, "passed": 0}, denied_in_a_row=0)),
+    )
+    course = Course(cast(DriveMachine, drive), line, ServiceConfig(duration_ns=MS), None, lambda: False)
+    course.begin(0)
+    drive.phase, drive.drive_state = HostPhase.READY, said
+    course.advance(MS)
+    drive.phase = HostPhase.ENABLING
+    course.advance(MS + ServiceConfig(duration_ns=MS).enable_timeout_ns)
+    assert course.reason is StopReason.ENABLE_FAILED
+    assert words in course.message

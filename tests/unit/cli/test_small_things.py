@@ -52,6 +52,15 @@ def test_help_ends_with_an_example_that_is_understood(call: Call, command: str) 
     cli.app.parse_args(tokens, exit_on_error=False, print_error=False)
 
 
+def test_help_groups_the_options_and_tells_all_that_a_command_does(call: Call) -> None:
+    out = call("run", "--help")[1]
+    places = [out.index(f" {group} ──") for group in ("Where the drive is", "What is run", "Output", "Faults")]
+    assert places == sorted(places)
+    assert out.index("--channel") < places[1] < out.index("--algorithm") < places[2] < out.index("--bus-log")
+    assert "OUT/fault.json has the last second" in " ".join(out.split())
+    assert "fault.json" not in call("--help")[1]
+
+
 def test_every_command_has_an_example() -> None:
     assert {name for name in cli.app if not name.startswith("-")} == set(EXAMPLES)
 
