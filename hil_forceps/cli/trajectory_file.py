@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hil_forceps.control.requests import first_excess
 from hil_forceps.control.trajectories import Trajectory
-from hil_forceps.data.readers.csv_block import finite_number
+from hil_forceps.data.readers.tables.cells import finite_number
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 

@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil_forceps.data.readers.csv_block import finite_number
 from hil_forceps.data.readers.cut_text import whole_lines
 from hil_forceps.data.readers.format import Format
+from hil_forceps.data.readers.tables.cells import finite_number
+from hil_forceps.data.readers.tables.packed import path_stem, read_unpacked
 from hil_forceps.data.run import ANGLE_FROM_SPEED, Column, Run
 from hil_forceps.data.time_order import drop_repeats
 from hil_forceps.rig import Rig
@@ -74,18 +75,18 @@ def read_epos_studio(path: Path, rig: Rig | None) -> Run:
         raise UserError(f"{path}: neither current nor torque was recorded; add one in the data recorder")
     notes += [f"object {name!r} was left out" for place, name in enumerate(table.names) if place not in used]
     columns, more = drop_repeats(columns, str(path), lambda row: f"{path}:{table.lines[row]}")
-    return Run(path.stem, columns, (*notes, *more))
+    return Run(path_stem(path), columns, (*notes, *more))
 
 
 def _text(path: Path) -> tuple[str, str]:
     """Return the text, and a note where its end is missing."""
+    cuts: list[str] = []
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 20} MiB; not a recording of EPOS Studio")
-        data = path.read_bytes()
+        data = read_unpacked(path, MAX_FILE_BYTES, "a recording of EPOS Studio", cuts)
     except OSError as error:
         raise UserError(f"{path}: {error.strerror or error}") from error
     whole, cut = whole_lines(data)
+    cut = "; ".join(filter(None, (*cuts, cut)))
     try:
         return whole.decode("utf-8-sig"), cut
     except UnicodeDecodeError:
@@ -167,4 +168,5 @@ FORMAT = Format(
     (),  # its files are called .csv
     lambda request: [read_epos_studio(request.path, request.rig)],
     looks_like=lambda head: _MARK in head,
+    may_be_packed=True,
 )

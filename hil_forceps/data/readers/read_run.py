@@ -3,12 +3,15 @@
 from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
 from hil_forceps.data.readers import bus_frames, csv_table, emps, epos_studio, parquet_table, recording_file
 from hil_forceps.data.readers import surgical_tool as surgical
 from hil_forceps.data.readers.format import Choice, Format, NoRunError, Progress, Request
+from hil_forceps.data.readers.tables.mapping import ColumnMap
+from hil_forceps.data.readers.tables.packed import inner_name, is_packed, unpacked_head
 from hil_forceps.data.run import Run
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -28,7 +31,6 @@ FORMATS: tuple[Format, ...] = (
     csv_table.FORMAT,
 )
 _SNIFFED_BYTES = 4096
-_HDF5 = b"\x89HDF"
 
 
 def read_run(
@@ -36,32 +38,31 @@ def read_run(
     progress: Progress | None = None,
     rig: Rig | None = None,
     choice: Choice = Choice(),  # noqa: B008 - a constant
+    mapping: ColumnMap = MappingProxyType({}),
 ) -> list[Run]:
     """Return every run in a file or folder, at least one; with a rig, what its recordings don't say is added.
 
     A file has one of `FORMATS`. A folder is a data set of the surgical tool, or holds files of any format; its bus logs
     are read only when nothing else in it is a run, for the service writes both of one run. `progress` is told bytes
-    read and bytes in all, of each CSV. `choice` is of bus logs; other files have one bus. Raises UserError, with the
-    place in the file where there is one, for whatever can't be used.
+    read and bytes in all, of each CSV. `choice` is of bus logs; other files have one bus. `mapping` names the columns
+    of tables. Raises UserError, with the place in the file where there is one, for whatever can't be used.
     """
-    found = _read(Request(Path(path), progress, rig, choice))
+    found = _read(Request(Path(path), progress, rig, choice, mapping))
     return [with_known_load(run, rig) for run in found]
 
 
 def format_of(path: Path, head: bytes) -> Format:
     """Tell a file's format from its first bytes and its suffix; UserError when its suffix claims what it isn't."""
-    if head.startswith(_HDF5):
-        raise UserError(f"{path}: .hdf5 files are not read; give CSV, Parquet, MCAP, a bus log or a MATLAB 5 file")
-    suffix = path.suffix.lower()
+    suffix = _suffix(path)
     for each in FORMATS:
-        if any(head.startswith(magic) for magic in each.magic):
+        if any(head.startswith(magic) for magic in each.magic) and (each.looks_like is None or each.looks_like(head)):
             return each
     for each in FORMATS:
         if suffix in each.suffixes and each.magic:
             raise UserError(f"{path}: no {suffix} file: it begins with {head[:8]!r}; give it the suffix of what it is")
         if suffix in each.suffixes and each.by_suffix:
             return each
-    claims = (each for each in FORMATS if each.looks_like is not None and each.looks_like(head))
+    claims = (each for each in FORMATS if not each.magic and each.looks_like is not None and each.looks_like(head))
     return next(claims, FORMATS[-1])
 
 
@@ -87,17 +88,29 @@ def _read(request: Request) -> list[Run]:
         raise UserError(f"{path}: {getattr(error, 'strerror', None) or error}; check the path") from error
     if not head:
         raise UserError(f"{path}: is empty; nothing was written to it")
-    return format_of(path, head).read(request)
+    packed = is_packed(head)
+    found = format_of(path, unpacked_head(path, _SNIFFED_BYTES) if packed else head)
+    if packed and not found.may_be_packed:
+        raise UserError(f"{path}: {found.name} is not read packed; unpack it first (gunzip, zstd -d)")
+    runs = found.read(request)
+    if request.mapping and not found.is_table:
+        told = f"--map was not used: the columns of {found.name} are known"
+        return [Run(run.name, run.columns, (*run.notes, told)) for run in runs]
+    return runs
+
+
+def _suffix(path: Path) -> str:
+    return Path(inner_name(path)).suffix.lower()
 
 
 def _folder(request: Request) -> list[Run]:
     suffixes = {suffix: each.in_folder for each in FORMATS for suffix in each.suffixes}
-    files = sorted(file for file in request.path.iterdir() if file.suffix.lower() in suffixes and file.is_file())
+    files = sorted(file for file in request.path.iterdir() if _suffix(file) in suffixes and file.is_file())
     seen = [file for file in files if not file.name.startswith(".")]
     # macOS puts a ._ file beside each file on a disk of another system; none of them is anybody's run.
     hidden = tuple(f"{file.name} was left out: a hidden file" for file in files if file.name.startswith("."))
     for turn in ("each", "otherwise"):
-        chosen = [file for file in seen if suffixes[file.suffix.lower()] == turn]
+        chosen = [file for file in seen if suffixes[_suffix(file)] == turn]
         if chosen:
             return _all(chosen, request, hidden)
     return list(surgical.iter_surgical_tool(request.path))

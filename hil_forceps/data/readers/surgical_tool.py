@@ -153,7 +153,7 @@ def _looks_like(head: bytes) -> bool:
     lines = [line for line in head.splitlines() if line.strip()]
     data = [line for line in lines if not line.startswith(b"%")]
     if len(data) < len(lines):
-        return True
+        return not data or data[0].count(b",") == COLUMN_COUNT - 1
     return bool(data) and data[0].count(b",") == COLUMN_COUNT - 1 and not re.search(rb"[A-Za-z_]{3}", data[0])
 
 

@@ -2,14 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import can
 import pytest
 
 from firmware_protocol.frames import Frame
-from hil_forceps.data.readers import csv_table
 from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame
+from hil_forceps.data.readers.tables import text_table
+from hil_forceps.data.readers.tables.blocks import Block
 from hil_forceps.rig.errors import UserError
 from tests.reader_fuzz import campaign, fuzzers
 from tests.reader_fuzz.fuzzers import FUZZERS, FoundError
@@ -85,10 +86,10 @@ def test_a_broken_log_reader_is_found(
 
 
 def test_a_csv_reader_that_believes_its_last_line_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def believing(path: Path, file: TextIO, line: int, notes: list[str]) -> Iterator[str]:
-        del path, line, notes
-        yield file.read()
+    def believing(path: Path, pieces: Iterator[bytes], notes: list[str]) -> Iterator[Block]:
+        del path, notes
+        yield Block(b"".join(pieces), 0, is_last=True)
 
-    monkeypatch.setattr(csv_table, "_blocks", believing)
+    monkeypatch.setattr(text_table, "whole_blocks", believing)
     with pytest.raises(FoundError):
         campaign.fuzz("cut_csv", FUZZERS["cut_csv"], 300, 0, shrink=False)
