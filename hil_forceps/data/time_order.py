@@ -54,4 +54,6 @@ def check_time_unit(time_s: Column, label: str) -> None:
     units = ((unit, size) for unit, size in _UNITS_S.items() if usual_s * size <= LONGEST_SAMPLE_TIME_S)
     unit, size = next(units, ("ns", 1e-9))
     told = f"time_s: rows are {usual_s:.6g} s apart, and no drive of a rig samples slower than every 0.1 s"
-    raise UserError(f"{label}: {told}; if the stamps are {unit}, multiply them by {size:g}, or add --map time_s=COLUMN:{unit}")
+    raise UserError(
+        f"{label}: {told}; if the stamps are {unit}, multiply them by {size:g}, or add --map time_s=COLUMN:{unit}"
+    )

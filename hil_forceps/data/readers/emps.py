@@ -8,29 +8,32 @@ torque the force times it, which is of the size of a small screw's and within th
 itself is moved, so the load on it is known: none.
 """
 
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
 
-from hil_forceps.data.readers.format import Format
-from hil_forceps.data.readers.mat_file import parse_mat
 from hil_forceps.data.run import Column, Run, bad_row
 from hil_forceps.data.time_order import drop_repeats
 from hil_forceps.rig.errors import UserError
 
-MAX_FILE_BYTES = 64 << 20  # a file as published has 0.7 MB
 SERIES = ("t", "qm", "qg", "vir")
 RADIUS_M = 5.0e-3
 SCALARS = ("gtau", "kp", "kv")
+MOST_OF_THEM = 5  # of these seven: then a file is of EMPS, and what lacks is told
 
 
-def read_emps(path: str | Path) -> Run:
-    """Read one file: θ_m and its reference are path over `RADIUS_M`, τ_m is the force times that radius, τ_w is 0.
+def is_emps(names: Collection[str]) -> bool:
+    """Tell by its variables whether a file is one of EMPS, whole or not."""
+    return sum(name in names for name in (*SERIES, *SCALARS)) >= MOST_OF_THEM
 
-    Raises UserError when the file can't be read, is none of MATLAB's, or lacks a variable of EMPS.
+
+def to_run(path: Path, found: dict[str, Column]) -> Run:
+    """Make the run: θ_m and its reference are path over `RADIUS_M`, τ_m is the force times that radius, τ_w is 0.
+
+    Raises UserError when a variable of EMPS is missing or of another size.
     """
-    path = Path(path)
-    variables = _load(path)
+    variables = _checked(path, {name: values.reshape(-1, order="F") for name, values in found.items()})
     columns = {
         "time_s": variables["t"],
         "theta_m_ref_rad": variables["qg"] / RADIUS_M,
@@ -48,19 +51,12 @@ def read_emps(path: str | Path) -> Run:
     return Run(path.stem, columns, (*notes, *more))
 
 
-def _load(path: Path) -> dict[str, Column]:
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 20} MiB; not a file of EMPS")
-        found = parse_mat(path.read_bytes(), frozenset((*SERIES, *SCALARS)))
-    except OSError as error:
-        raise UserError(f"{path}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise UserError(f"{path}: not a sound MATLAB file of version 5 to 7: {error}; get it again") from error
+def _checked(path: Path, variables: dict[str, Column]) -> dict[str, Column]:
+    found = {name: variables[name] for name in (*SERIES, *SCALARS) if name in variables}
     missing = [name for name in (*SERIES, *SCALARS) if name not in found]
     if missing:
         told = f"no numbers {', '.join(missing)} in it"
-        raise UserError(f"{path}: not a file of EMPS: {told}; save a run of your own as CSV")
+        raise UserError(f"{path}: not a file of EMPS: {told}; get it again")
     for name, values in found.items():
         if name in SCALARS and len(values) != 1:
             raise UserError(f"{path}: {name} is no single number: not a file of EMPS")
@@ -76,6 +72,3 @@ def _check_lengths(path: Path, variables: dict[str, Column]) -> None:
     if len(set(lengths.values())) > 1 or lengths["t"] < 2:
         told = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise UserError(f"{path}: samples: {told}; they must be as many of each, and 2 at least")
-
-
-FORMAT = Format("MATLAB 5", (".mat",), lambda request: [read_emps(request.path)], magic=(b"MATLAB 5.0 MAT-file",))

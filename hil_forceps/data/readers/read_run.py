@@ -7,8 +7,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hil_forceps.data.readers import bus_frames, csv_table, emps, epos_studio, parquet_table, recording_file
+from hil_forceps.data.readers import bus_frames, csv_table, epos_studio, mat_table, parquet_table, recording_file
 from hil_forceps.data.readers import surgical_tool as surgical
+from hil_forceps.data.readers.containers import formats as containers
 from hil_forceps.data.readers.format import Choice, Format, NoRunError, Progress, Request
 from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.readers.tables.packed import inner_name, is_packed, unpacked_head
@@ -20,12 +21,15 @@ from hil_forceps.rig.errors import UserError
 FORMATS: tuple[Format, ...] = (
     recording_file.FORMAT,
     parquet_table.FORMAT,
+    containers.HDF5,
+    containers.MF4,
+    containers.EXCEL,
     surgical.ZIP,
     bus_frames.BLF,
     bus_frames.CANDUMP,
     bus_frames.ASC,
     bus_frames.TRC,
-    emps.FORMAT,
+    mat_table.FORMAT,
     epos_studio.FORMAT,
     surgical.TEXT,
     csv_table.FORMAT,

@@ -277,7 +277,7 @@ def test_emps_as_published(name: str) -> None:
 def test_suffixes_that_lie_and_files_that_are_not_there(tmp_path: Path) -> None:
     for suffix in ("mcap", "parquet", "zip", "blf", "mat"):
         assert f"no .{suffix} file" in problem_of(tmp_path / f"a.{suffix}", HEAD + "0,1,2\n1,1,2\n")
-    assert "no .mat file" in problem_of(tmp_path / "a.mat", b"\x89HDF\r\n\x1a\n" + bytes(100))
+    assert "HDF5: damaged" in problem_of(tmp_path / "a.mat", b"\x89HDF\r\n\x1a\n" + bytes(100))
     with pytest.raises(UserError, match="no such file or folder"):
         read_run(tmp_path / "none.csv")
     with pytest.raises(UserError, match="no such file"):

@@ -42,6 +42,7 @@ class Header:
     names: tuple[str, ...]
     units: tuple[str, ...] = ()
     place: str = ""  # of the names, for messages: path and line
+    group: str = ""  # a path that all names have in front, for mappings that say it
 
     def unit(self, position: int) -> str:
         """Return what the row of units says of a column."""
@@ -97,8 +98,10 @@ def require_columns(found: Found, header: Header, *, mapped: bool) -> None:
         raise UserError(told)
     if mapped:
         raise NoRunError(told)
-    first = f"{header.place}: none of the columns of a run ({', '.join(KNOWN_COLUMNS)}) is in the first line"
-    lines = " ".join(entry(*each) for each in found.proposals) or entry("time_s", "COLUMN", "UNIT")
+    first = f"{header.place}: none of the columns of a run ({', '.join(KNOWN_COLUMNS)}) is in it"
+    lines = " ".join(
+        entry(name, column, unit or split_name(name)[1]) for name, column, unit in found.proposals
+    ) or entry("time_s", "COLUMN", "UNIT")
     raise NoRunError(f"{first}; if it has them by other names, add {lines}")
 
 
@@ -169,7 +172,11 @@ def _no_place(name: str, source: Source, header: Header) -> str:
 def _place(source: Source, header: Header) -> tuple[int | None, str]:
     """Find (position, unit) that a mapping means: the whole text as a name, else what is before the last colon."""
     before, _, unit = source.text.rpartition(":")
-    for column, its_unit in ((source.text, ""), (before, unit) if unit_of(unit) else ("", "")):
+    for written, its_unit in ((source.text, ""), (before, unit) if unit_of(unit) else ("", "")):
+        column = (
+            written.removeprefix("/").removeprefix(f"{header.group}/") if header.group else written.removeprefix("/")
+        )
+        column = written if written in header.names else column
         matches = [at for at, name in enumerate(header.names) if name == column]
         if not matches:
             matches = [at for at, name in enumerate(header.names) if name.strip().lower() == column.strip().lower()]

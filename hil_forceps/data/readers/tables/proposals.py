@@ -17,7 +17,7 @@ _OTHER_NAMES = {
         *("motor_position", "motor_angle", "pos_estimate", "angle_m", "istposition"),
     ),
     "theta_drive_rad": ("drive_position", "motor_encoder"),
-    "current_A": ("current", "i", "iq", "i_q", "motor_current", "current_actual_value", "iq_measured", "strom"),
+    "current_A": ("current", "cur", "i", "iq", "i_q", "motor_current", "current_actual_value", "iq_measured", "strom"),
     "voltage_V": ("voltage", "u", "motor_voltage", "spannung"),
     "theta_j_rad": ("jaw_angle", "jaw", "jaw_position", "theta_jaw"),
     "tau_w_N_m": ("load", "jaw_torque", "load_torque", "reaction_torque"),
