@@ -7,6 +7,7 @@ from os import PathLike
 from hil_forceps.data.frames import Table, is_table, read_table
 from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.read_run import read_run, with_known_load
+from hil_forceps.data.readers.tables.mapping import read_map
 from hil_forceps.data.run import Run
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
@@ -21,6 +22,7 @@ def read_runs(
     names: Sequence[str] | None = None,
     bus: str | None = None,
     node: int | None = None,
+    columns: Sequence[str] = (),
 ) -> list[Run]:
     """Return every run of every source, in their order, under names that differ.
 
@@ -30,15 +32,17 @@ def read_runs(
 
     `rig`: says what recordings leave out (`recording:`). `names`: of all runs that come out; else files name
     theirs, and a table is `table0`, `table1`, ... by its place among the sources. `bus`, `node`: which of those in a
-    bus log. UserError names file or run, the place in it and the remedy; TypeError for what is no source.
+    bus log. `columns`: which column of a file is which of a run, as `--map` takes it ("theta_m_rad=pos:deg").
+    UserError names file or run, the place in it and the remedy; TypeError for what is no source.
     """
     known = None if rig is None else as_rig(rig)
+    mapping = read_map(columns)
     found: list[Run] = []
     for place, source in enumerate(sources):
         if isinstance(source, Run):
             found.append(source)
         elif isinstance(source, str | PathLike):
-            found += read_run(source, rig=known, choice=Choice(bus, node))
+            found += read_run(source, rig=known, choice=Choice(bus, node), mapping=mapping)
         elif is_table(source):
             found.append(with_known_load(read_table(source, f"table{place}"), known))
         else:

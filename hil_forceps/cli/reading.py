@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -13,6 +14,8 @@ from rich.table import Table
 from hil_forceps.cli.notes import note_console
 from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.read_run import read_run
+from hil_forceps.data.readers.tables.columns import OnColumns
+from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.audit.audit import Finding, Severity
 from hil_forceps.rig import Rig
@@ -33,6 +36,8 @@ def read_sources(
     progress: Progress,
     rig: Rig | None = None,
     choice: Choice = Choice(),  # noqa: B008 - a constant
+    mapping: ColumnMap = MappingProxyType({}),
+    on_columns: OnColumns | None = None,
 ) -> list[tuple[Path, Run]]:
     """Return every run of every source with its source; UserError with the problems of all of them."""
     missing = [source for source in sources if not source.exists()]
@@ -44,7 +49,8 @@ def read_sources(
     for source in sources:
         task = progress.add_task(f"reading {source.name}", total=None)
         try:
-            found += [(source, run) for run in read_run(source, _teller(progress, task), rig, choice)]
+            runs = read_run(source, _teller(progress, task), rig, choice, mapping, on_columns)
+            found += [(source, run) for run in runs]
         except UserError as error:
             problems += error.problems
         progress.remove_task(task)

@@ -1,14 +1,14 @@
 """Runs out of tables in memory: pandas, polars, pyarrow, dicts of arrays. None of these libraries is imported."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hil_forceps.data.column_names import name_problems
-from hil_forceps.data.run import KNOWN_COLUMNS, Column, Run, columns_problem
-from hil_forceps.data.time_order import check_time_unit, drop_repeats
+from hil_forceps.data.readers.tables.columns import Header, Use
+from hil_forceps.data.readers.tables.named_columns import read_named
+from hil_forceps.data.run import Column, Run
 from hil_forceps.rig.errors import UserError
 
 
@@ -39,22 +39,24 @@ def read_table(table: Table, name: str) -> Run:
     names = _names(table)
     if names is None:
         raise TypeError(f"a {type(table).__name__} is no table: it has no named columns")
-    errors, notes = name_problems(names)
-    columns: dict[str, Column] = {}
-    for known in (each for each in names if each in KNOWN_COLUMNS and names.count(each) == 1):
-        array = np.asarray(table[known])
+
+    def get(uses: Sequence[Use]) -> list[Column]:
+        return _numbers(table, names, uses, name)
+
+    return read_named(name, name, Header(tuple(names), place=name), get, None, {}, first=0)
+
+
+def _numbers(table: Table, names: Sequence[str], uses: Sequence[Use], name: str) -> list[Column]:
+    columns, errors = [], []
+    for use in uses:
+        array = np.asarray(table[names[use.position]])
         if array.dtype.kind in "fiu":
-            columns[known] = array.astype(np.float64)
+            columns.append(array.astype(np.float64))
         else:
-            errors.append(f"column {known} holds {array.dtype}, not numbers; convert it to float64")
+            errors.append(f"{name}: column {use.name} holds {array.dtype}, not numbers; convert it to float64")
     if errors:
-        raise UserError([f"{name}: {error}" for error in errors])
-    problem = columns_problem(columns)
-    if problem:
-        raise UserError(f"{name}: {'; '.join([problem, *notes])}")
-    columns, more = drop_repeats(columns, name, lambda row: f"{name}: row {row}")
-    check_time_unit(columns["time_s"], name)
-    return Run(name, columns, (*notes, *more))
+        raise UserError(errors)
+    return columns
 
 
 def _names(table: Any) -> list[str] | None:

@@ -43,6 +43,7 @@ def diagnose(
     figures: bool = False,
     bus: str | None = None,
     node: int | None = None,
+    map_: Annotated[tuple[str, ...], Parameter(name="--map")] = (),
 ) -> int:
     """Show what a rig's simulation gets wrong about measured runs, name the cause, extend the rig, measure the gain.
 
@@ -52,7 +53,7 @@ def diagnose(
     Parameters
     ----------
     runs
-        Measured runs: CSV, Parquet, recordings (.mcap), bus logs, surgical-tool text or zip, EPOS Studio, EMPS .mat.
+        Measured runs: any file or folder that `import` reads (docs/measured-data.md).
     rig
         The rig file to simulate with.
     out
@@ -74,13 +75,16 @@ def diagnose(
         Of bus logs with drives on several buses, the one to read: candump's interface, the channel of the others.
     node
         Of bus logs with several drives, the one to read.
+    map_
+        Which column of a table is which of a run, and its unit: theta_m_rad=pos:deg; or a YAML of such lines
+        (docs/measured-data.md).
     """
     began_s = time.monotonic()
     wishes = Wishes(hold_out, without, seed, jobs, budget)
     with spoken_as_options(_OPTIONS):
         wishes.check()
     known = load_rig(rig)
-    read = read_runs(*runs, rig=known, bus=bus, node=node)
+    read = read_runs(*runs, rig=known, bus=bus, node=node, columns=map_)
     with spoken_as_options(_OPTIONS):
         wishes.check_names(read)
     make_folder(out)

@@ -9,10 +9,12 @@ from cyclopts import Parameter
 
 from hil_forceps.cli.files import file_name, make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
+from hil_forceps.cli.map_file import leaving_map
 from hil_forceps.cli.reading import bar, read_sources, show_audit
 from hil_forceps.data.readers.csv_table import write_csv
 from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.parquet_table import require_parquet, write_parquet
+from hil_forceps.data.readers.tables.mapping import read_map
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.audit.audit import audit
 from hil_forceps.rig import load_rig
@@ -26,11 +28,13 @@ def import_(
     rig: Path | None = None,
     bus: str | None = None,
     node: int | None = None,
+    map_: Annotated[tuple[str, ...], Parameter(name="--map")] = (),
+    write_map: Path | None = None,
 ) -> int:
     """Write runs in the project's own format, one file each, SI units in the columns' names; audit them.
 
-    Reads CSV, Parquet, recordings (.mcap), bus logs (.log .asc .blf .trc), the surgical-tool text format (folder, zip
-    or text), EPOS Studio's text and EMPS (.mat), told by content.
+    Reads text of any layout (CSV), Parquet, Excel, MATLAB, HDF5, MDF (.mf4), recordings (.mcap), bus logs (.log .asc
+    .blf .trc), the surgical-tool text format (folder, zip or text) and EPOS Studio's text, told by content.
 
     Parameters
     ----------
@@ -47,14 +51,22 @@ def import_(
         Of a bus log with drives on several buses, the one to read: candump's interface, the channel of the others.
     node
         Of a bus log with several drives, the one to read.
+    map_
+        Which column of a table is which of a run, and its unit: theta_m_rad=pos:deg; or a YAML of such lines
+        (docs/measured-data.md).
+    write_map
+        File for the mapping that was used, or that may be meant, as `--map` takes it; --out is not needed then.
     """
-    if out is None:
+    if out is None and write_map is None:
         raise UserError("import: --out DIR is missing; name the folder for the runs")
     known = None if rig is None else load_rig(rig)
     if form == "parquet":
         require_parquet()
     with telling_when_compiling(), bar() as progress:
-        found = read_sources(source, progress, known, Choice(bus, node))
+        with leaving_map(write_map) as on_columns:
+            found = read_sources(source, progress, known, Choice(bus, node), read_map(map_), on_columns)
+        if out is None:
+            return 0
         make_folder(out)
         paths = _paths(found, out, form)
         task = progress.add_task("writing", total=len(found))

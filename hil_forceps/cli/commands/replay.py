@@ -2,8 +2,10 @@
 
 import sys
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 from rich.progress import Progress
 
 from hil_forceps.bench.assembly import make_pipeline, settings_of
@@ -15,6 +17,7 @@ from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.notes import note, note_console
 from hil_forceps.cli.tables import print_cells
+from hil_forceps.data.readers.tables.mapping import ColumnMap, read_map
 from hil_forceps.data.recording.reader import Recording, read_recording
 from hil_forceps.data.recording.writer import Outcome
 from hil_forceps.identification.instrument.black_boxes import black_boxes as black_boxes_of
@@ -43,6 +46,7 @@ def replay(
     out: Path | None = None,
     algorithm: str | None = None,
     black_boxes: bool = False,
+    map_: Annotated[tuple[str, ...], Parameter(name="--map")] = (),
 ) -> int:
     """Send what was recorded through the estimators again.
 
@@ -72,6 +76,9 @@ def replay(
     black_boxes
         For runs of an instrument: gradient boosting and a network in the comparison too; needs scikit-learn. For runs
         of an axis: a network driven by the force alone, fitted from several seeds; some minutes more.
+    map_
+        Which column of a table is which of a run, and its unit: theta_m_rad=pos:deg; or a YAML of such lines
+        (docs/measured-data.md).
     """
     if missing := [path for path in (source, *others) if not path.exists()]:
         raise UserError([f"{path}: no such file or folder" for path in missing])
@@ -80,7 +87,7 @@ def replay(
             raise UserError("runs of an axis need --rig RIG.yaml and --out DIR")
         if algorithm is not None:
             raise UserError("several sources are runs of an axis: --algorithm doesn't go with them")
-        return replay_axis([source, *others], rig, out, with_networks=black_boxes)
+        return replay_axis([source, *others], rig, out, read_map(map_), with_networks=black_boxes)
     if (source / RECORDING_NAME).is_file():
         source /= RECORDING_NAME
     if source.suffix.lower() == RECORDING_SUFFIX:
@@ -89,7 +96,7 @@ def replay(
         raise UserError(f"{source}: is no recording; a rig file goes behind --rig, the recording or run comes first")
     if rig is None or out is None:
         raise UserError(f"{source}: runs of an instrument need --rig RIG.yaml and --out DIR")
-    return _instrument(source, rig, out, black_boxes)
+    return _instrument(source, rig, out, black_boxes, read_map(map_))
 
 
 def _recording(path: Path, algorithm: str | None) -> int:
@@ -135,7 +142,7 @@ def _sent_or_not(recording: Recording) -> str:
     return ", ".join(told)
 
 
-def _instrument(source: Path, rig_path: Path, out: Path, with_learned: bool) -> int:
+def _instrument(source: Path, rig_path: Path, out: Path, with_learned: bool, mapping: ColumnMap) -> int:
     rig = load_rig(rig_path)
     make_folder(out)
     if with_learned:
@@ -147,7 +154,7 @@ def _instrument(source: Path, rig_path: Path, out: Path, with_learned: bool) -> 
         def progress(done: int, total: int, what: str) -> None:
             bar.update(task, completed=done, total=total or None, description=what)
 
-        runs = read_instrument(source, progress)
+        runs = read_instrument(source, progress, mapping)
         report = evaluate(source.stem, runs, rig, progress)
         comparison = compare_instrument(runs, rig, with_learned=with_learned, progress=progress)
         write_report(report, out)

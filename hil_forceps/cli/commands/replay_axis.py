@@ -13,6 +13,7 @@ from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.notes import note_console
 from hil_forceps.cli.tables import print_cells
+from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.identification.axis.axis import read_axis
 from hil_forceps.identification.axis.comparison import compare_axis
 from hil_forceps.identification.axis.files import axis_tables, write_axis
@@ -21,7 +22,9 @@ from hil_forceps.report.identification.axis import write_axis_figures
 from hil_forceps.rig import load_rig
 
 
-def replay_axis(sources: Sequence[Path], rig_path: Path, out: Path, *, with_networks: bool = False) -> int:
+def replay_axis(
+    sources: Sequence[Path], rig_path: Path, out: Path, mapping: ColumnMap, *, with_networks: bool = False
+) -> int:
     """Compare, print the tables, write files and figures; returns the exit code."""
     rig = load_rig(rig_path)
     make_folder(out)
@@ -32,7 +35,7 @@ def replay_axis(sources: Sequence[Path], rig_path: Path, out: Path, *, with_netw
         def progress(done: int, total: int, what: str) -> None:
             bar.update(task, completed=done, total=total, description=what)
 
-        found = compare_axis(read_axis(sources, rig), progress)
+        found = compare_axis(read_axis(sources, rig, mapping), progress)
         if with_networks:
             bar.update(task, description=f"networks, {SEEDS} seeds")
             threads = os.cpu_count() or 1

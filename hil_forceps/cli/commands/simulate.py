@@ -4,7 +4,9 @@ import csv
 import re
 import sys
 from pathlib import Path
+from typing import Annotated
 
+from cyclopts import Parameter
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import Progress
@@ -16,13 +18,22 @@ from hil_forceps.cli.files import file_name, make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.reading import bar, read_sources
 from hil_forceps.data.readers.format import Choice
+from hil_forceps.data.readers.tables.mapping import read_map
 from hil_forceps.report.overlay import SHOWN, beside_figure
 from hil_forceps.report.save import save_figure
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 
 
-def simulate(rig: Path, *, like: Path, out: Path | None = None, bus: str | None = None, node: int | None = None) -> int:
+def simulate(
+    rig: Path,
+    *,
+    like: Path,
+    out: Path | None = None,
+    bus: str | None = None,
+    node: int | None = None,
+    map_: Annotated[tuple[str, ...], Parameter(name="--map")] = (),
+) -> int:
     """Simulate what was measured: same reference and load, the rig's values as they are; print the errors.
 
     In closed loop when the rig has a `drive` and the run a reference. Else the measured motion drives the simulation,
@@ -40,12 +51,15 @@ def simulate(rig: Path, *, like: Path, out: Path | None = None, bus: str | None 
         Of a bus log with drives on several buses, the one to read: candump's interface, the channel of the others.
     node
         Of a bus log with several drives, the one to read.
+    map_
+        Which column of a table is which of a run, and its unit: theta_m_rad=pos:deg; or a YAML of such lines
+        (docs/measured-data.md).
     """
     known = load_rig(rig)
     if out is not None:
         make_folder(out)
     with telling_when_compiling(), bar() as progress:
-        runs = [run for _, run in read_sources([like], progress, choice=Choice(bus, node))]
+        runs = [run for _, run in read_sources([like], progress, None, Choice(bus, node), read_map(map_))]
         task = progress.add_task("simulating", total=len(runs))
         results = []
         for run in runs:

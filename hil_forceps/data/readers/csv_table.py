@@ -4,6 +4,7 @@ import csv
 from pathlib import Path
 
 from hil_forceps.data.readers.format import Format, Progress, Request
+from hil_forceps.data.readers.tables.columns import OnColumns
 from hil_forceps.data.readers.tables.mapping import ColumnMap, map_beside
 from hil_forceps.data.readers.tables.text_table import read_text_table
 from hil_forceps.data.run import KNOWN_COLUMNS, Run
@@ -16,6 +17,7 @@ def read_csv(
     progress: Progress | None = None,
     rig: Rig | None = None,
     mapping: ColumnMap | None = None,
+    on_columns: OnColumns | None = None,
 ) -> Run:
     """Read one run; columns of other names are left out and named in its notes.
 
@@ -28,7 +30,7 @@ def read_csv(
     path = Path(path)
     kept, note = map_beside(path)
     try:
-        run = read_text_table(path, progress, rig, {**kept, **(mapping or {})})
+        run = read_text_table(path, progress, rig, {**kept, **(mapping or {})}, on_columns)
     except OSError as error:
         raise UserError(f"{path}: {error.strerror or error}") from error
     return Run(run.name, run.columns, (*run.notes, note)) if note else run
@@ -45,7 +47,7 @@ def write_csv(run: Run, path: str | Path) -> None:
 
 
 def _read(request: Request) -> list[Run]:
-    return [read_csv(request.path, request.progress, request.rig, request.mapping)]
+    return [read_csv(request.path, request.progress, request.rig, request.mapping, request.on_columns)]
 
 
 FORMAT = Format("CSV", (".csv", ".tsv", ".lvm"), _read, is_table=True, may_be_packed=True)

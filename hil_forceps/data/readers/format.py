@@ -5,16 +5,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
+from hil_forceps.data.readers.tables.columns import OnColumns
 from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.run import Run
 from hil_forceps.rig import Rig
-from hil_forceps.rig.errors import UserError
 
 Progress = Callable[[int, int], None]  # bytes read, bytes in all
-
-
-class NoRunError(UserError):
-    """A table of other people's: in a folder of runs it is left out, by itself it is refused."""
 
 
 class Choice(NamedTuple):
@@ -32,6 +28,7 @@ class Request(NamedTuple):
     rig: Rig | None = None  # what a recording of this format doesn't say may stand there
     choice: Choice = Choice()
     mapping: ColumnMap = MappingProxyType({})  # of a table's columns, as the user told; a file beside it may say more
+    on_columns: OnColumns | None = None
 
 
 class Format(NamedTuple):

@@ -35,7 +35,9 @@ def read_mat(request: Request) -> list[Run]:
 
     kept, note = map_beside(path)
     mapping = {**kept, **request.mapping}
-    run = read_named(path, path.stem, Header(names, (), str(path), group), get, request.rig, mapping, row="sample")
+    run = read_named(
+        path, path.stem, Header(names, (), str(path), group), get, request.rig, mapping, request.on_columns, "sample"
+    )
     return [Run(run.name, run.columns, (*run.notes, note)) if note else run]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hil_forceps.data.readers.format import Format
-from hil_forceps.data.readers.tables.columns import Header, Use
+from hil_forceps.data.readers.tables.columns import Header, OnColumns, Use
 from hil_forceps.data.readers.tables.mapping import ColumnMap, map_beside
 from hil_forceps.data.readers.tables.named_columns import read_named
 from hil_forceps.data.run import KNOWN_COLUMNS, Column, Run
@@ -21,7 +21,12 @@ MAX_SAMPLES = 50_000_000
 _BATCH_ROWS = 1 << 17
 
 
-def read_parquet(path: str | Path, rig: Rig | None = None, mapping: ColumnMap | None = None) -> Run:
+def read_parquet(
+    path: str | Path,
+    rig: Rig | None = None,
+    mapping: ColumnMap | None = None,
+    on_columns: OnColumns | None = None,
+) -> Run:
     """Read one run; the rules of `read_csv` hold, with row numbers (from 1) in place of lines.
 
     Raises UserError for whatever can't be used, also where pyarrow is not installed.
@@ -34,7 +39,7 @@ def read_parquet(path: str | Path, rig: Rig | None = None, mapping: ColumnMap | 
             names = tuple(file.schema_arrow.names)
             header = Header(names, place=str(path))
             get = partial(_columns, path, arrow, file)
-            run = read_named(path, path.stem, header, get, rig, {**kept, **(mapping or {})})
+            run = read_named(path, path.stem, header, get, rig, {**kept, **(mapping or {})}, on_columns)
     except OSError as error:
         raise UserError(f"{path}: {error.strerror or _first_line(error)}") from error
     except (arrow.ArrowException, ValueError, MemoryError) as error:
@@ -89,7 +94,7 @@ def _first_line(error: BaseException) -> str:
 FORMAT = Format(
     "Parquet",
     (".parquet",),
-    lambda request: [read_parquet(request.path, request.rig, request.mapping)],
+    lambda request: [read_parquet(request.path, request.rig, request.mapping, request.on_columns)],
     magic=(MAGIC,),
     is_table=True,
 )

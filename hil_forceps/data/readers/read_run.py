@@ -10,7 +10,9 @@ import numpy as np
 from hil_forceps.data.readers import bus_frames, csv_table, epos_studio, mat_table, parquet_table, recording_file
 from hil_forceps.data.readers import surgical_tool as surgical
 from hil_forceps.data.readers.containers import formats as containers
-from hil_forceps.data.readers.format import Choice, Format, NoRunError, Progress, Request
+from hil_forceps.data.readers.format import Choice, Format, Progress, Request
+from hil_forceps.data.readers.no_run import NoRunError
+from hil_forceps.data.readers.tables.columns import OnColumns
 from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.readers.tables.packed import inner_name, is_packed, unpacked_head
 from hil_forceps.data.run import Run
@@ -43,15 +45,16 @@ def read_run(
     rig: Rig | None = None,
     choice: Choice = Choice(),  # noqa: B008 - a constant
     mapping: ColumnMap = MappingProxyType({}),
+    on_columns: OnColumns | None = None,
 ) -> list[Run]:
     """Return every run in a file or folder, at least one; with a rig, what its recordings don't say is added.
 
     A file has one of `FORMATS`. A folder is a data set of the surgical tool, or holds files of any format; its bus logs
     are read only when nothing else in it is a run, for the service writes both of one run. `progress` is told bytes
     read and bytes in all, of each CSV. `choice` is of bus logs; other files have one bus. `mapping` names the columns
-    of tables. Raises UserError, with the place in the file where there is one, for whatever can't be used.
+    of tables, and `on_columns` is told what came of each table's header. Raises UserError, with the place in the file where there is one, for whatever can't be used.
     """
-    found = _read(Request(Path(path), progress, rig, choice, mapping))
+    found = _read(Request(Path(path), progress, rig, choice, mapping, on_columns))
     return [with_known_load(run, rig) for run in found]
 
 

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from hil_forceps.data.readers.read_run import read_run
+from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.run import GAP_IN_INTERVALS, Run
 from hil_forceps.identification.axis.force_terms import Vector
 from hil_forceps.identification.axis.inverse_model import Rows, decimated
@@ -41,12 +43,12 @@ class AxisRun(NamedTuple):
         return decimated(values[len(values) - len(self.rows.motion.position_m) :], self.rows.factor)
 
 
-def read_axis(sources: Sequence[Path], rig: Rig) -> list[AxisRun]:
+def read_axis(sources: Sequence[Path], rig: Rig, mapping: ColumnMap = MappingProxyType({})) -> list[AxisRun]:
     """Read every run of an axis; UserError for one that has a jaw, a load, no torque, gaps, or is too short."""
     radius_m = rig.forceps.motor_pulley_radius_m.value
     if radius_m is None:
         raise UserError("forceps.motor_pulley_radius_m: its value isn't known and is needed here; give a value")
-    runs = [run for source in sources for run in read_run(source)]
+    runs = [run for source in sources for run in read_run(source, mapping=mapping)]
     problems = [f"run {run.name}: {problem}" for run in runs if (problem := _problem(run))]
     if problems:
         raise UserError(problems)

@@ -8,12 +8,15 @@ never to the jaw. Friction, stiffness and inertias are the rig's.
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
-from hil_forceps.data.readers.csv_table import read_csv
+from hil_forceps.data.readers.read_run import FORMATS, read_run
 from hil_forceps.data.readers.surgical_tool import iter_surgical_tool
+from hil_forceps.data.readers.tables.mapping import ColumnMap
+from hil_forceps.data.readers.tables.packed import inner_name
 from hil_forceps.data.run import Run
 from hil_forceps.estimation import batch
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
@@ -39,6 +42,7 @@ COMPARED = ("improved", "kalman")  # the paper's own and the plain model's best,
 RIGID = "rigid"  # the wire does not stretch, nothing rubs and nothing has inertia
 SOURCES = ("tau_m_N_m", "current_A")
 MIN_DURATION_S = 2 * DROPPED_S + 1.0
+_TABLES = frozenset(suffix for each in FORMATS if each.is_table for suffix in each.suffixes)
 DRAWN_RUNS = 3
 
 
@@ -65,10 +69,12 @@ def replay_instrument(
     return report
 
 
-def read_instrument(path: str | Path, progress: Progress | None = None) -> list[Run]:
-    """Read the runs of a surgical-tool folder or zip, or one CSV; UserError when they can't be used here."""
+def read_instrument(
+    path: str | Path, progress: Progress | None = None, mapping: ColumnMap = MappingProxyType({})
+) -> list[Run]:
+    """Read the runs of a surgical-tool folder or zip, or one table; UserError when they can't be used here."""
     runs: list[Run] = []
-    for run in _read(Path(path)):
+    for run in _read(Path(path), mapping):
         _check(run)
         runs.append(run)
         _tell(progress, len(runs), 0, f"read run {run.name}")
@@ -134,9 +140,9 @@ def evaluate(name: str, runs: Sequence[Run], rig: Rig, progress: Progress | None
     )
 
 
-def _read(path: Path) -> Iterator[Run]:
-    if path.suffix.lower() == ".csv":
-        yield read_csv(path)
+def _read(path: Path, mapping: ColumnMap) -> Iterator[Run]:
+    if Path(inner_name(path)).suffix.lower() in _TABLES:
+        yield from read_run(path, mapping=mapping)
     else:
         yield from iter_surgical_tool(path)
 

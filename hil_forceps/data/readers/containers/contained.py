@@ -13,7 +13,8 @@ from typing import IO, Any
 import numpy as np
 
 from hil_forceps.data.readers.containers.content import MAX_SAMPLES
-from hil_forceps.data.readers.format import NoRunError, Request
+from hil_forceps.data.readers.format import Request
+from hil_forceps.data.readers.no_run import NoRunError
 from hil_forceps.data.readers.tables.columns import Header, Use
 from hil_forceps.data.readers.tables.mapping import Source, map_beside
 from hil_forceps.data.readers.tables.named_columns import read_named
@@ -73,7 +74,7 @@ def _read_table(
         return _columns(path, kind, name, number, [use.position for use in uses], at)
 
     own_name = f"{path.stem}-{label}" if is_one_of_many else path.stem
-    run = read_named(path, own_name, header, get, request.rig, mapping, first=table["first_row"])
+    run = read_named(path, own_name, header, get, request.rig, mapping, request.on_columns, first=table["first_row"])
     if at is None:
         return run
     return Run(

@@ -21,7 +21,7 @@ MAX_SAMPLES = 50_000_000  # three arrays of these are in memory at a time for on
 Where = Callable[[int], str]  # the place of a row (from 0), for messages
 
 
-def assemble(path: Path, name: str, columns: Columns, uses: Sequence[Use], rig: Rig | None, where: Where) -> Run:
+def assemble(path: Path | str, name: str, columns: Columns, uses: Sequence[Use], rig: Rig | None, where: Where) -> Run:
     """Make the run: rows with an empty or NaN cell are dropped and counted, the others converted to SI.
 
     UserError where a unit needs a rig that isn't there, most of the rows have an empty cell, a number is infinite, or
@@ -73,7 +73,7 @@ def _without_gaps(columns: Columns, where: Where) -> tuple[Columns, NDArray[np.i
     return {name: values[kept] for name, values in columns.items()}, kept, [note]
 
 
-def _factor(path: Path, use: Use, rig: Rig | None) -> float:
+def _factor(path: Path | str, use: Use, rig: Rig | None) -> float:
     unit = unit_of(use.unit or split_name(use.name)[1])
     assert unit is not None
     if unit.kind == "count":

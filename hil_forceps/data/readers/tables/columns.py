@@ -1,11 +1,11 @@
 """The columns of a table as columns of a run: by their names and units, or by a mapping; never by a guess."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hil_forceps.data.column_names import left_out, show_name, split_name
-from hil_forceps.data.readers.format import NoRunError
+from hil_forceps.data.readers.no_run import NoRunError
 from hil_forceps.data.readers.tables.mapping import LEFT_OUT, ColumnMap, Source, entry
 from hil_forceps.data.readers.tables.proposals import proposed
 from hil_forceps.data.readers.tables.units import UNITS, unit_of
@@ -62,6 +62,9 @@ class Found:
     def names(self) -> set[str]:
         """Return the columns of a run that are there."""
         return {use.name for use in self.uses}
+
+
+OnColumns = Callable[[Header, Found], object]  # is told what came of each header
 
 
 def choose_columns(header: Header, mapping: ColumnMap) -> Found:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hil_forceps.data.readers.tables.assemble import MAX_SAMPLES, assemble
-from hil_forceps.data.readers.tables.columns import Header, Use, choose_columns, require_columns
+from hil_forceps.data.readers.tables.columns import Header, OnColumns, Use, choose_columns, require_columns
 from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.run import Column, Run
 from hil_forceps.rig import Rig
@@ -14,12 +14,13 @@ Get = Callable[[Sequence[Use]], list[Column]]  # the columns in use, NaN where a
 
 
 def read_named(
-    path: Path,
+    path: Path | str,
     name: str,
     header: Header,
     get: Get,
     rig: Rig | None,
     mapping: ColumnMap,
+    on_columns: OnColumns | None = None,
     row: str = "row",
     first: int = 1,
 ) -> Run:
@@ -28,6 +29,8 @@ def read_named(
     UserError where columns are missing, of different lengths, or too long.
     """
     found = choose_columns(header, mapping)
+    if on_columns is not None:
+        on_columns(header, found)
     require_columns(found, header, mapped=bool(mapping))
     columns = {use.name: values for use, values in zip(found.uses, get(found.uses), strict=True)}
     lengths = {each: len(values) for each, values in columns.items()}

@@ -11,7 +11,7 @@ from hil_forceps.data.readers.format import Progress
 from hil_forceps.data.readers.tables.assemble import MAX_SAMPLES, assemble
 from hil_forceps.data.readers.tables.blocks import Block, whole_blocks, without_footer
 from hil_forceps.data.readers.tables.cells import LONGEST_LINE, is_skipped, split_line
-from hil_forceps.data.readers.tables.columns import Header, Use, choose_columns, require_columns
+from hil_forceps.data.readers.tables.columns import Header, OnColumns, Use, choose_columns, require_columns
 from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.readers.tables.numbers import Numbers, Sheet, parse_block, sample_lines
 from hil_forceps.data.readers.tables.packed import path_stem, text_pieces
@@ -33,12 +33,16 @@ class Opened(NamedTuple):
     blocks: Iterator[Block]
 
 
-def read_text_table(path: Path, progress: Progress | None, rig: Rig | None, mapping: ColumnMap) -> Run:
+def read_text_table(
+    path: Path, progress: Progress | None, rig: Rig | None, mapping: ColumnMap, on_columns: OnColumns | None = None
+) -> Run:
     """Read one run; UserError with file, line and column for whatever can't be used; OSError as the disk does."""
     size = path.stat().st_size
     notes: list[str] = []
     opened = open_text(path, mapping, notes, progress and (lambda done: progress(done, size)))
     found = choose_columns(opened.header, mapping)
+    if on_columns is not None:
+        on_columns(opened.header, found)
     require_columns(found, opened.header, mapped=bool(mapping))
     layout = opened.layout
     sheet = Sheet(
