@@ -52,7 +52,8 @@ def read_run(
     A file has one of `FORMATS`. A folder is a data set of the surgical tool, or holds files of any format; its bus logs
     are read only when nothing else in it is a run, for the service writes both of one run. `progress` is told bytes
     read and bytes in all, of each CSV. `choice` is of bus logs; other files have one bus. `mapping` names the columns
-    of tables, and `on_columns` is told what came of each table's header. Raises UserError, with the place in the file where there is one, for whatever can't be used.
+    of tables, and `on_columns` is told what came of each header. Raises UserError, with the place in the file where
+    there is one, for whatever can't be used.
     """
     found = _read(Request(Path(path), progress, rig, choice, mapping, on_columns))
     return [with_known_load(run, rig) for run in found]

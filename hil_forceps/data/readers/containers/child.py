@@ -1,7 +1,7 @@
 """`python -m hil_forceps.data.readers.containers.child KIND PATH`: reads a container for the process that started it.
 
-Answers with a line of JSON (the tables, or why there is none); takes a line of JSON (which columns of which table) and
-answers with another line and the columns, each as its count and its float64s, little endian. A library may go round
+Answers with a line of JSON (the tables, or why there is none); takes lines of JSON (which columns of which table) and
+answers each with another line and the columns: a count and float64s, little endian. A library may go round
 for ever on damaged bytes, or take all memory, or end its process: here that ends this process alone.
 """
 
@@ -34,8 +34,7 @@ def main(kind: str, path: Path) -> None:
     try:
         tables = _tables(kind, path)
         _tell(out, {"tables": [_told(table) for table in tables]})
-        line = sys.stdin.readline()
-        if line:
+        for line in sys.stdin:
             wanted = json.loads(line)
             columns = tables[wanted["table"]].get(wanted["positions"], wanted["base"])
             _tell(out, {"columns": len(columns)})

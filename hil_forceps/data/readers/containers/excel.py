@@ -29,7 +29,7 @@ def tables(path: Path) -> list[Table]:
     if size > _MAX_UNPACKED_BYTES:
         raise ContentError(f"more than {_MAX_UNPACKED_BYTES >> 20} MiB when unpacked; save it as CSV")
     openpyxl: Any = importlib.import_module("openpyxl")
-    book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
+    book = openpyxl.load_workbook(path.open("rb"), read_only=True, data_only=True, keep_links=False)
     found = [table for sheet in book.worksheets[:_MAX_SHEETS] if (table := _table(sheet)) is not None]
     if not found:
         raise ContentError("no table in any of its sheets; put the columns' names above the numbers")

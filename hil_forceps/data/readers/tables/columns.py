@@ -147,9 +147,11 @@ def _by_mapping(name: str, source: Source, header: Header, found: Found) -> None
     if position is None:
         found.errors.append(f"{source.told_by}: {_no_place(name, source, header)}")
         return
-    if not unit:
-        row = header.unit(position)
-        unit = parse_name(header.names[position]).unit or (row if unit_of(row) else "")
+    row = header.unit(position)
+    written = parse_name(header.names[position]).unit or (row if unit_of(row) else "")
+    if unit and unit_of(written) not in (None, unit_of(unit)):
+        found.notes.append(f"{name}: {source.told_by} says {unit} where the file says {written}")
+    unit = unit or written
     if _can_be(name, unit or split_name(name)[1], is_told=True):
         _use(name, position, unit, header, found)
         return
@@ -161,14 +163,14 @@ def _by_mapping(name: str, source: Source, header: Header, found: Found) -> None
 
 def _no_place(name: str, source: Source, header: Header) -> str:
     column, _, end = source.text.rpartition(":")
+    count = header.names.count(column) or header.names.count(source.text)
+    if count > 1:
+        return f"{count} columns have that name; give the place of one, as #2:{end or 'UNIT'}"
     if column in header.names:
         return f"{end!r} is no unit that is read ({', '.join(UNITS)})"
     near = proposed(name, header.names, header.units)
     guess = f"; meant {near[0]!r}?" if near else ";"
     shown = ", ".join(map(show_name, header.names[:_MOST_NAMES]))
-    count = header.names.count(column) or header.names.count(source.text)
-    if count > 1:
-        return f"{count} columns have that name; give the place of one, as #2:{end or 'UNIT'}"
     return f"the file has no column {show_name(source.text)}{guess} it has {shown}"
 
 

@@ -36,8 +36,9 @@ def find_rows(rows: Sequence[Row], wanted: frozenset[str]) -> RowLayout | None:
 
 
 def name_hits(row: Row, wanted: frozenset[str]) -> int:
-    """Count the cells that name a column of a run, or one that a mapping wants."""
-    return sum(1 for cell in row if cell.strip() and (cell.strip() in wanted or parse_name(cell).column))
+    """Count the columns of a run, or those that a mapping wants, that cells name."""
+    names = {cell.strip() for cell in row} - {""}
+    return len({name if name in wanted else parse_name(name).column for name in names} - {""})
 
 
 def is_sample(row: Row) -> bool:
