@@ -68,7 +68,9 @@ def an_hdf5(path: Path) -> None:
 
 
 def an_hdf5_of_pandas_kind(path: Path) -> None:
-    table = np.rec.fromarrays(list(TABLE.values()), names=",".join(TABLE))
+    table = np.zeros(COUNT, dtype=[(name, "f8") for name in TABLE])
+    for name, values in TABLE.items():
+        table[name] = values
     with h5py.File(path, "w") as file:
         file["table"] = table
 
