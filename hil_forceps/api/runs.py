@@ -32,7 +32,7 @@ def read_runs(
 
     `rig`: says what recordings leave out (`recording:`). `names`: of all runs that come out; else files name
     theirs, and a table is `table0`, `table1`, ... by its place among the sources. `bus`, `node`: which of those in a
-    bus log. `columns`: which column of a file is which of a run, as `--map` takes it ("theta_m_rad=pos:deg").
+    bus log. `columns`: which column of a file or table is which of a run, as `--map` takes it ("theta_m_rad=pos:deg").
     UserError names file or run, the place in it and the remedy; TypeError for what is no source.
     """
     known = None if rig is None else as_rig(rig)
@@ -44,7 +44,7 @@ def read_runs(
         elif isinstance(source, str | PathLike):
             found += read_run(source, rig=known, choice=Choice(bus, node), mapping=mapping)
         elif is_table(source):
-            found.append(with_known_load(read_table(source, f"table{place}"), known))
+            found.append(with_known_load(read_table(source, f"table{place}", mapping), known))
         else:
             raise TypeError(f"no runs can be read from a {type(source).__name__}")
     if not found:

@@ -1,12 +1,14 @@
 """Runs out of tables in memory: pandas, polars, pyarrow, dicts of arrays. None of these libraries is imported."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hil_forceps.data.readers.tables.columns import Header, Use
+from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.readers.tables.named_columns import read_named
 from hil_forceps.data.run import Column, Run
 from hil_forceps.rig.errors import UserError
@@ -31,7 +33,7 @@ def is_table(source: object) -> bool:
     return _names(source) is not None
 
 
-def read_table(table: Table, name: str) -> Run:
+def read_table(table: Table, name: str, mapping: ColumnMap = MappingProxyType({})) -> Run:
     """Return one run; the rules of `read_csv` hold, with rows counted from 0 in place of lines.
 
     UserError naming the run and the column for whatever can't be used. TypeError for what is no table.
@@ -43,7 +45,7 @@ def read_table(table: Table, name: str) -> Run:
     def get(uses: Sequence[Use]) -> list[Column]:
         return _numbers(table, names, uses, name)
 
-    return read_named(name, name, Header(tuple(names), place=name), get, None, {}, first=0)
+    return read_named(name, name, Header(tuple(names), place=name), get, None, mapping, first=0)
 
 
 def _numbers(table: Table, names: Sequence[str], uses: Sequence[Use], name: str) -> list[Column]:

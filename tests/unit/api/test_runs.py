@@ -64,15 +64,26 @@ def test_whole_numbers_and_single_precision_are_numbers(table: Any) -> None:
     ("change", "said"),
     [
         ({"theta_m_rad": None}, "table0: column theta_m_rad is missing"),
-        ({"theta_m_rad": None, "theta_m_deg": np.zeros(ROWS)}, "table0: column 'theta_m_deg' is not in the unit of a"),
+        ({"theta_m_rad": None, "theta_m": np.zeros(ROWS)}, "table0: column theta_m_rad is missing; if 'theta_m' is it"),
         ({"current_A": None}, "table0: neither current_A nor tau_m_N_m is there"),
-        ({"current_A": np.array([0, 0, np.nan, 0, 0, 0])}, "table0: row 2: current_A is not a finite number"),
+        ({"current_A": np.array([0, np.nan, np.nan] * 2)}, "table0: row 1: current_A is empty or NaN in 4 of 6 rows"),
+        ({"current_A": np.array([0, 0, np.inf, 0, 0, 0])}, "table0: row 2: current_A is not a finite number"),
         ({"time_s": np.array([0, 1, 2, 1, 3, 4]) * 1e-3}, "table0: row 3: time_s: 0.001 does not come after 0.002"),
         ({"time_s": np.arange(ROWS, dtype=float)}, "table0: time_s: rows are 1 s apart"),
         ({"current_A": np.array(list("abcdef"))}, "table0: column current_A holds"),
         ({"current_A": np.zeros(ROWS, dtype=bool)}, "table0: column current_A holds bool, not numbers"),
     ],
-    ids=["missing", "degrees", "nothing drives", "NaN", "back in time", "seconds apart", "text", "bool"],
+    ids=[
+        "missing",
+        "without a unit",
+        "nothing drives",
+        "NaN",
+        "infinite",
+        "back in time",
+        "seconds apart",
+        "text",
+        "bool",
+    ],
 )
 def test_what_is_no_run_is_refused_by_name_and_column(table: Any, change: dict[str, Any], said: str) -> None:
     columns = {name: values for name, values in {**COLUMNS, **change}.items() if values is not None}
@@ -82,13 +93,21 @@ def test_what_is_no_run_is_refused_by_name_and_column(table: Any, change: dict[s
     assert len(refused.value.problems) == 1
 
 
+def test_units_in_names_a_mapping_and_gaps(table: Any) -> None:
+    degrees = np.linspace(0.0, 90.0, ROWS)
+    columns = {"time_ms": np.arange(ROWS), "Position": degrees, "current_A": np.array([0, 0, np.nan, 0, 0, 0])}
+    (run,) = hf.read_runs(table(columns), columns=["theta_m_rad=Position:deg"])
+    np.testing.assert_array_equal(run["theta_m_rad"], np.delete(degrees, 2) * (np.pi / 180.0))
+    assert "1 row with empty or NaN cells became gaps (current_A 1)" in run.notes
+
+
 def test_a_table_is_refused_in_the_words_of_a_file(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("time_s,theta_m_deg,current_A\n0,0,0\n0.001,0,0\n")
+    path.write_text("time_s,theta_m,current_A\n0,0,0\n0.001,0,0\n")
     with pytest.raises(hf.UserError) as of_file:
         hf.read_runs(path)
     with pytest.raises(hf.UserError) as of_table:
-        hf.read_runs({"time_s": [0, 1e-3], "theta_m_deg": [0.0, 0.0], "current_A": [0.0, 0.0]})
+        hf.read_runs({"time_s": [0, 1e-3], "theta_m": [0.0, 0.0], "current_A": [0.0, 0.0]})
     assert str(of_file.value).removeprefix(f"{path}:1: ") == str(of_table.value).removeprefix("table0: ")
 
 

@@ -26,18 +26,14 @@ def read_named(
 ) -> Run:
     """Choose the columns, get them, and make the run; `first` is the number of the first row, in messages.
 
-    UserError where columns are missing, of different lengths, or too long.
+    UserError where columns are missing or too long, and as `assemble`.
     """
     found = choose_columns(header, mapping)
     if on_columns is not None:
         on_columns(header, found)
     require_columns(found, header, mapped=bool(mapping))
     columns = {use.name: values for use, values in zip(found.uses, get(found.uses), strict=True)}
-    lengths = {each: len(values) for each, values in columns.items()}
-    if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{each} {length}" for each, length in lengths.items())
-        raise UserError(f"{header.place}: samples: {told}; they must be as many of each: resample before export")
-    if max(lengths.values()) > MAX_SAMPLES:
+    if max(map(len, columns.values())) > MAX_SAMPLES:
         raise UserError(f"{header.place}: more than {MAX_SAMPLES} samples; cut it")
     run = assemble(path, name, columns, found.uses, rig, lambda at: f"{header.place}: {row} {at + first}")
     return Run(run.name, run.columns, (*found.notes, *run.notes))
