@@ -22,6 +22,7 @@ from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame
 from hil_forceps.data.readers.bus_run import read_bus_log
 from hil_forceps.data.readers.read_run import read_run
+from hil_forceps.data.readers.tables.mapping import load_map
 from hil_forceps.data.recording.reader import parse_recording
 from hil_forceps.data.strict_json import parse_json
 from hil_forceps.rig import load_rig
@@ -217,6 +218,10 @@ def check_cut_csv(cut: Cut) -> bool:
 
 TABLES = sound_files.tables()
 MAT = sound_files.mat()
+STRUCTURE = sound_files.mat_structure()
+LAYOUTS = sound_files.layouts()
+CONTAINERS = sound_files.containers()
+BOOK = sound_files.excel_parts(CONTAINERS["a.xlsx"])
 RECORDS = sound_files.records(sound_files.recording(12))
 
 
@@ -240,6 +245,26 @@ def _recording(which: int, inside: list[Edit], outside: list[Edit]) -> bytes:
     at = which % len(RECORDS)
     damaged = [(opcode, edited(body, inside) if place == at else body) for place, (opcode, body) in enumerate(RECORDS)]
     return edited(sound_files.mcap(damaged), outside)
+
+
+def check_container(name: str) -> Callable[[bytes], bool]:
+    """Return the check of a container by its library in a process of its own, where it may die or go round for ever."""
+
+    def check(content: bytes) -> bool:
+        path = scratch() / name
+        path.write_bytes(content)
+        return runs_are_sound(path, lambda: read_run(path), (len(content) + 1) * DEFLATE_RATIO)
+
+    return check
+
+
+def _layout(lines: list[bytes], at: list[Edit], made: list[Edit], packing: str, outside: list[Edit]) -> bytes:
+    return edited(sound_files.packed_text(edited(edited_lines(lines, at), made), packing), outside)
+
+
+def _book(which: int, inside: list[Edit], outside: list[Edit]) -> bytes:
+    at = sorted(BOOK)[which % len(BOOK)]
+    return edited(sound_files.excel(BOOK | {at: edited(BOOK[at], inside)}), outside)
 
 
 RECORDINGS = st.builds(_recording, PLACES, edits, st.just([]) | edits)
@@ -341,6 +366,31 @@ rig_yaml: st.SearchStrategy[bytes] = st.builds(
     lambda at, made: edited(edited_lines(sound_files.RIG.splitlines(keepends=True), at), made), edits, edits
 )
 
+MAP = b"time_s: 'Zeit:ms'\ntheta_m_rad: 'Position [deg]:deg'\ncurrent_A: none\n"
+
+
+def check_map(content: bytes) -> bool:
+    """A mapping, or the problems of it; and a table read by it."""
+    path = scratch() / "map.yaml"
+    path.write_bytes(content)
+    try:
+        mapping = load_map(path)
+    except UserError as error:
+        told_well(path, error)
+        return False
+    table = scratch() / "mapped.csv"
+    table.write_text("Zeit;Position [deg];current_A\n0;1;2\n1;2;3\n2;3;5\n")
+    try:
+        read_run(table, mapping=mapping)
+    except UserError as error:
+        require(all(problem.isprintable() and len(problem) < 2000 for problem in error.problems), f"{error.problems}")
+    return True
+
+
+map_yaml: st.SearchStrategy[bytes] = st.builds(
+    lambda at, made: edited(edited_lines(MAP.splitlines(keepends=True), at), made), edits, edits
+)
+
 FUZZERS: Mapping[str, Fuzzer] = {
     "log": Fuzzer(text_logs(".log"), check_log(".log")),
     "asc": Fuzzer(text_logs(".asc"), check_log(".asc")),
@@ -354,12 +404,35 @@ FUZZERS: Mapping[str, Fuzzer] = {
         ),
         check_file("fuzz.csv"),
     ),
+    "layouts": Fuzzer(
+        st.builds(_layout, st.sampled_from(LAYOUTS), edits, edits, st.just("plain"), st.just([])), check_file("l.csv")
+    ),
+    "packed": Fuzzer(
+        st.builds(
+            _layout,
+            st.sampled_from(LAYOUTS),
+            edits,
+            st.just([]),
+            st.sampled_from(["gz", "zst"]),
+            st.just([]) | edits,
+        ),
+        check_file("l.csv.gz"),
+    ),
+    "map": Fuzzer(map_yaml, check_map),
+    "excel": Fuzzer(st.builds(_book, PLACES, edits, st.just([]) | edits), check_container("fuzz.xlsx")),
+    "hdf5": Fuzzer(_of(CONTAINERS["a.h5"]), check_container("fuzz.h5")),
+    "mf4": Fuzzer(_of(CONTAINERS["a.mf4"]), check_container("fuzz.mf4")),
     "parquet": Fuzzer(_of(TABLES["a.parquet"]) | _of(TABLES["b.parquet"]), check_file("fuzz.parquet")),
     "zip": Fuzzer(_of(TABLES["a.zip"]), check_file("fuzz.zip")),
     "surgical": Fuzzer(_of(sound_files.SURGICAL), check_file("fuzz.txt")),
     "epos": Fuzzer(_of(sound_files.EPOS), check_file("epos.csv")),
     "mat": Fuzzer(
-        _of(MAT) | _of(MAT).map(sound_files.packed_mat) | _of(sound_files.packed_mat(MAT)), check_file("fuzz.mat")
+        _of(MAT)
+        | _of(STRUCTURE)
+        | _of(STRUCTURE).map(sound_files.packed_mat)
+        | _of(MAT).map(sound_files.packed_mat)
+        | _of(sound_files.packed_mat(MAT)),
+        check_file("fuzz.mat"),
     ),
     "mcap": Fuzzer(RECORDINGS, check_recording),
     "salvage": Fuzzer(RECORDINGS, check_salvage),

@@ -1,5 +1,6 @@
 """Files of all other kinds that runs, rigs and results are read from."""
 
+import gzip
 import importlib
 import io
 import json
@@ -32,6 +33,7 @@ ROOT = Path(__file__).parents[2]
 CHUNK_OPCODE = 6
 HEAD = struct.Struct("<BQ")
 MAGIC = b"\x89MCAP0\r\n"
+WANTED = ("time_s", "theta_m_rad", "current_A")
 RIG = (ROOT / "configs" / "realistic.yaml").read_bytes()
 EPOS = (
     "EPOS Studio Version:;3.7\r\n;Velocity Actual Value;Current Actual Value\r\nms;rpm;mA\r\n"
@@ -64,6 +66,79 @@ def tables() -> dict[str, bytes]:
         plain = arrow.table(dict(run.columns))
         parquet.write_table(plain, home / "b.parquet", compression="none", use_dictionary=False)
         return {file.name: file.read_bytes() for file in home.iterdir()} | {"a.zip": packed.getvalue()}
+
+
+def layouts() -> list[list[bytes]]:
+    """Return tables as text in other layouts, in lines: preambles, units, decimal commas, spaces, empty cells."""
+    run = a_run(20).columns
+    rows = [[repr(value) for value in row] for row in zip(*(run[name].tolist() for name in WANTED), strict=True)]
+
+    def lines(head: str, delimiter: str, decimal: str = ".", end: str = "") -> list[bytes]:
+        body = [delimiter.join(row).replace(".", decimal) + end for row in rows]
+        return [f"{line}\n".encode() for line in [*head.split("\n"), *body]]
+
+    empty = lines("time_s,theta_m_rad,current_A", ",")
+    empty[7], empty[9] = b"0.006,,0\n", b"0.008,nan,0\n"
+    return [
+        lines("sep=;\ntime;theta_m;current\ns;°;mA", ";", ","),
+        lines("Model,MSO24\nRecord Length,20\n\nTime [s],theta_m (rad),current [A],", ",", end=","),
+        lines("# time_s theta_m_rad current_A", "  "),
+        [*lines("unit\ttable\ntime_ms\ttheta_m_deg\tcurrent_A", "\t"), b"\n", b"End of data\n"],
+        [*empty, empty[0], b"0.021,1,1\n"],
+    ]
+
+
+def packed_text(text: bytes, packing: str) -> bytes:
+    """Return a text as it is, as gzip or as zstd."""
+    zstandard: Any = importlib.import_module("zstandard")
+    packed: bytes = {"gz": gzip.compress, "zst": zstandard.compress}.get(packing, bytes)(text)
+    return packed
+
+
+def containers() -> dict[str, bytes]:
+    """Return a run of 20 rows as Excel, HDF5 and MDF."""
+    run = {name: a_run(20).columns[name] for name in WANTED}
+    asammdf: Any = importlib.import_module("asammdf")
+    h5py: Any = importlib.import_module("h5py")
+    openpyxl: Any = importlib.import_module("openpyxl")
+    with tempfile.TemporaryDirectory() as folder:
+        home = Path(folder)
+        book = openpyxl.Workbook()
+        book.active.append(list(run))
+        for row in zip(*(values.tolist() for values in run.values()), strict=True):
+            book.active.append(row)
+        book.save(home / "a.xlsx")
+        with h5py.File(home / "a.h5", "w") as file:
+            for name, values in run.items():
+                file.create_dataset(f"log/{name}", data=values, compression="gzip")
+                file[f"log/{name}"].attrs["unit"] = ""
+        with asammdf.MDF(version="4.10") as mdf:
+            names = {"theta_m_rad": "rad", "current_A": "A"}
+            mdf.append([asammdf.Signal(run[each], run["time_s"], name=each, unit=unit) for each, unit in names.items()])
+            mdf.save(home / "a.mf4", overwrite=True)
+        return {file.name: file.read_bytes() for file in home.iterdir()}
+
+
+def excel(parts: dict[str, bytes]) -> bytes:
+    """Pack the parts of a workbook."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in parts.items():
+            archive.writestr(name, data)
+    return packed.getvalue()
+
+
+def excel_parts(book: bytes) -> dict[str, bytes]:
+    """Unpack a workbook."""
+    with zipfile.ZipFile(io.BytesIO(book)) as archive:
+        return {entry.filename: archive.read(entry) for entry in archive.infolist()}
+
+
+def mat_structure() -> bytes:
+    """Return a structure with the columns of a run, not packed."""
+    file = io.BytesIO()
+    savemat(file, {"log": {name: a_run(20).columns[name] for name in WANTED}, "settings": {"kp": 1.0}})
+    return file.getvalue()
 
 
 def mat() -> bytes:

@@ -80,7 +80,7 @@ def test_whole_numbers_and_single_precision_are_numbers(table: Any) -> None:
         "NaN",
         "infinite",
         "back in time",
-        "seconds apart",
+        "seldom",
         "text",
         "bool",
     ],

@@ -36,7 +36,7 @@ def proposed(wanted: str, names: Sequence[str], units: Sequence[str]) -> tuple[s
     best = max(scored, default=(0.0, 0, ""))
     if best[0] < _CLOSE:
         return None
-    row = units[-best[1]] if units else ""
+    row = units[-best[1]] if -best[1] < len(units) else ""
     unit = parse_name(best[2]).unit or (row if unit_of(row) else "")
     return best[2], unit.strip()
 
