@@ -6,8 +6,10 @@ import io
 import json
 import struct
 import tempfile
+import warnings
 import zipfile
 import zlib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,7 @@ from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.readers.csv_table import write_csv
 from hil_forceps.data.readers.parquet_table import write_parquet
 from hil_forceps.data.recording.writer import Outcome, Recorder, Reference
-from hil_forceps.data.run import Run
+from hil_forceps.data.run import Column, Run
 from hil_forceps.estimation.interface import Estimate, Sample
 from hil_forceps.rig import load_rig
 
@@ -95,28 +97,46 @@ def packed_text(text: bytes, packing: str) -> bytes:
     return packed
 
 
-def containers() -> dict[str, bytes]:
-    """Return a run of 20 rows as Excel, HDF5 and MDF."""
-    run = {name: a_run(20).columns[name] for name in WANTED}
-    asammdf: Any = importlib.import_module("asammdf")
-    h5py: Any = importlib.import_module("h5py")
-    openpyxl: Any = importlib.import_module("openpyxl")
+def asammdf() -> Any:
+    """Import asammdf, whose own imports warn."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return importlib.import_module("asammdf")
+
+
+@cache
+def container(name: str) -> bytes:
+    """Return a run of 20 rows as Excel (`a.xlsx`), HDF5 (`a.h5`) or MDF (`a.mf4`)."""
+    run = {each: a_run(20).columns[each] for each in WANTED}
     with tempfile.TemporaryDirectory() as folder:
-        home = Path(folder)
-        book = openpyxl.Workbook()
-        book.active.append(list(run))
-        for row in zip(*(values.tolist() for values in run.values()), strict=True):
-            book.active.append(row)
-        book.save(home / "a.xlsx")
-        with h5py.File(home / "a.h5", "w") as file:
-            for name, values in run.items():
-                file.create_dataset(f"log/{name}", data=values, compression="gzip")
-                file[f"log/{name}"].attrs["unit"] = ""
-        with asammdf.MDF(version="4.10") as mdf:
-            names = {"theta_m_rad": "rad", "current_A": "A"}
-            mdf.append([asammdf.Signal(run[each], run["time_s"], name=each, unit=unit) for each, unit in names.items()])
-            mdf.save(home / "a.mf4", overwrite=True)
-        return {file.name: file.read_bytes() for file in home.iterdir()}
+        path = Path(folder) / name
+        {"a.xlsx": _write_excel, "a.h5": _write_hdf5, "a.mf4": _write_mf4}[name](run, path)
+        return path.read_bytes()
+
+
+def _write_excel(run: dict[str, Column], path: Path) -> None:
+    openpyxl: Any = importlib.import_module("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.append(list(run))
+    for row in zip(*(values.tolist() for values in run.values()), strict=True):
+        book.active.append(row)
+    book.save(path)
+
+
+def _write_hdf5(run: dict[str, Column], path: Path) -> None:
+    h5py: Any = importlib.import_module("h5py")
+    with h5py.File(path, "w") as file:
+        for name, values in run.items():
+            file.create_dataset(f"log/{name}", data=values, compression="gzip")
+            file[f"log/{name}"].attrs["unit"] = ""
+
+
+def _write_mf4(run: dict[str, Column], path: Path) -> None:
+    library = asammdf()
+    with library.MDF(version="4.10") as mdf:
+        units = {"theta_m_rad": "rad", "current_A": "A"}
+        mdf.append([library.Signal(run[name], run["time_s"], name=name, unit=unit) for name, unit in units.items()])
+        mdf.save(path, overwrite=True)
 
 
 def excel(parts: dict[str, bytes]) -> bytes:

@@ -16,11 +16,13 @@ from tests.reader_fuzz import campaign, fuzzers
 from tests.reader_fuzz.fuzzers import FUZZERS, FoundError
 
 INPUTS = 150
+FEW_INPUTS = 6  # of containers: each is read by a process of its own
+CONTAINERS = ("excel", "hdf5", "mf4")
 
 
 @pytest.mark.parametrize("name", FUZZERS)
 def test_no_input_hangs_crashes_or_lies(name: str) -> None:
-    campaign.fuzz(name, FUZZERS[name], INPUTS, 7)
+    campaign.fuzz(name, FUZZERS[name], FEW_INPUTS if name in CONTAINERS else INPUTS, 7)
 
 
 def test_inputs_are_read_as_often_as_they_are_refused() -> None:

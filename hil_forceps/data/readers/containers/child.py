@@ -22,7 +22,7 @@ from hil_forceps.data.readers.containers.content import ContentError, Table
 MAX_MEMORY_BYTES = 8 << 30  # of addresses: what libraries map counts, too
 CPU_S = 60
 CPU_S_PER_MB = 1
-LIBRARIES = {"excel": "openpyxl", "hdf5": "h5py", "mf4": "asammdf"}
+LIBRARIES = {"excel": ("openpyxl", "formats"), "hdf5": ("h5py", "formats"), "mf4": ("asammdf", "mdf")}  # and extras
 
 
 def main(kind: str, path: Path) -> None:
@@ -46,7 +46,8 @@ def main(kind: str, path: Path) -> None:
     except ContentError as error:
         _tell(out, {"error": str(error)})
     except ImportError as error:
-        _tell(out, {"missing": LIBRARIES[kind], "error": str(error)})
+        library, extra = LIBRARIES[kind]
+        _tell(out, {"missing": library, "extra": extra, "error": str(error)})
     except MemoryError:
         _tell(out, {"error": "not enough memory for it: damaged, or too large"})
     except Exception as error:

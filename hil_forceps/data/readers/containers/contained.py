@@ -74,7 +74,7 @@ class _File:
             raise self._ended() from None
         if "missing" in answer:
             told = f"{self._name} needs {answer['missing']}, which can't be imported ({answer['error'][:100]})"
-            raise UserError(f"{self.path}: {told}: pip install 'hil-forceps[formats]', or export it as CSV")
+            raise UserError(f"{self.path}: {told}: pip install 'hil-forceps[{answer['extra']}]', or export it as CSV")
         if "error" in answer:
             raise UserError(f"{self.path}: {self._name}: {answer['error']}")
         return answer

@@ -3,6 +3,7 @@
 import importlib
 import zipfile
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.readers.tables.mapping import read_map
 from hil_forceps.data.run import Run
 from hil_forceps.rig.errors import UserError
+from tests.reader_fuzz import sound_files
 
 h5py: Any = importlib.import_module("h5py")
 openpyxl: Any = importlib.import_module("openpyxl")
@@ -92,7 +94,7 @@ def a_matlab_5_structure(path: Path) -> None:
 
 
 def an_mf4(path: Path) -> None:
-    asammdf: Any = importlib.import_module("asammdf")
+    asammdf = sound_files.asammdf()
     file = asammdf.MDF(version="4.10")
     signals = [("theta_m", np.degrees(THETA_RAD), "deg"), ("current", 1e3 * CURRENT_A, "mA")]
     file.append([asammdf.Signal(values, TIME_S, name=name, unit=unit) for name, values, unit in signals])
@@ -100,6 +102,7 @@ def an_mf4(path: Path) -> None:
     file.close()
 
 
+with_mdf = pytest.mark.skipif(find_spec("asammdf") is None, reason="MDF needs asammdf: pip install 'hil-forceps[mdf]'")
 WRITERS: dict[str, Callable[[Path], None]] = {
     "a.xlsx": an_excel,
     "b.xlsx": an_excel_of_a_german_bench,
@@ -112,7 +115,9 @@ WRITERS: dict[str, Callable[[Path], None]] = {
 }
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=with_mdf) if name.endswith(".mf4") else name for name in WRITERS]
+)
 def test_what_other_writers_make_is_read(name: str, tmp_path: Path) -> None:
     WRITERS[name](tmp_path / name)
     runs = read_run(tmp_path / name)
@@ -138,8 +143,9 @@ def test_groups_and_matrices_are_mapped_by_path_and_number(tmp_path: Path) -> No
     check(run)
 
 
+@with_mdf
 def test_time_bases_of_their_own_are_interpolated_only_when_asked(tmp_path: Path) -> None:
-    asammdf: Any = importlib.import_module("asammdf")
+    asammdf = sound_files.asammdf()
     with asammdf.MDF(version="4.10") as file:
         file.append([asammdf.Signal(THETA_RAD, TIME_S, name="theta_m", unit="rad")])
         file.append([asammdf.Signal(CURRENT_A[::2], TIME_S[::2], name="current", unit="A")])
@@ -198,7 +204,7 @@ def test_what_claims_more_than_its_bytes_can_hold_is_refused(tmp_path: Path, mon
         excel.tables(tmp_path / "a.xlsx")
 
 
-@pytest.mark.parametrize("name", ["a.h5", "a.xlsx", "a.mf4", "a.mat"])
+@pytest.mark.parametrize("name", ["a.h5", "a.xlsx", pytest.param("a.mf4", marks=with_mdf), "a.mat"])
 def test_damage_is_told(name: str, tmp_path: Path) -> None:
     WRITERS[name](tmp_path / name)
     whole = (tmp_path / name).read_bytes()

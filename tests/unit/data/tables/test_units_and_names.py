@@ -138,6 +138,7 @@ KNOWN = "time_s,theta_m_rad,current_A\n"
         ("time_s,Position [deg],current_A\n" + ROWS, (), "add --map 'theta_m_rad=Position [deg]'"),
         ("time_s,theta_m,current_A\n" + ROWS, (), "add --map theta_m_rad=theta_m:rad with its unit"),
         ("time_s,theta_m_rad,torque\n" + ROWS, (), "add --map tau_m_N_m=torque:N_m"),
+        ("time;theta;current\ns;°\n0;1;2\n1;2;3\n2;3;4\n", (), "is it, add --map theta_m_rad=theta"),  # a unit less than names
         ("time_s,theta_m_rad [deg],current_A\n" + ROWS, (), "has two units; say which holds"),
         ("time_s,theta_m_rad,current_A\ns,deg,A\n" + ROWS, (), "has the unit 'deg' in the row of units; say which"),
         ("time_s,theta_m_deg,theta_m_mrad,current_A\n0,1,1,1\n1,2,2,2\n", (), "2 columns say theta_m with a unit"),
