@@ -109,3 +109,26 @@ def test_one_bus_of_a_log_may_be_chosen(call: Call, tmp_path: Path) -> None:
 def test_out_is_needed(call: Call, tmp_path: Path) -> None:
     code, _, err = call(tmp_path)
     assert (code, "--out DIR is missing" in err) == (2, True)
+
+
+def test_a_mapping_is_proposed_corrected_and_used(call: Call, tmp_path: Path) -> None:
+    rows = "".join(f"{n};{n / 2};{10 * n}\n".replace(".", ",") for n in range(50))
+    (tmp_path / "a.csv").write_text(f"Zeit;Position [deg];Strom\nms;;mA\n{rows}")
+    kept = tmp_path / "map.yaml"
+    code, _, err = call(tmp_path / "a.csv", "--write-map", kept)
+    assert code == 2
+    assert "add --map time_s=Zeit:ms --map 'theta_m_rad=Position [deg]:deg' --map current_A=Strom:mA" in err
+    assert f"take the # away, and add --map {kept}" in err
+    assert "# theta_m_rad: 'Position [deg]:deg'\n" in kept.read_text()
+    assert call(tmp_path / "a.csv", "--map", kept, "--out", tmp_path / "out")[0] == 2  # of comments alone
+    proposed = kept.read_text().replace("# time_s", "time_s").replace("# theta_m", "theta_m")
+    kept.write_text(proposed.replace("# current_A", "current_A"))
+    code, out, _ = call(
+        tmp_path / "a.csv", "--map", kept, "--out", tmp_path / "out", "--write-map", tmp_path / "used.yaml"
+    )
+    assert code == 0
+    assert "column 'Strom' was read as current_A, from mA, times 0.001" in out
+    (run,) = read_run(tmp_path / "out" / "a.csv")
+    np.testing.assert_array_equal(run.columns["current_A"], 0.001 * (10.0 * np.arange(50)))
+    assert call(tmp_path / "a.csv", "--map", tmp_path / "used.yaml", "--out", tmp_path / "again")[0] == 0
+    assert (tmp_path / "again" / "a.csv").read_bytes() == (tmp_path / "out" / "a.csv").read_bytes()

@@ -9,7 +9,7 @@ from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.readers.tables.mapping import read_map
 from hil_forceps.data.readers.tables.units import UNITS, unit_of
 from hil_forceps.data.readers.tables.written_name import parse_name
-from hil_forceps.data.run import ANGLE_FROM_SPEED, Run
+from hil_forceps.data.run import ANGLE_FROM_SPEED, KNOWN_COLUMNS, Run
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 
@@ -138,7 +138,7 @@ KNOWN = "time_s,theta_m_rad,current_A\n"
         ("time_s,Position [deg],current_A\n" + ROWS, (), "add --map 'theta_m_rad=Position [deg]'"),
         ("time_s,theta_m,current_A\n" + ROWS, (), "add --map theta_m_rad=theta_m:rad with its unit"),
         ("time_s,theta_m_rad,torque\n" + ROWS, (), "add --map tau_m_N_m=torque:N_m"),
-        ("time;theta;current\ns;°\n0;1;2\n1;2;3\n2;3;4\n", (), "is it, add --map theta_m_rad=theta"),  # a unit less than names
+        ("time;theta;current\ns;°\n0;1;2\n1;2;3\n2;3;4\n", (), "is it, add --map theta_m_rad=theta"),
         ("time_s,theta_m_rad [deg],current_A\n" + ROWS, (), "has two units; say which holds"),
         ("time_s,theta_m_rad,current_A\ns,deg,A\n" + ROWS, (), "has the unit 'deg' in the row of units; say which"),
         ("time_s,theta_m_deg,theta_m_mrad,current_A\n0,1,1,1\n1,2,2,2\n", (), "2 columns say theta_m with a unit"),
@@ -180,3 +180,12 @@ def test_a_column_that_is_mostly_empty_is_left_out_when_so_told(tmp_path: Path) 
     assert "a.csv:3: theta_j_rad is empty or NaN in 15 of 20 rows" in refused(tmp_path, text)
     assert "leave the column out: --map theta_j_rad=none" in refused(tmp_path, text)
     assert len(read(tmp_path, text, "theta_j_rad=none")) == 20
+
+
+def test_the_page_on_columns_has_every_column_and_unit_and_its_example_is_read() -> None:
+    page = (ROOT / "docs" / "measured-data.md").read_text()
+    assert all(f"| `{name}` |" in page for name in KNOWN_COLUMNS)
+    (run,) = read_run(ROOT / "docs" / "examples" / "measured.csv")
+    assert len(run) == 400
+    assert run.notes == ()
+    assert set(run.columns) == set(KNOWN_COLUMNS) - {"voltage_V", "theta_drive_rad", "tau_m_N_m"}
