@@ -96,8 +96,19 @@ def _by_arrow(text: bytes, sheet: Sheet) -> Numbers | None:
         )
     except (arrow.ArrowException, ValueError):
         return None
-    columns = [table.column(name).to_numpy() for name in wanted]
+    columns = [np.concatenate([_values(chunk) for chunk in table.column(name).chunks]) for name in wanted]
     return None if any(bool(np.any(np.isinf(values))) for values in columns) else columns
+
+
+def _values(chunk: Any) -> NDArray[np.float64]:
+    """Return an array of pyarrow, NaN where it is null; its own `to_numpy` loads pandas, which takes a second."""
+    valid, data = chunk.buffers()
+    span = slice(chunk.offset, chunk.offset + len(chunk))
+    values = np.frombuffer(data, dtype=np.float64)[span]
+    if valid is None:
+        return values
+    is_valid = np.unpackbits(np.frombuffer(valid, dtype=np.uint8), bitorder="little")[span]
+    return np.where(is_valid, values, np.nan)
 
 
 def _by_cell(path: Path, line: int, text: bytes, sheet: Sheet) -> Numbers:

@@ -28,7 +28,7 @@ class RowLayout(NamedTuple):
 
 def find_rows(rows: Sequence[Row], wanted: frozenset[str]) -> RowLayout | None:
     """Find the layout: by a row with names of a run or `wanted` ones, else by rows of numbers; None without a table."""
-    header = next((at for at, row in enumerate(rows) if name_hits(row, wanted) >= 2), None)
+    header = next((at for at, row in enumerate(rows) if len(row) >= 2 and name_hits(row, wanted) >= 2), None)
     if header is not None:
         return _below(rows, header)
     first = _first_sample(rows)

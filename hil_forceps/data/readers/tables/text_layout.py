@@ -9,6 +9,7 @@ from hil_forceps.data.readers.tables.row_layout import RowLayout, find_rows, is_
 DELIMITERS = (";", "\t", ",", "|", SPACE)
 _WORDS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", SPACE: "spaces"}
 _STATED = frozenset((*DELIMITERS, ":", "^", "~"))
+_FEW_LINES = 60  # a head, and more rows than tell one delimiter from another
 _SHOWN_ROWS = 20  # that tell one delimiter from another
 
 
@@ -33,14 +34,19 @@ class _Try(NamedTuple):
 
 
 def find_layout(lines: Sequence[str], wanted: frozenset[str] = frozenset()) -> TextLayout | None:
-    """Find the layout from the first lines; None where no table is seen. `wanted`: columns that a mapping names."""
+    """Find the layout from the first lines; None where no table is seen. `wanted`: columns that a mapping names.
+
+    Where the first few lines name columns of a run, the others aren't looked at.
+    """
     stated = _stated(lines)
-    tries = [_try(lines, each, wanted, stated) for each in ((stated[1],) if stated else DELIMITERS)]
-    found = [each for each in tries if each is not None]
-    if not found:
-        return None
-    best = max(found, key=lambda each: _score(each, wanted))
-    return _told(lines, best, is_stated=stated is not None)
+    for few in (lines[:_FEW_LINES], lines):
+        tries = [_try(few, each, wanted, stated) for each in ((stated[1],) if stated else DELIMITERS)]
+        found = [each for each in tries if each is not None]
+        best = max(found, key=lambda each: _score(each, wanted), default=None)
+        is_clear = best is not None and _score(best, wanted)[0] and best.layout.first_sample < len(best.lines)
+        if best is not None and (is_clear or len(few) == len(lines)):
+            return _told(few, best, is_stated=stated is not None)
+    return None
 
 
 def _stated(lines: Sequence[str]) -> tuple[int, str] | None:

@@ -86,6 +86,14 @@ def test_every_layout_gives_the_same_arrays(
         assert ("before the table" in told) == (preamble == "scope")
 
 
+@pytest.mark.parametrize("before", [1, 57, 58, 59, 60, 61, 400])
+def test_a_preamble_of_any_length_is_left_out(before: int, tmp_path: Path) -> None:
+    text = "Model,MSO24\n" * before + text_of(",", ".", "units_row", "none")
+    (tmp_path / "a.csv").write_text(text)
+    (run,) = read_run(tmp_path / "a.csv")
+    assert is_the_run(run)
+
+
 def test_there_are_a_hundred_layouts() -> None:
     assert len(LAYOUTS) * len(PACKINGS) > 300
 
