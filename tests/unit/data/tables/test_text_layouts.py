@@ -15,6 +15,7 @@ import pytest
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.readers.tables import packed
 from hil_forceps.data.run import Run
+from hil_forceps.rig.errors import UserError
 
 COUNT = 40
 COLUMNS = ("time_s", "theta_m_rad", "current_A")
@@ -108,3 +109,6 @@ def test_line_ends_and_encodings(end: str, encoding: str, tmp_path: Path, monkey
     np.testing.assert_array_equal(run.columns["time_s"], TIME_S * 1e-6)
     np.testing.assert_array_equal(run.columns["theta_m_rad"], THETA_RAD)
     assert any("Windows-1252" in note for note in run.notes) == (encoding == "cp1252")
+    (tmp_path / "a.csv").write_bytes((text + f"x;1;2{end}{text}").encode(encoding))
+    with pytest.raises(UserError, match=rf"a.csv:{COUNT + 2}: column 1 \(time"):
+        read_run(tmp_path / "a.csv")
