@@ -9,32 +9,32 @@ from hil_forceps.control.gate import GateVerdict
 
 _WORDS = {
     GateVerdict.LIMITED_POSITION: (
-        "limited {} references (position)",
+        "limited {} (position)",
         "the trajectory, or what compensates the wire, asks for more than limits.position_min_rad and position_max_rad",
     ),
     GateVerdict.LIMITED_SPEED: (
-        "limited {} references (speed)",
+        "limited {} (speed)",
         "the trajectory, or what compensates the wire, asks for more than limits.speed_max_rad_per_s",
     ),
     GateVerdict.LIMITED_ACCELERATION: (
-        "limited {} references (acceleration)",
+        "limited {} (acceleration)",
         "behind a step of the load or a corner of the trajectory that is usual; limits.acceleration_max_rad_per_s2",
     ),
     GateVerdict.LIMITED_JERK: (
-        "limited {} references (jerk)",
+        "limited {} (jerk)",
         "behind a step of the load or a corner of the trajectory that is usual; limits.jerk_max_rad_per_s3",
     ),
     GateVerdict.LIMITED_WINDOW: (
-        "limited {} references (travel within 250 ms)",
+        "limited {} (travel within 250 ms)",
         "more is asked for than limits.window_travel_max_rad",
     ),
-    GateVerdict.FROZEN: ("held {} references", "a check of the feedback said so"),
-    GateVerdict.DENIED_CLOSED: ("denied {} references", "it was closed, or the measured angle is beyond limits"),
-    GateVerdict.DENIED_NOT_FINITE: ("denied {} references", "the estimate was not finite"),
-    GateVerdict.DENIED_TIME: ("denied {} references", "time did not increase"),
-    GateVerdict.DENIED_GAP: ("denied {} references", "too long a time lay between two; it closed"),
-    GateVerdict.DENIED_LATCHED: ("denied {} references", "it has latched"),
-    GateVerdict.DENIED_STALE: ("denied {} references", "the sample was used before, or too old"),
+    GateVerdict.FROZEN: ("held {}", "a check of the feedback said so"),
+    GateVerdict.DENIED_CLOSED: ("denied {}", "it was closed, or the measured angle is beyond limits"),
+    GateVerdict.DENIED_NOT_FINITE: ("denied {}", "the estimate was not finite"),
+    GateVerdict.DENIED_TIME: ("denied {}", "time did not increase"),
+    GateVerdict.DENIED_GAP: ("denied {}", "too long a time lay between two; it closed"),
+    GateVerdict.DENIED_LATCHED: ("denied {}", "it has latched"),
+    GateVerdict.DENIED_STALE: ("denied {}", "the sample was used before, or too old"),
 }
 
 
@@ -46,8 +46,9 @@ def gate_lines(gate: Mapping[GateVerdict, GateCount]) -> list[str]:
 def _line(verdict: GateVerdict, count: GateCount) -> str:
     did, why = _WORDS[verdict]
     first = "before the drive was operational" if count.first_ns < 0 else f"first at {count.first_ns * 1e-9:.3f} s"
+    several = f"{count.references} reference{'' if count.references == 1 else 's'}"
     by = f", by up to {count.greatest_cut_rad:.3g} rad" if count.greatest_cut_rad > 0.0 else ""
-    return f"the gate {did.format(count.references)}, {first}{by}: {why}"
+    return f"the gate {did.format(several)}, {first}{by}: {why}"
 
 
 def gate_data(result: ServiceResult) -> dict[str, Any]:

@@ -191,7 +191,7 @@ def test_lines_for_people() -> None:
         GateVerdict.DENIED_GAP: GateCount(1, -1, 0.0),
     })  # fmt: skip
     assert lines[0].startswith("the gate limited 812 references (speed), first at 1.204 s, by up to 2.31 rad: ")
-    assert lines[1].startswith("the gate denied 1 references, before the drive was operational: ")
+    assert lines[1].startswith("the gate denied 1 reference, before the drive was operational: ")
     assert all(len(gate_lines({verdict: GateCount(1, 0, math.pi)})) == 1 for verdict in list(GateVerdict)[2:])
 
 
