@@ -6,6 +6,7 @@ from typing import Any
 
 import can
 import pytest
+from hypothesis import strategies as st
 
 from firmware_protocol.frames import Frame
 from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame
@@ -23,6 +24,24 @@ CONTAINERS = ("excel", "hdf5", "mf4")
 @pytest.mark.parametrize("name", FUZZERS)
 def test_no_input_hangs_crashes_or_lies(name: str) -> None:
     campaign.fuzz(name, FUZZERS[name], FEW_INPUTS if name in CONTAINERS else INPUTS, 7)
+
+
+# What was found, or might be, where a pattern goes back and forth in one long line.
+LONG_LINES = {
+    "digits": b"9" * 60_000 + b"x\n",
+    "blanks": b"a" + b" " * 60_000 + b"x\n",
+    "brackets": b"a" + b"_" * 30_000 + b"[" * 30_000 + b"\n",
+    "slashes": b"a / " * 15_000 + b"\n",
+    "names": b"theta_m [deg]," * 4_000 + b"\n",
+    "quotes": b'"' * 60_000 + b"\n",
+}
+
+
+@pytest.mark.parametrize("name", LONG_LINES)
+def test_one_long_line_takes_time_with_its_length(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(campaign, "HANG_S", 5.0)
+    fuzzer = FUZZERS["layouts"]._replace(inputs=st.just(LONG_LINES[name] + b"0,1,2\n" * 5))
+    assert campaign.fuzz("layouts", fuzzer, 1, 0, shrink=False) == 0
 
 
 def test_inputs_are_read_as_often_as_they_are_refused() -> None:

@@ -10,8 +10,9 @@ EMPTY: Final = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "#N/A", "nu
 SPACE = " "
 
 _EMPTY = frozenset(EMPTY)
-_NUMBER = re.compile(r"[ \t]*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?[ \t]*")
-_COMMA_NUMBER = re.compile(r"[ \t]*[-+]?(?:[0-9]+,?[0-9]*|,[0-9]+)(?:[eE][-+]?[0-9]+)?[ \t]*")
+# A digit fits in one place of a pattern only: else a long row of them takes time with its square.
+_NUMBER = re.compile(r"[ \t]*[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?[ \t]*")
+_COMMA_NUMBER = re.compile(r"[ \t]*[-+]?(?:[0-9]+(?:,[0-9]*)?|,[0-9]+)(?:[eE][-+]?[0-9]+)?[ \t]*")
 
 
 def finite_number(cell: str) -> float | None:
