@@ -66,14 +66,14 @@ def text(rows: list[str], header: str = CSV) -> str:
     ("content", "said"),
     [
         (text(["0,0,0,0,0,0", "0.001,0,0,0,0,0"], CSV.replace("theta_m_rad", "")), "column"),
-        (text(["0,0,0,0,0,0"] * 2, CSV.replace("theta_m_rad", "theta_m_deg")), "theta_m_deg"),
+        (text(["0,0,0,0,0,0"] * 2, CSV.replace("theta_m_rad", "theta_m_rad [deg]")), "theta_m_rad [deg]"),
         (text(["0,0,0,0", "0.001,0,0,0"], "time_s,theta_m_ref_rad,theta_j_rad,tau_w_N_m"), "theta_m_rad is missing"),
-        (text(["0,0,0,0,0,0", "0.001,0,nan,0,0,0", "0.002,0,0,0,0,0"]), ":3"),
+        (text(["0,0,0,0,0,0", "0.001,0,broken,0,0,0", "0.002,0,0,0,0,0"]), ":3"),
         (text(["0,0,0,0,0,0", "0.001,0,0,0,0,0", "0.001,0,1,0,0,0"]), ":4"),
         (text(["0,0,0,0,0,0"]), "2"),
         ("", "is empty"),
     ],
-    ids=["unnamed column", "wrong unit", "missing column", "NaN", "repeated stamp", "one sample", "empty"],
+    ids=["unnamed column", "two units", "missing column", "no number", "repeated stamp", "one sample", "empty"],
 )
 def test_a_file_that_is_no_run_is_refused_in_one_line(call: Any, content: str, said: str) -> None:
     code, error, result = call(content)
