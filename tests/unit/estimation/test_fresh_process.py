@@ -9,7 +9,7 @@ from hil_forceps.estimation.registry import ALGORITHMS
 ROOT = Path(__file__).parents[3]
 # One process that has loaded everything and called nothing; each call is then the first one of a process of its own.
 PROGRAM = """
-import os, sys, traceback
+import os
 import numpy as np
 from hil_forceps.api.estimator import Estimator
 from hil_forceps.estimation.direct import plant_steps, run_direct
@@ -22,25 +22,22 @@ def whole(name, rig):
     assert np.all(np.isfinite(found.tau_w_N_m))
 
 def in_closed_loop(name, rig):
-    if (estimator := make_estimator(name, rig, rig.require_drive().sample_time_s)).compiled is not None:
-        assert np.all(np.isfinite(run_direct(rig, estimator, np.ones(5), np.zeros(5 * plant_steps(rig))).theta_m_rad))
-
-def stepped(name, rig):
-    assert np.isfinite(Estimator(name, rig, 1e-3).step(0.1, 0.2).tau_w_N_m)
+    estimator = make_estimator(name, rig, rig.require_drive().sample_time_s)
+    assert np.all(np.isfinite(run_direct(rig, estimator, np.ones(5), np.zeros(5 * plant_steps(rig))).theta_m_rad))
 
 plain = load_rig("configs/paper.yaml")
 corrected = plain.with_changes({"effects": {"cogging": {"sine_N_m": 1e-4, "cosine_N_m": 0.0, "harmonic": 12}}})
-for rig, label in ((plain, "plain"), (corrected, "with an effect")):
-    for name in ALGORITHMS:
-        for call in (whole, in_closed_loop, stepped):
-            if not os.fork():
-                try:
-                    call(name, rig)
-                except BaseException as error:
-                    print(name, label, call.__name__, repr(error)[:200], flush=True)
-                    os._exit(1)
-                os._exit(0)
-            os.wait()
+calls = [(whole, name, plain) for name in ALGORITHMS]
+calls += [(whole, "improved", corrected), (in_closed_loop, "previous", plain)]
+for call, name, rig in calls:
+    if not os.fork():
+        try:
+            call(name, rig)
+        except BaseException as error:
+            print(name, call.__name__, repr(error)[:200], flush=True)
+            os._exit(1)
+        os._exit(0)
+    os.wait()
 print("asked", len(ALGORITHMS))
 """
 
