@@ -7,6 +7,7 @@ from hil_forceps.bridge.course import SILENT_PERIODS
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
 from hil_forceps.bridge.results import ServiceConfig, Stage, StopReason
 from hil_forceps.control.gate import GateTrip
+from hil_forceps.control.gate.trip import WORDS as GATE_CHECKS
 
 CRASHED = "crashed"  # this program failed
 BY_THE_GATE: Final = frozenset({StopReason.REFERENCE_DENIED, StopReason.FEEDBACK_IMPLAUSIBLE, StopReason.GATE_LATCHED})
@@ -26,8 +27,8 @@ class FaultReason(NamedTuple):
 
     @property
     def comparison(self) -> str:
-        """What was compared, in words; empty where nothing was."""
-        if not math.isfinite(self.value) or not math.isfinite(self.limit):
+        """What was compared, in words; empty where nothing was, and for what the gate's own message has it."""
+        if self.check in GATE_CHECKS or not (math.isfinite(self.value) and math.isfinite(self.limit)):
             return ""
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.check}: {self.value:.6g}{unit}, limit {self.limit:.6g}{unit}"

@@ -24,7 +24,7 @@ from hil_forceps.bridge.results import Telemetry
 from hil_forceps.cli.drive_line import line_rate, named_rigs
 from hil_forceps.cli.fault_lines import fault_lines, told_reason
 from hil_forceps.cli.files import clear_runs, make_folder, named
-from hil_forceps.cli.gate_words import gate_data, gate_lines
+from hil_forceps.cli.gate_words import gate_data, gate_lines, since_start_s
 from hil_forceps.cli.groups import OfControl, OfFaults, OfLine, OfOutput
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.notes import is_quiet, note, note_console
@@ -249,6 +249,7 @@ def _tell(session: SessionResult, plan: Plan, line_share: float | None) -> int:
         "bus_log": session.bus_log._asdict(),
         "counters": {name: dict(values) for name, values in result.counters.items()},
         "timing": dict(result.timing),
+        "stages_s": {stage: since_start_s(result, time_ns) for time_ns, stage in result.stages},
         "gate": gate_data(result),
     }
     if session.fault is not None:
@@ -263,7 +264,7 @@ def _tell(session: SessionResult, plan: Plan, line_share: float | None) -> int:
     said = f"{plan.name}: " if plan.name else ""
     for failure in failures:
         sys.stderr.write(f"hil-forceps: {said}{failure}\n")
-    for line in gate_lines(result.gate):
+    for line in gate_lines(result):
         note(f"{said}{line}")
     if not result.ok:
         lines = [result.message] if session.fault is None else fault_lines(session.fault, result.message, folder)
