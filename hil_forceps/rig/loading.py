@@ -1,6 +1,7 @@
 """Reading rig files, and writing them."""
 
 from collections.abc import Mapping
+from os import PathLike
 from pathlib import Path as FilePath
 
 from hil_forceps.rig import consistency
@@ -10,8 +11,10 @@ from hil_forceps.rig.schema import Rig, validate
 from hil_forceps.rig.yaml_loader import MAX_BYTES, Document, Mark, load_document, render
 
 
-def load_rig(path: str | FilePath) -> Rig:
+def load_rig(path: str | PathLike[str]) -> Rig:
     """Read a rig file; UserError with every problem of it, one line each: `path:line: key: what is wrong; remedy`."""
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"path: must be the path of a rig file, not {type(path).__name__}")
     name = str(path)
     try:
         with FilePath(path).open("rb") as file:

@@ -202,7 +202,9 @@ def _stages(result: Mapping[str, str]) -> Stages:
         found = tuple((time_ns, stage) for time_ns, stage in parse_json(result["stages"]))
     except (LookupError, TypeError, ValueError):
         return ()
-    is_sound = all(type(time_ns) is int and abs(time_ns) <= MAX_TIME_NS and type(stage) is str for time_ns, stage in found)
+    is_sound = all(
+        type(time_ns) is int and abs(time_ns) <= MAX_TIME_NS and type(stage) is str for time_ns, stage in found
+    )
     return found if is_sound else ()
 
 

@@ -78,10 +78,19 @@ class Connection(NamedTuple):
     notes: tuple[str, ...]
 
 
+def check_spec(spec: LinkSpec) -> None:
+    """UserError where no line is named, or two are; nothing is opened."""
+    if bool(spec.interface) == bool(spec.serial_url):
+        both = "there are both; " if spec.interface else "the drive's line is missing; "
+        raise UserError(
+            f"{both}give either a CAN interface with its channel (interface, channel: socketcan, can0) or a serial "
+            "port (serial: /dev/ttyUSB0)"
+        )
+
+
 def open_link(spec: LinkSpec) -> Connection:
     """Open what `spec` names; UserError with the remedy when that can't be."""
-    if bool(spec.interface) == bool(spec.serial_url):
-        raise UserError("give either a CAN interface or a serial port")
+    check_spec(spec)
     return _open_serial(spec) if spec.serial_url else _open_can(spec)
 
 

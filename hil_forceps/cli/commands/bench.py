@@ -112,12 +112,16 @@ def bench(
         for run in executed:
             timing_of_run = timing_traces(run.record, rig, wire)
             save_figure(timing_figure(timing_of_run), out, f"{run.record.spec.name}_timing")
+    _tell([e.record for e in executed], out, as_json=as_json)
+    return 0
+
+
+def _tell(records: Sequence[RunRecord], out: Path, *, as_json: bool) -> None:
     if as_json:
         sys.stdout.write((out / "summary.json").read_text(encoding="utf-8"))
-        return 0
-    _print_table([e.record for e in executed])
+        return
+    _print_table(records)
     sys.stdout.write(f"figures, recordings and bus logs are in {out}/\n")
-    return 0
 
 
 def _duration(given: float | None) -> float:

@@ -40,10 +40,11 @@ def replay(
     """Send what was recorded through the estimators again.
 
     A recording of ours (.mcap): the same samples must give the same references, byte for byte; exit code 1 and the
-    first difference when they don't, and where a part of the recording is damaged or missing. Runs of a real instrument (folder or zip of the surgical-tool format, or CSV):
-    jaw torque and jaw angle estimated from the motor side, against what was measured at the jaw; needs --rig and
-    --out. The estimators of the bench on all runs, then a transmission model fitted to some runs and held against
-    others, beside regressions.
+    first difference when they don't, and where a part of the recording is damaged or missing.
+
+    Runs of a real instrument (folder or zip of the surgical-tool format, or CSV): jaw torque and jaw angle estimated
+    from the motor side, against what was measured at the jaw; needs --rig and --out. The estimators of the bench on all
+    runs, then a transmission model fitted to some runs and held against others, beside regressions.
 
     Two sources or more: runs of an axis that one motor moves, without a jaw (EMPS, or CSV with theta_m_rad and
     tau_m_N_m). Terms of its inverse model are chosen and fitted on the first and held against the others; needs --rig
@@ -90,7 +91,9 @@ def replay(
     return _instrument(source, rig, out, black_boxes, read_map(map_), as_json=as_json)
 
 
-def _instrument(source: Path, rig_path: Path, out: Path, with_learned: bool, mapping: ColumnMap, *, as_json: bool) -> int:
+def _instrument(
+    source: Path, rig_path: Path, out: Path, with_learned: bool, mapping: ColumnMap, *, as_json: bool
+) -> int:
     rig = load_rig(rig_path)
     make_folder(out)
     if with_learned:

@@ -134,13 +134,13 @@ def test_what_is_refused(tmp_path: Path) -> None:
         hf.Service(rig.with_changes({"limits": None}), interface="virtual_forceps")
     with pytest.raises(hf.UserError, match="unknown algorithm 'kalmann'"):
         hf.Service(rig, interface="virtual_forceps", algorithm="kalmann")
-    with pytest.raises(hf.UserError, match="give either a CAN interface or a serial port"):
-        hf.Service(rig).run()
+    with pytest.raises(hf.UserError, match="give either a CAN interface with its channel"):
+        hf.Service(rig)
     with pytest.raises(hf.UserError, match="is on a CAN bus; give interface and channel"):
         hf.Service(ROOT / "configs" / "drives" / "odrive.yaml", serial="/dev/ttyUSB0")
     with pytest.raises(hf.UserError, match=r"baudrate 9600: the rig says motor_driver\.baudrate_bit_per_s"):
         hf.Service(ROOT / "configs" / "drives" / "dynamixel.yaml", serial="/dev/ttyUSB0", baudrate=9600)
-    with pytest.raises(ValueError, match="can't last nan s"):
+    with pytest.raises(ValueError, match="duration_s: is nan; must be a finite number above 0"):
         hf.Service(rig, interface="virtual_forceps").run(duration_s=float("nan"))
     with pytest.raises(
         hf.UserError, match=r"the trajectory: at 1 s the motor would go to 35 rad .*; change it or the li"
