@@ -188,13 +188,20 @@ def _ready(algorithm: str, rig: Rig) -> None:
 
 @contextmanager
 def _folder(path: Path) -> Iterator[str]:
+    missing = [each for each in (path, *path.parents) if not each.exists()]
     try:
         path.mkdir(parents=True, exist_ok=True)
         if there := [name for name in RUN_FILES if (path / name).is_file()]:
             raise UserError(f"out {path}: holds a run ({there[0]}); name another folder")
     except OSError as error:
         raise UserError(f"out {path}: can't be made: {error.strerror}; name another folder") from error
-    yield str(path)
+    try:
+        yield str(path)
+    except UserError:  # a run that is refused leaves no folder behind
+        for each in missing:
+            if not any(each.iterdir()):
+                each.rmdir()
+        raise
 
 
 @contextmanager

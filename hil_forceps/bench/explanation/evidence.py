@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
 MAX_TIME_NS = 1 << 62
+MAX_KEY = 40  # characters of a key that a message shows
 Stages = tuple[tuple[int, str], ...]
 
 
@@ -45,6 +47,7 @@ class Evidence:
     verdicts: Mapping[int, str]
     lateness: NDArray[np.int64]  # rows of a tick's time and how late it was; none without `fault`
     notes: tuple[str, ...]
+    is_damaged: bool = False  # the file was ended as it should, so what is missing in it went later
 
     @property
     def gate_trip_ns(self) -> int | None:
@@ -116,6 +119,7 @@ def _of_recording(recording: Recording, path: Path, beside: Path) -> Evidence:
         verdicts=_verdicts(recording),
         lateness=_lateness(fault),
         notes=tuple(notes),
+        is_damaged=recording.is_finished and bool(recording.gaps),
     )
 
 
@@ -152,9 +156,13 @@ def _fault_of(content: bytes, name: str) -> dict[str, Any]:
         _table(fault["references"], REFERENCE)
         _lateness(fault)
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        told = f"{type(error).__name__}: {str(error)[:60]!r}"
+        told = "a value in it is of another kind than was written"
+        if isinstance(error, KeyError):
+            told = f"{str(error.args[0])[:MAX_KEY]!r} is missing in it"
+        elif isinstance(error, UnicodeDecodeError | JSONDecodeError):
+            told = "it is no JSON in UTF-8"
         raise UserError(
-            f"{name}: isn't the last second before a fault ({told}); take run.mcap, or save it again"
+            f"{name}: isn't the last second before a fault: {told}; take run.mcap, or save it again"
         ) from error
     return fault
 

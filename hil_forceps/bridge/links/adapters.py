@@ -79,13 +79,15 @@ class Connection(NamedTuple):
 
 
 def check_spec(spec: LinkSpec) -> None:
-    """UserError where no line is named, or two are; nothing is opened."""
+    """UserError where no line is named, or two are, or an interface that nobody has; nothing is opened."""
     if bool(spec.interface) == bool(spec.serial_url):
         both = "there are both; " if spec.interface else "the drive's line is missing; "
         raise UserError(
-            f"{both}give either a CAN interface with its channel (interface, channel: socketcan, can0) or a serial "
-            "port (serial: /dev/ttyUSB0)"
+            f"{both}give either a CAN interface and its channel, such as socketcan and can0, or a serial port"
         )
+    if spec.interface and spec.interface not in can.VALID_INTERFACES:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise UserError(f"{spec.interface}: there is no such CAN interface; interfaces: {known}")
 
 
 def open_link(spec: LinkSpec) -> Connection:

@@ -14,6 +14,7 @@ from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.notes import note_console
 from hil_forceps.cli.tables import print_cells
 from hil_forceps.data.readers.tables.mapping import ColumnMap, read_map
+from hil_forceps.data.recording.format import FAULT_NAME
 from hil_forceps.identification.instrument.black_boxes import black_boxes as black_boxes_of
 from hil_forceps.identification.instrument.comparison_files import comparison_tables, write_comparison
 from hil_forceps.identification.instrument.evaluation import compare_instrument, evaluate, read_instrument
@@ -87,8 +88,17 @@ def replay(
     if source.suffix.lower() in RIG_SUFFIXES:
         raise UserError(f"{source}: is no recording; a rig file goes behind --rig, the recording or run comes first")
     if rig is None or out is None:
-        raise UserError(f"{source}: runs of an instrument need --rig RIG.yaml and --out DIR")
+        raise UserError(f"{source}: {_no_recording(source)}; runs of an instrument need --rig RIG.yaml and --out DIR")
     return _instrument(source, rig, out, black_boxes, read_map(map_), as_json=as_json)
+
+
+def _no_recording(source: Path) -> str:
+    """Say what a source is that isn't a recording, and what would be one."""
+    if source.is_dir():
+        return f"holds no {RECORDING_NAME}; name the folder of a run, or its recording"
+    if source.name.endswith(FAULT_NAME):
+        return f"is the last second of a run, and that is not replayed; name its {RECORDING_NAME}, or see it by explain"
+    return f"is no recording, which is named *{RECORDING_SUFFIX}"
 
 
 def _instrument(

@@ -19,7 +19,7 @@ from hil_forceps.bench.session import (
     stamps_are_host_time,
 )
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
-from hil_forceps.bridge.links.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import LinkSpec, check_spec, open_link
 from hil_forceps.bridge.results import Telemetry
 from hil_forceps.cli.drive_line import line_rate, named_rigs
 from hil_forceps.cli.fault_lines import fault_lines, told_reason
@@ -37,6 +37,7 @@ from hil_forceps.drives.lint import findings
 from hil_forceps.drives.profile import Finding
 from hil_forceps.drives.registry import framing_for, machines_for, sample_period_s
 from hil_forceps.drives.several import findings as findings_of_several
+from hil_forceps.estimation.registry import ESTIMATOR_IDS
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import BenchSettings, ProfileName
@@ -110,6 +111,10 @@ def run(
         Write over the run that OUT holds; without it that is refused.
     """
     rigs = named_rigs(rig)
+    if algorithm not in ESTIMATOR_IDS:
+        raise UserError(f"--algorithm: unknown algorithm '{algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
+    options = interface_options(option)
+    check_spec(LinkSpec(interface=interface, channel=channel, serial_url=serial))
     rates = set()
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_profile(path, loaded, drive)
@@ -158,7 +163,7 @@ def run(
         bitrate_bit_per_s=bench.bitrate_bit_per_s,
         data_bitrate_bit_per_s=bench.data_bitrate_bit_per_s,
         baudrate=max(rates),
-        options=interface_options(option),
+        options=options,
         framing=framing_for(loaded),
     )
     connection = open_link(link)

@@ -52,6 +52,7 @@ class Recording:
     order: NDArray[np.uint8]
     notes: tuple[str, ...]
     fault: bytes | None = None  # the last second before a fault, as `fault.json` has it
+    is_finished: bool = False  # the file ends as one does that was closed
     gaps: tuple[str, ...] = ()  # what is damaged or missing, those of the notes; empty: all that was recorded is here
 
     @property
@@ -163,7 +164,7 @@ def parse_recording(data: bytes, name: str) -> Recording:
         raise UserError(
             f"{name}: not a recording of the bench, or cut off before it began (no {METADATA_NAME} metadata)"
         )
-    return _assemble(found, name)
+    return _assemble(found, name, is_finished=data.endswith(MCAP0_MAGIC) and len(data) > len(MCAP0_MAGIC))
 
 
 class Tables(NamedTuple):
@@ -197,7 +198,7 @@ def tables_of(chunks: Iterable[bytes], *, first_counts: bool = True) -> Tables:
     return Tables(samples, references, bench, np.array(order, dtype=np.uint8), missing)
 
 
-def _assemble(found: Found, name: str) -> Recording:
+def _assemble(found: Found, name: str, *, is_finished: bool) -> Recording:
     tables = tables_of(found.chunks)
     said = list(_said(found, tables))
     return Recording(
@@ -210,6 +211,7 @@ def _assemble(found: Found, name: str) -> Recording:
         order=tables.order,
         notes=tuple(text for text, _ in said),
         fault=found.attachments.get(FAULT_NAME),
+        is_finished=is_finished,
         gaps=tuple(text for text, is_gap in said if is_gap),
     )
 

@@ -107,6 +107,23 @@ def test_a_recording_that_was_cut_off(
     assert "hil-forceps recover says what is missing" in said
 
 
+def test_a_file_that_was_changed_later_is_no_power_failure(
+    native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = bytearray((native / "run.mcap").read_bytes())
+    data[len(data) // 4] ^= 0x10
+    (tmp_path / "run.mcap").write_bytes(data)
+    said = told(capsys, tmp_path)
+    assert "its end isn't recorded" in said
+    assert "power" not in said
+    assert "the file was changed after the run" in said
+    assert "hil-forceps recover" in said
+    (tmp_path / "run.mcap").write_bytes(data[: len(data) // 2])
+    cut = told(capsys, tmp_path)
+    assert "power" in cut
+    assert "Course (s since the first message there is; the start of the run is not recorded)" in cut
+
+
 def test_what_can_not_be_read_is_said_in_one_line(
     native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
