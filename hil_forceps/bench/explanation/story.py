@@ -10,6 +10,7 @@ from firmware_protocol.messages import DriveState
 from hil_forceps.bench.explanation.causes import Cause, causes_of
 from hil_forceps.bench.explanation.events import Event, events_of
 from hil_forceps.bench.explanation.evidence import Evidence
+from hil_forceps.bridge.fault import compared
 from hil_forceps.data.recording.reader import Table
 
 LAST_ROWS = 8
@@ -164,12 +165,10 @@ def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 def _compared(evidence: Evidence) -> str:
     fault = evidence.fault or {}
-    if evidence.gate_trip_ns is not None:  # the message has both
-        return ""
-    value, limit, unit = fault.get("value"), fault.get("limit"), f" {fault.get('unit', '')}".rstrip()
+    value, limit = fault.get("value"), fault.get("limit")
     if not isinstance(value, int | float) or not isinstance(limit, int | float):
         return ""
-    return f"{fault['check']}: {value:.6g}{unit}, limit {limit:.6g}{unit}"
+    return compared(evidence.reason, fault["check"], value, limit, fault.get("unit", ""))
 
 
 def _finite(value: np.floating[Any]) -> float | None:

@@ -87,7 +87,7 @@ def check_spec(spec: LinkSpec) -> None:
         )
     if spec.interface and spec.interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
-        raise UserError(f"{spec.interface}: there is no such CAN interface; interfaces: {known}")
+        raise UserError(f"{_name(spec)}: there is no such CAN interface; interfaces: {known}")
 
 
 def open_link(spec: LinkSpec) -> Connection:
@@ -96,8 +96,12 @@ def open_link(spec: LinkSpec) -> Connection:
     return _open_serial(spec) if spec.serial_url else _open_can(spec)
 
 
+def _name(spec: LinkSpec) -> str:
+    return f"{spec.interface}:{spec.channel}" if spec.channel else spec.interface
+
+
 def _open_can(spec: LinkSpec) -> Connection:
-    name = f"{spec.interface}:{spec.channel}" if spec.channel else spec.interface
+    name = _name(spec)
     _check_net_device(spec)
     options: dict[str, object] = {"fd": spec.fd, "bitrate": spec.bitrate_bit_per_s, **spec.options}
     if spec.fd:

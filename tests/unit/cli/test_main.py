@@ -156,7 +156,7 @@ WRONG = [
     (f"run --rig {PAPER} --out o --serial /dev/no-such-port", "there is no such port"),
     (f"run --rig {PAPER} --out o --serial file", "file: can't be opened"),
     (f"run --rig {PAPER} --out o --serial no-such-kind://x", "no-such-kind://x: can't be opened"),
-    (f"run --rig {PAPER} --out o --interface no_such --channel x", "no_such: there is no such CAN interface"),
+    (f"run --rig {PAPER} --out o --interface no_such --channel x", "no_such:x: there is no such CAN interface"),
     (f"run --rig {PAPER} --out o --interface socketcan --channel nocan7", "socketcan:nocan7: can't be opened"),
     (
         f"run --rig {PAPER} --out o --interface virtual_forceps --channel x",
