@@ -16,7 +16,7 @@ from hil_forceps.bridge.doctor.examination import Asked, examine
 from hil_forceps.bridge.doctor.reads import System
 from hil_forceps.bridge.links.adapters import LinkSpec, check_spec
 from hil_forceps.cli.check_table import lines
-from hil_forceps.cli.drive_line import link_of, named_rigs
+from hil_forceps.cli.drive_line import line_rate, link_of, named_rigs
 from hil_forceps.cli.groups import OfLine
 from hil_forceps.cli.options import interface_options
 from hil_forceps.rig.errors import UserError
@@ -67,10 +67,12 @@ def doctor(
         raise UserError(f"--duration {duration}: must be a positive number of seconds")
     if interface and serial:
         raise UserError("--serial: give either a CAN interface or a serial port")
+    rigs = named_rigs(rig)
+    for path, loaded in zip(rig, rigs.values(), strict=True):
+        line_rate(path, loaded, interface, serial, baudrate)  # says of a maker's drive which line that has to be
     if rig and not interface and not serial:
         told = "the line to its drive is missing; give --interface and --channel, or --serial"
         raise UserError(f"--rig {rig[0]}: {told} (without a drive: hil-forceps check {rig[0]})")
-    rigs = named_rigs(rig)
     link = None
     if interface or serial:
         link = LinkSpec(interface=interface, channel=channel, serial_url=serial, options=interface_options(option))

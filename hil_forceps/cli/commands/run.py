@@ -114,11 +114,11 @@ def run(
     if algorithm not in ESTIMATOR_IDS:
         raise UserError(f"--algorithm: unknown algorithm '{algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
     options = interface_options(option)
-    check_spec(LinkSpec(interface=interface, channel=channel, serial_url=serial))
     rates = set()
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_profile(path, loaded, drive)
         rates.add(line_rate(path, loaded, interface, serial, baudrate))
+    check_spec(LinkSpec(interface=interface, channel=channel, serial_url=serial))
     machines = machines_for(list(rigs.values()))
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_settings(str(path), findings(loaded))
