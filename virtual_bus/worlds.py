@@ -123,7 +123,7 @@ def join(channel: str, recipe: object, make: Callable[[], World] | None) -> Worl
         entry = _channels.get(channel)
         if entry is None:
             if make is None:
-                raise ValueError(f"nothing is on channel {channel!r} yet: say which rig is to be (rig=...)")
+                raise ValueError(f"nothing is on channel {channel!r} yet; say what is there by the option rig=RIG.yaml")
             entry = _channels[channel] = _Entry(make(), recipe)
             return entry.world
         if make is not None and entry.recipe != recipe:

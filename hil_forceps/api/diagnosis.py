@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from hil_forceps.api.arguments import check_number, check_texts, check_whole
 from hil_forceps.api.runs import RigSource, Source, as_rig, read_runs
 from hil_forceps.api.threads import over_threads
 from hil_forceps.control.trajectories import Trajectory
@@ -145,6 +146,13 @@ def diagnose(
     can't be used; data that say nothing give the verdict `undetermined` with its reasons.
     """
     began = time.monotonic()
+    check_texts("hold_out", hold_out)
+    check_texts("without", without)
+    check_whole("seed", seed, least=None)  # what value it may have is `Wishes.check`'s matter
+    if jobs is not None:
+        check_whole("jobs", jobs, least=None)
+    if budget_s is not None:
+        check_number("budget_s", budget_s, "s")
     wishes = Wishes(tuple(hold_out), tuple(without), seed, jobs, budget_s)
     wishes.check()
     known = as_rig(rig)

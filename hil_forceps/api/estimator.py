@@ -5,7 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hil_forceps.api.arguments import check_number, check_sample, check_stamp, check_text, kind
 from hil_forceps.api.runs import RigSource, as_rig
+from hil_forceps.data.run import bad_row
+from hil_forceps.data.time_order import LONGEST_SAMPLE_TIME_S, check_time_unit
 from hil_forceps.estimation.batch import run as run_whole
 from hil_forceps.estimation.interface import Estimate, Sample, State
 from hil_forceps.estimation.registry import ALGORITHMS, ESTIMATOR_IDS, make_estimator
@@ -27,10 +30,15 @@ class Estimator:
     `algorithm`: `kalman`, `improved`, `improved_as_published`, `previous`, or one that was added. `sample_time_s`:
     nominal time between samples. `over_wire`: samples are rounded as the protocol does it. Effects of the rig are taken
     into account as docs/estimators.md says. UserError for a name that is no algorithm, or a rig that lacks a value;
-    ValueError for a sample time that isn't positive.
+    ValueError for a sample time that isn't positive, or longer than any drive's.
     """
 
     def __init__(self, algorithm: str, rig: RigSource, sample_time_s: float, *, over_wire: bool = True) -> None:
+        check_text("algorithm", algorithm)
+        check_number("sample_time_s", sample_time_s, "s", is_positive=True)
+        if sample_time_s > LONGEST_SAMPLE_TIME_S:
+            longest = f"no drive of a rig samples slower than every {LONGEST_SAMPLE_TIME_S:g} s"
+            raise ValueError(f"sample_time_s: is {sample_time_s:g} s, and {longest}; give it in seconds")
         if algorithm not in ALGORITHMS:
             raise UserError(f"unknown algorithm '{algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
         known = as_rig(rig)
@@ -46,10 +54,18 @@ class Estimator:
         """Take the next sample; return what is known after it, `tau_w_N_m` and `elongation_m`.
 
         `current_A` was held over the interval that ended at `stamp_ns`, a stamp of the drive's clock; without one the
-        sample comes `sample_time_s` after the last. Gaps are bridged; a stamp that isn't later changes nothing.
+        sample comes `sample_time_s` after the last. Gaps are bridged; a stamp that is there already changes nothing.
+        UserError for a sample that isn't finite, and for a stamp before the last one.
         """
+        check_sample("theta_m_rad", theta_m_rad)
+        check_sample("current_A", current_A)
         if stamp_ns is None:
             stamp_ns = 0 if self._state is None else self._stamp_ns + self._period_ns
+        check_stamp("stamp_ns", stamp_ns)
+        if self._state is not None and stamp_ns < self._stamp_ns:
+            told = f"stamp_ns: {stamp_ns} comes before the last sample's {self._stamp_ns}"
+            raise UserError(f"{told}; leave out what is late, or call reset() for another record")
+        stamp_ns = int(stamp_ns)  # numpy's would overflow
         sample = Sample(stamp_ns, theta_m_rad, self._torque_per_A * current_A)
         estimator = self._estimator
         self._state = estimator.start(sample) if self._state is None else estimator.step(self._state, sample)
@@ -60,17 +76,46 @@ class Estimator:
         """Run a whole record through at once, from its first sample on: the same numbers as `step` for each.
 
         Arrays of one length, 1 or more; without `time_s` rows are `sample_time_s` apart. What `step` was fed is neither
-        used nor changed. ValueError for arrays of other shapes.
+        used nor changed. UserError, as `read_runs`, for what isn't finite, for time that doesn't increase or is in
+        another unit; ValueError for arrays of other shapes, TypeError for what holds no numbers.
         """
-        angle = np.asarray(theta_m_rad, dtype=np.float64)
-        torque = self._torque_per_A * np.asarray(current_A, dtype=np.float64)
-        if time_s is None:
-            stamps = np.arange(angle.size, dtype=np.int64) * self._period_ns
-        else:
-            stamps = np.rint(np.asarray(time_s, dtype=np.float64) * 1e9).astype(np.int64)
+        given = {"theta_m_rad": theta_m_rad, "current_A": current_A}
+        if time_s is not None:
+            given["time_s"] = time_s
+        columns = {name: _numbers(name, values) for name, values in given.items()}
+        shapes = {values.shape for values in columns.values()}
+        if len(shapes) > 1 or columns["theta_m_rad"].ndim != 1 or not columns["theta_m_rad"].size:
+            told = ", ".join(f"{name} {values.shape}" for name, values in columns.items())
+            raise ValueError(f"{', '.join(columns)}: must be of one length, 1 or more, in one row; they are {told}")
+        for name, values in columns.items():
+            if (row := bad_row(values, increasing=False)) is not None:
+                raise UserError(f"{name}[{row}]: is {values[row]}, not a finite number; correct or remove the row")
+        angle, torque = columns["theta_m_rad"], self._torque_per_A * columns["current_A"]
+        stamps = np.arange(angle.size, dtype=np.int64) * self._period_ns
+        if time_s is not None:
+            stamps = _stamps(columns["time_s"])
         return Estimates(*run_whole(self._estimator, stamps, angle, torque))
 
     def reset(self) -> None:
         """Forget all samples: the next one is the first."""
         self._state = None
         self._stamp_ns = 0
+
+
+def _numbers(name: str, values: ArrayLike) -> Vector:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name}: must be an array of numbers in one row, not {kind(values)} ({error})") from error
+
+
+def _stamps(time_s: Vector) -> NDArray[np.int64]:
+    """Return whole nanoseconds; UserError for time that stands or goes back, or is hardly in seconds."""
+    late = np.flatnonzero(~(np.diff(time_s) > 0.0)) + 1
+    if late.size:
+        row = int(late[0])
+        told = f"time_s[{row}]: {time_s[row]:.9g} does not come after {time_s[row - 1]:.9g}"
+        raise UserError(f"{told}; sort the rows and leave out repeated ones, or call estimate for each record")
+    if time_s.size > 1:
+        check_time_unit(time_s, "estimate", is_table=False)
+    return np.rint(time_s * 1e9).astype(np.int64)

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from os import PathLike
 
+from hil_forceps.api.arguments import check_text, check_texts, check_whole, kind
 from hil_forceps.data.frames import Table, is_table, read_table
 from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.read_run import read_run, with_known_load
@@ -36,6 +37,7 @@ def read_runs(
     UserError names file or run, the place in it and the remedy; TypeError for what is no source.
     """
     known = None if rig is None else as_rig(rig)
+    _check(names, bus, node, columns)
     mapping = read_map(columns)
     found: list[Run] = []
     for place, source in enumerate(sources):
@@ -46,19 +48,42 @@ def read_runs(
         elif is_table(source):
             found.append(with_known_load(read_table(source, f"table{place}", mapping), known))
         else:
-            raise TypeError(f"no runs can be read from a {type(source).__name__}")
+            several = "; give each as an argument of its own, read_runs(*sources)" if _is_several(source) else ""
+            told = f"no runs can be read from {kind(source)}{several}"
+            raise TypeError(f"source {place + 1}: {told}: it must be a file, a table or a Run")
     if not found:
         raise UserError("no runs were given")
     if names is None:
         return _with_own_names(found)
     if len(names) != len(found) or len(set(names)) < len(names):
-        raise ValueError(f"{len(found)} runs need as many names that differ, not {list(names)}")
+        raise ValueError(f"names: {len(found)} runs need as many names that differ, not {list(names)}")
     return [Run(name, run.columns, run.notes) for name, run in zip(names, found, strict=True)]
 
 
 def as_rig(rig: RigSource) -> Rig:
-    """Return a rig, read where a path is given; UserError as `load_rig`."""
-    return rig if isinstance(rig, Rig) else load_rig(str(rig))
+    """Return a rig, read where a path is given; UserError as `load_rig`, TypeError for anything else."""
+    if isinstance(rig, Rig):
+        return rig
+    if not isinstance(rig, str | PathLike):
+        raise TypeError(f"rig: must be a Rig or the path of a rig file, not {kind(rig)}; hf.load_rig reads one")
+    return load_rig(str(rig))
+
+
+def _check(names: object, bus: object, node: object, columns: object) -> None:
+    check_texts("columns", columns)
+    if names is not None:
+        check_texts("names", names)
+    if bus is not None:
+        check_text("bus", bus)
+    if node is not None:
+        check_whole("node", node)
+
+
+def _is_several(source: object) -> bool:
+    """Tell whether it holds what may be sources."""
+    return isinstance(source, list | tuple) and all(
+        isinstance(each, str | PathLike | Run) or is_table(each) for each in source
+    )
 
 
 def _with_own_names(runs: Sequence[Run]) -> list[Run]:

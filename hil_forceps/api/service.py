@@ -13,13 +13,14 @@ from types import MappingProxyType
 import numpy as np
 
 from firmware_protocol.messages import DriveState
+from hil_forceps.api.arguments import check_duration, check_motion, check_text, check_whole, kind
 from hil_forceps.api.estimator import Estimates
 from hil_forceps.api.runs import RigSource, as_rig
 from hil_forceps.bench.assembly import Settings, make_pipeline
 from hil_forceps.bench.run_folder import RUN_FILES
 from hil_forceps.bench.session import Plan, SessionResult, run_session, service_config, stamps_are_host_time
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
-from hil_forceps.bridge.links.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import LinkSpec, check_spec, open_link
 from hil_forceps.bridge.results import Telemetry
 from hil_forceps.control.requests import first_excess
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
@@ -81,6 +82,13 @@ class Service:
         compensate: bool = True,
     ) -> None:
         self.rig = as_rig(rig)
+        texts = {"interface": interface, "channel": channel, "serial": serial, "algorithm": algorithm}
+        for name, value in texts.items():
+            check_text(name, value)
+        if baudrate is not None:
+            check_whole("baudrate", baudrate, least=1)
+        if not isinstance(options, Mapping):
+            raise TypeError(f"options: must be a mapping of names to values, not {kind(options)}")
         found = findings(self.rig)
         if problems := [f"{each.key}: {each.text}" for each in found if each.level == "problem"]:
             raise UserError(problems)
@@ -99,6 +107,7 @@ class Service:
             options=options,
             framing=framing_for(self.rig),
         )
+        check_spec(self._link)
         machine_for(self.rig)  # so that a rig it can't be made for is refused here
         make_pipeline(self.rig, self._settings(PAPER_TRAJECTORY))
 
@@ -121,9 +130,13 @@ class Service:
         thread; so does `stop_requested`, asked once a period. What goes wrong with the drive is told in the result;
         UserError where the trajectory is beyond the limits, and where no link or file can be opened.
         """
+        check_motion("trajectory", trajectory)
+        check_duration("duration_s", duration_s)
+        if out is not None and not isinstance(out, str | PathLike):
+            raise TypeError(f"out: must be the path of a folder, not {kind(out)}")
         lasts_s = trajectory.times_s[-1] if duration_s is None else duration_s
         if not (math.isfinite(lasts_s) and lasts_s > 0.0):
-            raise ValueError(f"a run can't last {lasts_s} s")
+            raise ValueError(f"trajectory: lasts {lasts_s} s; give duration_s, or a trajectory that lasts")
         if (excess := first_excess(trajectory, lasts_s, self.rig.plant(), self.rig.limits)) is not None:
             raise UserError(f"the trajectory: {excess.words}; change it or the limit")
         _ready(self._algorithm, self.rig)
@@ -175,13 +188,20 @@ def _ready(algorithm: str, rig: Rig) -> None:
 
 @contextmanager
 def _folder(path: Path) -> Iterator[str]:
+    missing = [each for each in (path, *path.parents) if not each.exists()]
     try:
         path.mkdir(parents=True, exist_ok=True)
         if there := [name for name in RUN_FILES if (path / name).is_file()]:
             raise UserError(f"out {path}: holds a run ({there[0]}); name another folder")
     except OSError as error:
         raise UserError(f"out {path}: can't be made: {error.strerror}; name another folder") from error
-    yield str(path)
+    try:
+        yield str(path)
+    except UserError:  # a run that is refused leaves no folder behind
+        for each in missing:
+            if not any(each.iterdir()):
+                each.rmdir()
+        raise
 
 
 @contextmanager

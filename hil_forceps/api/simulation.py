@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from hil_forceps.api.arguments import check_duration, check_motion, kind, load_trajectory
 from hil_forceps.api.runs import RigSource, as_rig
 from hil_forceps.control.compensator import motor_reference_rad
 from hil_forceps.control.trajectories import Trajectory
@@ -33,7 +34,9 @@ class Simulation:
     notes: tuple[str, ...] = ()
 
     def __getitem__(self, column: str) -> Column:
-        """Return a simulated column, or `time_s`."""
+        """Return a simulated column, or `time_s`; KeyError where it was not simulated."""
+        if column not in self.columns:
+            raise KeyError(f"{column}: was not simulated; there are {', '.join(self.columns)}")
         return self.columns[column]
 
     def __repr__(self) -> str:
@@ -80,10 +83,15 @@ def simulate(
     ValueError for a duration that isn't positive, and for a load or a duration beside a run.
     """
     known = as_rig(rig)
+    load_trajectory("load_N_m", load_N_m)
+    check_duration("duration_s", duration_s)
     if isinstance(like, Trajectory):
+        check_motion("like", like)
         return _along(known, like, load_N_m, like.times_s[-1] if duration_s is None else duration_s)
+    if not isinstance(like, Run):
+        raise TypeError(f"like: must be a Run or a Trajectory, not {kind(like)}; hf.read_runs makes runs of tables")
     if duration_s is not None or load_N_m != 0.0:
-        raise ValueError("a run brings its load and duration; leave out load_N_m and duration_s")
+        raise ValueError("load_N_m and duration_s: a run brings its load and duration; leave them out")
     result = simulate_beside(like, known)
     columns = {"time_s": result.time_s, **result.simulated}
     return Simulation(result.name, result.is_closed_loop, columns, result.measured, result.notes)
@@ -92,7 +100,7 @@ def simulate(
 def _along(rig: Rig, trajectory: Trajectory, load_N_m: Trajectory | float, duration_s: float) -> Simulation:
     law, plant, theta = rig.require_drive(), rig.plant(), vector(rig)
     if not duration_s > 0.0:
-        raise ValueError(f"a simulation can't last {duration_s} s")
+        raise ValueError(f"duration_s: a simulation can't last {duration_s} s; give one above 0")
     time_s: Column = np.arange(round(duration_s / law.sample_time_s) + 1, dtype=np.float64) * law.sample_time_s
     reference = np.array([motor_reference_rad(trajectory(t), 0.0, plant) for t in time_s.tolist()])
     if isinstance(load_N_m, Trajectory):

@@ -1,16 +1,17 @@
 """`virtual_bench`: a simulated forceps with its drive and bus, in virtual time, for programs and tests."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from itertools import count
 from os import PathLike
 from pathlib import Path
-from typing import Final, Protocol, cast
+from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 
 import can
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.api.arguments import check_number, check_whole, kind, load_trajectory
 from hil_forceps.api.runs import RigSource, as_rig
 from hil_forceps.api.service import Service, ServiceRun
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
@@ -53,6 +54,11 @@ class VirtualBench:
         self.channel = channel
         self._world = world
         self._has_run = False
+        self._is_closed = False
+
+    def _close(self) -> None:
+        self._is_closed = True
+        self._world.shutdown()
 
     def run(
         self,
@@ -69,6 +75,8 @@ class VirtualBench:
         The next run goes on with the same forceps, 0.5 s later; a load that is still there moves it meanwhile, for the
         drive gives no torque then. For a run from the beginning open another bench.
         """
+        if self._is_closed:
+            raise ValueError("run: the bench is closed, since its `with` block has ended; run within the block")
         if self._has_run:
             self._world.advance_until_ns(self._world.now_ns() + PAUSE_NS)
         self._has_run = True
@@ -86,7 +94,25 @@ class VirtualBench:
         return dict(self._world.truth_log().columns())
 
 
-@contextmanager
+class _Opening(AbstractContextManager[VirtualBench]):
+    """A bench that a `with` block opens and closes."""
+
+    def __init__(self, bench: AbstractContextManager[VirtualBench]) -> None:
+        self._bench = bench
+
+    def __enter__(self) -> VirtualBench:
+        return self._bench.__enter__()
+
+    def __exit__(self, *raised: Any) -> bool | None:
+        return self._bench.__exit__(*raised)
+
+    if not TYPE_CHECKING:  # a type checker knows that there is no such attribute
+
+        def __getattr__(self, name: str) -> object:
+            told = "the bench is not open; write `with hf.virtual_bench(...) as bench:` and in its block"
+            raise AttributeError(f"{name}: {told} bench.{name}")
+
+
 def virtual_bench(
     rig: RigSource,
     *,
@@ -94,8 +120,8 @@ def virtual_bench(
     seed: int = 0,
     faults: str | PathLike[str] | Sequence[object] | None = None,
     truth_duration_s: float = 60.0,
-) -> Iterator[VirtualBench]:
-    """Open a world of a rig, in virtual time, and close it at the end of the block.
+) -> AbstractContextManager[VirtualBench]:
+    """Open a world of a rig, in virtual time, in a `with` block, and close it at the end of the block.
 
     The forceps has the rig's values, its sensors' noise and the `effects:` in it: what a model is not told of is hidden
     there. It begins at rest with the jaw at 90 degrees. `load_N_m`: on the jaw, a number or a trajectory of torques
@@ -103,8 +129,11 @@ def virtual_bench(
     or a list. `truth_duration_s`: how much truth is logged. UserError for what can't be simulated.
     """
     known = as_rig(rig)
-    channel = f"virtual_bench{next(_channels)}"
-    load = load_N_m if isinstance(load_N_m, Trajectory) else Trajectory((0.0,), (load_N_m,))
+    load = load_trajectory("load_N_m", load_N_m)
+    check_whole("seed", seed)
+    check_number("truth_duration_s", truth_duration_s, "s", is_positive=True)
+    if faults is not None and not isinstance(faults, str | PathLike | Sequence):
+        raise TypeError(f"faults: must be a list of faults, or the path of a file of them, not {kind(faults)}")
     options: dict[str, object] = {
         "rig": known,
         "load": list(zip(load.times_s, load.angles_rad, strict=True)),
@@ -112,12 +141,19 @@ def virtual_bench(
         "faults": Path(faults) if isinstance(faults, str | PathLike) else faults,
         "truth_duration_s": truth_duration_s,
     }
+    return _Opening(_open(known, options))
+
+
+@contextmanager
+def _open(rig: Rig, options: Mapping[str, object]) -> Iterator[VirtualBench]:
+    channel = f"virtual_bench{next(_channels)}"
     try:
         # ty: python-can takes whatever the interface knows
         world = cast(_World, can.Bus(channel=channel, interface=INTERFACE, ignore_config=True, **options))  # type: ignore[arg-type]
     except can.CanInitializationError as error:
         raise UserError(str(error)) from error
+    bench = VirtualBench(rig, channel, world)
     try:
-        yield VirtualBench(known, channel, world)
+        yield bench
     finally:
-        world.shutdown()
+        bench._close()

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.fault import CRASHED, FaultReason
-from hil_forceps.bridge.flight_recorder import Recent, last_second
+from hil_forceps.bridge.flight_recorder import Recent, Stages, last_second
+from hil_forceps.bridge.results import Stage
 from hil_forceps.bridge.service import Service
 from hil_forceps.data.recording.format import FAULT_NAME
 from hil_forceps.rig import Rig
@@ -17,6 +18,7 @@ class KeptFault(NamedTuple):
 
     reason: FaultReason
     began_ns: int  # the run, on the host's clock
+    ended_ns: int  # the run, when torque was no longer asked for
     drive_state: str  # what the drive said of itself, at the end
     path: Path
     problem: str  # why it is not there; empty when it is
@@ -69,7 +71,14 @@ def write_fault(axis: Axis, recording: Path, content: bytes | None) -> KeptFault
         path.write_bytes(content)
     except OSError as error:
         problem = error.strerror or str(error)
-    return KeptFault(axis.fault, axis.stages[0][0], _state_of(axis), path, problem)
+    ended_ns = ended_of(axis.stages, axis.fault.time_ns)
+    return KeptFault(axis.fault, axis.stages[0][0], ended_ns, _state_of(axis), path, problem)
+
+
+def ended_of(stages: Stages, otherwise_ns: int) -> int:
+    """Return when a run began to end; what failed may have been seen before, as a gate's check is."""
+    ends = (time_ns for time_ns, stage in stages if stage in {Stage.STOPPING.value, Stage.ENDED.value})
+    return min(ends, default=otherwise_ns)
 
 
 def _state_of(axis: Axis) -> str:

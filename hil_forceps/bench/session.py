@@ -154,4 +154,5 @@ def _recent(recorder: Recorder, lines: Sequence[str], log: BusLog, service: Serv
 
 def _ending(result: ServiceResult) -> dict[str, str]:
     counters = json.dumps({name: dict(values) for name, values in result.counters.items()})
-    return {"reason": result.reason.value, "message": result.message, "counters": counters}
+    stages = json.dumps(result.stages)
+    return {"reason": result.reason.value, "message": result.message, "counters": counters, "stages": stages}

@@ -158,4 +158,5 @@ class Axis:
             {**timing, "age": self.age.summary()},
             told,
             self.pipeline.gate_trip,
+            tuple(self.stages),
         )

@@ -19,6 +19,8 @@ from hil_forceps.control.gate.trip import IMPLAUSIBLE
 from hil_forceps.data.recording.writer import Recorder
 from hil_forceps.drives.port import NO_TORQUE, DriveMachine
 
+# Until then it takes the heartbeats of the next host for old ones (HFP-085), and does not see ENABLE rise.
+REFUSED_HOST = "it enables a new host 0.1 s after the last one fell silent: start again"
 SETTLE_PERIODS = 5  # before the drive's word counts: what arrives first was said before the request
 SILENT_PERIODS = 20  # at least so many without a sample before a drive counts as silent, however slow the loop
 
@@ -132,6 +134,8 @@ class Course:
                 why = f"the gate denies the measured angle: {VERDICT_NAMES[line.verdict]}; is it within `limits:`?"
             elif self._host.drive_state is DriveState.OPERATIONAL:
                 why = "it says that it is operational, but not for this program; another one drives it: end that first"
+            elif self._host.drive_state is DriveState.DISABLED:
+                why += f", and it stays DISABLED; where another program drove it just before: {REFUSED_HOST}"
             self._stop(
                 StopReason.ENABLE_FAILED, f"the drive did not become operational: {why}{self._lateness()}", now_ns
             )

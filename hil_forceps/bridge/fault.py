@@ -7,8 +7,10 @@ from hil_forceps.bridge.course import SILENT_PERIODS
 from hil_forceps.bridge.pipeline import VERDICT_NAMES, Pipeline
 from hil_forceps.bridge.results import ServiceConfig, Stage, StopReason
 from hil_forceps.control.gate import GateTrip
+from hil_forceps.control.gate.trip import WORDS as GATE_CHECKS
 
 CRASHED = "crashed"  # this program failed
+VALUE_IN_MESSAGE: Final = frozenset({StopReason.REFERENCE_DENIED.value, StopReason.DRIVE_LOST.value})
 BY_THE_GATE: Final = frozenset({StopReason.REFERENCE_DENIED, StopReason.FEEDBACK_IMPLAUSIBLE, StopReason.GATE_LATCHED})
 
 
@@ -26,11 +28,17 @@ class FaultReason(NamedTuple):
 
     @property
     def comparison(self) -> str:
-        """What was compared, in words; empty where nothing was."""
-        if not math.isfinite(self.value) or not math.isfinite(self.limit):
-            return ""
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{self.check}: {self.value:.6g}{unit}, limit {self.limit:.6g}{unit}"
+        """What was compared, in words; see `compared`."""
+        return compared(self.reason, self.check, self.value, self.limit, self.unit)
+
+
+def compared(reason: str, check: str, value: float, limit: float, unit: str) -> str:
+    """Return what was compared, in words, as far as the message of such an end doesn't have it; else nothing."""
+    if check in GATE_CHECKS or not (math.isfinite(value) and math.isfinite(limit)):
+        return ""
+    unit = f" {unit}" if unit else ""
+    found = f"limit {limit:.6g}{unit}"
+    return found if reason in VALUE_IN_MESSAGE else f"{check}: {value:.6g}{unit}, {found}"
 
 
 class Situation(NamedTuple):

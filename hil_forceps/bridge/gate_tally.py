@@ -11,8 +11,9 @@ class GateCount(NamedTuple):
     """One verdict over a run."""
 
     references: int
-    first_ns: int  # of the trajectory's time; negative before the zero
+    first_ns: int  # host's clock
     greatest_cut_rad: float  # between request and reference; 0 where none left or there was no request
+    checks: tuple[str, ...] = ()  # of the feedback, that said so
 
 
 class GateTally:
@@ -21,10 +22,13 @@ class GateTally:
     def __init__(self) -> None:
         self.counts: dict[GateVerdict, GateCount] = {}
 
-    def add(self, verdict: GateVerdict, t_ns: int, cut_rad: float) -> None:
-        """Count one; `cut_rad` is NaN where nothing left."""
-        number, first_ns, greatest_rad = self.counts.get(verdict, (0, t_ns, 0.0))
-        self.counts[verdict] = GateCount(number + 1, first_ns, cut_rad if cut_rad > greatest_rad else greatest_rad)
+    def add(self, verdict: GateVerdict, now_ns: int, cut_rad: float, check: str = "") -> None:
+        """Count one; `cut_rad` is NaN where nothing left, `check` the one of the feedback that holds the reference."""
+        number, first_ns, greatest_rad, checks = self.counts.get(verdict, (0, now_ns, 0.0, ()))
+        if check and check not in checks:
+            checks = (*checks, check)
+        greatest_rad = cut_rad if cut_rad > greatest_rad else greatest_rad
+        self.counts[verdict] = GateCount(number + 1, first_ns, greatest_rad, checks)
 
     def told(self) -> dict[GateVerdict, GateCount]:
         """Return what a user is to know, in the order of the verdicts."""

@@ -49,7 +49,7 @@ class Verdict(IntEnum):
 
 
 GATE_CODES = {verdict: GATE_VERDICT_BASE + place for place, verdict in enumerate(GateVerdict)}
-_PASSED = GateVerdict.PASSED
+_PASSED, _FROZEN = GateVerdict.PASSED, GateVerdict.FROZEN
 PASSED_CODE = GATE_CODES[GateVerdict.PASSED]  # apart, since hashing an Enum takes its time
 VERDICT_NAMES = {int(verdict): verdict.name for verdict in Verdict} | {
     code: verdict.name for verdict, code in GATE_CODES.items()
@@ -226,7 +226,9 @@ class Pipeline:
             self.verdict = code = PASSED_CODE
         else:
             self.verdict = code = GATE_CODES[verdict]
-            self.gate_tally.add(verdict, t_ns, abs(requested_rad - passed_rad))
+            trip = self.gate.trip
+            held_by = trip.check if verdict is _FROZEN and trip is not None else ""
+            self.gate_tally.add(verdict, now_ns, abs(requested_rad - passed_rad), held_by)
         return make(Reference, (
             now_ns, newest.stamp_ns, t_ns, raw, theta_j_rad, elongation_m, requested_rad, passed_rad, code,
             newest.sequence,

@@ -90,6 +90,7 @@ class ServiceResult(NamedTuple):
     timing: Mapping[str, HistogramSummary]
     gate: Mapping[GateVerdict, GateCount]  # what the gate limited, held or denied
     gate_trip: GateTrip | None  # what stopped the gate
+    stages: tuple[tuple[int, str], ...] = ()  # when each began, host's clock; the first is the start of the run
 
     @property
     def ok(self) -> bool:

@@ -12,11 +12,12 @@ def fault_lines(fault: KeptFault, message: str, folder: Path) -> list[str]:
     """Return the lines, the first without the command's name before it."""
     reason = fault.reason
     compared = f" ({reason.comparison})" if reason.comparison else ""
-    at_s = (reason.time_ns - fault.began_ns) / 1e9
+    at_s, ended_s = ((time_ns - fault.began_ns) / 1e9 for time_ns in (reason.time_ns, fault.ended_ns))
+    held = f"; the run ended at {ended_s:.3f} s" if fault.ended_ns != reason.time_ns else ""
     kept = f"the last second is in {fault.path}" if not fault.problem else f"{fault.path}: {fault.problem}"
     return [
         f"{message}{compared}",
-        f"  {at_s:.3f} s after the start, while {reason.stage}; at the end the drive says {fault.drive_state}",
+        f"  {at_s:.3f} s after the start, while {reason.stage}{held}; at the end the drive says {fault.drive_state}",
         f"  {kept}; hil-forceps explain {folder}",
     ]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from hil_forceps.bench.run_folder import BUS_LOGS, RECORDING_NAME, RUN_FILES
+from hil_forceps.cli.made_folders import make
 from hil_forceps.rig.errors import UserError
 
 MAX_NAME_BYTES: Final = 200  # of 255, so that a suffix has room
@@ -19,7 +20,7 @@ def make_folder(path: Path, inside: Path | None = None) -> None:
     `inside`: the folder in which it has to be; one that the user names himself may be a link to anywhere.
     """
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        make(path)
         if inside is not None and not _leads_into(path, inside.resolve()):
             raise UserError(f"--out {inside}: {path.name} in it is a link out of it; remove that, or name another")
         _refuse_links_outside(path)

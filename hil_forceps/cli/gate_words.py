@@ -1,11 +1,18 @@
 """What the gate did in a run, in lines for people and as plain data for `run.json`."""
 
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from hil_forceps.bridge.gate_tally import GateCount
 from hil_forceps.bridge.results import ServiceResult
-from hil_forceps.control.gate import GateVerdict
+from hil_forceps.control.gate import GateTrip, GateVerdict
+
+MOST_SHARE: Final = 0.5  # of the references: beyond that a limit is no exception any more
+_RATES: Final = {
+    GateVerdict.LIMITED_SPEED: "limits.speed_max_rad_per_s",
+    GateVerdict.LIMITED_ACCELERATION: "limits.acceleration_max_rad_per_s2",
+    GateVerdict.LIMITED_JERK: "limits.jerk_max_rad_per_s3",
+    GateVerdict.LIMITED_WINDOW: "limits.window_travel_max_rad",
+}
 
 _WORDS = {
     GateVerdict.LIMITED_POSITION: (
@@ -38,17 +45,26 @@ _WORDS = {
 }
 
 
-def gate_lines(gate: Mapping[GateVerdict, GateCount]) -> list[str]:
-    """Return a line for each kind of thing that the gate did besides letting pass."""
-    return [_line(verdict, count) for verdict, count in gate.items()]
+def gate_lines(result: ServiceResult) -> list[str]:
+    """Return a line for each kind of thing that the gate did besides letting pass; times from the start of the run."""
+    asked = result.counters["pipeline"]["passed"] + result.counters["pipeline"]["denied"]
+    return [_line(verdict, count, asked, began_ns(result)) for verdict, count in result.gate.items()]
 
 
-def _line(verdict: GateVerdict, count: GateCount) -> str:
+def began_ns(result: ServiceResult) -> int:
+    """Return when the service began to look for the drive, by the host's clock: what all times of a run count from."""
+    return result.stages[0][0] if result.stages else 0
+
+
+def _line(verdict: GateVerdict, count: GateCount, asked: int, began: int) -> str:
     did, why = _WORDS[verdict]
-    first = "before the drive was operational" if count.first_ns < 0 else f"first at {count.first_ns * 1e-9:.3f} s"
-    several = f"{count.references} reference{'' if count.references == 1 else 's'}"
+    if verdict in _RATES and count.references > MOST_SHARE * asked:
+        why = f"that is most of them: {_RATES[verdict]} is too narrow for this motion"
+    if count.checks:
+        why = f"{' and '.join(count.checks)} said so (docs/safety-gate.md)"
     by = f", by up to {count.greatest_cut_rad:.3g} rad" if count.greatest_cut_rad > 0.0 else ""
-    return f"the gate {did.format(several)}, {first}{by}: {why}"
+    number = f"{count.references} of {asked} reference{'' if asked == 1 else 's'}"
+    return f"the gate {did.format(number)}, first {(count.first_ns - began) * 1e-9:.3f} s after the start{by}: {why}"
 
 
 def gate_data(result: ServiceResult) -> dict[str, Any]:
@@ -56,10 +72,20 @@ def gate_data(result: ServiceResult) -> dict[str, Any]:
     verdicts = {
         verdict.value: {
             "references": count.references,
-            "first_s": None if count.first_ns < 0 else count.first_ns * 1e-9,
+            "first_s": since_start_s(result, count.first_ns),
             "greatest_cut_rad": count.greatest_cut_rad,
         }
+        | ({"checks": list(count.checks)} if count.checks else {})
         for verdict, count in result.gate.items()
     }
     trip = result.gate_trip
-    return {"verdicts": verdicts, "trip": None if trip is None else trip._asdict()}
+    return {"verdicts": verdicts, "trip": None if trip is None else _trip_data(result, trip)}
+
+
+def since_start_s(result: ServiceResult, time_ns: int) -> float:
+    """Return a time of the host's clock in s after the start of the run, to the microsecond."""
+    return round((time_ns - began_ns(result)) * 1e-9, 6)
+
+
+def _trip_data(result: ServiceResult, trip: GateTrip) -> dict[str, Any]:
+    return {**trip._asdict(), "time_s": since_start_s(result, trip.time_ns)}

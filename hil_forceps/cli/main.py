@@ -5,9 +5,10 @@ import os
 import sys
 from typing import Any, TextIO
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Parameter
 
 from hil_forceps import __version__
+from hil_forceps.cli import made_folders
 from hil_forceps.cli.examples import EXAMPLES
 from hil_forceps.cli.notes import without_quiet
 from hil_forceps.rig.errors import UserError
@@ -25,6 +26,7 @@ app = App(
     version=__version__,
     result_action="return_value",
     suppress_keyboard_interrupt=False,
+    default_parameter=Parameter(negative_iterable=()),  # no --empty-… for each option that may be repeated
 )
 
 # Commands are named by import path, so that `--help` loads none of them.
@@ -83,6 +85,7 @@ def _is_closed(stream: TextIO | None) -> bool:
 
 
 def _run(arguments: list[str] | None) -> int:
+    made_folders.forget()
     try:
         words = sys.argv[1:] if arguments is None else arguments
         if words[:1] != ["drive"]:  # whose line is its own
@@ -90,6 +93,7 @@ def _run(arguments: list[str] | None) -> int:
             _help_in_full(words)
         result = app(words, exit_on_error=False, print_error=False)
     except UserError as error:
+        made_folders.remove_empty()
         for problem in error.problems:
             sys.stderr.write(f"hil-forceps: {problem}\n")
         return EXIT_USER_ERROR

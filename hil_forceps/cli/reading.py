@@ -6,12 +6,12 @@ from pathlib import Path
 from types import MappingProxyType
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
 from hil_forceps.cli.notes import note_console
+from hil_forceps.cli.tables import FILE_COLUMNS, print_table
 from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.readers.tables.columns import OnColumns
@@ -21,13 +21,6 @@ from hil_forceps.diagnosis.audit.audit import Finding, Severity
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
-WHERE_TO_GET = (
-    (
-        "measured data of others can be got from: the repository mis-tool-characterization of the University of "
-        "Minnesota's Medical Robotics and Devices Lab (surgical tool; ODbL 1.0 / DbCL 1.0)"
-    ),
-    "and from nonlinearbenchmark.org (EMPS, an electro-mechanical positioning system; see its page for terms)",
-)
 _STYLES: dict[Severity, str] = {"problem": "bold red", "warning": "yellow", "note": "dim"}
 
 
@@ -42,8 +35,8 @@ def read_sources(
     """Return every run of every source with its source; UserError with the problems of all of them."""
     missing = [source for source in sources if not source.exists()]
     if missing or not sources:
-        told = [f"{source}: no such file or folder" for source in missing] or ["no SOURCE given: name files or folders"]
-        raise UserError([*told, *WHERE_TO_GET])
+        told = [f"{source}: no such file or folder; check the path" for source in missing]
+        raise UserError(told or "no SOURCE given; name files or folders (docs/real-data.md says where there are some)")
     found: list[tuple[Path, Run]] = []
     problems: list[str] = []
     for source in sources:
@@ -85,4 +78,4 @@ def show_audit(findings: Sequence[Finding]) -> None:
         names = [finding.run for finding in group if finding.run]
         runs = "all" if not names else names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
         table.add_row(f"[{_STYLES[severity]}]{severity}[/]", group[0].kind, escape(runs), escape(group[0].text))
-    Console().print(table)
+    print_table(table, FILE_COLUMNS)

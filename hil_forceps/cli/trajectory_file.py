@@ -23,7 +23,7 @@ def read_trajectory(path: Path) -> Trajectory:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UserError(f"{path}: can't be read: {error}; save it as CSV in UTF-8") from error
     if not rows or [cell.strip() for cell in rows[0]] != ["time_s", "theta_j_rad"]:
-        raise UserError(f"{path}:1: the header must be time_s,theta_j_rad")
+        raise UserError(f"{path}:1: the header must be time_s,theta_j_rad; make that the first line")
     if not text.endswith("\n"):
         raise UserError(f"{path}:{len(rows)}: the last line has no line end and may be cut off; complete it")
     points: list[tuple[float, float]] = []
@@ -33,10 +33,13 @@ def read_trajectory(path: Path) -> Trajectory:
             raise UserError(f"{path}:{line}: {','.join(row)[:60]!r} is not two finite numbers; correct the line")
         time_s, angle_rad = numbers
         if points and time_s <= points[-1][0]:
-            raise UserError(f"{path}:{line}: time_s does not increase")
+            raise UserError(f"{path}:{line}: time_s does not increase; sort the points, one for each time")
+        if time_s < 0.0:
+            told = "is before 0, and the time counts from the first sample in operation"
+            raise UserError(f"{path}:{line}: time_s {time_s:g} {told}; let the trajectory begin at 0 or later")
         points.append((time_s, angle_rad))
     if not points:
-        raise UserError(f"{path}: holds no points")
+        raise UserError(f"{path}: holds no points; add a line of time_s,theta_j_rad for each")
     times_s, angles_rad = zip(*points, strict=True)
     return Trajectory(times_s, angles_rad)
 

@@ -2,34 +2,40 @@
 
 import math
 from bisect import bisect_right
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
+from numbers import Real
+from typing import Any
 
 PAPER_START_RAD = math.radians(90.0)
 PAPER_END_RAD = math.radians(10.0)
 PAPER_RAMP_S = 5.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, init=False)
 class Trajectory:
     """Straight lines between points; before the first and after the last point their angles are held.
 
     `times_s` [s] must increase strictly and have as many entries as `angles_rad` [rad], one at least, all finite:
-    ValueError otherwise.
+    ValueError otherwise. Lists, tuples and arrays of numbers are taken, TypeError for anything else.
     """
 
     times_s: tuple[float, ...]
     angles_rad: tuple[float, ...]
 
-    def __post_init__(self) -> None:
-        if len(self.times_s) != len(self.angles_rad) or not self.times_s:
+    def __init__(self, times_s: Iterable[float], angles_rad: Iterable[float]) -> None:
+        times, angles = _numbers("times_s", times_s), _numbers("angles_rad", angles_rad)
+        if len(times) != len(angles) or not times:
             raise ValueError(
-                f"a trajectory needs as many angles as times, one at least; got {len(self.angles_rad)} angles and "
-                f"{len(self.times_s)} times"
+                f"times_s and angles_rad: there are {len(times)} times and {len(angles)} angles; give as many of each, "
+                "one at least"
             )
-        if not all(map(math.isfinite, (*self.times_s, *self.angles_rad))):
-            raise ValueError("times and angles of a trajectory must be finite")
-        if any(later <= earlier for earlier, later in zip(self.times_s, self.times_s[1:], strict=False)):
-            raise ValueError("times of a trajectory must increase")
+        for place, (before, after) in enumerate(pairwise(times), 1):
+            if after <= before:
+                raise ValueError(f"times_s[{place}]: {after:g} s does not come after {before:g} s; sort the points")
+        object.__setattr__(self, "times_s", times)
+        object.__setattr__(self, "angles_rad", angles)
 
     def __call__(self, t_s: float) -> float:
         """Return the angle [rad] at `t_s` [s]; NaN for NaN."""
@@ -43,6 +49,21 @@ class Trajectory:
         begin_s, begin_rad = self.times_s[after - 1], self.angles_rad[after - 1]
         share = (t_s - begin_s) / (self.times_s[after] - begin_s)
         return begin_rad + share * (self.angles_rad[after] - begin_rad)
+
+
+def _numbers(name: str, values: Any) -> tuple[float, ...]:
+    """Return finite numbers as floats; TypeError or ValueError with the place of one that isn't."""
+    if isinstance(values, str | bytes) or not isinstance(values, Iterable):
+        raise TypeError(f"{name}: must be a list, tuple or array of numbers, not {type(values).__name__}")
+    numbers: list[float] = []
+    for place, value in enumerate(values):
+        if not isinstance(value, Real):
+            raise TypeError(f"{name}[{place}]: must be a number, not {type(value).__name__}")
+        number = float(value)
+        if not math.isfinite(number):
+            raise ValueError(f"{name}[{place}]: is {number}; must be a finite number")
+        numbers.append(number)
+    return tuple(numbers)
 
 
 PAPER_TRAJECTORY = Trajectory((0.0, PAPER_RAMP_S), (PAPER_START_RAD, PAPER_END_RAD))

@@ -48,6 +48,13 @@ class Run:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        given: Any = self.columns
+        if not isinstance(given, Mapping):
+            raise TypeError(f"columns: must be a mapping of names to arrays, not {type(given).__name__}")
+        for name, values in given.items():
+            if not isinstance(values, np.ndarray):
+                told = f"must be an array of numbers, not {type(values).__name__}; hf.read_runs takes lists and tables"
+                raise TypeError(f"columns[{name!r}]: {told}")
         problem = columns_problem(self.columns)
         if problem:
             raise ValueError(f"run {self.name!r}: {problem}")
@@ -69,6 +76,8 @@ class Run:
 
     def __getitem__(self, column: str) -> Column:
         """Return a column; KeyError where it was not measured."""
+        if column not in self.columns:
+            raise KeyError(f"{column}: was not measured in {self.name}; there are {', '.join(self.columns)}")
         return self.columns[column]
 
     def to_pandas(self) -> Any:

@@ -46,14 +46,16 @@ def drop_repeats(columns: Columns, label: str, where: Callable[[int], str]) -> t
     return {name: values[kept] for name, values in columns.items()}, (note,)
 
 
-def check_time_unit(time_s: Column, label: str) -> None:
-    """UserError where rows come so seldom that no drive does it: then the stamps are hardly seconds."""
+def check_time_unit(time_s: Column, label: str, *, is_table: bool = True) -> None:
+    """UserError where rows come so seldom that no drive does it: then the stamps are hardly seconds.
+
+    `is_table`: its columns can be said to be in other units.
+    """
     usual_s = float(np.median(np.diff(time_s)))
     if usual_s <= LONGEST_SAMPLE_TIME_S * (1.0 + 1e-9):
         return
     units = ((unit, size) for unit, size in _UNITS_S.items() if usual_s * size <= LONGEST_SAMPLE_TIME_S)
     unit, size = next(units, ("ns", 1e-9))
     told = f"time_s: rows are {usual_s:.6g} s apart, and no drive of a rig samples slower than every 0.1 s"
-    raise UserError(
-        f"{label}: {told}; if the stamps are {unit}, multiply them by {size:g}, or add --map time_s=COLUMN:{unit}"
-    )
+    mapped = f", or add --map time_s=COLUMN:{unit}" if is_table else ""
+    raise UserError(f"{label}: {told}; if the stamps are {unit}, multiply them by {size:g}{mapped}")

@@ -7,14 +7,17 @@ refused when it is read, and isn't looked for again here.
 import math
 from collections.abc import Iterator
 
-from firmware_protocol.scales import ANGLE_LSB_PER_REV
+from firmware_protocol.scales import ANGLE_LSB_PER_REV, ANGLE_LSB_RAD, CURRENT_LSB_A
 from hil_forceps.drives.profile import LOAD_N_M, MAX_QUANTUM_SHARE, Finding
 from hil_forceps.drives.registry import maker_profile
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
+from hil_forceps.rig.sections import Limits
 
 FEWEST_PERIODS = 3  # of the host, within a watchdog's time: one late tick must not stop the motor
 LONGEST_WATCHDOG_S = 0.5  # a motor that goes on for longer behind a dead host
+SLOWEST_S = 2.5  # half a period of the paper's pulses: a reference that is slower never makes up for one
+WINDOW_S = 0.25  # over which the gate bounds the travel
 MAX_BUS_LOAD, HIGH_BUS_LOAD = 0.9, 0.6
 
 
@@ -22,6 +25,7 @@ def findings(rig: Rig) -> list[Finding]:
     """Return all that was found, problems first, otherwise in the order of the rig's keys."""
     found = [
         *_limits(rig),
+        *_narrow(rig),
         *_unknown(rig),
         *_watchdog(rig),
         *_of_profile(rig),
@@ -35,6 +39,49 @@ def findings(rig: Rig) -> list[Finding]:
 def _limits(rig: Rig) -> Iterator[Finding]:
     if "limits" not in rig.model_fields_set:
         yield Finding("problem", "limits", "is missing; a motor is only driven within limits that somebody has chosen")
+
+
+def _narrow(rig: Rig) -> Iterator[Finding]:
+    """Yield limits of the gate within which the reference is slower than any load, or doesn't move at all.
+
+    The way that is asked for: what makes up for the wire's stretch under `LOAD_N_M`, from rest to rest.
+    """
+    try:
+        plant = rig.plant()
+    except UserError:
+        return
+    limits, load = rig.limits, f"a load of {LOAD_N_M * 1e3:g} mN m"
+    tension_N = LOAD_N_M / plant.jaw_pulley_radius_m
+    way_rad = tension_N / plant.wire_stiffness_N_per_m / plant.motor_pulley_radius_m
+    step = _times_s(limits, ANGLE_LSB_RAD)
+    for key, time_s in _times_s(limits, way_rad).items():
+        if time_s > SLOWEST_S:
+            told = f"is {getattr(limits, key):g}: the reference takes {time_s:.3g} s to make up for {load}; raise it"
+            yield Finding("problem" if step[key] > SLOWEST_S else "note", f"limits.{key}", told)
+    N_per_A = plant.torque_constant_N_m_per_A / plant.motor_pulley_radius_m
+    for key, limit, needed, least, unit in (
+        ("tension_max_N", limits.tension_max_N, tension_N, N_per_A * CURRENT_LSB_A, "N"),
+        ("current_max_A", limits.current_max_A, tension_N / N_per_A, CURRENT_LSB_A, "A"),
+    ):
+        if limit is not None and limit < needed:
+            told = f"is {limit:g} {unit}; {load} takes {needed:.3g} {unit} alone, and the gate latches; raise it"
+            yield Finding("problem" if limit < least else "note", f"limits.{key}", told)
+    if limits.position_max_rad - limits.position_min_rad < way_rad:
+        told = f"is less than {way_rad:.2g} rad above position_min_rad, the way that makes up for {load}; widen them"
+        yield Finding("problem", "limits.position_max_rad", told)
+
+
+def _times_s(limits: Limits, way_rad: float) -> dict[str, float]:
+    """Return how long a way from rest to rest takes at least, by each limit of the reference's motion."""
+    times_s = {
+        "speed_max_rad_per_s": way_rad / limits.speed_max_rad_per_s,
+        "acceleration_max_rad_per_s2": 2.0 * math.sqrt(way_rad / limits.acceleration_max_rad_per_s2),
+    }
+    if limits.jerk_max_rad_per_s3 is not None:
+        times_s["jerk_max_rad_per_s3"] = math.cbrt(32.0 * way_rad / limits.jerk_max_rad_per_s3)
+    if limits.window_travel_max_rad is not None:
+        times_s["window_travel_max_rad"] = WINDOW_S * way_rad / limits.window_travel_max_rad
+    return times_s
 
 
 def _unknown(rig: Rig) -> Iterator[Finding]:

@@ -1,6 +1,7 @@
 """Reading rig files, and writing them."""
 
 from collections.abc import Mapping
+from os import PathLike
 from pathlib import Path as FilePath
 
 from hil_forceps.rig import consistency
@@ -10,9 +11,13 @@ from hil_forceps.rig.schema import Rig, validate
 from hil_forceps.rig.yaml_loader import MAX_BYTES, Document, Mark, load_document, render
 
 
-def load_rig(path: str | FilePath) -> Rig:
+def load_rig(path: str | PathLike[str]) -> Rig:
     """Read a rig file; UserError with every problem of it, one line each: `path:line: key: what is wrong; remedy`."""
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"path: must be the path of a rig file, not {type(path).__name__}")
     name = str(path)
+    if FilePath(path).is_dir():
+        raise UserError(f"{name}: is a folder; name a rig file, a YAML")
     try:
         with FilePath(path).open("rb") as file:
             content = file.read(MAX_BYTES + 1)
@@ -21,7 +26,7 @@ def load_rig(path: str | FilePath) -> Rig:
     except ValueError as error:  # a NUL in the path
         raise UserError(f"{name!r}: can't be read: {error}; check the path") from None
     if len(content) > MAX_BYTES:
-        raise UserError(f"{name}: is longer than {MAX_BYTES} bytes; that is no rig file")
+        raise UserError(f"{name}: is longer than {MAX_BYTES} bytes; that is no rig file, which is a YAML; name another")
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:

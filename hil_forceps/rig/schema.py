@@ -89,6 +89,12 @@ class Rig(Section):
         a whole section may be given as a mapping, and None removes a key, so that its default holds. UserError when
         the result is no valid rig.
         """
+        given: Any = changes
+        if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
+            raise TypeError(
+                'changes: must be a mapping of keys to values, such as {"encoder.counts_per_rev": 4096}, '
+                f"not {type(given).__name__}"
+            )
         data = self.to_data()
         for dotted, value in changes.items():
             section, _, key = dotted.partition(".")

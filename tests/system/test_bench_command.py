@@ -46,11 +46,12 @@ def results(out: Path) -> dict[str, bytes]:
 
 @pytest.mark.long
 def test_bench_repeats_to_the_byte_and_the_seed_matters(start: Start, small_bench: Path, tmp_path: Path) -> None:
-    runs = {"one": ("4", "1"), "two": ("4", "2"), "other": ("5", "2")}
-    for name, (seed, jobs) in runs.items():
-        ended = bench(start, small_bench, tmp_path / name, "--seed", seed, "--jobs", jobs)
+    runs = {"one": ("4", "1"), "two": ("4", "2"), "other": ("5", "2", "--json")}
+    for name, (seed, jobs, *more) in runs.items():
+        ended = bench(start, small_bench, tmp_path / name, "--seed", seed, "--jobs", jobs, *more)
         assert ended.code == 0, ended.err
         assert "kalman" in ended.out
+        assert (ended.out == (tmp_path / name / "summary.json").read_text(encoding="utf-8")) is bool(more)
     first = results(tmp_path / "one")
     names = {f"sim2_kalman_{c}_0.001s.{kind}" for c in ("compensated", "uncompensated") for kind in ("mcap", "log")}
     assert set(first) == names | {"summary.json"}

@@ -113,6 +113,10 @@ _BY_REASON: dict[str, tuple[Cause, ...]] = {
               "hil-forceps recover says what is missing; `dmesg` whether memory ran out"),
     ),
 }  # fmt: skip
+_DAMAGED = Cause(
+    "the file was changed after the run: it was ended as it should, and its end can't be reached any more",
+    "hil-forceps recover tells what can't be read, and reads the end behind it; the disk, and how the file was copied",
+)
 _WELL = frozenset(reason.value for reason in AS_MEANT)
 _UNKNOWN_FAULT = Cause("what the maker says of this fault", "the drive's manual, by the words above")
 
@@ -125,7 +129,7 @@ def causes_of(evidence: Evidence, events: list[Event]) -> list[Cause]:
     if evidence.reason == "drive_fault":
         matching = [cause for words, cause in _BY_WORDS if re.search(words, evidence.message, re.IGNORECASE)]
         found += matching[:1] or [_UNKNOWN_FAULT]
-    found += _BY_REASON.get(evidence.reason, ())
+    found += [_DAMAGED] if not evidence.reason and evidence.is_damaged else _BY_REASON.get(evidence.reason, ())
     return list(dict.fromkeys(found))
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from firmware_protocol.messages import DriveState, fault_words
 from hil_forceps.bench.explanation.evidence import Evidence
 from hil_forceps.bridge.pipeline import Verdict
+from hil_forceps.control.gate import GateVerdict
 from hil_forceps.data.recording.writer import Outcome
 
 JOIN_NS = 50_000_000  # stretches of one kind that lie nearer together are one
@@ -35,7 +36,7 @@ class Event(NamedTuple):
 def events_of(evidence: Evidence) -> list[Event]:
     """Return all of them, oldest first."""
     sources: tuple[Callable[[Evidence], Iterator[Event]], ...] = (
-        _stages, _states, _zero, _approach, _missing_samples, _ticks, _skipped_ticks, _unheard,
+        _stages, _states, _zero, _gate, _approach, _missing_samples, _ticks, _skipped_ticks, _unheard,
     )  # fmt: skip
     found = [event for source in sources for event in source(evidence)]
     return sorted(found, key=lambda event: event.time_s)
@@ -65,9 +66,18 @@ def stretches(mask: Mask, times: NDArray[np.int64]) -> Iterator[tuple[int, int, 
 def _stages(evidence: Evidence) -> Iterator[Event]:
     words = {"connecting": "the drive is looked for", "enabling": "it answers and is asked for torque",
              "running": "references follow the trajectory", "stopping": "the drive is asked for no torque"}  # fmt: skip
-    for time_ns, stage in (evidence.fault or {}).get("stages", ()):
+    for time_ns, stage in evidence.stages:
         if stage in words:
-            yield Event(evidence.time_s(int(time_ns)), "stage", words[stage])
+            yield Event(evidence.time_s(time_ns), "stage", words[stage])
+
+
+def _gate(evidence: Evidence) -> Iterator[Event]:
+    """Tell the check of the gate that ended the run."""
+    if evidence.gate_trip_ns is not None and evidence.fault is not None:
+        check, unit = evidence.fault["check"], evidence.fault["unit"]
+        value, limit = (evidence.fault[key] for key in ("value", "limit"))
+        compared = "" if value is None or limit is None else f": {value:.4g} {unit}, the limit is {limit:.4g} {unit}"
+        yield Event(evidence.time_s(evidence.gate_trip_ns), "gate", f"the gate's check {check} fails{compared}")
 
 
 def _states(evidence: Evidence) -> Iterator[Event]:
@@ -146,27 +156,35 @@ def _ticks(evidence: Evidence) -> Iterator[Event]:
         text = _verdict_words(code, evidence.verdicts.get(code, f"verdict {code}"))
         if text:
             yield from _told(evidence, mask, text, QUIET_TICKS if code == Verdict.NOTHING_NEW else 1)
-    for outcome, text in ((Outcome.QUEUE_FULL, "found the bus full: their references were dropped"),
-                          (Outcome.BUS_DOWN, "found no bus for their references")):  # fmt: skip
+    for outcome, text in ((Outcome.QUEUE_FULL, "found the bus full, so {its} stayed away"),
+                          (Outcome.BUS_DOWN, "found no bus for {its}")):  # fmt: skip
         yield from _told(evidence, references["outcome"] == outcome, text, 1)
 
 
 def _told(evidence: Evidence, mask: Mask, text: str, least: int) -> Iterator[Event]:
+    """Tell each stretch; in `text` `{its}` stands for the references of its ticks, `{lasts}` for their time."""
     times = evidence.references["tick_ns"]
-    for first, _, count in stretches(mask, times):
+    for first, last, count in stretches(mask, times):
         if count >= least:
-            yield Event(evidence.time_s(int(times[first])), "ticks", f"{_number(count, 'tick')} {text}")
+            its = "its reference" if count == 1 else "their references"
+            lasts = f"{(times[last] - times[first]) / 1e9:.3f} s"
+            told = f"{_number(count, 'tick')} {text.format(its=its, lasts=lasts)}"
+            yield Event(evidence.time_s(int(times[first])), "ticks", told)
 
 
 def _verdict_words(code: int, name: str) -> str:
     """Return what a tick with this verdict did; empty where it is nothing to tell."""
+    if name == GateVerdict.FROZEN.name:
+        return "had {its} held where the last one was, for {lasts}, since a check of the gate fails"
+    if name == GateVerdict.DENIED_LATCHED.name:
+        return "had {its} denied: the gate has latched, since the check went on failing for as long as it holds"
     if code == Verdict.NOTHING_NEW:
         return "had no new sample, so no reference left"
     if code == Verdict.STALE:
         return "had only a sample older than limits.max_sample_age_s, so no reference left"
     if name.startswith("LIMITED_"):
-        return f"had their references limited by the gate ({name[8:].lower()})"
-    return f"had their references denied ({name})" if name.startswith("DENIED_") else ""
+        return f"had {{its}} limited by the gate ({name[8:].lower()})"
+    return f"had {{its}} denied ({name})" if name.startswith("DENIED_") else ""
 
 
 def _skipped_ticks(evidence: Evidence) -> Iterator[Event]:

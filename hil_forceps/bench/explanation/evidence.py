@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.bench.assembly import settings_of
-from hil_forceps.bench.fault_file import fault_path
+from hil_forceps.bench.fault_file import ended_of, fault_path
 from hil_forceps.bridge.flight_recorder import FAULT_FORMAT
 from hil_forceps.bridge.pipeline import VERDICT_NAMES
 from hil_forceps.bridge.results import AS_MEANT
+from hil_forceps.control.gate.trip import WORDS as GATE_CHECKS
 from hil_forceps.data.recording.format import REFERENCE, SAMPLE, Topic
 from hil_forceps.data.recording.reader import Recording, Table, read_recording
 from hil_forceps.data.strict_json import parse_json
@@ -22,6 +24,8 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
 MAX_TIME_NS = 1 << 62
+MAX_KEY = 40  # characters of a key that a message shows
+Stages = tuple[tuple[int, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +38,8 @@ class Evidence:
     reason: str  # a `StopReason`'s word, or "crashed"; empty where the run's end isn't recorded
     message: str
     began_ns: int  # host's clock
-    ended_ns: int  # the fault, or the last message
+    ended_ns: int  # when the run began to end, or the last message
+    stages: Stages  # when each began; empty where nothing says it
     zero_ns: int | None  # drive's clock
     profile: str  # what the drive speaks
     rig: Rig | None
@@ -42,6 +47,13 @@ class Evidence:
     verdicts: Mapping[int, str]
     lateness: NDArray[np.int64]  # rows of a tick's time and how late it was; none without `fault`
     notes: tuple[str, ...]
+    is_damaged: bool = False  # the file was ended as it should, so what is missing in it went later
+
+    @property
+    def gate_trip_ns(self) -> int | None:
+        """When the check of the gate failed that ended the run; None where none did, or nothing says it."""
+        fault = self.fault or {}
+        return int(fault["time_ns"]) if fault.get("check") in GATE_CHECKS else None
 
     @property
     def is_second(self) -> bool:
@@ -82,10 +94,13 @@ def _of_recording(recording: Recording, path: Path, beside: Path) -> Evidence:
     except UserError as error:
         notes.append(str(error))
     result = recording.result or ({} if fault is None else fault)
+    stages = _stages(recording.result) if fault is None else tuple(map(tuple, fault["stages"]))
     times = [*recording.samples["received_ns"].tolist(), *recording.references["tick_ns"].tolist()]
     began_ns, ended_ns = (min(times), max(times)) if times else (0, 0)
-    if fault is not None:
-        began_ns, ended_ns = _begin_of(fault, began_ns), int(fault["time_ns"])
+    if stages:
+        began_ns, ended_ns = stages[0][0], ended_of(stages, ended_ns if fault is None else fault["time_ns"])
+    elif fault is not None:
+        ended_ns = int(fault["time_ns"])
     elif len(recording.references) and result.get("reason") not in {None, *(reason.value for reason in AS_MEANT)}:
         ended_ns = int(recording.references["tick_ns"][-1])  # they stop where the run begins to end
     return Evidence(
@@ -96,6 +111,7 @@ def _of_recording(recording: Recording, path: Path, beside: Path) -> Evidence:
         message=str(result.get("message", "")),
         began_ns=began_ns,
         ended_ns=ended_ns,
+        stages=stages,
         zero_ns=recording.zero_ns,
         profile="native" if rig is None else rig.drive_profile,
         rig=rig,
@@ -103,19 +119,22 @@ def _of_recording(recording: Recording, path: Path, beside: Path) -> Evidence:
         verdicts=_verdicts(recording),
         lateness=_lateness(fault),
         notes=tuple(notes),
+        is_damaged=recording.is_finished and bool(recording.gaps),
     )
 
 
 def _of_fault(name: str, fault: dict[str, Any], notes: tuple[str, ...]) -> Evidence:
     samples, references = _table(fault["samples"], SAMPLE), _table(fault["references"], REFERENCE)
+    stages = tuple(map(tuple, fault["stages"]))
     return Evidence(
         name=name,
         samples=samples,
         references=references,
         reason=str(fault["reason"]),
         message=str(fault["message"]),
-        began_ns=_begin_of(fault, int(fault["time_ns"])),
-        ended_ns=int(fault["time_ns"]),
+        began_ns=stages[0][0] if stages else int(fault["time_ns"]),
+        ended_ns=ended_of(stages, int(fault["time_ns"])),
+        stages=stages,
         zero_ns=fault.get("zero_ns"),
         profile=str(fault["drive"]["profile"]),
         rig=None,
@@ -137,9 +156,13 @@ def _fault_of(content: bytes, name: str) -> dict[str, Any]:
         _table(fault["references"], REFERENCE)
         _lateness(fault)
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        told = f"{type(error).__name__}: {str(error)[:60]!r}"
+        told = "a value in it is of another kind than was written"
+        if isinstance(error, KeyError):
+            told = f"{str(error.args[0])[:MAX_KEY]!r} is missing in it"
+        elif isinstance(error, UnicodeDecodeError | JSONDecodeError):
+            told = "it is no JSON in UTF-8"
         raise UserError(
-            f"{name}: isn't the last second before a fault ({told}); take run.mcap, or save it again"
+            f"{name}: isn't the last second before a fault: {told}; take run.mcap, or save it again"
         ) from error
     return fault
 
@@ -181,9 +204,16 @@ def _lateness(fault: Mapping[str, Any] | None) -> NDArray[np.int64]:
     return np.array(rows, dtype=np.int64).reshape(-1, 2)
 
 
-def _begin_of(fault: Mapping[str, Any], otherwise_ns: int) -> int:
-    stages = fault.get("stages") or [[otherwise_ns, ""]]
-    return int(stages[0][0])
+def _stages(result: Mapping[str, str]) -> Stages:
+    """Return when each stage began, as the recording has it; none where an older version didn't say, or damage did."""
+    try:
+        found = tuple((time_ns, stage) for time_ns, stage in parse_json(result["stages"]))
+    except (LookupError, TypeError, ValueError):
+        return ()
+    is_sound = all(
+        type(time_ns) is int and abs(time_ns) <= MAX_TIME_NS and type(stage) is str for time_ns, stage in found
+    )
+    return found if is_sound else ()
 
 
 def _verdicts(recording: Recording) -> dict[int, str]:

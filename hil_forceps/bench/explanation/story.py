@@ -10,10 +10,15 @@ from firmware_protocol.messages import DriveState
 from hil_forceps.bench.explanation.causes import Cause, causes_of
 from hil_forceps.bench.explanation.events import Event, events_of
 from hil_forceps.bench.explanation.evidence import Evidence
+from hil_forceps.bridge.fault import compared
+from hil_forceps.data.recording.reader import Table
 
 LAST_ROWS = 8
+LEFT_OUT_INTERVALS = 4.5  # of the usual one: between two rows there are others, or a gap that is told above
 MOST_EVENTS = 40  # that are told; of more the first and the last
 FIRST_EVENTS = 12
+START = "the start of the run, when the service began to look for the drive"
+FIRST_MESSAGE = "the first message there is; the start of the run is not recorded"
 COLUMNS = ("time_s", "theta_m_rad", "current_A", "requested_rad", "passed_rad", "verdict", "state")
 
 
@@ -25,8 +30,10 @@ class Story(NamedTuple):
     events: list[Event]
     reason: str
     message: str
+    has_trip: bool  # a check of the gate ended it
     compared: str  # the check that failed, with value and limit; empty where nothing was compared
     ended_s: float
+    counted_from: str  # what all times here count from
     rows: list[dict[str, Any]]
     causes: list[Cause]
 
@@ -40,8 +47,10 @@ def story_of(evidence: Evidence) -> Story:
         events,
         evidence.reason,
         evidence.message,
+        evidence.gate_trip_ns is not None,
         _compared(evidence),
         evidence.time_s(evidence.ended_ns),
+        START if evidence.stages else FIRST_MESSAGE,
         last_rows(evidence),
         causes_of(evidence, events),
     )
@@ -49,7 +58,7 @@ def story_of(evidence: Evidence) -> Story:
 
 def last_rows(evidence: Evidence) -> list[dict[str, Any]]:
     """Return the last samples up to the end, each with the reference computed from it; None where there is none."""
-    samples = evidence.samples[evidence.samples["received_ns"] <= evidence.ended_ns][-LAST_ROWS:]
+    samples = _last_samples(evidence)
     references = evidence.references
     rows = []
     for sample in samples:
@@ -70,6 +79,17 @@ def last_rows(evidence: Evidence) -> list[dict[str, Any]]:
     return rows
 
 
+def _last_samples(evidence: Evidence) -> Table:
+    """Return the last ones; where a check of the gate failed before them, those around it first."""
+    samples = evidence.samples[evidence.samples["received_ns"] <= evidence.ended_ns]
+    last = len(samples)
+    trip = last if evidence.gate_trip_ns is None else np.searchsorted(samples["received_ns"], evidence.gate_trip_ns)
+    if trip >= last - LAST_ROWS:
+        return samples[-LAST_ROWS:]
+    half = LAST_ROWS // 2
+    return np.concatenate([samples[max(0, trip - half + 1) : trip + 2], samples[-half:]])
+
+
 def text_of(story: Story) -> Iterator[str]:
     """Yield the lines; what would steer a terminal is shown as a question mark."""
     for line in _lines(story):
@@ -80,7 +100,7 @@ def _lines(story: Story) -> Iterator[str]:
     yield f"{story.name}: {_headline(story)}"
     yield from (f"note: {note}" for note in story.notes)
     yield ""
-    yield "Course (s since the start)"
+    yield f"Course (s since {story.counted_from})"
     yield from (f"  {line}" for line in _told_events(story.events))
     yield ""
     yield "End"
@@ -89,7 +109,8 @@ def _lines(story: Story) -> Iterator[str]:
         yield f"             {story.compared}"
     if story.rows:
         yield ""
-        yield "The last samples, with the reference computed from each"
+        around = "The samples around that check, and the last ones" if story.has_trip else "The last samples"
+        yield f"{around}, with the reference computed from each"
         yield from (f"  {line}" for line in _table(story.rows))
     if story.causes:
         yield ""
@@ -129,7 +150,12 @@ def _told_events(events: list[Event]) -> Iterator[str]:
 
 def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
     yield f"{'time s':>9}  {'θ_m rad':>10}  {'current A':>10}  {'asked rad':>10}  {'passed rad':>10}  verdict / drive"
+    usual_s = float(np.median(np.diff([row["time_s"] for row in rows]))) if len(rows) > 1 else math.inf
+    before_s = math.inf
     for row in rows:
+        if row["time_s"] - before_s > LEFT_OUT_INTERVALS * usual_s:
+            yield f"{'...':>9}"
+        before_s = row["time_s"]
         numbers = "  ".join(
             f"{'–':>10}" if row[name] is None else f"{row[name]:10.5f}"
             for name in ("theta_m_rad", "current_A", "requested_rad", "passed_rad")
@@ -139,10 +165,10 @@ def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 def _compared(evidence: Evidence) -> str:
     fault = evidence.fault or {}
-    value, limit, unit = fault.get("value"), fault.get("limit"), f" {fault.get('unit', '')}".rstrip()
+    value, limit = fault.get("value"), fault.get("limit")
     if not isinstance(value, int | float) or not isinstance(limit, int | float):
         return ""
-    return f"{fault['check']}: {value:.6g}{unit}, limit {limit:.6g}{unit}"
+    return compared(evidence.reason, fault["check"], value, limit, fault.get("unit", ""))
 
 
 def _finite(value: np.floating[Any]) -> float | None:

@@ -25,6 +25,15 @@ def checks(rig: Rig) -> Iterator[Check]:
     settings = findings(rig)
     for finding in settings:
         verdict = Verdict.FAIL if finding.level == "problem" else Verdict.WARN
-        yield Check(f"rig.{finding.key}", _WHAT, verdict, finding.text, f"change {finding.key} in the rig")
+        yield Check(f"rig.{finding.key}", _WHAT, verdict, finding.text, _remedy(finding.key))
     if not settings:
         yield Check("rig.settings", _WHAT, Verdict.OK, "nothing that doesn't go together")
+
+
+def _remedy(key: str) -> str:
+    """Return what to do about a finding at a key."""
+    if key == "encoder.counts_per_rev":  # of the hardware: another number in the rig would only be wrong
+        return (
+            "nothing to set, if these are the encoder's counts: a finer encoder, or estimates as noisy as these steps"
+        )
+    return f"change {key} in the rig"

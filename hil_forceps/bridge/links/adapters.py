@@ -78,15 +78,30 @@ class Connection(NamedTuple):
     notes: tuple[str, ...]
 
 
+def check_spec(spec: LinkSpec) -> None:
+    """UserError where no line is named, or two are, or an interface that nobody has; nothing is opened."""
+    if bool(spec.interface) == bool(spec.serial_url):
+        both = "there are both; " if spec.interface else "the drive's line is missing; "
+        raise UserError(
+            f"{both}give either a CAN interface and its channel, such as socketcan and can0, or a serial port"
+        )
+    if spec.interface and spec.interface not in can.VALID_INTERFACES:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise UserError(f"{_name(spec)}: there is no such CAN interface; interfaces: {known}")
+
+
 def open_link(spec: LinkSpec) -> Connection:
     """Open what `spec` names; UserError with the remedy when that can't be."""
-    if bool(spec.interface) == bool(spec.serial_url):
-        raise UserError("give either a CAN interface or a serial port")
+    check_spec(spec)
     return _open_serial(spec) if spec.serial_url else _open_can(spec)
 
 
+def _name(spec: LinkSpec) -> str:
+    return f"{spec.interface}:{spec.channel}" if spec.channel else spec.interface
+
+
 def _open_can(spec: LinkSpec) -> Connection:
-    name = f"{spec.interface}:{spec.channel}" if spec.channel else spec.interface
+    name = _name(spec)
     _check_net_device(spec)
     options: dict[str, object] = {"fd": spec.fd, "bitrate": spec.bitrate_bit_per_s, **spec.options}
     if spec.fd:

@@ -44,6 +44,7 @@ def bench(
     wire: Wire = "pty",
     duration: float | None = None,
     estimator_rig: Path | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Run a bench file: every simulation and algorithm, compensated and not, over the bus in virtual time.
 
@@ -73,6 +74,8 @@ def bench(
     estimator_rig
         Rig file that the estimators go by in a second run of each, such as one without the effects that the plant
         has; what happens is still as the bench file says.
+    as_json
+        The content of summary.json in place of the table.
     """
     rig = load_rig(config)
     with named(config):
@@ -109,9 +112,16 @@ def bench(
         for run in executed:
             timing_of_run = timing_traces(run.record, rig, wire)
             save_figure(timing_figure(timing_of_run), out, f"{run.record.spec.name}_timing")
-    _print_table([e.record for e in executed])
-    sys.stdout.write(f"figures, recordings and bus logs are in {out}/\n")
+    _tell([e.record for e in executed], out, as_json=as_json)
     return 0
+
+
+def _tell(records: Sequence[RunRecord], out: Path, *, as_json: bool) -> None:
+    if as_json:
+        sys.stdout.write((out / "summary.json").read_text(encoding="utf-8"))
+        return
+    _print_table(records)
+    sys.stdout.write(f"figures, recordings and bus logs are in {out}/\n")
 
 
 def _duration(given: float | None) -> float:

@@ -14,9 +14,9 @@ from hil_forceps.bridge.clocks import MonotonicClock
 from hil_forceps.bridge.doctor.check import Check, Verdict
 from hil_forceps.bridge.doctor.examination import Asked, examine
 from hil_forceps.bridge.doctor.reads import System
-from hil_forceps.bridge.links.adapters import LinkSpec
+from hil_forceps.bridge.links.adapters import LinkSpec, check_spec
 from hil_forceps.cli.check_table import lines
-from hil_forceps.cli.drive_line import link_of, named_rigs
+from hil_forceps.cli.drive_line import line_rate, link_of, named_rigs
 from hil_forceps.cli.groups import OfLine
 from hil_forceps.cli.options import interface_options
 from hil_forceps.rig.errors import UserError
@@ -68,9 +68,15 @@ def doctor(
     if interface and serial:
         raise UserError("--serial: give either a CAN interface or a serial port")
     rigs = named_rigs(rig)
+    for path, loaded in zip(rig, rigs.values(), strict=True):
+        line_rate(path, loaded, interface, serial, baudrate)  # says of a maker's drive which line that has to be
+    if rig and not interface and not serial:
+        told = "the line to its drive is missing; give --interface and --channel, or --serial"
+        raise UserError(f"--rig {rig[0]}: {told} (without a drive: hil-forceps check {rig[0]})")
     link = None
     if interface or serial:
         link = LinkSpec(interface=interface, channel=channel, serial_url=serial, options=interface_options(option))
+        check_spec(link)
         for path, loaded in zip(rig, rigs.values(), strict=True):
             link = link_of(path, loaded, link, baudrate)
     checks = list(examine(Asked(rigs, link, out, duration), System(), MonotonicClock(), time.time_ns))

@@ -12,7 +12,9 @@ from cyclopts import Parameter
 
 from firmware_protocol.messages import PROTOCOL_MAJOR, PROTOCOL_MINOR
 from hil_forceps import __version__
+from hil_forceps.bench.run_folder import RECORDING_NAME
 from hil_forceps.rig import Rig, load_rig
+from hil_forceps.rig.errors import UserError
 
 LIBRARIES = ("python-can", "pyserial", "numpy", "scipy", "numba", "cantools", "mcap")
 NET_DEVICES = Path("/sys/class/net")
@@ -29,6 +31,8 @@ def info(rig: Path | None = None, *, as_json: Annotated[bool, Parameter(name="--
     as_json
         As JSON.
     """
+    if rig is not None:
+        _check_kind(rig)
     if as_json:
         told = _known() if rig is None else _derived(load_rig(rig))
         sys.stdout.write(json.dumps(told, indent=2) + "\n")
@@ -36,6 +40,13 @@ def info(rig: Path | None = None, *, as_json: Annotated[bool, Parameter(name="--
     lines = list(_installed()) if rig is None else list(_explained(load_rig(rig)))
     sys.stdout.write("\n".join(lines) + "\n")
     return 0
+
+
+def _check_kind(path: Path) -> None:
+    """UserError for a run, which another command tells of."""
+    if path.suffix == ".mcap" or (path / RECORDING_NAME).is_file():
+        told = "is a run and no rig file"
+        raise UserError(f"{path}: {told}; hil-forceps explain {path} tells its course, info takes a rig's YAML")
 
 
 def _known() -> dict[str, Any]:

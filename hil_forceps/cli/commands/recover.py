@@ -50,13 +50,16 @@ def recover(
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Write a file that isn't there yet; UserError where it is, or can't be written."""
+    """Write a file; UserError where there is another one of that name, or it can't be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("xb") as file:
             file.write(data)
     except FileExistsError as error:
-        raise UserError(f"{path}: is there already and is not written over; name another file with --out") from error
+        if path.is_file() and path.read_bytes() == data:  # by the same command before
+            return
+        told = "is there already with other content and is not written over; name another file with --out"
+        raise UserError(f"{path}: {told}, or remove it first") from error
     except OSError as error:
         raise UserError(f"{path}: can't be written: {error.strerror}; name another file with --out") from error
 

@@ -23,7 +23,13 @@ from hil_forceps.rig import load_rig
 
 
 def replay_axis(
-    sources: Sequence[Path], rig_path: Path, out: Path, mapping: ColumnMap, *, with_networks: bool = False
+    sources: Sequence[Path],
+    rig_path: Path,
+    out: Path,
+    mapping: ColumnMap,
+    *,
+    with_networks: bool = False,
+    as_json: bool = False,
 ) -> int:
     """Compare, print the tables, write files and figures; returns the exit code."""
     rig = load_rig(rig_path)
@@ -42,9 +48,12 @@ def replay_axis(
             with ThreadPoolExecutor(threads) as pool:
                 networks = fit_networks(found.train, found.tests, mapper=over_threads(pool, threads))
             found = found._replace(networks=networks)
-        write_axis(found, out)
+        written, *_ = write_axis(found, out)
         bar.update(task, description="figures")
         figures = write_axis_figures(found, out)
+    if as_json:
+        sys.stdout.write(written.read_text(encoding="utf-8"))
+        return 0
     for title, cells in axis_tables(found):
         print_cells(cells, title, 2 if "fitted to" in cells.headers else 1)
     sys.stdout.write(f"{len(figures)} figures, axis_comparison.json and axis_comparison.csv are in {out}/\n")

@@ -19,12 +19,12 @@ from hil_forceps.bench.session import (
     stamps_are_host_time,
 )
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
-from hil_forceps.bridge.links.adapters import LinkSpec, open_link
+from hil_forceps.bridge.links.adapters import LinkSpec, check_spec, open_link
 from hil_forceps.bridge.results import Telemetry
 from hil_forceps.cli.drive_line import line_rate, named_rigs
 from hil_forceps.cli.fault_lines import fault_lines, told_reason
 from hil_forceps.cli.files import clear_runs, make_folder, named
-from hil_forceps.cli.gate_words import gate_data, gate_lines
+from hil_forceps.cli.gate_words import gate_data, gate_lines, since_start_s
 from hil_forceps.cli.groups import OfControl, OfFaults, OfLine, OfOutput
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.notes import is_quiet, note, note_console
@@ -37,6 +37,7 @@ from hil_forceps.drives.lint import findings
 from hil_forceps.drives.profile import Finding
 from hil_forceps.drives.registry import framing_for, machines_for, sample_period_s
 from hil_forceps.drives.several import findings as findings_of_several
+from hil_forceps.estimation.registry import ESTIMATOR_IDS
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import BenchSettings, ProfileName
@@ -110,10 +111,14 @@ def run(
         Write over the run that OUT holds; without it that is refused.
     """
     rigs = named_rigs(rig)
+    if algorithm not in ESTIMATOR_IDS:
+        raise UserError(f"--algorithm: unknown algorithm '{algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
+    options = interface_options(option)
     rates = set()
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_profile(path, loaded, drive)
         rates.add(line_rate(path, loaded, interface, serial, baudrate))
+    check_spec(LinkSpec(interface=interface, channel=channel, serial_url=serial))
     machines = machines_for(list(rigs.values()))
     for path, loaded in zip(rig, rigs.values(), strict=True):
         _check_settings(str(path), findings(loaded))
@@ -158,7 +163,7 @@ def run(
         bitrate_bit_per_s=bench.bitrate_bit_per_s,
         data_bitrate_bit_per_s=bench.data_bitrate_bit_per_s,
         baudrate=max(rates),
-        options=interface_options(option),
+        options=options,
         framing=framing_for(loaded),
     )
     connection = open_link(link)
@@ -249,6 +254,7 @@ def _tell(session: SessionResult, plan: Plan, line_share: float | None) -> int:
         "bus_log": session.bus_log._asdict(),
         "counters": {name: dict(values) for name, values in result.counters.items()},
         "timing": dict(result.timing),
+        "stages_s": {stage: since_start_s(result, time_ns) for time_ns, stage in result.stages},
         "gate": gate_data(result),
     }
     if session.fault is not None:
@@ -263,7 +269,7 @@ def _tell(session: SessionResult, plan: Plan, line_share: float | None) -> int:
     said = f"{plan.name}: " if plan.name else ""
     for failure in failures:
         sys.stderr.write(f"hil-forceps: {said}{failure}\n")
-    for line in gate_lines(result.gate):
+    for line in gate_lines(result):
         note(f"{said}{line}")
     if not result.ok:
         lines = [result.message] if session.fault is None else fault_lines(session.fault, result.message, folder)

@@ -8,7 +8,6 @@ from typing import Annotated
 
 from cyclopts import Parameter
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
@@ -17,6 +16,7 @@ from hil_forceps.api.simulation import simulate as simulate_run
 from hil_forceps.cli.files import file_name, make_folder
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.reading import bar, read_sources
+from hil_forceps.cli.tables import FILE_COLUMNS, print_table
 from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.tables.mapping import read_map
 from hil_forceps.report.overlay import SHOWN, beside_figure
@@ -105,7 +105,7 @@ def _print(results: list[Simulation]) -> None:
             share = f"{100 * result.scatter(channel) / spread:.3g} %" if spread > 0.0 else "-"
             errors = [f"{shown.error_scale * error:.4g}" for error in (result.rmse(channel), result.scatter(channel))]
             table.add_row(result.name, channel, *errors, share, shown.error_unit)
-    Console().print(table)
+    print_table(table, FILE_COLUMNS)
     loops = {"in closed loop" if result.is_closed_loop else "driven by the measured motion" for result in results}
     sys.stdout.write(f"simulated: {', '.join(sorted(loops))}\n")
     for result in results:

@@ -89,7 +89,9 @@ def _bounded(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, label: str) -> by
 
 def _only(path: Path, homes: list[_Home]) -> _Home:
     if not homes:
-        raise UserError(f"{path}: no run in it (files XY.TXT with two digits: frequency, load)")
+        raise UserError(
+            f"{path}: no run in it; name files, or a folder of some (CSV, .mcap, XY.TXT of the surgical tool)"
+        )
     if len(homes) > 1:
         raise UserError(f"{path}: several data sets in it ({', '.join(map(str, homes[:4]))}): give one of them")
     return homes[0]

@@ -4,7 +4,7 @@
 `Recording.to_run` makes the table that estimators offline, the diagnosis and the report take.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -33,6 +33,7 @@ from hil_forceps.rig.errors import UserError
 Table = NDArray[np.void]
 
 MAX_FILE_BYTES = 4 << 30
+NOTHING_LOST = "[]"  # JSON of what a recovery could not restore
 MAX_NOTE = 200  # characters of what a file says of itself
 MAX_REFERENCE_AGE = 128  # ticks: half of what sequences repeat after
 BENCH_MATCH_NS = 100_000_000  # sequences repeat after 256 samples: a bench value belongs to a sample this near
@@ -51,6 +52,8 @@ class Recording:
     order: NDArray[np.uint8]
     notes: tuple[str, ...]
     fault: bytes | None = None  # the last second before a fault, as `fault.json` has it
+    is_finished: bool = False  # the file ends as one does that was closed
+    gaps: tuple[str, ...] = ()  # what is damaged or missing, those of the notes; empty: all that was recorded is here
 
     @property
     def zero_ns(self) -> int | None:
@@ -161,7 +164,7 @@ def parse_recording(data: bytes, name: str) -> Recording:
         raise UserError(
             f"{name}: not a recording of the bench, or cut off before it began (no {METADATA_NAME} metadata)"
         )
-    return _assemble(found, name)
+    return _assemble(found, name, is_finished=data.endswith(MCAP0_MAGIC) and len(data) > len(MCAP0_MAGIC))
 
 
 class Tables(NamedTuple):
@@ -195,8 +198,9 @@ def tables_of(chunks: Iterable[bytes], *, first_counts: bool = True) -> Tables:
     return Tables(samples, references, bench, np.array(order, dtype=np.uint8), missing)
 
 
-def _assemble(found: Found, name: str) -> Recording:
+def _assemble(found: Found, name: str, *, is_finished: bool) -> Recording:
     tables = tables_of(found.chunks)
+    said = list(_said(found, tables))
     return Recording(
         name=name,
         metadata=found.metadata[METADATA_NAME],
@@ -205,24 +209,30 @@ def _assemble(found: Found, name: str) -> Recording:
         references=tables.references,
         bench=tables.bench,
         order=tables.order,
-        notes=_notes(found, tables),
+        notes=tuple(text for text, _ in said),
         fault=found.attachments.get(FAULT_NAME),
+        is_finished=is_finished,
+        gaps=tuple(text for text, is_gap in said if is_gap),
     )
 
 
-def _notes(found: Found, tables: Tables) -> tuple[str, ...]:
-    notes = []
+def _said(found: Found, tables: Tables) -> Iterator[tuple[str, bool]]:
+    """Yield what a reader should know, each with whether something is damaged or missing."""
     if found.damage:
-        notes.append(f"recording is {found.damage}")
+        yield f"recording is {found.damage}", True
     elif RESULT_NAME not in found.metadata:
-        notes.append("recording ended before the run did")
-    notes += found.remarks
+        yield "recording ended before the run did", True
+    for remark in found.remarks:
+        yield remark, True
     if RECOVERY_NAME in found.metadata:
-        said = found.metadata[RECOVERY_NAME].get("summary", "")
-        notes.append(f"recording was recovered: {said if said.isprintable() else ''}"[:MAX_NOTE])
+        said = found.metadata[RECOVERY_NAME]
+        summary = said.get("summary", "")
+        yield (
+            f"recording was recovered: {summary if summary.isprintable() else ''}"[:MAX_NOTE],
+            said.get("lost") != NOTHING_LOST,
+        )
     elif tables.missing:
         is_damaged = found.damage or found.remarks
-        notes.append(f"{tables.missing} messages {'are missing' if is_damaged else 'were dropped while recording'}")
+        yield f"{tables.missing} messages {'are missing' if is_damaged else 'were dropped while recording'}", True
     if found.counted is not None and found.counted > len(tables.order) and not found.damage:
-        notes.append(f"{found.counted - len(tables.order)} messages that its summary counts are not there")
-    return tuple(notes)
+        yield f"{found.counted - len(tables.order)} messages that its summary counts are not there", True

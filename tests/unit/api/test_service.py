@@ -4,6 +4,7 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import can
 import numpy as np
@@ -102,6 +103,20 @@ def test_a_drive_that_is_not_there_is_told_in_the_result(forceps_bench: Bench) -
     assert "no drive answered" in run.message
 
 
+def test_a_host_that_comes_right_behind_another_is_told_what_to_do(forceps_bench: Bench) -> None:
+    bench = forceps_bench(PAPER)
+    service = hf.Service(PAPER, interface=bench.interface, channel=bench.channel)
+    still = hf.Trajectory((0.0,), (np.pi / 2,))
+    assert service.run(still, 0.1).ok
+    run = service.run(still, 0.1)
+    assert (run.ok, run.reason) == (False, "enable_failed")
+    assert "it stays DISABLED; where another program drove it just before: it enables a new host 0.1 s" in run.message
+    with can.Bus(interface=bench.interface, channel=bench.channel) as bus:
+        world: Any = bus
+        world.advance_until_ns(world.now_ns() + 150_000_000)
+    assert service.run(still, 0.1).ok, "and then it is enabled"
+
+
 def test_an_interrupt_and_a_wish_to_stop_end_it_cleanly(forceps_bench: Bench) -> None:
     bench = forceps_bench(PAPER)
     service = hf.Service(PAPER, interface=bench.interface, channel=bench.channel)
@@ -134,13 +149,13 @@ def test_what_is_refused(tmp_path: Path) -> None:
         hf.Service(rig.with_changes({"limits": None}), interface="virtual_forceps")
     with pytest.raises(hf.UserError, match="unknown algorithm 'kalmann'"):
         hf.Service(rig, interface="virtual_forceps", algorithm="kalmann")
-    with pytest.raises(hf.UserError, match="give either a CAN interface or a serial port"):
-        hf.Service(rig).run()
+    with pytest.raises(hf.UserError, match="give either a CAN interface and its channel"):
+        hf.Service(rig)
     with pytest.raises(hf.UserError, match="is on a CAN bus; give interface and channel"):
         hf.Service(ROOT / "configs" / "drives" / "odrive.yaml", serial="/dev/ttyUSB0")
     with pytest.raises(hf.UserError, match=r"baudrate 9600: the rig says motor_driver\.baudrate_bit_per_s"):
         hf.Service(ROOT / "configs" / "drives" / "dynamixel.yaml", serial="/dev/ttyUSB0", baudrate=9600)
-    with pytest.raises(ValueError, match="can't last nan s"):
+    with pytest.raises(ValueError, match="duration_s: is nan; must be a finite number above 0"):
         hf.Service(rig, interface="virtual_forceps").run(duration_s=float("nan"))
     with pytest.raises(
         hf.UserError, match=r"the trajectory: at 1 s the motor would go to 35 rad .*; change it or the li"
@@ -149,6 +164,9 @@ def test_what_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").touch()
     with pytest.raises(hf.UserError, match=r"out .*: holds a run \(run\.mcap\); name another folder"):
         hf.Service(rig, interface="virtual_forceps").run(out=tmp_path)
+    with pytest.raises(hf.UserError, match="nothing is on channel"):
+        hf.Service(rig, interface="virtual_forceps", channel="nobody").run(out=tmp_path / "new" / "run")
+    assert not (tmp_path / "new").exists(), "a run that is refused leaves no folder behind"
     (tmp_path / "file").touch()
     with pytest.raises(hf.UserError, match=r"out .*/file: can't be made: .*; name another folder"):
         hf.Service(rig, interface="virtual_forceps").run(out=tmp_path / "file")

@@ -51,7 +51,7 @@ def test_beside_a_run_it_is_the_command_lines_simulation() -> None:
 
 def test_what_is_refused() -> None:
     run = hf.simulate(RIG, MOTION).to_run()
-    with pytest.raises(ValueError, match="a run brings its load and duration"):
+    with pytest.raises(ValueError, match="load_N_m and duration_s: a run brings its load and duration"):
         hf.simulate(RIG, run, load_N_m=1e-3)
     with pytest.raises(ValueError, match=r"can't last 0\.0 s"):
         hf.simulate(RIG, hf.Trajectory((0.0,), (1.5,)))

@@ -18,5 +18,9 @@ def test_each_verdict_has_its_count_its_first_time_and_its_greatest_cut() -> Non
         GateVerdict.LIMITED_SPEED: GateCount(4, 7, 0.5),
         GateVerdict.DENIED_GAP: GateCount(1, 5, 0.0),
     }
+    tally.add(GateVerdict.FROZEN, 11, 0.0, "tension")
+    tally.add(GateVerdict.FROZEN, 12, 0.0, "current")
+    tally.add(GateVerdict.FROZEN, 13, 0.0, "tension")
+    assert tally.counts.pop(GateVerdict.FROZEN) == GateCount(3, 11, 0.0, ("tension", "current"))
     assert list(tally.told()) == [GateVerdict.LIMITED_SPEED, GateVerdict.DENIED_GAP], "in the order of the verdicts"
     assert GateTally().told() == {}

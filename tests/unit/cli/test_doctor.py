@@ -70,14 +70,27 @@ def test_settings_that_do_not_go_together_are_in_it(capsys: pytest.CaptureFixtur
     text = (CONFIGS / "drives" / "odrive.yaml").read_text(encoding="utf-8")
     rig = tmp_path / "rig.yaml"
     rig.write_text(text.replace("watchdog_s: 0.1", "watchdog_s: 0.002"))
-    code, checks = as_json(capsys, "--rig", str(rig))
+    nowhere = ("--interface", "socketcan", "--channel", "can_none")
+    code, checks = as_json(capsys, "--rig", str(rig), *nowhere)
     assert (code, checks["rig.motor_driver.watchdog_s"]["verdict"]) == (1, "fail")
-    assert checks["drive.answers"]["verdict"] == "could not look"
     rig.write_text(text.replace("node_id: 5", "node_id: 63"))
-    code, checks = as_json(capsys, "--rig", str(rig))
+    code, checks = as_json(capsys, "--rig", str(rig), *nowhere)
     assert (code, checks["rig.motor_driver.node_id"]["verdict"]) == (1, "fail")
-    code, checks = as_json(capsys, "--rig", str(CONFIGS / "drives" / "odrive.yaml"))
-    assert (code, checks["rig.settings"]["verdict"]) == (0, "ok")
+    rig.write_text(text)
+    code, checks = as_json(capsys, "--rig", str(rig), *nowhere)
+    assert checks["rig.settings"]["verdict"] == "ok"
+
+
+def test_a_rig_without_a_line_is_not_called_well(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = doctor(capsys, "--rig", str(NATIVE))
+    assert (code, out) == (2, "")
+    assert "the line to its drive is missing; give --interface and --channel, or --serial" in err
+
+
+def test_a_simulated_drive_without_its_rig_has_a_remedy(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, checks = as_json(capsys, "--interface", "virtual_forceps", "--channel", str(tmp_path))
+    assert (code, checks["line.open"]["verdict"]) == (1, "fail")
+    assert checks["line.open"]["remedy"] == "say what is there by the option rig=RIG.yaml"
 
 
 def test_two_axes_are_told_apart(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

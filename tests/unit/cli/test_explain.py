@@ -65,7 +65,8 @@ def test_a_run_that_ended_well(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 def test_as_json(native: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = json.loads(told(capsys, native, "--json"))
-    assert set(said) == {"name", "notes", "events", "reason", "message", "compared", "ended_s", "rows", "causes"}
+    keys = "name notes events reason message has_trip compared ended_s counted_from rows causes"
+    assert set(said) == set(keys.split())
     assert [event["time_s"] for event in said["events"]] == sorted(event["time_s"] for event in said["events"])
     assert said["rows"][-1]["state"] == "FAULT"
 
@@ -104,6 +105,23 @@ def test_a_recording_that_was_cut_off(
     said = told(capsys, tmp_path)
     assert said.startswith("run.mcap: its end isn't recorded\nnote: recording is cut off or damaged at byte ")
     assert "hil-forceps recover says what is missing" in said
+
+
+def test_a_file_that_was_changed_later_is_no_power_failure(
+    native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = bytearray((native / "run.mcap").read_bytes())
+    data[len(data) // 4] ^= 0x10
+    (tmp_path / "run.mcap").write_bytes(data)
+    said = told(capsys, tmp_path)
+    assert "its end isn't recorded" in said
+    assert "power" not in said
+    assert "the file was changed after the run" in said
+    assert "hil-forceps recover" in said
+    (tmp_path / "run.mcap").write_bytes(data[: len(data) // 2])
+    cut = told(capsys, tmp_path)
+    assert "power" in cut
+    assert "Course (s since the first message there is; the start of the run is not recorded)" in cut
 
 
 def test_what_can_not_be_read_is_said_in_one_line(

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from hil_forceps.bridge.gate_tally import GateCount
+from hil_forceps.bridge.results import ServiceResult, StopReason
 from hil_forceps.cli import main as cli
 from hil_forceps.cli.gate_words import gate_lines
 from hil_forceps.control.gate import GateVerdict
@@ -89,6 +90,7 @@ def test_what_the_gate_limits_is_told_and_counted_and_the_run_is_good(
     said = capsys.readouterr().err.splitlines()
     found = told(tmp_path)
     assert found["reason"] == "completed"
+    asked = found["counters"]["pipeline"]["passed"] + found["counters"]["pipeline"]["denied"]
     jerk = found["gate"]["verdicts"]["limited_jerk"]
     assert jerk["references"] == found["counters"]["gate"]["limited_jerk"] > 0
     assert jerk["first_s"] >= 0.0
@@ -96,7 +98,7 @@ def test_what_the_gate_limits_is_told_and_counted_and_the_run_is_good(
     assert found["gate"]["trip"] is None
     notes = [line for line in said if line.startswith("note: the gate limited ")]
     assert len(notes) == len(found["gate"]["verdicts"]), "a line for each kind"
-    assert any(f"limited {jerk['references']} references (jerk), first at" in line for line in notes)
+    assert any(f"limited {jerk['references']} of {asked} references (jerk), first " in line for line in notes)
 
 
 def test_nothing_is_told_where_nothing_was_limited(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -168,7 +170,7 @@ def test_feedback_that_cannot_be_ends_the_run_and_takes_torque_off(
     assert trip["value"] > trip["limit"]
     said = capsys.readouterr().err
     assert [found["fault"][key] for key in ("check", "value", "limit", "unit")] == list(trip.values())[:4]
-    assert f"the gate has latched: {found['message'].partition('latched: ')[2]}" in said
+    assert f"the gate has latched: {found['message'].partition('latched: ')[2]}\n" in said
     assert found["gate"]["verdicts"]["frozen"]["references"] >= 1
     assert found["gate"]["verdicts"]["denied_latched"]["references"] == 1
     with pytest.raises(SystemExit) as ended:
@@ -181,18 +183,104 @@ def test_a_short_excess_is_held_and_told(
 ) -> None:
     altered(monkeypatch, lambda n, th, i: (th, 4000 if 2000 <= n < 2040 else i))
     assert run(tmp_path, "--duration", "3", rig=rig_with(tmp_path, "current_max_A: 0.6")) == 0
-    assert "note: the gate held " in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "note: the gate held " in said
+    assert ": current said so" in said
     assert 8 <= told(tmp_path)["gate"]["verdicts"]["frozen"]["references"] <= 32
 
 
 def test_lines_for_people() -> None:
-    lines = gate_lines({
-        GateVerdict.LIMITED_SPEED: GateCount(812, 1_204_000_000, 2.314),
-        GateVerdict.DENIED_GAP: GateCount(1, -1, 0.0),
-    })  # fmt: skip
-    assert lines[0].startswith("the gate limited 812 references (speed), first at 1.204 s, by up to 2.31 rad: ")
-    assert lines[1].startswith("the gate denied 1 reference, before the drive was operational: ")
-    assert all(len(gate_lines({verdict: GateCount(1, 0, math.pi)})) == 1 for verdict in list(GateVerdict)[2:])
+    lines = gate_lines(ended_with({
+        GateVerdict.LIMITED_SPEED: GateCount(812, 5_000_000_000 + 1_204_000_000, 2.314),
+        GateVerdict.DENIED_GAP: GateCount(1, 5_000_000_000, 0.0),
+        GateVerdict.FROZEN: GateCount(20, 6_000_000_000, 0.0, ("tension", "current")),
+    }))  # fmt: skip
+    assert lines[0].startswith(
+        "the gate limited 812 of 4001 references (speed), first 1.204 s after the start, by up to 2.31 rad: "
+    )
+    assert lines[1].startswith("the gate denied 1 of 4001 references, first 0.000 s after the start: ")
+    assert "held 20 of 4001 references, first 1.000 s after the start: tension and current said so" in lines[2]
+    each = [gate_lines(ended_with({verdict: GateCount(1, 0, math.pi)})) for verdict in list(GateVerdict)[2:]]
+    assert all(len(told) == 1 for told in each)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "key"),
+    [
+        (GateVerdict.LIMITED_JERK, "jerk_max_rad_per_s3"),
+        (GateVerdict.LIMITED_ACCELERATION, "acceleration_max_rad_per_s2"),
+        (GateVerdict.LIMITED_SPEED, "speed_max_rad_per_s"),
+        (GateVerdict.LIMITED_WINDOW, "window_travel_max_rad"),
+    ],
+)
+def test_what_limits_most_references_is_not_called_usual(verdict: GateVerdict, key: str) -> None:
+    (most,) = gate_lines(ended_with({verdict: GateCount(4000, 0, 0.1)}))
+    assert "4000 of 4001 references" in most
+    assert f"that is most of them: limits.{key} is too narrow for this motion" in most
+    assert "usual" not in most
+    (few,) = gate_lines(ended_with({verdict: GateCount(40, 0, 0.1)}))
+    assert "most of them" not in few
+
+
+def ended_with(gate: dict[GateVerdict, GateCount]) -> ServiceResult:
+    """A run that was asked for 4001 references, on a host whose clock said 5 s at its start."""
+    counters = {"pipeline": {"passed": 4000, "denied": 1}}
+    stages = ((5_000_000_000, "connecting"),)
+    return ServiceResult(StopReason.COMPLETED, "", True, 0, counters, {}, gate, None, stages)
+
+
+def test_one_time_base_in_all_that_tells_of_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The check, the hold of 50 ms and the end: on the terminal, in run.json and in `explain`, to the millisecond."""
+    altered(monkeypatch, jumping)
+    assert run(tmp_path, "--duration", "5") == 2
+    err, found = capsys.readouterr().err, told(tmp_path)
+    trip_s, stopped_s = found["gate"]["trip"]["time_s"], found["stages_s"]["stopping"]
+    held = found["gate"]["verdicts"]["frozen"]
+    latched_s = found["gate"]["verdicts"]["denied_latched"]["first_s"]
+    assert 0.0 <= held["first_s"] - trip_s <= 0.002
+    assert latched_s - trip_s == pytest.approx(0.05, abs=0.002)
+    assert f"first {held['first_s']:.3f} s after the start" in err
+    assert f"{trip_s:.3f} s after the start, while running; the run ended at {stopped_s:.3f} s" in err
+    assert "held 50 of" in err
+    assert err.count("1.15 rad") == err.count("0.3522 rad") == 1, "value and limit once"
+    assert "encoder_jump said so" in err
+    with pytest.raises(SystemExit):
+        cli.main(["explain", str(tmp_path / "out")])
+    said = capsys.readouterr().out
+    assert "Course (s since the start of the run" in said
+    course, _, end = said.partition("End\n")
+    for time_s, words in (
+        (trip_s, "the gate's check encoder_jump fails: 1.15 rad, the limit is 0.3522 rad"),
+        (held["first_s"], "50 ticks had their references held"),
+        (latched_s, "1 tick had its reference denied: the gate has latched"),
+        (stopped_s, "the drive is asked for no torque"),
+    ):
+        assert f"{time_s:9.3f}  {words}" in course
+    assert end.startswith(f"  {stopped_s:9.3f}  the gate has latched")
+    rows = end.partition("The samples around that check, and the last ones")[2]
+    assert [rows.count(word) for word in ("PASSED", "FROZEN", "DENIED_LATCHED", "...")] == [3, 4, 1, 1]
+
+
+def test_a_run_that_ends_well_counts_from_the_same_instant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With fault.json and without: the zero is at the same time of both courses."""
+    zeros = []
+    for name, duration in (("good", "1"), ("bad", "5")):
+        (tmp_path / name).mkdir()
+        if name == "bad":
+            altered(monkeypatch, jumping)
+        run(tmp_path / name, "--duration", duration)
+        capsys.readouterr()
+        with pytest.raises(SystemExit):
+            cli.main(["explain", str(tmp_path / name / "out"), "--json"])
+        story = json.loads(capsys.readouterr().out)
+        zeros += [event["time_s"] for event in story["events"] if event["kind"] == "zero"]
+        assert story["counted_from"].startswith("the start of the run")
+    assert len(zeros) == 2
+    assert zeros[0] == zeros[1]
 
 
 # 2048 counts, dry friction of 30 % of the load of 2 mN m (r_m/r_j · 0.3 · 2 mN m), a slow motion, quick ones, holds.

@@ -145,27 +145,30 @@ WRONG = [
     (f"bench --config {PAPER} --out o --realtime --duration 5", "--duration 5: must be 20 to"),
     (f"bench --config {PAPER} --out o --realtime --duration nan", "--duration nan: must be 20 to"),
     ("bench --config none.yaml --out o", "none.yaml: can't be read: No such file"),
-    ("bench --config . --out o", "can't be read: Is a directory"),
+    ("bench --config . --out o", ".: is a folder; name a rig file, a YAML"),
     (f"bench --config {PAPER} --out file", "--out file: can't be written to"),
     (f"bench --config {PAPER} --out file/o", "--out file/o: can't be written to"),
     (f"bench --config {PAPER} --out /proc/o", "--out /proc/o: can't be written to"),
     ("bench --config empty --out o", "empty"),
     ("run --rig none.yaml --out o --serial p", "none.yaml: can't be read"),
-    (f"run --rig {PAPER} --out o", "either a CAN interface or a serial port"),
-    (f"run --rig {PAPER} --out o --interface virtual --serial p", "either a CAN interface or a serial port"),
+    (f"run --rig {PAPER} --out o", "the drive's line is missing; give either a CAN interface"),
+    (f"run --rig {PAPER} --out o --interface virtual --serial p", "there are both; give either a CAN interface"),
     (f"run --rig {PAPER} --out o --serial /dev/no-such-port", "there is no such port"),
     (f"run --rig {PAPER} --out o --serial file", "file: can't be opened"),
     (f"run --rig {PAPER} --out o --serial no-such-kind://x", "no-such-kind://x: can't be opened"),
-    (f"run --rig {PAPER} --out o --interface no_such --channel x", "no_such:x: "),
+    (f"run --rig {PAPER} --out o --interface no_such --channel x", "no_such:x: there is no such CAN interface"),
     (f"run --rig {PAPER} --out o --interface socketcan --channel nocan7", "socketcan:nocan7: can't be opened"),
-    (f"run --rig {PAPER} --out o --interface virtual_forceps --channel x", "rig=..."),
-    (f"run --rig {PAPER} --out o --interface virtual --channel x --option a", "--option a: must be KEY=VALUE"),
+    (
+        f"run --rig {PAPER} --out o --interface virtual_forceps --channel x",
+        "; say what is there by the option rig=RIG.yaml",
+    ),
+    (f"run --rig {PAPER} --out o --interface virtual --channel x --option a", "a: must be KEY=VALUE, such as "),
     (f"run --rig {PAPER} --out o --interface udp_multicast --channel 239.74.163.9 --option port=x", "port"),
     (f"run --rig {PAPER} --out o --interface virtual --channel x --algorithm nope", "unknown algorithm 'nope'"),
     (f"run --rig {PAPER} --out o --serial p --duration nan", "--duration nan"),
     (f"run --rig {PAPER} --out o --serial p --duration 0", "--duration 0"),
     (f"run --rig {PAPER} --out o --serial p --trajectory none.csv", "none.csv: can't be read"),
-    (f"run --rig {PAPER} --out o --serial p --trajectory empty", "empty:1: the header must be"),
+    (f"run --rig {PAPER} --out o --serial p --trajectory empty", "theta_j_rad; make that the first line"),
     (f"run --rig {PAPER} --out o --serial p --bus-log txt", "--bus-log"),
     (f"run --rig {PAPER} --out file --serial p", "--out file: can't be written to"),
     (f"run --rig {TOOL} --out o --serial p", "limits: is missing"),
@@ -173,7 +176,19 @@ WRONG = [
     ("replay none.mcap", "none.mcap: no such file"),
     ("replay empty.mcap", "empty.mcap: not an MCAP file"),
     ("replay foreign.mcap", "foreign.mcap: not an MCAP file"),
-    ("replay empty", "need --rig"),
+    ("replay empty", "empty: is no recording, which is named *.mcap; runs of an instrument need --rig"),
+    ("replay emptydir", "emptydir: holds no run.mcap; name the folder of a run, or its recording; runs"),
+    ("replay fault.json", "fault.json: is the last second of a run, and that is not replayed; name its run.mcap"),
+    ("import none.mcap --out o", "none.mcap: no such file or folder; check the path"),
+    ("import emptydir --out o", "emptydir: no run in it; name files, or a folder of some"),
+    ("import --out o", "no SOURCE given; name files or folders"),
+    ("explain fault.json", "fault.json: isn't the last second before a fault: 'drive' is missing in it; take run.mcap"),
+    ("explain empty.json", "empty.json: isn't the last second before a fault: it is no JSON in UTF-8; take run.mcap"),
+    ("explain emptydir", "emptydir: holds no run.mcap; name the folder of a run"),
+    ("info empty.mcap", "empty.mcap: is a run and no rig file; hil-forceps explain empty.mcap tells its course"),
+    ("info emptydir", "emptydir: is a folder; name a rig file, a YAML"),
+    (f"doctor --rig {PAPER}", "the line to its drive is missing; give --interface and --channel, or --serial"),
+    ("doctor --interface foo", "foo: there is no such CAN interface; interfaces: "),
     (f"replay empty --rig {TOOL} --out o", "empty: "),
     (f"replay . --rig {TOOL} --out o", "no run in it"),
     ("info --rig none.yaml", "none.yaml: can't be read"),
@@ -182,11 +197,15 @@ WRONG = [
 
 @pytest.mark.parametrize(("line", "words"), WRONG, ids=[line.replace(str(ROOT), "") for line, _ in WRONG])
 def test_what_is_wrong_is_told_in_one_line(call: Call, tmp_path: Path, line: str, words: str) -> None:
-    for name in ("empty", "empty.mcap"):
+    for name in ("empty", "empty.mcap", "empty.json"):
         (tmp_path / name).touch()
+    (tmp_path / "emptydir").mkdir()
+    (tmp_path / "fault.json").write_text('{"format": 1}')
     for name in ("file", "foreign.mcap"):
         (tmp_path / name).write_text("this is something else\n" * 10)
+    before = sorted(tmp_path.iterdir())
     said = call(*line.split())
+    assert sorted(tmp_path.iterdir()) == before, "a command that is refused leaves nothing behind"
     assert said.code == 2
     assert said.out == ""
     lines = [each for each in said.err.splitlines() if not each.startswith("Compiling")]
@@ -216,14 +235,18 @@ def test_bench_without_what_it_needs_names_all_of_it(call: Call) -> None:
 
 
 def test_trajectory_file_is_checked_to_the_line(call: Call, tmp_path: Path) -> None:
-    table = tmp_path / "t.csv"
+    table, from_zero = tmp_path / "t.csv", "from the first sample in operation"
     for rows, words in [
         ("0,1\n1\n", ":3: '1' is not two finite numbers; correct the line"),
-        ("0,1\n0,1\n", ":3: time_s does not increase"),
+        ("0,1\n0,1\n", ":3: time_s does not increase; sort the points, one for each time"),
+        (
+            "-5,1\n0,1\n",
+            f":2: time_s -5 is before 0, and the time counts {from_zero}; let the trajectory begin at 0 or later",
+        ),
         ("0,inf\n", ":2: '0,inf' is not two finite numbers; correct the line"),
         ("0,x\n", ":2: '0,x' is not two finite numbers; correct the line"),
         ("0,1\n1,2", ":3: the last line has no line end and may be cut off; complete it"),
-        ("", ": holds no points"),
+        ("", ": holds no points; add a line of time_s,theta_j_rad for each"),
     ]:
         table.write_text("time_s,theta_j_rad\n" + rows)
         said = call("run", "--rig", PAPER, "--out", "o", "--serial", "p", "--trajectory", str(table))

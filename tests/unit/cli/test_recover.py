@@ -94,8 +94,10 @@ def test_what_a_cut_took_away_comes_back_from_the_bus_log(
     assert 0 < there < len(original.samples)
     assert_same_samples(recovered(folder), original, len(original.samples))
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
-    assert command("replay", folder / "recovered") == 0
-    assert "all identical" in capsys.readouterr().out
+    assert command("replay", folder / "recovered") == 1
+    said_of_it = capsys.readouterr().out
+    assert "incomplete: " in said_of_it
+    assert "all of them identical, but recording ended before the run did" in said_of_it
     (run,) = read_run(folder / "recovered" / "run.mcap")
     assert any("samples restored from the bus log, its end is missing" in note for note in run.notes)
 
@@ -174,9 +176,15 @@ def test_a_length_that_swallows_chunks_does_not(
 def test_a_file_is_never_written_over(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = damaged(tmp_path, whole, lambda data: data[: len(data) // 2])
     assert command("recover", folder, "--out", folder / "run.mcap") == 2
-    assert "run.mcap: is there already and is not written over" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "run.mcap: is there already with other content and is not written over; name another file with " in said
     assert command("recover", folder, "--out", tmp_path / "new.mcap") == 1
+    made = (tmp_path / "new.mcap").read_bytes()
+    assert command("recover", folder, "--out", tmp_path / "new.mcap") == 1, "the same again is the same answer"
+    assert (tmp_path / "new.mcap").read_bytes() == made
+    (tmp_path / "new.mcap").write_bytes(made[:-1])
     assert command("recover", folder, "--out", tmp_path / "new.mcap") == 2
+    assert (tmp_path / "new.mcap").read_bytes() == made[:-1]
 
 
 def test_what_is_no_recording_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -195,4 +203,4 @@ def test_a_maker_s_samples_are_not_made_up(tmp_path: Path, capsys: pytest.Captur
     code, said = told(capsys, folder)
     assert (code, said["restored"]) == (1, [])
     assert any("samples of a drive that speaks odrive aren't restored" in note for note in said["notes"])
-    assert command("replay", folder / "recovered") == 0
+    assert command("replay", folder / "recovered") == 1, "how it ended is still missing"

@@ -1,7 +1,9 @@
 """Trajectories and the compensator (10)."""
 
 import math
+from typing import Any
 
+import numpy as np
 import pytest
 
 from hil_forceps.control.compensator import motor_reference_rad
@@ -37,16 +39,27 @@ def test_nan_comes_out_as_nan() -> None:
     ("times", "angles", "says"),
     [
         ((), (), "one at least"),
-        ((0.0, 1.0), (0.0,), "as many angles"),
-        ((0.0, 0.0), (0.0, 1.0), "increase"),
-        ((1.0, 0.0), (0.0, 1.0), "increase"),
-        ((0.0, math.inf), (0.0, 1.0), "finite"),
-        ((0.0, 1.0), (0.0, math.nan), "finite"),
+        ((0.0, 1.0), (0.0,), "there are 2 times and 1 angles; give as many of each"),
+        ((0.0, 0.0), (0.0, 1.0), r"times_s\[1\]: 0 s does not come after 0 s; sort the points"),
+        ((1.0, 0.0), (0.0, 1.0), "does not come after"),
+        ((0.0, math.inf), (0.0, 1.0), r"times_s\[1\]: is inf; must be a finite number"),
+        ((0.0, 1.0), (0.0, math.nan), r"angles_rad\[1\]: is nan"),
     ],
 )
 def test_nonsense_is_refused(times: tuple[float, ...], angles: tuple[float, ...], says: str) -> None:
     with pytest.raises(ValueError, match=says):
         Trajectory(times, angles)
+
+
+def test_arrays_and_lists_are_taken() -> None:
+    assert Trajectory(np.array([0.0, 1.0]), [1, np.float64(0.5)]) == Trajectory((0.0, 1.0), (1.0, 0.5))
+    assert type(Trajectory(np.arange(2), np.arange(2)).times_s[1]) is float
+
+
+@pytest.mark.parametrize("values", ["12", 3, None, [[0.0, 1.0]], np.zeros((2, 2)), ["0", "1"]])
+def test_what_holds_no_numbers_is_named(values: Any) -> None:
+    with pytest.raises(TypeError, match=r"^angles_rad(\[0\])?: must be a (list|number)"):
+        Trajectory((0.0, 1.0), values)
 
 
 def test_compensation_of_the_stretch_under_2_mN_m() -> None:

@@ -170,3 +170,32 @@ def test_a_drive_whose_law_is_not_known_is_driven_all_the_same(tmp_path: Path) -
     with pytest.raises(SystemExit) as ended:
         cli.main([*arguments, "--option", f"rig={whole}", "--duration", "2", "--out", str(tmp_path / "out")])
     assert not ended.value.code
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("speed_max_rad_per_s", 1e-12, "to make up for a load of 2 mN m; raise it"),
+        ("acceleration_max_rad_per_s2", 1e-12, "to make up for a load of 2 mN m; raise it"),
+        ("jerk_max_rad_per_s3", 1e-12, "to make up for a load of 2 mN m; raise it"),
+        ("window_travel_max_rad", 1e-12, "to make up for a load of 2 mN m; raise it"),
+        ("tension_max_N", 1e-12, "and the gate latches; raise it"),
+        ("current_max_A", 1e-12, "and the gate latches; raise it"),
+        ("position_max_rad", -0.5 + 1e-12, "above position_min_rad, the way that makes up for a load"),
+    ],
+)
+def test_limits_within_which_nothing_moves_are_problems(key: str, value: float, said: str) -> None:
+    rig = load_rig(CONFIGS / "realistic.yaml").with_changes({f"limits.{key}": value})
+    (found,) = findings(rig)
+    assert (found.level, found.key) == ("problem", f"limits.{key}")
+    assert said in found.text
+
+
+def test_the_way_that_is_asked_for_is_the_one_of_the_compensation() -> None:
+    """2 mN m on a jaw pulley of 1.4 mm stretch a wire of 26 kN/m by 54.9 µm: 27.5 mrad on 2 mm, in 2.5 s."""
+    rig = load_rig(CONFIGS / "realistic.yaml")
+    for speed, levels in ((0.0109, ["note"]), (0.0111, [])):
+        found = findings(rig.with_changes({"limits.speed_max_rad_per_s": speed}))
+        assert [each.level for each in found] == levels
+    (found_of_current,) = findings(rig.with_changes({"limits.current_max_A": 0.01}))
+    assert found_of_current.level == "note", "who grips less may want that"
