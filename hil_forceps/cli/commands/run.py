@@ -3,8 +3,9 @@
 import json
 import math
 import sys
+import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,13 +21,15 @@ from hil_forceps.bench.session import (
 )
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.links.adapters import LinkSpec, open_link
+from hil_forceps.bridge.live_topics import description_of
 from hil_forceps.bridge.results import Telemetry
 from hil_forceps.cli.drive_line import line_rate, named_rigs
 from hil_forceps.cli.fault_lines import fault_lines, told_reason
 from hil_forceps.cli.files import clear_runs, make_folder, named
 from hil_forceps.cli.gate_words import gate_data, gate_lines
-from hil_forceps.cli.groups import OfControl, OfFaults, OfLine, OfOutput
+from hil_forceps.cli.groups import OfControl, OfFaults, OfLine, OfLive, OfOutput
 from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.cli.live_page import live_options, shown
 from hil_forceps.cli.notes import is_quiet, note, note_console
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.progress import last_told
@@ -62,6 +65,10 @@ def run(
     reset_fault: OfFaults[bool] = False,
     go_on: OfFaults[bool] = False,
     overwrite: OfOutput[bool] = False,
+    live: OfLive[bool] = False,
+    live_control: OfLive[bool] = False,
+    live_bind: OfLive[str] = "",
+    foxglove: OfLive[bool] = False,
 ) -> int:
     """Estimate and compensate against a motor driver on any python-can interface or pyserial URL.
 
@@ -108,7 +115,16 @@ def run(
         Where one axis fails the others go on; without it they are stopped.
     overwrite
         Write over the run that OUT holds; without it that is refused.
+    live
+        Show the run while it lasts, on a page that only this machine reaches (docs/live.md).
+    live_control
+        With --live: emergency stop and clear on the page.
+    live_bind
+        With --live: PORT or ADDRESS:PORT of the page; without it a free port on 127.0.0.1.
+    foxglove
+        With --live: the same data to Foxglove, too.
     """
+    page = live_options(live=live, control=live_control, bind=live_bind, foxglove=foxglove)
     rigs = named_rigs(rig)
     rates = set()
     for path, loaded in zip(rig, rigs.values(), strict=True):
@@ -165,8 +181,12 @@ def run(
     for each in connection.notes:
         note(each)
     flag, use = StopFlag(), LineUse()
-    with stopped_by_signals(flag), _status() as show:
-        results = run_axes(connection, plans, flag.is_set, show, go_on=go_on, use=use)
+    described = description_of(", ".join(rigs), tuple(plan.name for plan in plans), time.monotonic_ns())
+    with closing(connection.link), stopped_by_signals(flag):
+        if page is not None and connection.virtual_time:
+            raise UserError(f"--live: {interface} runs in virtual time; docs/live.md has a drive by the clock")
+        with shown(described, page) as view, _status() as show:
+            results = run_axes(connection, plans, flag.is_set, show, go_on=go_on, use=use, view=view)
     used = None if serial else _line_share(use, results, bench)
     codes = [_tell(result, plan, used) for result, plan in zip(results, plans, strict=True)]
     if len(plans) > 1 and used is not None:
