@@ -26,7 +26,7 @@ FRAME_S: Final = 1.0 / 30.0
 TOKEN_TIMEOUT_S: Final = 5.0
 MAX_CLIENTS: Final = 16
 MAX_MESSAGE_BYTES: Final = 1 << 10
-SEND_BUFFER_BYTES: Final = 1 << 18  # so that what waits for a slow client is short
+SEND_BUFFER_BYTES: Final = 1 << 16  # so that what waits for a slow client is short
 CLOSE_WRONG_TOKEN: Final = 4401
 CLOSE_FULL: Final = 4503
 SOCKET_PATH: Final = "/live"
@@ -87,12 +87,12 @@ class LiveServer:
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Hand out a file of the page, or let a socket of it through (None)."""
-        host = request.headers.get("Host")
+        host = _only(request.headers, "Host")
         if not is_our_host(host, self._names):
             return self._refuse(connection, HTTPStatus.MISDIRECTED_REQUEST, "this server has another address\n")
         path = request.path.partition("?")[0]
         if path == SOCKET_PATH:
-            if not is_our_page(request.headers.get("Origin"), host):
+            if not is_our_page(_only(request.headers, "Origin"), host):
                 return self._refuse(connection, HTTPStatus.FORBIDDEN, "only the page itself may open this\n")
             return None
         if path not in self._page:
@@ -179,6 +179,12 @@ class LiveServer:
         if self._operator is not None:
             self.counters["clears"] += 1
             self._operator.clear()
+
+
+def _only(headers: Headers, name: str) -> str | None:
+    """Return a header that is there once; None where there is none, or several that may disagree."""
+    values = headers.get_all(name)
+    return values[0] if len(values) == 1 else None
 
 
 def _load_page() -> dict[str, tuple[str, bytes]]:
