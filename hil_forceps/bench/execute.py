@@ -102,7 +102,7 @@ def run_on(
     session = run_session(connection, plan, stop_requested)
     if session.failures:
         raise UserError([f"{out}: {failure}" for failure in session.failures])
-    traces = traces_of(read_recording(plan.recording), spec, rig.plant(), settings.trajectory)
+    traces = traces_of(read_recording(plan.recording), spec, rig.plant(), PAPER_TRAJECTORY)
     return Executed(_record(spec, traces, session.service, session.wall_s), traces)
 
 

@@ -8,7 +8,7 @@ from firmware_protocol.scales import CURRENT_LSB_A
 from hil_forceps.bridge.course import Course
 from hil_forceps.bridge.fault import FaultReason, Situation, reason_of
 from hil_forceps.bridge.pipeline import Pipeline
-from hil_forceps.bridge.ports import Observer, SendResult
+from hil_forceps.bridge.ports import Observer, OutsideReferences, SendResult
 from hil_forceps.bridge.results import AS_MEANT, ServiceConfig, ServiceResult, Stage, StopReason
 from hil_forceps.bridge.statistics import Histogram, HistogramSummary
 from hil_forceps.data.recording.writer import Outcome, Recorder
@@ -33,10 +33,12 @@ class Axis:
         name: str = "",
         watch: RunawayWatch | None = None,
         observer: Observer | None = None,
+        outside: OutsideReferences | None = None,
     ) -> None:
         """`name`: for messages, where there are several. `watch`: where the drive's current limit is known.
 
-        `observer` sees what the recorder sees.
+        `observer` sees what the recorder sees. `outside`: where its references come from outside; the drive is enabled
+        when there are some, and disabled when they are lost.
         """
         self.name = name
         self.drive = drive
@@ -53,12 +55,15 @@ class Axis:
         self._recorder = recorder
         self._watch = watch
         self._observer = observer
+        self.outside = outside
         self._setpoint_sequence = 0
         self.course = Course(drive, pipeline, config, recorder, lambda: False)
 
     def begin(self, now_ns: int, stop_requested: Callable[[], bool]) -> None:
         """Start to ask for the drive."""
-        self.course = Course(self.drive, self.pipeline, self._config, self._recorder, stop_requested)
+        self.course = Course(
+            self.drive, self.pipeline, self._config, self._recorder, stop_requested, self._has_references
+        )
         self.course.begin(now_ns)
         self._stage, self.now_ns = self.course.stage, now_ns
         self.stages = [(now_ns, self._stage.value)]
@@ -101,6 +106,8 @@ class Axis:
         course, watch = self.course, self._watch
         if watch is not None and watch.is_running_away and course.sends_references():
             course.stop(StopReason.RUNAWAY, watch.words(), now_ns)
+        if self.outside is not None:
+            self._look_outside(self.outside, now_ns)
         course.advance(now_ns)
         if course.stage is not self._stage:
             self._note_stage()
@@ -110,6 +117,16 @@ class Axis:
             self._send_reference(now_ns, send, clock_ns)
         for frame in self.drive.poll(now_ns):
             send(frame)
+
+    def _has_references(self) -> bool:
+        return self.outside is None or not self.outside.is_lost(self.now_ns)
+
+    def _look_outside(self, outside: OutsideReferences, now_ns: int) -> None:
+        """End a run with torque whose references stay away; one without waits for them."""
+        if not self.course.sends_references():
+            outside.release(now_ns)
+        elif outside.is_lost(now_ns):
+            self.course.stop(StopReason.REFERENCE_LOST, outside.words(now_ns), now_ns)
 
     def emergency_stop(self, now_ns: int, send: Callable[[Frame], SendResult]) -> None:
         """Have the drive take torque off at once; nothing where that was done already."""
@@ -167,6 +184,8 @@ class Axis:
             "host": dict(self.drive.counters),
             "link": dict(link),
         }
+        if self.outside is not None:
+            counters["outside"] = dict(self.outside.counters)
         told = self.pipeline.gate_tally.told()
         if told:
             counters["gate"] = {verdict.value: count.references for verdict, count in told.items()}

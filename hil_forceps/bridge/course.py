@@ -43,7 +43,9 @@ class Course:
         config: ServiceConfig,
         recorder: Recorder | None,
         stop_requested: Callable[[], bool],
+        may_enable: Callable[[], bool] = lambda: True,
     ) -> None:
+        """`may_enable` is asked while the drive is ready; until it may, the drive stays without torque."""
         self.stage = Stage.CONNECTING
         self.reason: StopReason | None = None
         self.message = ""
@@ -55,6 +57,7 @@ class Course:
         self._config = config
         self._recorder = recorder
         self._stop_requested = stop_requested
+        self._may_enable = may_enable
         self._silence_ns = max(config.silence_timeout_ns, SILENT_PERIODS * config.period_ns)
         self._steps: dict[Stage, Callable[[int], None]] = {
             Stage.CONNECTING: self._connecting,
@@ -126,8 +129,9 @@ class Course:
             words = self._host.fault_words()
             self._end(StopReason.DRIVE_FAULT, f"the drive holds a fault from before: {words}; clear it first")
         elif phase is HostPhase.READY:
-            self._host.enable()
-            self._enter(Stage.ENABLING, now_ns, self._config.enable_timeout_ns)
+            if self._may_enable():
+                self._host.enable()
+                self._enter(Stage.ENABLING, now_ns, self._config.enable_timeout_ns)
         elif now_ns >= self._end_ns:
             frames = self.frames_received
             heard = f"{frames} frames came, none that fits" if frames else "nothing came over the bus"

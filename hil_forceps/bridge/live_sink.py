@@ -136,5 +136,6 @@ def _status(axis: Axis) -> dict[str, Any]:
             "pipeline": dict(pipeline.counters),
             "gate": {verdict.value: count.references for verdict, count in pipeline.gate_tally.told().items()},
             "host": dict(drive.counters),
+            "outside": {} if axis.outside is None else dict(axis.outside.counters),
         },
     }

@@ -58,6 +58,23 @@ class Observer(Protocol):
         """See a pair of bench values."""
 
 
+class OutsideReferences(Protocol):
+    """References of the jaw angle from outside, for one axis. Pure."""
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """What became of those that came, by name."""
+
+    def is_lost(self, now_ns: int) -> bool:
+        """Tell whether none has come for too long."""
+
+    def release(self, now_ns: int) -> None:
+        """Wait for another sender where none has come for too long."""
+
+    def words(self, now_ns: int) -> str:
+        """Return how they were lost."""
+
+
 class Clock(Protocol):
     """Monotonic host time."""
 

@@ -24,6 +24,7 @@ from hil_forceps.bridge.live_sink import LiveSink
 from hil_forceps.bridge.ports import Clock, Link, SendResult
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, StopReason, Telemetry
 from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics
+from hil_forceps.bridge.teleoperation.udp_server import UdpReferences
 from hil_forceps.data.recording.writer import RECENT_NS
 
 MAX_RECENT_TICKS = 1 << 16
@@ -44,12 +45,14 @@ class Service:
         *,
         go_on: bool = False,
         live: LiveSink | None = None,
+        remote: UdpReferences | None = None,
     ) -> None:
         """`config`: of the loop; the axes have their own, with the same period.
 
         `stop_requested` is asked once a tick (set the flag in a signal handler). `telemetry` is called after a tick's
         work, `config.telemetry_period_ns` apart, with each axis in turn, and takes its time from the slack. `go_on`:
         the other axes do where one fails. `live`: a page that shows the run, with a part for each axis.
+        `remote`: whoever sends references to the axes from outside, and gets estimates.
         ValueError for no axis or a phase that isn't within the period.
         """
         if config.period_ns <= 0 or not 0 <= config.phase_ns < config.period_ns:
@@ -66,6 +69,7 @@ class Service:
         self._stop_requested = stop_requested
         self._telemetry = telemetry
         self._live = live
+        self._remote = remote
         self._stops_all = len(self._axes) > 1 and not go_on
         self.counters = dict.fromkeys(("ticks", "overruns", "skipped_periods", "frames_sent", "queue_full"), 0)
         self._has_run = False
@@ -132,8 +136,7 @@ class Service:
         now_ns = self._clock.now_ns()  # estimators take their time: a sample that has become too old by it is too old
         if not self._link.is_up():
             self._bus_down = True
-        if self._live is not None:
-            self._obey(self._live, now_ns)
+        self._listen(now_ns)
         for axis in self._axes:
             if not axis.has_ended:
                 axis.tick(now_ns, self._send, self._clock.now_ns)
@@ -141,8 +144,14 @@ class Service:
                     axis.course.bus_is_down()
         if self._stops_all:
             self._stop_others(now_ns)
-        if self._telemetry is not None and now_ns >= self._next_telemetry_ns:
-            self._next_telemetry_ns = now_ns + self._config.telemetry_period_ns
+        if self._remote is not None:
+            self._remote.reply(self._axes)
+        if now_ns >= self._next_telemetry_ns:
+            self._tell(now_ns)
+
+    def _tell(self, now_ns: int) -> None:
+        self._next_telemetry_ns = now_ns + self._config.telemetry_period_ns
+        if self._telemetry is not None:
             self._looked_at = (self._looked_at + 1) % len(self._axes)
             self._telemetry(self._look(self._axes[self._looked_at]))
 
@@ -155,8 +164,13 @@ class Service:
                 words = f"stopped, since {failed.name} ended: {failed.course.message}"
                 axis.course.stop(StopReason.OTHER_AXIS, words, now_ns)
 
-    def _obey(self, live: LiveSink, now_ns: int) -> None:
-        """Do what an operator at the page asks for."""
+    def _listen(self, now_ns: int) -> None:
+        """Take references from outside, and do what an operator at the page asks for."""
+        if self._remote is not None:
+            self._remote.receive(now_ns)
+        live = self._live
+        if live is None:
+            return
         if live.stop_asked():
             for axis in self._axes:
                 axis.emergency_stop(now_ns, self._send)

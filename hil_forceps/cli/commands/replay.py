@@ -11,6 +11,7 @@ from rich.progress import Progress
 from hil_forceps.bench.assembly import make_pipeline, settings_of
 from hil_forceps.bench.run_folder import RECORDING_NAME
 from hil_forceps.bridge.pipeline import VERDICT_NAMES
+from hil_forceps.bridge.replay import RecordedReference
 from hil_forceps.bridge.replay import replay as replay_recording
 from hil_forceps.cli.commands.replay_axis import replay_axis
 from hil_forceps.cli.files import make_folder
@@ -108,7 +109,8 @@ def _recording(path: Path, algorithm: str | None) -> int:
     if algorithm is not None:
         settings = settings._replace(algorithm=algorithm)
     ready_kernels(rig, settings.sample_time_s)
-    result = replay_recording(recording, make_pipeline(rig, settings))
+    outside = RecordedReference() if settings.trajectory is None else None
+    result = replay_recording(recording, make_pipeline(rig, settings, outside), outside)
     count = len(recording.references)
     if not len(recording.samples):
         raise UserError(f"{path}: holds no samples; the drive never answered, or the recording was cut off at once")
