@@ -128,9 +128,8 @@ def test_a_second_sender_gets_nothing_while_the_first_sends(taken: ReferenceInpu
 
 def test_without_torque_a_silent_sender_makes_room_for_another(taken: ReferenceInput, sender: Sender) -> None:
     taken.release(sender.now_ns)
-    assert taken.state is InputState.FOLLOWING
+    assert not math.isnan(taken(0.0))
     taken.release(sender.now_ns + TIMEOUT_NS)
-    assert taken.state is InputState.WAITING
     assert math.isnan(taken(0.0))
     second = Sender(taken, "planner")
     second.now_ns = sender.now_ns + 2 * TIMEOUT_NS

@@ -3,6 +3,7 @@
 import io
 import itertools
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ class Bench:
         self.stop_ns = 900 * MS
         self.service = Service(self.world, self.world, [self.axis], config, lambda: self.world.time_ns >= self.stop_ns)
         for number, time_ns in enumerate(range(begin_ns, end_ns, 5 * MS)):
-            self.world.at(time_ns, lambda number=number, time_ns=time_ns: self.send(number, time_ns))  # type: ignore[misc]
+            self.world.at(time_ns, partial(self.send, number, time_ns))
 
     def wanted_rad(self, time_ns: int) -> float:
         return START_JAW_RAD + 0.05 * math.sin(time_ns / 5e7)
@@ -119,7 +120,7 @@ def test_references_that_come_back_do_not_give_torque_again() -> None:
     bench = Bench(0, 200 * MS)
     for number in range(100, 300):
         time_ns = number * 5 * MS
-        bench.world.at(time_ns, lambda number=number, time_ns=time_ns: bench.send(number, time_ns))  # type: ignore[misc]
+        bench.world.at(time_ns, partial(bench.send, number, time_ns))
     assert bench.run().reason is StopReason.REFERENCE_LOST
     assert max(time_ns for time_ns, _ in bench.world.setpoints()) < 220 * MS
 
@@ -138,12 +139,13 @@ def test_a_jump_goes_through_the_gate() -> None:
         position_min_rad=-1.0, position_max_rad=3.0, speed_max_rad_per_s=2.0, acceleration_max_rad_per_s2=1e4
     )
     bench = Bench(0, 100 * MS, limits)
-    for number in range(20, 120):
+
+    def jump(number: int) -> None:
         datagram = ReferenceDatagram(SESSION, 0, number, number * 5 * MS, START_JAW_RAD + 0.5)
-        bench.world.at(
-            number * 5 * MS,
-            lambda datagram=datagram: bench.outside.take(datagram, "joystick", bench.world.time_ns),  # type: ignore[misc]
-        )
+        bench.outside.take(datagram, "joystick", bench.world.time_ns)
+
+    for number in range(20, 120):
+        bench.world.at(number * 5 * MS, partial(jump, number))
     result = bench.run()
     assert result.reason is StopReason.COMPLETED
     setpoints = [(time_ns, setpoint.theta_m_ref * ANGLE_LSB_RAD) for time_ns, setpoint in bench.world.setpoints()]
