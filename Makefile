@@ -44,7 +44,8 @@ test-long: targets-short  ## what takes tens of seconds a test; CI runs it behin
 
 # One process and nothing beside it: these start processes of their own and watch the clock. On a machine that others
 # use, too, a process may be kept waiting for longer than a drive waits: then a test is tried again, and the summary says so.
-system: install  ## tests that need a clock: processes, terminals, sockets
+system: install  ## tests that need a clock: processes, terminals, sockets, a browser
+	-@tools/install_browser.sh
 	$(PY) -m pytest -m realtime --reruns 2 --only-rerun AssertionError $(TESTS)
 
 # Conformance and simulation 2 on every target that this machine can have, then the table of what ran. What runs in

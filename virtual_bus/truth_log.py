@@ -1,5 +1,7 @@
 """What the world knows and no sensor says, kept for tests and for the figures of the bench."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,11 +18,14 @@ class TruthLog:
         self._stamp_ns = np.zeros(capacity, dtype=np.int64)
         self._truth = np.zeros((capacity, len(Truth._fields)))
         self.capacity = capacity
+        self.observer: Callable[[int, Truth], None] | None = None  # sees every row, kept or not
         self.rows = 0
         self.dropped = 0
 
     def append(self, bus_time_ns: int, stamp_ns: int, truth: Truth) -> None:
         """Keep one row, or count it when the log is full."""
+        if self.observer is not None:
+            self.observer(bus_time_ns, truth)
         row = self.rows
         if row == self.capacity:
             self.dropped += 1

@@ -1,7 +1,7 @@
 """From a rig and a few settings to a pipeline, and back from what a recording says about itself."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
@@ -30,7 +30,7 @@ class Settings(NamedTuple):
     algorithm: str
     compensated: bool
     sample_time_s: float  # nominal interval of the samples
-    trajectory: Trajectory  # of the jaw angle
+    trajectory: Trajectory | None  # of the jaw angle; None where references come from outside while it runs
     same_clock: bool = False  # the drive's stamps are the host's own clock
 
 
@@ -64,13 +64,19 @@ def gate_for(rig: Rig, sample_time_s: float) -> Gate:
     return Gate(rig.limits, feedback_bounds(rig), max(DEFAULT_MAX_GAP_S, GAP_PERIODS * period_s), step_s)
 
 
-def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
-    """Bind estimator, trajectory and gate; UserError for an unknown algorithm or a rig that leaves values open."""
+def make_pipeline(rig: Rig, settings: Settings, outside: Callable[[float], float] | None = None) -> Pipeline:
+    """Bind estimator, trajectory and gate; UserError for an unknown algorithm or a rig that leaves values open.
+
+    `outside`: the jaw's reference where the settings have no trajectory. ValueError where there is neither.
+    """
+    reference = settings.trajectory or outside
+    if reference is None:
+        raise ValueError("a pipeline needs a trajectory, or references from outside")
     if settings.algorithm not in ALGORITHMS:
         raise UserError(f"unknown algorithm '{settings.algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
     return Pipeline(
         make_estimator(settings.algorithm, rig, settings.sample_time_s),
-        settings.trajectory,
+        reference,
         rig.plant(),
         gate_for(rig, settings.sample_time_s),
         settings.compensated,
@@ -81,11 +87,12 @@ def make_pipeline(rig: Rig, settings: Settings) -> Pipeline:
 
 def metadata(rig: Rig, settings: Settings, more: Mapping[str, str]) -> dict[str, str]:
     """Return what a recording says of itself: enough to build the same pipeline again."""
+    trajectory = None if settings.trajectory is None else asdict(settings.trajectory)
     return {
         "version": __version__,
         "protocol": f"{PROTOCOL_MAJOR}.{PROTOCOL_MINOR}",
         "rig": dump_rig(rig),
-        "settings": json.dumps({**settings._asdict(), "trajectory": asdict(settings.trajectory)}),
+        "settings": json.dumps({**settings._asdict(), "trajectory": trajectory}),
         "verdicts": json.dumps(VERDICT_NAMES),
         "outcomes": json.dumps({int(outcome): outcome.name for outcome in Outcome}),
         **more,
@@ -103,10 +110,10 @@ def settings_of(recording: Recording) -> tuple[Rig, Settings]:
 
 def _settings(values: Any) -> Settings:
     """Return settings out of JSON; TypeError or ValueError for what they can't be."""
-    if not isinstance(values, dict) or not isinstance(points := values.get("trajectory"), dict):
+    if not isinstance(values, dict) or not isinstance(points := values.get("trajectory", 0), dict | None):
         raise TypeError("no settings with a trajectory")
-    numbers = {name: _numbers(each) for name, each in points.items()}
-    settings = Settings(**{**values, "trajectory": Trajectory(**numbers)})
+    trajectory = None if points is None else Trajectory(**{name: _numbers(each) for name, each in points.items()})
+    settings = Settings(**{**values, "trajectory": trajectory})
     if not isinstance(values.get("algorithm"), str):
         raise TypeError("an algorithm that is no name")
     if not all(isinstance(value, bool) for value in (settings.compensated, settings.same_clock)):

@@ -16,6 +16,7 @@ from hil_forceps.bridge.results import ServiceResult
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.registry import machine_for, sample_period_s
+from hil_forceps.live.view import View
 from hil_forceps.report.traces import RunTraces
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
@@ -86,6 +87,7 @@ def run_on(
     out: Path,
     stop_requested: Callable[[], bool] = never,
     estimator_rig: Rig | None = None,
+    view: View | None = None,
 ) -> Executed:
     """Run the service on an open link, with recording and bus log, and judge what was recorded."""
     same_clock = connection.virtual_time and rig.bench.drive_clock_ppm == 0.0
@@ -99,10 +101,10 @@ def run_on(
         bus_log=out / f"{spec.name}.log",
         about={"simulation": str(spec.simulation), "seed": str(seed)},
     )
-    session = run_session(connection, plan, stop_requested)
+    session = run_session(connection, plan, stop_requested, view=view)
     if session.failures:
         raise UserError([f"{out}: {failure}" for failure in session.failures])
-    traces = traces_of(read_recording(plan.recording), spec, rig.plant(), settings.trajectory)
+    traces = traces_of(read_recording(plan.recording), spec, rig.plant(), PAPER_TRAJECTORY)
     return Executed(_record(spec, traces, session.service, session.wall_s), traces)
 
 

@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 from hil_forceps.bench.execute import Executed, never, run_on
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bridge.links.adapters import LinkSpec, open_link
+from hil_forceps.live.view import View
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
@@ -29,6 +30,7 @@ class RealTime(NamedTuple):
     config: Path  # rig file, for the drive's process
     wire: Wire
     estimator_rig: Rig | None = None  # of the specs that name one
+    view: View | None = None  # shows the runs while they last
 
 
 def run_realtime(
@@ -55,7 +57,7 @@ def run_realtime(
             # It ends by itself too: were this process killed, it would run on alone.
             with drive_process([*asked, "--duration", str(spec.duration_s + SPARE_S)], told):
                 link_end = open_link(link)
-                executed = run_on(link_end, spec, rig, seed, out, stop_requested, how.estimator_rig)
+                executed = run_on(link_end, spec, rig, seed, out, stop_requested, how.estimator_rig, how.view)
         if not told:
             raise UserError(f"{spec.name}: the drive's process ended before its time: {executed.record.ending}")
         executed.record.timing["accounting"] = account(executed.record.timing["counters"], told)

@@ -14,6 +14,7 @@ from firmware_protocol.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, ANGLE_MODULUS, CURRENT_LSB_A
 from hil_forceps.bench.assembly import make_pipeline, settings_of
 from hil_forceps.bridge.pipeline import Pipeline
+from hil_forceps.bridge.replay import RecordedReference
 from hil_forceps.bridge.statistics import STAMP_PERIOD_NS
 from hil_forceps.data.readers.bus_run import HeardDrive, heard_drives
 from hil_forceps.data.recording.format import CDR_HEAD, MESSAGE_OPCODE, SAMPLE
@@ -55,7 +56,7 @@ def samples_of_log(path: Path, recording: Recording, missing: Sequence[Gap], *, 
     wanted = list(_wanted(heard, samples, missing, has_end))
     filled = [gap for gap, _ in wanted]
     is_complete = not any(gap.channel == SAMPLE.channel for gap in still_missing(missing, filled))
-    pipeline = make_pipeline(rig, settings) if wanted and is_complete else None
+    pipeline = make_pipeline(rig, settings, RecordedReference()) if wanted and is_complete else None
     return FromLog(filled, _packed(wanted, samples, pipeline, rig), f"{len(heard)} samples", references, notes)
 
 

@@ -14,14 +14,17 @@ from hil_forceps.bridge.bus_log import BusLog, LoggedLink, LogReport, open_bus_l
 from hil_forceps.bridge.fault import CRASHED
 from hil_forceps.bridge.flight_recorder import Recent
 from hil_forceps.bridge.links.adapters import Connection
+from hil_forceps.bridge.live_sink import LiveSink
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Telemetry
 from hil_forceps.bridge.service import Service
+from hil_forceps.bridge.teleoperation.udp_server import UdpReferences
 from hil_forceps.data.recording.format import FAULT_NAME
 from hil_forceps.data.recording.writer import Recorder, RecordingReport, open_recorder
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.registry import current_limit_A
 from hil_forceps.drives.runaway import RunawayWatch
+from hil_forceps.live.view import View
 from hil_forceps.rig import Rig
 
 
@@ -63,12 +66,12 @@ def stamps_are_host_time(rig: Rig) -> bool:
     return rig.drive_profile != "native"
 
 
-def service_config(rig: Rig, duration_s: float, reset_fault: bool = False) -> ServiceConfig:
-    """Return the settings of a rig's loop for a run of `duration_s` from the zero on."""
+def service_config(rig: Rig, duration_s: float | None, reset_fault: bool = False) -> ServiceConfig:
+    """Return the settings of a rig's loop for a run of `duration_s` from the zero on; None: until it is stopped."""
     return ServiceConfig(
         period_ns=round(rig.bench.host_period_s * 1e9),
         phase_ns=round(rig.bench.host_phase_s * 1e9),
-        duration_ns=round(duration_s * 1e9),
+        duration_ns=None if duration_s is None else round(duration_s * 1e9),
         reset_fault=reset_fault,
     )
 
@@ -78,9 +81,10 @@ def run_session(
     plan: Plan,
     stop_requested: Callable[[], bool] = lambda: False,
     telemetry: Callable[[Telemetry], None] | None = None,
+    view: View | None = None,
 ) -> SessionResult:
     """Run the service with one axis; as `run_axes`."""
-    return run_axes(connection, [plan], stop_requested, telemetry)[0]
+    return run_axes(connection, [plan], stop_requested, telemetry, view=view)[0]
 
 
 def run_axes(
@@ -91,31 +95,39 @@ def run_axes(
     *,
     go_on: bool = False,
     use: LineUse | None = None,
+    view: View | None = None,
+    remote: UdpReferences | None = None,
 ) -> tuple[SessionResult, ...]:
     """Run the service to its end and close everything, whatever happens; UserError when a file can't be created.
 
-    `go_on`: the other axes do where one fails. `use`: adds up the frames.
+    `go_on`: the other axes do where one fails. `use`: adds up the frames. `view`: shows the run while it lasts.
+    `remote`: where references come from outside, with an input for each plan.
     """
     link, clock = connection.link, connection.clock
     threaded = not connection.virtual_time
     recorders: list[Recorder] = []
+    live = None if view is None else _live_sink(view, plans)
     ending: Sequence[Mapping[str, str]] = [{"reason": CRASHED}] * len(plans)
     try:
         with ExitStack() as files:
             axes = []
-            for plan in plans:
+            for place, plan in enumerate(plans):
                 fault_path(plan.recording).unlink(missing_ok=True)  # of a run before
-                pipeline = make_pipeline(plan.rig, plan.settings)
+                outside = None if remote is None else remote.inputs[place]
+                pipeline = make_pipeline(plan.rig, plan.settings, outside)
                 recorder = open_recorder(plan.recording, metadata(plan.rig, plan.settings, plan.about), threaded)
                 recorders.append(recorder)
                 files.callback(recorder.close, {"reason": CRASHED, "message": "another file could not be opened"})
                 limit_A = current_limit_A(plan.rig)
                 watch = None if limit_A is None else RunawayWatch(limit_A)
-                axes.append(Axis(plan.drive, pipeline, plan.config, recorder, plan.name, watch))
+                observer = None if live is None else live.axes[place]
+                axes.append(Axis(plan.drive, pipeline, plan.config, recorder, plan.name, watch, observer, outside))
             log = open_bus_log(plans[0].bus_log, clock.now_ns(), threaded, use)
             files.pop_all()
         logged = LoggedLink(link, clock, log)
-        service = Service(logged, clock, axes, plans[0].config, stop_requested, telemetry, go_on=go_on)
+        service = Service(
+            logged, clock, axes, plans[0].config, stop_requested, telemetry, go_on=go_on, live=live, remote=remote
+        )
         began = time.perf_counter()
         crash = ""
         try:
@@ -146,6 +158,10 @@ def run_axes(
         SessionResult(result, report, log_report, wall_s, fault)
         for result, report, fault in zip(results, reports, faults, strict=True)
     )
+
+
+def _live_sink(view: View, plans: Sequence[Plan]) -> LiveSink:
+    return LiveSink(view.writer, [plan.rig.plant() for plan in plans], control=view.options.control)
 
 
 def _recent(recorder: Recorder, lines: Sequence[str], log: BusLog, service: Service) -> Recent:

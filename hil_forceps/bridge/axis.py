@@ -8,7 +8,7 @@ from firmware_protocol.scales import CURRENT_LSB_A
 from hil_forceps.bridge.course import Course
 from hil_forceps.bridge.fault import FaultReason, Situation, reason_of
 from hil_forceps.bridge.pipeline import Pipeline
-from hil_forceps.bridge.ports import SendResult
+from hil_forceps.bridge.ports import Observer, OutsideReferences, SendResult
 from hil_forceps.bridge.results import AS_MEANT, ServiceConfig, ServiceResult, Stage, StopReason
 from hil_forceps.bridge.statistics import Histogram, HistogramSummary
 from hil_forceps.data.recording.writer import Outcome, Recorder
@@ -16,7 +16,7 @@ from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.runaway import RunawayWatch
 
 # Looked up once: members of an Enum cost as much as a call when asked for by their class.
-_ENDED = Stage.ENDED
+_ENDED, _STOPPED = Stage.ENDED, Stage.STOPPED
 _SENT = SendResult.SENT
 _NONE, _OUTCOME_SENT = Outcome.NONE, Outcome.SENT
 
@@ -32,12 +32,19 @@ class Axis:
         recorder: Recorder | None = None,
         name: str = "",
         watch: RunawayWatch | None = None,
+        observer: Observer | None = None,
+        outside: OutsideReferences | None = None,
     ) -> None:
-        """`name`: for messages, where there are several. `watch`: where the drive's current limit is known."""
+        """`name`: for messages, where there are several. `watch`: where the drive's current limit is known.
+
+        `observer` sees what the recorder sees. `outside`: where its references come from outside; the drive is enabled
+        when there are some, and disabled when they are lost.
+        """
         self.name = name
         self.drive = drive
         self.pipeline = pipeline
         self.age = Histogram()
+        self.age_ns = 0  # of the last reference sent
         self.references_sent = 0
         self.reference_rad = math.nan
         self.stages: list[tuple[int, str]] = []  # when each began
@@ -47,12 +54,16 @@ class Axis:
         self._config = config
         self._recorder = recorder
         self._watch = watch
+        self._observer = observer
+        self.outside = outside
         self._setpoint_sequence = 0
         self.course = Course(drive, pipeline, config, recorder, lambda: False)
 
     def begin(self, now_ns: int, stop_requested: Callable[[], bool]) -> None:
         """Start to ask for the drive."""
-        self.course = Course(self.drive, self.pipeline, self._config, self._recorder, stop_requested)
+        self.course = Course(
+            self.drive, self.pipeline, self._config, self._recorder, stop_requested, self._has_references
+        )
         self.course.begin(now_ns)
         self._stage, self.now_ns = self.course.stage, now_ns
         self.stages = [(now_ns, self._stage.value)]
@@ -70,7 +81,7 @@ class Axis:
     def receive(self, received: Sequence[tuple[int, Frame]]) -> None:
         """Take what came over the link since the tick before, each frame with its time."""
         drive, course, recorder, pipeline = self.drive, self.course, self._recorder, self.pipeline
-        watch = self._watch
+        watch, observer = self._watch, self._observer
         for time_ns, frame in received:
             drive.receive(frame, time_ns)
         course.frames_received += len(received)
@@ -81,9 +92,13 @@ class Axis:
                     watch.see(pipeline.sample.theta_m_rad, raw.current * CURRENT_LSB_A, self.reference_rad)
                 if recorder is not None:
                     recorder.sample(raw, pipeline.sample, pipeline.estimate)
+                if observer is not None:
+                    observer.sample(raw, pipeline.sample, pipeline.estimate)
         for values in drive.take_bench():
             if recorder is not None:
                 recorder.bench(values)
+            if observer is not None:
+                observer.bench(values)
 
     def tick(self, now_ns: int, send: Callable[[Frame], SendResult], clock_ns: Callable[[], int]) -> None:
         """Send one reference at most, and what the drive's machine has to say."""
@@ -91,13 +106,33 @@ class Axis:
         course, watch = self.course, self._watch
         if watch is not None and watch.is_running_away and course.sends_references():
             course.stop(StopReason.RUNAWAY, watch.words(), now_ns)
+        if self.outside is not None:
+            self._look_outside(self.outside, now_ns)
         course.advance(now_ns)
         if course.stage is not self._stage:
             self._note_stage()
+        elif course.stage is _STOPPED and course.has_torque_in_spite():
+            send(self.drive.estop_frame())
         if course.sends_references():
             self._send_reference(now_ns, send, clock_ns)
         for frame in self.drive.poll(now_ns):
             send(frame)
+
+    def _has_references(self) -> bool:
+        return self.outside is None or not self.outside.is_lost(self.now_ns)
+
+    def _look_outside(self, outside: OutsideReferences, now_ns: int) -> None:
+        """End a run with torque whose references stay away; one without waits for them."""
+        if not self.course.sends_references():
+            outside.release(now_ns)
+        elif outside.is_lost(now_ns):
+            self.course.stop(StopReason.REFERENCE_LOST, outside.words(now_ns), now_ns)
+
+    def emergency_stop(self, now_ns: int, send: Callable[[Frame], SendResult]) -> None:
+        """Have the drive take torque off at once; nothing where that was done already."""
+        if self.course.stage is not _STOPPED and not self.has_ended:
+            send(self.drive.estop_frame())
+            self.course.emergency_stop(now_ns)
 
     def _note_stage(self) -> None:
         course, before = self.course, self._stage
@@ -127,9 +162,12 @@ class Axis:
                     sent_ns = clock_ns()
                     self.references_sent += 1
                     self.reference_rad = reference.passed_rad
-                    self.age.add(sent_ns - self.pipeline.host_time_ns(reference.stamp_ns))
+                    self.age_ns = age_ns = sent_ns - self.pipeline.host_time_ns(reference.stamp_ns)
+                    self.age.add(age_ns)
         if self._recorder is not None:
             self._recorder.reference(reference, sent_ns, outcome, self._setpoint_sequence)
+        if self._observer is not None:
+            self._observer.reference(reference, sent_ns, outcome, self._setpoint_sequence)
 
     def result(
         self, service: Mapping[str, int], link: Mapping[str, int], timing: Mapping[str, HistogramSummary]
@@ -146,6 +184,8 @@ class Axis:
             "host": dict(self.drive.counters),
             "link": dict(link),
         }
+        if self.outside is not None:
+            counters["outside"] = dict(self.outside.counters)
         told = self.pipeline.gate_tally.told()
         if told:
             counters["gate"] = {verdict.value: count.references for verdict, count in told.items()}

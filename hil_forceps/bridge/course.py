@@ -4,9 +4,11 @@ CONNECTING  ask who is there until the drive is ready; refuse a version that doe
 ENABLING    ask the drive for power; references equal the measured angle
 RUNNING     references follow the trajectory
 STOPPING    no references any more; wait until the drive says that it is disabled
+STOPPED     an operator's emergency stop: no torque, until it is cleared or the run is ended
 
 Whatever ends a run that asked for torque goes through STOPPING, but for a bus that is gone: there the drive's own
-watchdog stops the motor.
+watchdog stops the motor. To clear an emergency stop makes the drive forget its fault and ends the run: torque comes
+back with another run only.
 """
 
 from collections.abc import Callable
@@ -43,7 +45,9 @@ class Course:
         config: ServiceConfig,
         recorder: Recorder | None,
         stop_requested: Callable[[], bool],
+        may_enable: Callable[[], bool] = lambda: True,
     ) -> None:
+        """`may_enable` is asked while the drive is ready; until it may, the drive stays without torque."""
         self.stage = Stage.CONNECTING
         self.reason: StopReason | None = None
         self.message = ""
@@ -55,15 +59,18 @@ class Course:
         self._config = config
         self._recorder = recorder
         self._stop_requested = stop_requested
+        self._may_enable = may_enable
         self._silence_ns = max(config.silence_timeout_ns, SILENT_PERIODS * config.period_ns)
         self._steps: dict[Stage, Callable[[int], None]] = {
             Stage.CONNECTING: self._connecting,
             Stage.ENABLING: self._enabling,
             Stage.RUNNING: self._running,
             Stage.STOPPING: self._stopping,
+            Stage.STOPPED: self._stopped,
         }
         self.advance: Callable[[int], None] = self._connecting  # that of the stage, looked up only when it begins
         self._reset_asked = False
+        self._is_clearing = False
         self._began_ns = 0
         self._end_ns = 0
 
@@ -87,6 +94,29 @@ class Course:
         elif self.reason is None:
             self._stop(reason, message, now_ns)
 
+    def emergency_stop(self, now_ns: int) -> None:
+        """Take torque off for good, whatever the stage."""
+        if self.stage in {Stage.STOPPED, Stage.ENDED}:
+            return
+        if self.reason is None:
+            self.reason, self.message = StopReason.EMERGENCY_STOP, "stopped by an operator"
+        self._host.disable()
+        self._enter(Stage.STOPPED, now_ns, 0)
+
+    def has_torque_in_spite(self) -> bool:
+        """Tell whether the drive has not followed an emergency stop yet."""
+        said = self._host.drive_state
+        return self.stage is Stage.STOPPED and said is not None and said not in NO_TORQUE
+
+    def clear(self, now_ns: int) -> None:
+        """Clear an emergency stop: the drive is to forget its fault. Nothing in other stages."""
+        if self.stage is not Stage.STOPPED or self._is_clearing:
+            return
+        self._is_clearing = True
+        self._end_ns = now_ns + self._config.enable_timeout_ns
+        if self._host.phase is HostPhase.FAULT:
+            self._host.reset_fault()
+
     def _connecting(self, now_ns: int) -> None:
         phase = self._host.phase
         if self._stop_requested():
@@ -101,8 +131,9 @@ class Course:
             words = self._host.fault_words()
             self._end(StopReason.DRIVE_FAULT, f"the drive holds a fault from before: {words}; clear it first")
         elif phase is HostPhase.READY:
-            self._host.enable()
-            self._enter(Stage.ENABLING, now_ns, self._config.enable_timeout_ns)
+            if self._may_enable():
+                self._host.enable()
+                self._enter(Stage.ENABLING, now_ns, self._config.enable_timeout_ns)
         elif now_ns >= self._end_ns:
             frames = self.frames_received
             heard = f"{frames} frames came, none that fits" if frames else "nothing came over the bus"
@@ -215,6 +246,19 @@ class Course:
             waited_ms = self._config.disable_timeout_ns / 1e6
             self.message += f"; the drive did not confirm that it is disabled within {waited_ms:.0f} ms"
             self.stage = Stage.ENDED
+
+    def _stopped(self, now_ns: int) -> None:
+        """Wait for an operator: it takes somebody to say that it is well again."""
+        said = self._host.drive_state
+        self.drive_disabled = said is None or said in NO_TORQUE
+        if self._is_clearing and self.drive_disabled and said is not DriveState.FAULT:
+            self.message += "; cleared"
+            self.stage = Stage.ENDED
+        elif self._stop_requested():
+            self.message += "; not cleared"
+            self.stage = Stage.ENDED
+        elif now_ns >= self._end_ns:
+            self._is_clearing = False  # the fault is still there; it may be cleared again
 
     def _enter(self, stage: Stage, now_ns: int, timeout_ns: int) -> None:
         self.stage = stage

@@ -5,6 +5,9 @@ from enum import Enum
 from typing import NamedTuple, Protocol
 
 from firmware_protocol.frames import Frame
+from firmware_protocol.samples import RawBench, RawSample
+from hil_forceps.data.recording.writer import Reference
+from hil_forceps.estimation.interface import Estimate, Sample
 
 
 class SendResult(Enum):
@@ -40,6 +43,36 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Release it; safe to call twice."""
+
+
+class Observer(Protocol):
+    """Sees all that an axis takes and makes, as its recorder does. It neither waits nor raises."""
+
+    def sample(self, raw: RawSample, sample: Sample, estimate: Estimate) -> None:
+        """See a sample, with what the estimator made of it."""
+
+    def reference(self, reference: Reference, sent_ns: int, outcome: int, setpoint_sequence: int) -> None:
+        """See a tick's reference, whatever came of it."""
+
+    def bench(self, raw: RawBench) -> None:
+        """See a pair of bench values."""
+
+
+class OutsideReferences(Protocol):
+    """References of the jaw angle from outside, for one axis. Pure."""
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """What became of those that came, by name."""
+
+    def is_lost(self, now_ns: int) -> bool:
+        """Tell whether none has come for too long."""
+
+    def release(self, now_ns: int) -> None:
+        """Wait for another sender where none has come for too long."""
+
+    def words(self, now_ns: int) -> str:
+        """Return how they were lost."""
 
 
 class Clock(Protocol):

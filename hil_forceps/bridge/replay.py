@@ -53,8 +53,23 @@ class Replay(NamedTuple):
     first_difference: Difference | None
 
 
-def replay(recording: Recording, pipeline: Pipeline) -> Replay:
-    """Feed a fresh pipeline with what the recording holds, in its order."""
+class RecordedReference:
+    """References that came from outside, as they were recorded: what `replay` sets is in force for the next tick."""
+
+    def __init__(self) -> None:
+        self.theta_j_ref_rad = np.nan
+
+    def __call__(self, _t_s: float) -> float:
+        """Return the reference in force [rad]."""
+        return self.theta_j_ref_rad
+
+
+def replay(recording: Recording, pipeline: Pipeline, outside: RecordedReference | None = None) -> Replay:
+    """Feed a fresh pipeline with what the recording holds, in its order.
+
+    `outside`: what the pipeline takes its references from, where the run had them from outside.
+    """
+    wanted = recording.references["theta_j_ref_rad"].tolist()
     samples, references = recording.samples.copy(), recording.references.copy()
     raws = [RawSample(*row) for row in recording.samples[list(_raw_columns())].tolist()]
     tick_times = recording.references["tick_ns"].tolist()
@@ -65,6 +80,8 @@ def replay(recording: Recording, pipeline: Pipeline) -> Replay:
             is_taken = pipeline.feed(raws[len(estimates)])
             estimates.append(pipeline.estimate if is_taken else (np.nan, np.nan))
         elif channel == REFERENCE.channel:
+            if outside is not None:
+                outside.theta_j_ref_rad = wanted[len(rows)]
             reference = pipeline.reference(tick_times[len(rows)])
             raw = reference.reference_raw
             rows.append((*reference[1:3], 0 if raw is None else raw, *reference[4:]))

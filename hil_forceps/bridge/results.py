@@ -27,6 +27,8 @@ class StopReason(Enum):
     RECORDING_FAILED = "recording_failed"
     RUNAWAY = "runaway"  # the motor went away from its reference at the current limit
     OTHER_AXIS = "other_axis"  # another axis of the same service failed
+    REFERENCE_LOST = "reference_lost"  # references from outside stayed away
+    EMERGENCY_STOP = "emergency_stop"  # an operator stopped it
 
 
 AS_MEANT = frozenset({StopReason.COMPLETED, StopReason.STOP_REQUESTED})  # a run ended as it was meant to
@@ -39,6 +41,7 @@ class Stage(Enum):
     ENABLING = "enabling"
     RUNNING = "running"
     STOPPING = "stopping"
+    STOPPED = "stopped"  # by an operator, without torque, until that is cleared or the run is ended
     ENDED = "ended"
 
 

@@ -20,9 +20,11 @@ from contextlib import contextmanager
 
 from firmware_protocol.frames import Frame
 from hil_forceps.bridge.axis import Axis
+from hil_forceps.bridge.live_sink import LiveSink
 from hil_forceps.bridge.ports import Clock, Link, SendResult
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, StopReason, Telemetry
 from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics
+from hil_forceps.bridge.teleoperation.udp_server import UdpReferences
 from hil_forceps.data.recording.writer import RECENT_NS
 
 MAX_RECENT_TICKS = 1 << 16
@@ -42,12 +44,16 @@ class Service:
         telemetry: Callable[[Telemetry], None] | None = None,
         *,
         go_on: bool = False,
+        live: LiveSink | None = None,
+        remote: UdpReferences | None = None,
     ) -> None:
         """`config`: of the loop; the axes have their own, with the same period.
 
         `stop_requested` is asked once a tick (set the flag in a signal handler). `telemetry` is called after a tick's
         work, `config.telemetry_period_ns` apart, with each axis in turn, and takes its time from the slack. `go_on`:
-        the other axes do where one fails. ValueError for no axis or a phase that isn't within the period.
+        the other axes do where one fails. `live`: a page that shows the run, with a part for each axis.
+        `remote`: whoever sends references to the axes from outside, and gets estimates.
+        ValueError for no axis or a phase that isn't within the period.
         """
         if config.period_ns <= 0 or not 0 <= config.phase_ns < config.period_ns:
             raise ValueError(f"phase {config.phase_ns} ns must lie within the period of {config.period_ns} ns")
@@ -62,6 +68,8 @@ class Service:
         self._config = config
         self._stop_requested = stop_requested
         self._telemetry = telemetry
+        self._live = live
+        self._remote = remote
         self._stops_all = len(self._axes) > 1 and not go_on
         self.counters = dict.fromkeys(("ticks", "overruns", "skipped_periods", "frames_sent", "queue_full"), 0)
         self._has_run = False
@@ -85,6 +93,7 @@ class Service:
         try:
             with _no_collection():
                 self._loop(now_ns)
+            self._show(now_ns, 0, is_last=True)
         except BaseException:
             for axis in self._axes:
                 self._link.send(axis.drive.estop_frame())
@@ -110,6 +119,8 @@ class Service:
             before_ns = now_ns
             self.counters["ticks"] += 1
             tick(now_ns)
+            if self._live is not None:
+                self._show(now_ns, late_ns)
             due_ns += period_ns
             late_ns = clock.now_ns() - due_ns
             if late_ns >= 0:
@@ -125,6 +136,7 @@ class Service:
         now_ns = self._clock.now_ns()  # estimators take their time: a sample that has become too old by it is too old
         if not self._link.is_up():
             self._bus_down = True
+        self._listen(now_ns)
         for axis in self._axes:
             if not axis.has_ended:
                 axis.tick(now_ns, self._send, self._clock.now_ns)
@@ -132,8 +144,14 @@ class Service:
                     axis.course.bus_is_down()
         if self._stops_all:
             self._stop_others(now_ns)
-        if self._telemetry is not None and now_ns >= self._next_telemetry_ns:
-            self._next_telemetry_ns = now_ns + self._config.telemetry_period_ns
+        if self._remote is not None:
+            self._remote.reply(self._axes)
+        if now_ns >= self._next_telemetry_ns:
+            self._tell(now_ns)
+
+    def _tell(self, now_ns: int) -> None:
+        self._next_telemetry_ns = now_ns + self._config.telemetry_period_ns
+        if self._telemetry is not None:
             self._looked_at = (self._looked_at + 1) % len(self._axes)
             self._telemetry(self._look(self._axes[self._looked_at]))
 
@@ -145,6 +163,24 @@ class Service:
             if axis.course.reason is None:
                 words = f"stopped, since {failed.name} ended: {failed.course.message}"
                 axis.course.stop(StopReason.OTHER_AXIS, words, now_ns)
+
+    def _listen(self, now_ns: int) -> None:
+        """Take references from outside, and do what an operator at the page asks for."""
+        if self._remote is not None:
+            self._remote.receive(now_ns)
+        live = self._live
+        if live is None:
+            return
+        if live.stop_asked():
+            for axis in self._axes:
+                axis.emergency_stop(now_ns, self._send)
+        if live.clear_asked():
+            for axis in self._axes:
+                axis.course.clear(now_ns)
+
+    def _show(self, now_ns: int, late_ns: int, *, is_last: bool = False) -> None:
+        if self._live is not None:
+            self._live.tick(now_ns, late_ns, self._axes, self.counters, self._link.counters, is_last=is_last)
 
     def _send(self, frame: Frame) -> SendResult:
         result = self._link.send(frame)

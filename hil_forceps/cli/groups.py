@@ -8,10 +8,14 @@ T = TypeVar("T")
 
 _LINE: Final = Parameter(group=Group("Where the drive is", sort_key=1))
 _CONTROL: Final = Parameter(group=Group("What is run", sort_key=2))
+_OUTSIDE: Final = Parameter(group=Group("References from outside", sort_key=6))
 _OUTPUT: Final = Parameter(group=Group("Output", sort_key=3))
+_LIVE: Final = Parameter(group=Group("While it runs", sort_key=5))
 _END: Final = Parameter(group=Group("Faults", sort_key=4))
 
 OfLine = Annotated[T, _LINE]
 OfControl = Annotated[T, _CONTROL]
 OfOutput = Annotated[T, _OUTPUT]
+OfOutside = Annotated[T, _OUTSIDE]
+OfLive = Annotated[T, _LIVE]
 OfFaults = Annotated[T, _END]

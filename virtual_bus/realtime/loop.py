@@ -186,6 +186,16 @@ class RealTimeLoop:
             "faults": {} if self._wire is None else {str(kind): n for kind, n in self._wire.counters.items() if n},
         }
 
+    def counters(self) -> dict[str, int]:
+        """Return what a page shows of it; cheap."""
+        return {
+            "wakes": self._wakes,
+            "overruns": self._overruns,
+            "slips": self._slips,
+            "sent": self._sent.total(),
+            "received": self._received.total(),
+        }
+
     def _named(self, counts: Counter[int]) -> dict[str, int]:
         return _by_name(counts) if self._own else {"packets": counts.total()}
 

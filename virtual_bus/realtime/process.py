@@ -11,9 +11,12 @@ import os
 import signal
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from types import FrameType
 
+from firmware_protocol.messages import DriveState
+from hil_forceps.live.access import LOOPBACK, parse_address
+from hil_forceps.live.view import LiveOptions, View, live_view
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 from virtual_bus.bus.bit_timing import NS_PER_S
@@ -22,12 +25,14 @@ from virtual_bus.bus.wire import LineCodec
 from virtual_bus.drive import SimulatedDrive
 from virtual_bus.drives.registry import SERIAL_LINES, SIMULATED_DRIVES, SimulatedMotorDriver
 from virtual_bus.plant.load import paper_load
+from virtual_bus.realtime.live import LiveTruth, description_of
 from virtual_bus.realtime.loop import DEFAULT_SPIN_NS, FaultyWire, RealTimeLoop
 from virtual_bus.realtime.serial_server import NATIVE, SerialServer
 from virtual_bus.realtime.transports import CanTransport, open_can
 
 _WARM_UP_NS = 20_000_000
 _FIFO_PRIORITY = 20
+SHORTEST_TRUTH_S = 1e-9  # keeps one row; a page sees each
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -47,6 +52,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--fd", action="store_true", default=None, help="CAN FD (default: what the rig says)")
     parser.add_argument("--duration", type=_seconds, metavar="S", help="end after so long (default: when told to)")
     parser.add_argument("--faults", metavar="FILE", help="fault schedule; times count from `ready`")
+    parser.add_argument("--live", action="store_true", help="show what really is on a page that this machine reaches")
+    parser.add_argument("--live-bind", default="", metavar="ADDRESS:PORT", help="of that page")
+    parser.add_argument("--foxglove", action="store_true", help="the same to Foxglove")
     parser.add_argument("--fifo", action="store_true", help="real-time scheduling where permitted")
     parser.add_argument(
         "--spin", type=_microseconds, default=DEFAULT_SPIN_NS, metavar="US", help="poll so long before each sample"
@@ -112,11 +120,34 @@ def _line_of(path: str, rig: Rig, serial_pty: str | None) -> LineCodec:
     return SERIAL_LINES.get(profile, NATIVE)
 
 
-def _drive(rig: Rig, simulation: int, seed: int, is_fd: bool) -> SimulatedDrive | SimulatedMotorDriver:
+def _drive(
+    rig: Rig, simulation: int, seed: int, is_fd: bool, truth_s: float = 0.0
+) -> SimulatedDrive | SimulatedMotorDriver:
     load = paper_load(simulation)
     if rig.drive_profile != "native":
-        return SIMULATED_DRIVES[rig.drive_profile](rig, load, seed)
-    return SimulatedDrive(rig, load, seed, fd=is_fd, load_restarts=True)
+        return SIMULATED_DRIVES[rig.drive_profile](rig, load, seed, truth_s)
+    return SimulatedDrive(rig, load, seed, fd=is_fd, truth_duration_s=truth_s, load_restarts=True)
+
+
+def _show(view: View, drive: SimulatedDrive | SimulatedMotorDriver, loop: RealTimeLoop) -> None:
+    """Have a live page see what really is."""
+
+    def state() -> DriveState | None:
+        return drive.machine.state if isinstance(drive, SimulatedDrive) else None
+
+    def counts() -> Mapping[str, Mapping[str, object]]:
+        return {"loop": loop.counters(), "drive": _counts(drive)}
+
+    drive.truth.observer = LiveTruth(view.writer, state, counts).see
+
+
+def _live_options(arguments: argparse.Namespace) -> LiveOptions | None:
+    if not arguments.live:
+        if arguments.live_bind or arguments.foxglove:
+            raise UserError(f"{'--live-bind' if arguments.live_bind else '--foxglove'} goes with --live")
+        return None
+    host, port = parse_address(arguments.live_bind, "--live-bind") if arguments.live_bind else (LOOPBACK, 0)
+    return LiveOptions(host, port, control=False, foxglove=arguments.foxglove)
 
 
 def _counts(drive: SimulatedDrive | SimulatedMotorDriver) -> dict[str, object]:
@@ -154,9 +185,11 @@ def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
     is_native = rig.drive_profile == "native"
     is_fd = rig.bench.transport == "fd" if arguments.fd is None else bool(arguments.fd)
     faults = _faults(arguments.faults)
-    drive = _drive(rig, arguments.simulation, arguments.seed, is_fd)
+    shown = _live_options(arguments)
+    drive = _drive(rig, arguments.simulation, arguments.seed, is_fd, 0.0 if shown is None else SHORTEST_TRUTH_S)
     _warm_up(rig, is_fd)
     transport, name = _open(arguments, is_fd, codec)
+    page = nullcontext() if shown is None else live_view(description_of(f"{name}: truth"), shown)
     try:
         period_ns = round(rig.require_drive().sample_time_s * NS_PER_S)
         wire = None
@@ -174,8 +207,13 @@ def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
         gc.freeze()
         settings = rig.motor_driver
         node = rig.bench.node_id if settings is None or is_native else settings.node_id
-        _say(f"ready {name} node {node} period_us {period_ns // 1000}")
-        loop.run(None if arguments.duration is None else round(arguments.duration * NS_PER_S))
+        with page as view:
+            if view is not None:
+                _show(view, drive, loop)
+                sys.stderr.write("".join(f"note: {each}\n" for each in view.notes()))
+                sys.stderr.flush()
+            _say(f"ready {name} node {node} period_us {period_ns // 1000}")
+            loop.run(None if arguments.duration is None else round(arguments.duration * NS_PER_S))
     finally:
         transport.close()
     return {

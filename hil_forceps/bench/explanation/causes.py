@@ -106,6 +106,13 @@ _BY_REASON: dict[str, tuple[Cause, ...]] = {
         Cause("the controller went off the bus after too many errors", "bit rate, termination, and who else sends"),
     ),
     "recording_failed": (Cause("the disk is full, or gone", "df and the file system's state"),),
+    "reference_lost": (
+        Cause("the sender of references stopped, or the network lost them", "the sender, and `outside` in run.json"),
+        Cause("another program has the port or the axis", "other_sender and wrong_session in run.json"),
+    ),
+    "emergency_stop": (
+        Cause("an operator pressed the emergency stop of the live page", "what that was for, before the next run"),
+    ),
     "other_axis": (Cause("another axis failed, and all are stopped then", "hil-forceps explain of that axis"),),
     "crashed": (Cause("a fault of this program", "please report it, with fault.json"),),
     "": (

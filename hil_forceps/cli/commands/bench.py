@@ -17,10 +17,13 @@ from hil_forceps.bench.matrix import PAPER_DURATION_S, RunSpec, run_matrix
 from hil_forceps.bench.realtime import RealTime, Wire, run_realtime
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bench.summary import RunRecord, summary, timing, timing_traces, write_json
+from hil_forceps.bridge.live_topics import description_of
 from hil_forceps.cli.files import make_folder, named
 from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.cli.live_page import live_options, shown
 from hil_forceps.cli.notes import is_quiet, note_console
 from hil_forceps.cli.tables import print_table
+from hil_forceps.live.view import LiveOptions
 from hil_forceps.report.bench.figures import write_bench_figures
 from hil_forceps.report.bench.timing import timing_figure
 from hil_forceps.report.save import save_figure
@@ -45,6 +48,9 @@ def bench(
     duration: float | None = None,
     estimator_rig: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    live: bool = False,
+    live_bind: str = "",
+    foxglove: bool = False,
 ) -> int:
     """Run a bench file: every simulation and algorithm, compensated and not, over the bus in virtual time.
 
@@ -76,7 +82,14 @@ def bench(
         has; what happens is still as the bench file says.
     as_json
         The content of summary.json in place of the table.
+    live
+        With --realtime: show the runs while they last, on a page that only this machine reaches (docs/live.md).
+    live_bind
+        With --live: PORT or ADDRESS:PORT of the page; without it a free port on 127.0.0.1.
+    foxglove
+        With --live: the same data to Foxglove, too.
     """
+    page = _page(live_options(live=live, control=False, bind=live_bind, foxglove=foxglove), realtime=realtime)
     rig = load_rig(config)
     with named(config):
         rig.require_bench()
@@ -99,10 +112,12 @@ def bench(
 
     def work(done: Done) -> list[Executed]:
         if realtime:
-            return run_realtime(specs, rig, seed, out, RealTime(config, wire, believed), done, flag.is_set)
+            how = RealTime(config, wire, believed, view)
+            return run_realtime(specs, rig, seed, out, how, done, flag.is_set)
         return run_all(specs, rig, seed, out, count, done, flag.is_set, believed)
 
-    with stopped_by_signals(flag):
+    described = description_of(config.stem, ("",), time.monotonic_ns())
+    with stopped_by_signals(flag), shown(described, page) as view:
         executed = _with_progress(specs, work)
     if flag.is_set():
         raise KeyboardInterrupt
@@ -122,6 +137,12 @@ def _tell(records: Sequence[RunRecord], out: Path, *, as_json: bool) -> None:
         return
     _print_table(records)
     sys.stdout.write(f"figures, recordings and bus logs are in {out}/\n")
+
+
+def _page(options: LiveOptions | None, *, realtime: bool) -> LiveOptions | None:
+    if options is not None and not realtime:
+        raise UserError("--live goes with --realtime; in virtual time a run is over before anybody sees it")
+    return options
 
 
 def _duration(given: float | None) -> float:

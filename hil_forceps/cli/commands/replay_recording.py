@@ -9,7 +9,7 @@ import numpy as np
 
 from hil_forceps.bench.assembly import make_pipeline, settings_of
 from hil_forceps.bridge.pipeline import VERDICT_NAMES
-from hil_forceps.bridge.replay import Difference, Replay, replay
+from hil_forceps.bridge.replay import Difference, RecordedReference, Replay, replay
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.notes import note
 from hil_forceps.data.recording.format import RECOVERY_NAME
@@ -35,7 +35,8 @@ def replay_recording(path: Path, algorithm: str | None, *, as_json: bool) -> int
     if algorithm is not None:
         settings = settings._replace(algorithm=algorithm)
     ready_kernels(rig, settings.sample_time_s)
-    result = replay(recording, make_pipeline(rig, settings))
+    outside = RecordedReference() if settings.trajectory is None else None
+    result = replay(recording, make_pipeline(rig, settings, outside), outside)
     if not len(recording.samples):
         raise UserError(
             f"{path}: holds no samples; the drive never answered, or the recording was cut off at once: "

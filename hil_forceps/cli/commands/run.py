@@ -3,8 +3,9 @@
 import json
 import math
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,16 +21,19 @@ from hil_forceps.bench.session import (
 )
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.links.adapters import LinkSpec, check_spec, open_link
+from hil_forceps.bridge.live_topics import description_of
 from hil_forceps.bridge.results import Telemetry
 from hil_forceps.cli.drive_line import line_rate, named_rigs
 from hil_forceps.cli.fault_lines import fault_lines, told_reason
 from hil_forceps.cli.files import clear_runs, make_folder, named
 from hil_forceps.cli.gate_words import gate_data, gate_lines, since_start_s
-from hil_forceps.cli.groups import OfControl, OfFaults, OfLine, OfOutput
+from hil_forceps.cli.groups import OfControl, OfFaults, OfLine, OfLive, OfOutput, OfOutside
 from hil_forceps.cli.kernels import ready_kernels
+from hil_forceps.cli.live_page import live_options, shown
 from hil_forceps.cli.notes import is_quiet, note, note_console
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.progress import last_told
+from hil_forceps.cli.references import open_references
 from hil_forceps.cli.trajectory_file import check_trajectory, read_trajectory
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
 from hil_forceps.drives.line_use import LineUse
@@ -63,6 +67,13 @@ def run(
     reset_fault: OfFaults[bool] = False,
     go_on: OfFaults[bool] = False,
     overwrite: OfOutput[bool] = False,
+    references: OfOutside[str] = "",
+    references_token: OfOutside[Path | None] = None,
+    references_timeout: OfOutside[float | None] = None,
+    live: OfLive[bool] = False,
+    live_control: OfLive[bool] = False,
+    live_bind: OfLive[str] = "",
+    foxglove: OfLive[bool] = False,
 ) -> int:
     """Estimate and compensate against a motor driver on any python-can interface or pyserial URL.
 
@@ -109,7 +120,23 @@ def run(
         Where one axis fails the others go on; without it they are stopped.
     overwrite
         Write over the run that OUT holds; without it that is refused.
+    references
+        PORT or ADDRESS:PORT where references of the jaw's angle are taken while it runs, as UDP datagrams, instead of a
+        trajectory (docs/teleoperation.md). Without an address 127.0.0.1; another one wants a token.
+    references_token
+        With --references: file with the token that senders prove to have.
+    references_timeout
+        With --references: seconds for which a reference is held; without it as long as the gate holds one, 0.05 s.
+    live
+        Show the run while it lasts, on a page that only this machine reaches (docs/live.md).
+    live_control
+        With --live: emergency stop and clear on the page.
+    live_bind
+        With --live: PORT or ADDRESS:PORT of the page; without it a free port on 127.0.0.1.
+    foxglove
+        With --live: the same data to Foxglove, too.
     """
+    page = live_options(live=live, control=live_control, bind=live_bind, foxglove=foxglove)
     rigs = named_rigs(rig)
     if algorithm not in ESTIMATOR_IDS:
         raise UserError(f"--algorithm: unknown algorithm '{algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
@@ -126,14 +153,10 @@ def run(
             loaded.plant()  # what every estimator needs; told before anything is opened
     if len(rigs) > 1:
         _check_settings(" ".join(map(str, rig)), findings_of_several(rigs))
-    points = _trajectories(trajectory, len(rigs))
-    last_s = 20.0 if not trajectory else max(each.times_s[-1] for each in points)
-    duration_s = max(last_s, 1e-3) if duration is None else duration
-    if not (math.isfinite(duration_s) and duration_s > 0.0):
-        raise UserError(f"--duration {duration_s}: must be a positive number of seconds")
-    sources = [*trajectory] if len(trajectory) in {0, len(rigs)} else [*trajectory] * len(rigs)
-    for place, (path, loaded) in enumerate(zip(rig, rigs.values(), strict=True)):
-        check_trajectory(sources[place] if sources else None, points[place], duration_s, path, loaded)
+    if duration is not None and not (math.isfinite(duration) and duration > 0.0):
+        raise UserError(f"--duration {duration}: must be a positive number of seconds")
+    _check_outside(references, references_token, references_timeout, trajectory)
+    points, duration_s = _motions(trajectory, rig, rigs, duration) if not references else ([None] * len(rigs), duration)
     make_folder(out)
     clear_runs([out, *(out / name for name in rigs if len(rigs) > 1)], overwrite=overwrite)
     plans = []
@@ -170,13 +193,46 @@ def run(
     for each in connection.notes:
         note(each)
     flag, use = StopFlag(), LineUse()
-    with stopped_by_signals(flag), _status() as show:
-        results = run_axes(connection, plans, flag.is_set, show, go_on=go_on, use=use)
+    described = description_of(", ".join(rigs), tuple(plan.name for plan in plans), time.monotonic_ns())
+    with closing(connection.link), stopped_by_signals(flag), ExitStack() as stack:
+        if (page is not None or references) and connection.virtual_time:
+            wanted = "--live" if page is not None else "--references"
+            raise UserError(f"{wanted}: {interface} runs in virtual time; docs/live.md has a drive by the clock")
+        remote = None
+        if references:
+            remote = open_references(list(rigs.values()), references, references_token, references_timeout)
+            stack.callback(remote.close)
+            note(f"waiting for references at UDP port {remote.port}; the drive gets torque when there are some")
+        view, show = stack.enter_context(shown(described, page)), stack.enter_context(_status())
+        results = run_axes(connection, plans, flag.is_set, show, go_on=go_on, use=use, view=view, remote=remote)
     used = None if serial else _line_share(use, results, bench)
     codes = [_tell(result, plan, used) for result, plan in zip(results, plans, strict=True)]
     if len(plans) > 1 and used is not None:
         sys.stdout.write(f"the bus was used by {100.0 * used:.0f} % at most\n")
     return max(codes)
+
+
+def _check_outside(references: str, token: Path | None, timeout_s: float | None, trajectory: tuple[Path, ...]) -> None:
+    """UserError for options that don't go together."""
+    if references and trajectory:
+        raise UserError("--references and --trajectory: the jaw follows one of them")
+    if not references:
+        wanting = {"--references-token": token, "--references-timeout": timeout_s}
+        if extra := [name for name, given in wanting.items() if given is not None]:
+            raise UserError(f"{extra[0]} goes with --references")
+
+
+def _motions(
+    trajectory: tuple[Path, ...], paths: Sequence[Path], rigs: Mapping[str, Rig], duration: float | None
+) -> tuple[list[Trajectory | None], float]:
+    """Return the trajectory of each axis, and how long the run lasts; UserError where one is beyond the limits."""
+    points = _trajectories(trajectory, len(rigs))
+    last_s = 20.0 if not trajectory else max(each.times_s[-1] for each in points)
+    duration_s = max(last_s, 1e-3) if duration is None else duration
+    sources = [*trajectory] if len(trajectory) in {0, len(rigs)} else [*trajectory] * len(rigs)
+    for place, (path, loaded) in enumerate(zip(paths, rigs.values(), strict=True)):
+        check_trajectory(sources[place] if sources else None, points[place], duration_s, path, loaded)
+    return [*points], duration_s
 
 
 def _trajectories(paths: Sequence[Path], axes: int) -> list[Trajectory]:

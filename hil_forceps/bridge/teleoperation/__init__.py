@@ -1,0 +1,1 @@
+"""Jaw references from outside while a run lasts, and estimates back: the bridge in a teleoperation system."""
