@@ -85,8 +85,8 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, weigh: Weigh | None, pri
             return [scatter(change, beside + change, run.block_rows) for change in changes]
 
         by_run = list(mapper(scattered, every))
-        for at, i in enumerate(beyond):
-            gains[i] = weigh(float(gains[i]), summed_scatter([run[at] for run in by_run]))
+        for at, family in enumerate(beyond):
+            gains[family] = weigh(float(gains[family]), summed_scatter([run[at] for run in by_run]))
     order = np.argsort(-gains)
     families = tuple((*places[i].effect_id.split("\n"), float(gains[i])) for i in order)
     return LackOfFit(float(gains[order[0]]), tested.threshold, families)
