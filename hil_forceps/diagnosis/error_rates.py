@@ -1,8 +1,6 @@
 """Error rates that a diagnosis is made with; texts of the report quote them from here."""
 
 FALSE_ALARMS = 0.005  # share of data sets without any effect in which the whole catalogue together names one
-# The same where thresholds come from replicas of the runs (calibration/).
-CALIBRATED_FALSE_ALARMS = 0.05
 DETECTION_POWER = 0.8  # share of data sets in which an effect of the least detectable size is found
 # Times what chance leaves in curves: less is no misfit.
 LEFT_OVER_CHANCE = 2.0  # tuned: sets without effect, fine encoders and fast drives

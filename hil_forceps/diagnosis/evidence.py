@@ -47,6 +47,10 @@ class Passed(Protocol):
         """Whether the run has a load cell."""
 
     @property
+    def block_rows(self) -> int:
+        """Rows over which residuals may hang together beside a model that is only nearly right."""
+
+    @property
     def counts(self) -> Mask:
         """What is evidence of the parameters (n × m)."""
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
-from hil_forceps.diagnosis.hypotheses.search import Adapt, Found, Search, score_known, search
+from hil_forceps.diagnosis.hypotheses.search import Adapt, Found, Search, search
+from hil_forceps.diagnosis.inference.dispersion import Weigh, by_few_blocks, by_scatter
 from hil_forceps.diagnosis.inference.fit import Fit, fit
 from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
@@ -44,15 +45,6 @@ MOST_EFFECTS = 6
 INEXACT_SHARE = 1e-3  # tuned: a current's limit of d = 2700
 
 
-class Calibration(NamedTuple):
-    """What measured runs have to exceed, by replicas without any effect; 0 where these stay below all thresholds."""
-
-    gain: float  # of an entry
-    left: float  # of curves, in runs that are fitted
-    unseen: float  # and in runs held out
-    draws: tuple[float, ...]  # what the best entry gained in each replica
-
-
 class Identified(NamedTuple):
     """What the runs say."""
 
@@ -63,7 +55,6 @@ class Identified(NamedTuple):
     before: LackOfFit  # beside the known parameters, in the runs fitted
     after: LackOfFit  # beside the best model
     unseen: LackOfFit | None  # beside it in the runs held out; None without any
-    calibration: Calibration | None = None  # None where none was needed
 
 
 def identify(
@@ -76,80 +67,47 @@ def identify(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
     spent: Callable[[], bool] = lambda: False,
-    least_gain: float = 0.0,
 ) -> Identified:
     """Return what equally spaced runs of a drive whose law is known say of a rig.
 
-    Effects that the rig holds are taken as they stand: they are neither fitted nor named. `least_gain`: of χ², that an
-    entry must gain to be named, where that is more than chance gives.
+    Effects that the rig holds are taken as they stand: they are neither fitted nor named.
     """
     progress("looking at noise, commands and loads")
-    prepared = _prepared(runs, held_out, rig, mapper, without)
-    noise, records, unseen_records, theta = prepared[:4]
-    how = _search_of(prepared, mapper, seed)._replace(
-        progress=progress, spent=spent, least_gain=least_gain, most_effects=MOST_EFFECTS
-    )
-    found = search(how, theta)
-    progress("looking at what is left")
-    after = omnibus_test(found.best.fit, mapper, seed)
-    before = omnibus_test(found.baseline, mapper, seed) if found.best.effects else after
-    unseen = left_unseen(found.best.fit, unseen_records, mapper, seed) if unseen_records else None
-    return Identified(noise, records, unseen_records, found, before, after, unseen)
-
-
-class _Prepared(NamedTuple):
-    noise: Noise
-    records: tuple[Record, ...]
-    held_out: tuple[Record, ...]
-    theta: Vector
-    known: tuple[Free, ...]
-    without: frozenset[str]
-
-
-def _prepared(
-    runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, mapper: Mapper, without: frozenset[str]
-) -> _Prepared:
     noise = sensor_noise([even.run for even in runs], rig)
-    records, unseen, theta = records_of(runs, held_out, rig, noise, mapper)
+    records, unseen_records, theta = records_of(runs, held_out, rig, noise, mapper)
     without |= frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
-    return _Prepared(noise, records, unseen, theta, known_of(rig, records), without)
-
-
-def _search_of(prepared: _Prepared, mapper: Mapper, seed: int) -> Search:
-    return Search(
-        prepared.records,
-        prepared.known,
+    weigh = by_few_blocks if is_approximate(noise, records) else by_scatter
+    how = Search(
+        records,
+        known_of(rig, records),
         mapper,
-        prepared.without,
+        without,
         seed,
-        lambda _: None,
-        lambda: False,
+        progress,
+        spent,
         adapting(mapper),
         INEXACT_SHARE,
         tied_share=0.0,
         geared=False,
-        most_effects=0,
+        most_effects=MOST_EFFECTS,
+        weigh=weigh,
     )
+    found = search(how, theta)
+    progress("looking at what is left")
+    after = omnibus_test(found.best.fit, mapper, seed, weigh)
+    before = omnibus_test(found.baseline, mapper, seed, weigh) if found.best.effects else after
+    unseen = left_unseen(found.best.fit, unseen_records, mapper, seed, weigh) if unseen_records else None
+    return Identified(noise, records, unseen_records, found, before, after, unseen)
 
 
-def shown_by_chance(
-    runs: Sequence[EvenRun],
-    held_out: Sequence[EvenRun],
-    rig: Rig,
-    *,
-    mapper: Mapper,
-    without: frozenset[str],
-    seed: int,
-) -> tuple[float, float, float]:
-    """Return what runs without any effect seem to show beside the known parameters.
+def is_approximate(noise: Noise, records: Sequence[Record]) -> bool:
+    """Tell whether the filter takes these runs for something that they are not quite.
 
-    That is the gain of the best entry, and of the best curves in the runs and in those held out.
+    Coloured noise, commands decoded between rows, and a load or a jaw's angle that no sensor tells.
     """
-    prepared = _prepared(runs, held_out, rig, mapper, without)
-    beside, tested = score_known(_search_of(prepared, mapper, seed), prepared.theta)
-    left = omnibus_test(beside, mapper, seed)
-    unseen = left_unseen(beside, prepared.held_out, mapper, seed).gain if prepared.held_out else 0.0
-    return float(tested.gains.max(initial=0.0)), left.gain, unseen
+    coloured = bool(np.any(noise.correlation != 0.0))
+    between = any(record.series.samples > 1 for record in records)
+    return coloured or between or not all(record.load_measured and record.jaw_measured for record in records)
 
 
 def records_of(
@@ -205,10 +163,10 @@ def known_of(rig: Rig, records: Sequence[Record]) -> tuple[Free, ...]:
     return known_parameters(rig, torque_N_m, jaw_measured=jaw_measured, torque_measured=load_measured(records))
 
 
-def left_unseen(fitted: Fit, held_out: Sequence[Record], mapper: Mapper, seed: int) -> LackOfFit:
+def left_unseen(fitted: Fit, held_out: Sequence[Record], mapper: Mapper, seed: int, weigh: Weigh) -> LackOfFit:
     """Return what a fit leaves in runs that it has never seen; its parameters are known as the fitted runs tell."""
     plant = fitted.passes.plants.sliding
     runs = [run.with_friction_of(plant) for run in held_out]
     passes = pass_all(runs, fitted.passes.theta, mapper)
     passes = pass_all(with_likeliest_load_noises(runs, passes, mapper), fitted.passes.theta, mapper)
-    return omnibus_test(fitted._replace(passes=passes), mapper, seed, Prior.by_fit(fitted.covariance))
+    return omnibus_test(fitted._replace(passes=passes), mapper, seed, weigh, Prior.by_fit(fitted.covariance))

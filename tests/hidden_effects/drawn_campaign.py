@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from hil_forceps.diagnosis.calibration.bootstrap import identify_calibrated
-from hil_forceps.diagnosis.identification import Identified
+from hil_forceps.diagnosis.identification import Identified, identify
 from hil_forceps.diagnosis.preparation.even_rows import even_rows
 from hil_forceps.diagnosis.result import TWO_SIDED_95
 from hil_forceps.diagnosis.validation.verdict import judge
@@ -44,7 +43,7 @@ def run_case(case: Drawn, *, usual: bool) -> Outcome:
         fitted, unseen = (
             [even for run in part if (even := even_rows(run, made.assumed))] for part in (made.fit, made.held_out)
         )
-        found = identify_calibrated(fitted, unseen, made.assumed, mapper=map, without=without)
+        found = identify(fitted, unseen, made.assumed, mapper=map, without=without)
         record |= _told(found, made.assumed, made.true)
     except Exception as problem:  # whatever goes wrong is a result of the campaign
         where = traceback.extract_tb(problem.__traceback__)[-1]
@@ -76,7 +75,6 @@ def _told(found: Identified, assumed: Rig, true: Rig) -> Outcome:
         "inside": inside,
         "shows": {name: round(shows(found, name, values), 1) for name, values in true.effects.items()},
         "left": [round(found.after.gain, 1), round(found.after.threshold, 1)],
-        "draws": None if found.calibration is None else [round(v, 1) for v in found.calibration.draws],
         "unseen": None if found.unseen is None else [round(found.unseen.gain, 1), round(found.unseen.threshold, 1)],
     }
 

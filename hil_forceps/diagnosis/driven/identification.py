@@ -74,11 +74,12 @@ def identify_driven(
         tied_share=LEAST_SHARE,  # a further parameter is to gain no less than a further entry
         geared=True,
         most_effects=MOST_EFFECTS,
+        weigh=None,
     )
     found = search(how, parameters.vector(rig))
     progress("looking at what is left")
-    after = omnibus_test(found.best.fit, mapper, seed)
-    before = omnibus_test(found.baseline, mapper, seed) if found.best.effects else after
+    after = omnibus_test(found.best.fit, mapper, seed, None)
+    before = omnibus_test(found.baseline, mapper, seed, None) if found.best.effects else after
     unseen = left_unseen(found.best.fit, unused, mapper, seed) if unused else None
     runs_of_best = tuple(passed.run for passed in found.best.fit.passes.runs)
     nothing = Noise(np.zeros(3), np.zeros(3), np.zeros(3))  # of the filter's sensors: there is no filter
@@ -103,4 +104,4 @@ def left_unseen(fitted: Fit, held_out: Sequence[DrivenRun], mapper: Mapper, seed
     theta, white = fitted.passes.theta, fitted.passes.runs[0].run.white
     runs = list(mapper(lambda run: run.adapted(theta, white), held_out))
     passes = pass_all(runs, theta, mapper)
-    return omnibus_test(fitted._replace(passes=passes), mapper, seed, Prior.by_fit(fitted.covariance))
+    return omnibus_test(fitted._replace(passes=passes), mapper, seed, None, Prior.by_fit(fitted.covariance))

@@ -86,6 +86,11 @@ class DrivenPassed:
         return self.run.load_measured
 
     @property
+    def block_rows(self) -> int:
+        """One row: what hangs together is whitened (`whitening.py`)."""
+        return 1
+
+    @property
     def residual(self) -> Matrix:
         """Whitened residuals, 0 where they don't count."""
         return np.where(self.counts, self.whitened, 0.0)

@@ -34,6 +34,7 @@ class Tested(NamedTuple):
     shifts: list[Vector]  # of the fitted parameters beside them, in units of their scales
     information: Vector  # of each column, beside the fitted parameters
     threshold: float
+    shift: Vector  # of the fitted parameters without any place
 
 
 class Prior(NamedTuple):
@@ -75,7 +76,7 @@ def score_test(found: Gram, prior: Prior, places: Sequence[Place], seed: int | N
         sizes.append(size)
         shifts.append(alone - solved[:, place.first : place.stop] @ size)
     threshold = np.inf if seed is None else _threshold(s, places, good, seed)
-    return Tested(np.array(gains), sizes, shifts, np.where(good, np.diag(s), 0.0), threshold)
+    return Tested(np.array(gains), sizes, shifts, np.where(good, np.diag(s), 0.0), threshold, alone)
 
 
 def _gain(s: Matrix, b: Vector, place: Place, good: NDArray[np.bool_]) -> tuple[float, Vector]:

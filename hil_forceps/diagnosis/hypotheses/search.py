@@ -13,6 +13,7 @@ from hil_forceps.diagnosis.hypotheses.harmonics import telling_harmonics
 from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
 from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Prior, Tested, score_test
 from hil_forceps.diagnosis.hypotheses.shortlist import Start, best_starts
+from hil_forceps.diagnosis.inference.dispersion import Weigh, scatter_between
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, fit, fit_from, inverted, moved, penalised
 from hil_forceps.diagnosis.inference.parameters import (
     Free,
@@ -43,6 +44,7 @@ class Candidate(NamedTuple):
     effects: tuple[str, ...]
     fit: Fit
     gain: float  # twice the log likelihood above the model it extends, less the cost of its parameters
+    worth: float = 0.0  # of χ², what that is beside how its scores scatter
 
     def without_runs(self) -> "Candidate":
         """Return the model without its passes over the runs."""
@@ -92,7 +94,7 @@ class Search(NamedTuple):
     tied_share: float  # of the best gain: models that are no further behind are taken for equally good
     geared: bool  # the motor's angle may be one behind a gear: harmonics need not be whole
     most_effects: int
-    least_gain: float = 0.0  # of χ², that an entry must gain
+    weigh: Weigh | None  # what a gain is worth beside how its scores scatter; None: as the likelihood has it
 
 
 def search(s: Search, theta: Vector) -> Found:
@@ -121,9 +123,10 @@ def search(s: Search, theta: Vector) -> Found:
                 continue
             s.progress(f"fitting {start.place.effect_id} {beside}")
             refitted = _refitted(s, best, start)
-            tried = _with_one_more(tried, refitted._replace(gain=refitted.gain - start.place.cost))
-        least = max(tested.threshold, s.least_gain, s.least_share * explained)
-        joined = _ranked([c for c in tried if c.gain > least], s.tied_share)
+            cost = start.place.cost
+            tried = _with_one_more(tried, refitted._replace(gain=refitted.gain - cost, worth=refitted.worth - cost))
+        least = s.least_share * explained
+        joined = _ranked([c for c in tried if c.worth > tested.threshold and c.gain > least], s.tied_share)
         light = tuple(c.without_runs() for c in tried)
         steps.append(Step(best.effects, tuple(places), tested, light, joined[0].effects[-1] if joined else ""))
         if not joined:
@@ -141,12 +144,6 @@ def search(s: Search, theta: Vector) -> Found:
         best, rivals = _exchanged(s, best, rivals, steps)
         explained += best.gain - before
     return Found(baseline, best, rivals, tuple(steps), explained, tuple(left_out))
-
-
-def score_known(s: Search, theta: Vector) -> tuple[Fit, Tested]:
-    """Return the fit of the known parameters from `theta` on, and the test of all places beside it."""
-    s, best = _beside(s, Candidate((), fit(s.runs, theta, s.known, s.mapper), 0.0))
-    return best.fit, _scored(s, best)[1]
 
 
 def _ranked(models: Sequence[Candidate], tied_share: float) -> list[Candidate]:
@@ -228,7 +225,8 @@ def _fitted(s: Search, model: Candidate, start: Passes, effects: Sequence[str]) 
     base = model.fit
     gain = 2.0 * (penalised(found.passes, found.free, base.passes) - penalised(base.passes, base.free, found.passes))
     cost = COST_PER_COLUMN * (len(free) - len(base.free) - 1)
-    return Candidate(tuple(effects), found, gain - cost)
+    worth = s.weigh(gain - cost, scatter_between(base.passes, found.passes)) if s.weigh else gain - cost
+    return Candidate(tuple(effects), found, gain - cost, worth)
 
 
 def _exchanged(

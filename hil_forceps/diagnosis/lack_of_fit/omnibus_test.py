@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.evidence import Gram, Mapper, Passed, gram_of, total
+from hil_forceps.diagnosis.evidence import Columns, Gram, Mapper, Passed, gram_of, total
 from hil_forceps.diagnosis.hypotheses.places import Place
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, score_test
+from hil_forceps.diagnosis.inference.dispersion import Scatter, Weigh, scatter
+from hil_forceps.diagnosis.inference.dispersion import summed as summed_scatter
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of
 from hil_forceps.diagnosis.lack_of_fit.curves import Curve, Scale, all_curves, scale_of
 
@@ -29,7 +31,7 @@ SENSORS = frozenset({"theta_m_rad", "theta_j_rad", "current_A"})
 class LackOfFit(NamedTuple):
     """What the curves found."""
 
-    gain: float  # of the best family: fall of χ² beyond the cost of its curves
+    gain: float  # of the best family: fall of χ² beyond the cost of its curves, as weighed
     threshold: float
     families: tuple[tuple[str, str, float], ...]  # place, variable, gain; the best first
 
@@ -39,10 +41,11 @@ class LackOfFit(NamedTuple):
         return self.gain > self.threshold
 
 
-def omnibus_test(found: Fit, mapper: Mapper, seed: int, prior: Prior | None = None) -> LackOfFit:
+def omnibus_test(found: Fit, mapper: Mapper, seed: int, weigh: Weigh | None, prior: Prior | None = None) -> LackOfFit:
     """Test what a model leaves in runs.
 
-    `prior`: what is known of its parameters; by default what they were fitted with.
+    `weigh`: what a gain is worth; None: as the likelihood has it. `prior`: what is known of the parameters; by default
+    what they were fitted with.
     """
     base, runs = found.passes.plants, found.passes.runs
     courses = [run.course(base, before=False) for run in runs]
@@ -51,22 +54,42 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, prior: Prior | None = No
     curves = curves_for(runs)
     places = _families(curves, courses[0], scale)
 
-    def one(item: tuple[Passed, Course]) -> Gram:
-        run, course = item
+    def columns_of(run: Passed, course: Course) -> Columns:
         shows = run.course(base, before=True)
         members = [
             (str(curve.place), member / max(float(np.abs(member).max()), 1e-300))
             for curve in curves
             for member in curve.members(shows if curve.place in SENSORS else course, scale)
         ]
-        columns = np.hstack((run.answers(base, directions), run.curves(base, members)))
-        return gram_of(columns, (run.influence * run.residual).ravel())
+        return np.hstack((run.answers(base, directions), run.curves(base, members)))
 
-    summed = total(list(mapper(one, list(zip(runs, courses, strict=True)))))
+    def one(item: tuple[Passed, Course]) -> Gram:
+        run, course = item
+        return gram_of(columns_of(run, course), (run.influence * run.residual).ravel())
+
+    every = list(zip(runs, courses, strict=True))
+    summed = total(list(mapper(one, every)))
     tested = score_test(summed, prior or Prior.of(found.free, found.passes.theta), places, seed)
-    order = np.argsort(-tested.gains)
-    families = tuple((*places[i].effect_id.split("\n"), float(tested.gains[i])) for i in order)
-    return LackOfFit(float(tested.gains[order[0]]), tested.threshold, families)
+    gains, sizes = tested.gains.copy(), np.zeros((len(directions) + places[-1].stop, len(places)))
+    for i, place in enumerate(places):
+        sizes[: len(directions), i] = tested.shifts[i] - tested.shift
+        sizes[len(directions) + place.first : len(directions) + place.stop, i] = tested.sizes[i]
+    beyond = np.flatnonzero(gains > tested.threshold)
+    if weigh and beyond.size:
+
+        def scattered(item: tuple[Passed, Course]) -> list[Scatter]:
+            run, course = item
+            columns, shape = columns_of(run, course).astype(np.float64), run.residual.shape
+            beside = run.influence * run.residual + (columns[:, : len(directions)] @ tested.shift).reshape(shape)
+            changes = [change.reshape(shape) for change in (columns @ sizes[:, beyond]).T]
+            return [scatter(change, beside + change, run.block_rows) for change in changes]
+
+        by_run = list(mapper(scattered, every))
+        for at, family in enumerate(beyond):
+            gains[family] = weigh(float(gains[family]), summed_scatter([run[at] for run in by_run]))
+    order = np.argsort(-gains)
+    families = tuple((*places[i].effect_id.split("\n"), float(gains[i])) for i in order)
+    return LackOfFit(float(gains[order[0]]), tested.threshold, families)
 
 
 def curves_for(runs: Sequence[Passed]) -> tuple[Curve, ...]:

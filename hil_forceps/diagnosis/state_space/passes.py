@@ -43,6 +43,9 @@ LOAD_TIME_CONSTANTS = 3.0  # tuned: presliding friction of the jaw
 FAR = 1e6  # deviations: their square has four digits left beside a likelihood of 1
 MAX_MEMORY_ROWS = 100  # a load that is forgotten more slowly wanders little, and is little off
 
+# Longer than the filter remembers an error of its load or the wire rings. Between 0.1 and 1 s it makes no difference.
+BLOCK_S = 0.25
+
 CHANNEL_OF = {"theta_m_rad": ENCODER, "theta_j_rad": JAW, "current_A": CURRENT}
 
 
@@ -77,6 +80,11 @@ class Passed(NamedTuple):
     def load_measured(self) -> bool:
         """Whether the run has a load cell."""
         return bool(np.isfinite(self.series.load_N_m).any())
+
+    @property
+    def block_rows(self) -> int:
+        """Rows over which innovations may hang together."""
+        return max(1, round(BLOCK_S / self.series.period_s))
 
     @property
     def residual(self) -> Matrix:

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.calibration.bootstrap import identify_calibrated
 from hil_forceps.diagnosis.experiment_design.next_experiment import propose
-from hil_forceps.diagnosis.identification import Identified
+from hil_forceps.diagnosis.identification import Identified, identify
 from hil_forceps.diagnosis.options import Options, split_runs
 from hil_forceps.diagnosis.preparation.command import samples_in_a_row
 from hil_forceps.diagnosis.preparation.even_rows import FEWEST_ROWS, LONGEST_GAP, EvenRun, even_pieces
@@ -62,7 +61,7 @@ def conclude(
     wanted = set(options.hold_out)
     held = tuple(even.name for even in runs if even.of in wanted)
     fitted, held_out = split_runs(runs, (*held, *sorted(wanted - {even.of for even in runs})))
-    found = identify_calibrated(
+    found = identify(
         fitted,
         held_out,
         rig,

@@ -39,9 +39,6 @@ def judge(found: Identified, rig: Rig, room: tuple[float, float] = (UNEXPLAINED_
     """Return the verdict; `room`: shares of what is explained that may be left in fitted and in held-out runs."""
     best = found.found.best
     shifts = parameter_shifts(best.fit, rig)
-    if (by_chance := within_chance(found, room)) is not None:
-        said = "These data cannot tell: runs simulated without any effect seem to show as much."
-        return Judgement("undetermined", said, (), (), shifts, (), (by_chance,))
     sets = tuple(model.effects for model in found.found.rivals if model.effects)
     if (left := unexplained(found, room)) is not None:
         place, variable, _ = left.families[0]
@@ -80,37 +77,12 @@ def unexplained(found: Identified, room: tuple[float, float]) -> LackOfFit | Non
     Beside named effects a small share of what they explain may be left: the model's own step and its linear answers are
     not exact.
     """
-    bars = (0.0, 0.0) if found.calibration is None else (found.calibration.left, found.calibration.unseen)
-    for left, share, bar in zip((found.after, found.unseen), room, bars, strict=True):
-        if left is None or left.gain < max(LEFT_OVER_CHANCE * left.threshold, bar):
+    for left, share in zip((found.after, found.unseen), room, strict=True):
+        if left is None or left.gain < LEFT_OVER_CHANCE * left.threshold:
             continue
         if left.gain > share * found.found.explained:
             return left
     return None
-
-
-def within_chance(found: Identified, room: tuple[float, float]) -> str | None:
-    """Return in words why nothing can be said: replicas without any effect show as much; None where they don't."""
-    calibration = found.calibration
-    if calibration is None:
-        return None
-    # By the score test, as the replicas: a refit gains more.
-    gains = [(float(step.tested.gains.max()), step.joined) for step in found.found.steps if step.joined]
-    if gains and gains[0][0] <= calibration.gain:
-        gain, entry = gains[0]
-        drawn = ", ".join(f"{value:.0f}" for value in calibration.draws)
-        return (
-            f"{entry} would explain {gain:.0f} of χ², but the best entry explains {drawn} in runs simulated with none; "
-            "white noise of the sensors, a load cell, and rows for every sample of the drive tell more"
-        )
-    was_left = unexplained(found._replace(calibration=None), room)
-    if found.found.best.effects or was_left is None or unexplained(found, room) is not None:
-        return None
-    place, variable, gain = was_left.families[0]
-    return (
-        f"something at {place} over {variable} is left, {gain:.0f} of χ², but runs simulated without any effect leave "
-        "as much"
-    )
 
 
 def named_effects(found: Identified) -> tuple[NamedEffect, ...]:

@@ -30,8 +30,9 @@ SEARCH = Search(
     tied_share=0.0,
     geared=False,
     most_effects=6,
+    weigh=None,
 )
-TESTED = score_test.Tested(np.zeros(0), [], [], np.zeros(0), 16.0)
+TESTED = score_test.Tested(np.zeros(0), [], [], np.zeros(0), 16.0, np.zeros(0))
 
 
 def candidate(effects: Sequence[str], gain: float) -> Candidate:
