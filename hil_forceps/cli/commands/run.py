@@ -138,8 +138,7 @@ def run(
     """
     page = live_options(live=live, control=live_control, bind=live_bind, foxglove=foxglove)
     rigs = named_rigs(rig)
-    if algorithm not in ESTIMATOR_IDS:
-        raise UserError(f"--algorithm: unknown algorithm '{algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
+    _check_algorithm(algorithm)
     options = interface_options(option)
     rates = set()
     for path, loaded in zip(rig, rigs.values(), strict=True):
@@ -257,6 +256,11 @@ def _check_profile(path: Path, rig: Rig, wanted: str | None) -> None:
             f"--drive {wanted}: {path} describes a drive that speaks {rig.drive_profile}; give its `motor_driver:` "
             "(docs/drives.md has an example for each)"
         )
+
+
+def _check_algorithm(name: str) -> None:
+    if name not in ESTIMATOR_IDS:
+        raise UserError(f"--algorithm: unknown algorithm '{name}'; there are {', '.join(ESTIMATOR_IDS)}")
 
 
 def _check_settings(where: str, found: Sequence[Finding]) -> None:
