@@ -58,7 +58,8 @@ def design(changes: Sequence[Change], sessions: int) -> Matrix:
 def onsets(sessions: int, most: int) -> list[int]:
     """Return places at which a change may begin, spread evenly where there are more than `most`."""
     count = sessions - 2 * FEWEST_BEYOND + 1
-    return np.unique(np.linspace(FEWEST_BEYOND, sessions - FEWEST_BEYOND, min(count, most)).astype(int)).tolist()
+    spread = np.linspace(FEWEST_BEYOND, sessions - FEWEST_BEYOND, min(count, most))
+    return [int(place) for place in np.unique(spread.astype(int))]
 
 
 def possible(sessions: int, most: int = MOST_ONSETS) -> list[Change]:

@@ -33,7 +33,9 @@ class Likelihoods(NamedTuple):
     """Of m series: log likelihoods, over scatters."""
 
     model: Matrix  # scatters × m
-    restricted: Matrix  # scatters × m: for the scatter itself; its maximum is less biased (Patterson and Thompson, 1971)
+    restricted: (
+        Matrix  # scatters × m: for the scatter itself; its maximum is less biased (Patterson and Thompson, 1971)
+    )
     gains: Matrix  # scatters × m: of the best further column
     best: NDArray[np.int64]  # scatters × m: which that is
 

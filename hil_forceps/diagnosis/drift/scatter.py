@@ -2,8 +2,8 @@
 
 v_k is the error of session k's own fit, of known deviation. u_k is what differs between sessions (temperature, how the
 wire lies): an autoregression u_k = φ u_{k-1} + e_k of unknown deviation and correlation φ. With φ = 0 it is white; with
-φ = 1 it is a random walk from μ on, and the whole is the local level model (Durbin and Koopman, Time Series Analysis by State
-Space Methods, 2nd ed., chapter 2). Sessions count one by one: wear comes by use, not by days.
+φ = 1 it is a random walk from μ on, and the whole is the local level model (Durbin and Koopman, Time Series Analysis by
+State Space Methods, 2nd ed., chapter 2). Sessions count one by one: wear comes by use, not by days.
 """
 
 from typing import NamedTuple

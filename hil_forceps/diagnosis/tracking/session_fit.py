@@ -35,6 +35,9 @@ Vector = NDArray[np.float64]
 
 START_ROWS = 1500  # of an excerpt for the start: long against all that a plant forgets
 START_EXCERPTS = 2
+LIKE_A_LOAD = frozenset({"forceps.jaw_coulomb_N_m"})
+WITHOUT_LOAD_CELL = "without a load cell it is a load, as any"
+WITHOUT_LAW = "the drive's law isn't known here: intervals are of noise alone, and too narrow"
 LEAST_SAVING = 3  # times the rows of the excerpts: what has fewer is fitted whole from the rig on
 
 
@@ -63,13 +66,24 @@ def fit_session(runs: Sequence[Run], rig: Rig) -> SessionFit:
     even = even_runs(runs, rig)
     if even is None:
         driven, used = fit_driven(runs, rig)
-        return SessionFit(by_likelihood(driven), rows, used, "driven", notes)
+        notes = (*notes, WITHOUT_LAW)
+        return SessionFit(_told_apart(by_likelihood(driven), runs), rows, used, "driven", notes)
     for each in even:
         require_rows(each.name, int(np.count_nonzero(~each.lost)))
     even, left_out = excerpts(even)
     notes = (*notes, *(finding.text for finding in left_out))
     used = sum(int(np.count_nonzero(~each.lost)) for each in even)
-    return SessionFit(by_likelihood(fit_even(even, rig)), rows, used, "filter", notes)
+    return SessionFit(_told_apart(by_likelihood(fit_even(even, rig)), runs), rows, used, "filter", notes)
+
+
+def _told_apart(parameters: Sequence[Measured], runs: Sequence[Run]) -> tuple[Measured, ...]:
+    """Return parameters without what nothing tells from a load where no run has a load cell."""
+    if any("tau_w_N_m" in run.columns for run in runs):
+        return tuple(parameters)
+    return tuple(
+        p._replace(value=np.nan, sd=np.nan, reason=WITHOUT_LOAD_CELL) if p.name in LIKE_A_LOAD else p
+        for p in parameters
+    )
 
 
 def fit_even(even: Sequence[EvenRun], rig: Rig) -> Fit:
