@@ -22,9 +22,9 @@ Kind = Literal["step", "slope"]
 FEWEST_BEYOND = 3  # sessions on both sides of an onset: one or two that differ are no drift
 FEWEST_SESSIONS = 8  # that measure a parameter, for a test of it
 MOST_ONSETS = 64  # of each kind in the test; the onset itself is then looked for among all sessions
-DRAWS = 1999
+DRAWS = 999
 BLOCK = 250  # of the draws, between two looks at whether the answer hangs on more
-UNLIKELY = 10.0  # log likelihood below the best: such a scatter has no say in the maximum
+UNLIKELY = 5.0  # log likelihood below the best: 1 in 1000 draws of the best is likelier with such a scatter
 
 
 class Change(NamedTuple):

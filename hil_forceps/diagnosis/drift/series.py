@@ -43,18 +43,30 @@ class Followed(NamedTuple):
 
 def follow(series: Vector, deviations: Vector, rate: float, rng: np.random.Generator) -> Followed:
     """Follow a parameter; `rate`: false alarms of the whole series. n each, in the order of the sessions."""
-    apart = sorted(outliers(series, design((), series.size), deviations, OUTLIER_RATE))
-    kept = np.delete(np.arange(series.size), apart)
-    own, deviation = series[kept], deviations[kept]
+    every = np.arange(series.size)
+    found, p_value = _changes(series, deviations, rate, rng)
+    # Behind the search: without its changes the first session of a step seems to lie apart.
+    columns = design([change for change, _ in found], series.size)
+    apart = sorted(outliers(series, columns, deviations, OUTLIER_RATE))
+    kept = np.delete(every, apart)
+    if apart:
+        found, p_value = _changes(series[kept], deviations[kept], rate, rng)
+    return _told(series.size, series[kept], deviations[kept], kept, apart, found, p_value)
+
+
+def _changes(
+    series: Vector, deviations: Vector, rate: float, rng: np.random.Generator
+) -> tuple[list[tuple[Change, float]], float]:
+    """Return the changes with their p values, and that of the first test."""
     found: list[tuple[Change, float]] = []
     p_value = np.nan
-    while kept.size >= FEWEST_SESSIONS and len(found) < MOST_CHANGES:
-        tested = change_test(own, deviation, [change for change, _ in found], rate, rng)
-        p_value = tested.p_value if not found else p_value
+    while series.size >= FEWEST_SESSIONS and len(found) < MOST_CHANGES:
+        tested = change_test(series, deviations, [change for change, _ in found], rate, rng)
+        p_value = p_value if found else tested.p_value
         if tested.p_value > rate:
             break
-        found = _placed(own, deviation, found, tested)
-    return _told(series.size, own, deviation, kept, apart, found, p_value)
+        found = _placed(series, deviations, found, tested)
+    return found, p_value
 
 
 def _placed(

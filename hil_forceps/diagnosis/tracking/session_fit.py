@@ -33,7 +33,7 @@ from hil_forceps.rig.errors import UserError
 
 Vector = NDArray[np.float64]
 
-START_ROWS = 1500  # of an excerpt for the start: long against all that a plant forgets
+START_ROWS = 1000  # of an excerpt for the start: long against all that a plant forgets
 START_EXCERPTS = 2
 LIKE_A_LOAD = frozenset({"forceps.jaw_coulomb_N_m"})
 WITHOUT_LOAD_CELL = "without a load cell it is a load, as any"
