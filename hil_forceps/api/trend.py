@@ -117,7 +117,6 @@ def trend(
     say = progress or (lambda _: None)
     _check(false_alarms, seed, jobs, executor)
     home, results = Path(folder), Path(out)
-    say("looking for sessions")
     one = Path(str(rig)) if isinstance(rig, str | PathLike) else None
     given = as_rig(rig) if rig is not None else None
     sessions = sessions_of(home, one or (Path("rig") if given is not None else None), results)

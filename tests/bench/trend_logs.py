@@ -28,6 +28,8 @@ def main() -> None:
     told = parser.parse_args()
     logs = told.out / "logs"
     there = sum((logs / f"{file_name(number)}.parquet").is_file() for number in range(told.count))
+    for path in sorted(logs.glob("*.parquet"))[told.count :]:  # of an earlier, longer call
+        path.unlink()
     write_sessions(logs, told.count, told.seconds, onset=told.count // 2, rise_a_session=RISE, first=there)
     began_s = time.perf_counter()
     command = [sys.executable, "-m", "hil_forceps.cli.main", "trend", str(logs), "--out", str(told.out / "result")]

@@ -38,7 +38,7 @@ START_EXCERPTS = 2
 LIKE_A_LOAD = frozenset({"forceps.jaw_coulomb_N_m"})
 WITHOUT_LOAD_CELL = "without a load cell it is a load, as any"
 WITHOUT_LAW = "the drive's law isn't known here: intervals are of noise alone, and too narrow"
-LEAST_SAVING = 3  # times the rows of the excerpts: what has fewer is fitted whole from the rig on
+LEAST_SAVING = 3  # times the rows of the excerpts: what has fewer is fitted whole
 
 
 class SessionFit(NamedTuple):
@@ -91,8 +91,8 @@ def fit_even(even: Sequence[EvenRun], rig: Rig) -> Fit:
     noise = sensor_noise([each.run for each in even], rig)
     records, _, theta = records_of(even, [], rig, noise, map)
     free = known_of(rig, records)
-    if (parts := _parts(even)) is not None:
-        theta = _start(parts, rig, noise, theta)
+    parts = _parts(even)
+    theta = fit(records, theta, free, map).passes.theta if parts is None else _start(parts, rig, noise, theta)
     runs = [record.with_friction_of(regimes(theta).sliding) for record in records]
     passes = pass_all(runs, theta, map)
     quiet = with_likeliest_load_noises(runs, passes, map)

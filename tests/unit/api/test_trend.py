@@ -18,7 +18,7 @@ from hil_forceps.api.batch import work
 from hil_forceps.api.batch.executor import check_executor, spread
 from hil_forceps.api.batch.store import file_of
 from hil_forceps.data.sessions.session import Session
-from hil_forceps.diagnosis.tracking.session_fit import WITHOUT_LOAD_CELL
+from hil_forceps.diagnosis.tracking.session_fit import WITHOUT_LOAD_CELL, SessionFit, fit_session
 from tests.trend.simulated_sessions import ASSUMED, FRICTION, file_name, run_of, write_sessions
 
 ROOT = Path(__file__).parents[3]
@@ -97,8 +97,12 @@ def test_what_is_done_is_not_done_again_but_what_changed_is(
     shutil.copytree(done, out)
     shutil.copytree(logs, home)  # other times, the same bytes
     fitted: list[str] = []
-    fit = work.fit_session
-    monkeypatch.setattr(work, "fit_session", lambda runs, rig: (fitted.append(runs[0].name), fit(runs, rig))[1])
+
+    def counted(runs: list[hf.Run], rig: hf.Rig) -> SessionFit:
+        fitted.append(runs[0].name)
+        return fit_session(runs, rig)
+
+    monkeypatch.setattr(work, "fit_session", counted)
     again = hf.trend(home, out=out, jobs=1)
     assert fitted == []
     assert again.to_json() == tracked[0].to_json()
@@ -137,9 +141,8 @@ def test_logs_that_can_not_be_used_stand_in_the_table_and_stop_no_other(
     def failing(runs: list[hf.Run], rig: hf.Rig) -> object:
         if runs[0].name == file_name(1):
             raise FloatingPointError("overflow")
-        return work_fit(runs, rig)
+        return fit_session(runs, rig)
 
-    work_fit = work.fit_session
     monkeypatch.setattr(work, "fit_session", failing)
     result = hf.trend(home, out=tmp_path / "out", jobs=1)
     reasons = {line.name: line.reason for line in result.sessions}
@@ -162,18 +165,18 @@ def test_logs_that_can_not_be_used_stand_in_the_table_and_stop_no_other(
 def test_an_end_in_between_leaves_sound_results_and_the_rest_to_do(tmp_path: Path) -> None:
     home, out = few(tmp_path / "logs", 4), tmp_path / "out"
 
-    class Ended(Exception):
+    class EndedError(Exception):
         """Ends it."""
 
     def end_after_two(_: str) -> None:
         if len(list((out / "sessions").glob("*.parquet"))) >= 2:
-            raise Ended
+            raise EndedError
 
     import hil_forceps.api.batch.sessions as batch  # noqa: PLC0415
 
     before, batch.TOLD_EVERY_S = batch.TOLD_EVERY_S, 0.0
     try:
-        with pytest.raises(Ended):
+        with pytest.raises(EndedError):
             hf.trend(home, out=out, jobs=1, progress=end_after_two)
     finally:
         batch.TOLD_EVERY_S = before

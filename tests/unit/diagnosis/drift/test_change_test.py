@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import stats
 
 from hil_forceps.diagnosis.drift.change_test import Change, change_test, column_of, design, possible
@@ -14,7 +15,7 @@ RATE = 0.05
 OF_EIGHT = RATE / 8.0  # the rate of a parameter among eight
 
 
-def null_series(seed: int, sessions: int, scatter: Scatter) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[type-arg]
+def null_series(seed: int, sessions: int, scatter: Scatter) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     rng = np.random.default_rng([seed, sessions])
     deviations = rng.uniform(0.7, 1.4, sessions)
     return drawn(rng, deviations, scatter, 1)[:, 0], deviations

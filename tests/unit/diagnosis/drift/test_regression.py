@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import stats
 
 from hil_forceps.diagnosis.drift.change_test import design
@@ -37,10 +38,10 @@ def test_the_gain_of_a_further_column_is_that_of_the_whole_likelihood(scatter: S
     told = likelihoods(series[:, np.newaxis], deviations, beside(columns, further, deviations, [scatter]))
     covariance = covariance_of(deviations, scatter)
 
-    def likelihood(x: np.ndarray) -> float:  # type: ignore[type-arg]
+    def likelihood(x: NDArray[np.float64]) -> float:
         inverse = np.linalg.inv(covariance)
         mean = x @ np.linalg.solve(x.T @ inverse @ x, x.T @ inverse @ series)
-        return float(stats.multivariate_normal(mean, covariance).logpdf(series)) + 6.0 * np.log(2.0 * np.pi)
+        return float(stats.multivariate_normal(mean, covariance).logpdf(series) + 6.0 * np.log(2.0 * np.pi))
 
     alone = likelihood(columns)
     assert told.model[0, 0] == pytest.approx(alone)
