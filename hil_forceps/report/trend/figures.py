@@ -4,7 +4,7 @@ from datetime import datetime
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
+from matplotlib.dates import AutoDateLocator, DateFormatter, date2num
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -72,9 +72,9 @@ def _panel(axes: Axes, p: ParameterTrend) -> None:
     factor = f"$10^{{{exponent}}}$ " if exponent else ""
     axes.set_ylabel(f"{factor}{show_unit(p.unit)}")
     axes.set_title(f"{name_of(p.name)}: {p.verdict}", loc="left")
-    locator = AutoDateLocator(minticks=3, maxticks=6)  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    axes.ticklabel_format(axis="y", useOffset=False)
+    axes.xaxis.set_major_locator(AutoDateLocator(minticks=3, maxticks=5))  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_formatter(DateFormatter("%Y-%m-%d"))  # type: ignore[no-untyped-call]
 
 
 def _scale(values: NDArray[np.float64]) -> float:

@@ -6,7 +6,7 @@ from hil_forceps.diagnosis.drift.result import InstrumentTrend, ParameterTrend, 
 from hil_forceps.diagnosis.drift.words import name_of
 from hil_forceps.diagnosis.result import TWO_SIDED_95, Estimate
 from hil_forceps.report.diagnosis.page import POLICY, STYLE
-from hil_forceps.report.diagnosis.words import DASH, escaped, number, with_interval
+from hil_forceps.report.diagnosis.words import DASH, escaped, number, unit_words, with_interval
 
 SOURCES = {
     "table": "sessions.csv",
@@ -55,7 +55,7 @@ def _changes(trend: Trend) -> str:
 def _parameters(instrument: InstrumentTrend) -> str:
     if not instrument.parameters:
         return "<p>No session measures any parameter.</p>"
-    headers = ("parameter", "sessions", "verdict", "first level", "last level", "scatter", "p", "begins", "lies apart")
+    headers = ("parameter", "verdict", "begins", "first level", "last level", "scatter", "p", "sessions", "lies apart")
     return _table(headers, (_row(each) for each in instrument.parameters))
 
 
@@ -65,13 +65,13 @@ def _row(p: ParameterTrend) -> list[str]:
     ]
     return [
         escaped(name_of(p.name)),
-        str(len(p.sessions)),
         p.verdict,
+        "<br>".join(onsets) or DASH,
         _level(p, 0),
         _level(p, -1),
-        f"{number(p.scatter)}, φ {p.correlation:.2g}",
+        f"{number(p.scatter)} {unit_words(p.unit)}, φ = {p.correlation:.2g}",
         number(p.p_value, 2),
-        "<br>".join(onsets) or DASH,
+        str(len(p.sessions)),
         escaped(", ".join(p.apart)) or DASH,
     ]
 
