@@ -3,6 +3,9 @@
     python -m tests.trend.rates 400
 
 Estimates are drawn from their distribution. Prints the tables of docs/trend.md.
+Whether the intervals of sessions hold the truth:
+
+    python -m tests.trend.rates --intervals 60
 """
 
 import argparse
@@ -17,6 +20,9 @@ from hil_forceps.diagnosis.drift.family import Estimated, instrument_trend
 from hil_forceps.diagnosis.drift.result import When
 from hil_forceps.diagnosis.drift.scatter import Scatter, drawn
 from hil_forceps.diagnosis.drift.series import follow
+from hil_forceps.diagnosis.result import TWO_SIDED_95
+from hil_forceps.diagnosis.tracking.session_fit import fit_session
+from tests.trend.simulated_sessions import ASSUMED, FRICTION, run_of
 
 RATE, PARAMETERS = 0.05, 8
 SCATTERS = (
@@ -83,12 +89,31 @@ def found(seed: int, wear: Wear) -> tuple[bool, int, bool, float]:
     return True, onset.likeliest - wear.onset, onset.low <= wear.onset <= onset.high, total
 
 
+def intervals(sessions: int) -> None:
+    """Fit sessions of 12 s that differ as sessions do, and print how many 95 % intervals hold the truth."""
+    inside: dict[str, list[bool]] = {}
+    for number in range(sessions):
+        run, true = run_of(number, {FRICTION: 1.0 + 0.006 * number}, 11, 12.0)
+        for p in fit_session([run], ASSUMED).parameters:
+            if not p.reason:
+                off = p.value - getattr(true.plant(), p.name.partition(".")[2])
+                inside.setdefault(p.name, []).append(abs(off) < TWO_SIDED_95 * p.sd)
+    for name, each in inside.items():
+        sys.stdout.write(f"{name}: {sum(each)} of {len(each)}\n")
+    every = [one for each in inside.values() for one in each]
+    sys.stdout.write(f"all: {sum(every)} of {len(every)}, {100.0 * np.mean(every):.1f} %\n")
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("series", type=int)
+    parser.add_argument("series", type=int, nargs="?", default=200)
+    parser.add_argument("--intervals", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     told = parser.parse_args()
+    if told.intervals:
+        intervals(told.intervals)
+        return
     pool, seeds = joblib.Parallel(n_jobs=told.jobs, batch_size=4), range(told.series)
     for sessions in (12, 40):
         for scatter in SCATTERS:

@@ -57,7 +57,7 @@ def fit_task(task: Task) -> Outcome:
     session, stamp, recorded = task.session, Stamp(0, 0, ""), ""
     try:
         stamp = stamp_of(session.path)
-        recorded = _begun(session.path)
+        recorded = recorded_begin(session.path)
         runs = read_run(session.path, rig=task.rig, mapping=task.mapping)
         return Outcome(session, task.key, stamp, fit_session(runs, task.rig), "", recorded)
     except UserError as error:
@@ -69,7 +69,7 @@ def fit_task(task: Task) -> Outcome:
     return Outcome(session, task.key, stamp, None, " ".join(reason.split())[:MAX_REASON], recorded)
 
 
-def _begun(path: Path) -> str:
+def recorded_begin(path: Path) -> str:
     """Return when a recording says that it began, "" where it doesn't."""
     if path.suffix.lower() != ".mcap":
         return ""

@@ -45,8 +45,8 @@ def test_series_without_a_change_are_alarms_at_the_stated_rate() -> None:
     "scatter", [Scatter(0.0, 3.0), Scatter(0.6, 1.0), Scatter(0.9, 5.0), Scatter(1.0, 1.0), Scatter(1.0, 30.0)], ids=str
 )
 def test_the_rate_holds_for_scatters_of_all_kinds(sessions: int, scatter: Scatter) -> None:
-    found = alarms(300, sessions, scatter, RATE)
-    assert found <= stats.binom.ppf(0.999, 300, RATE)
+    found = alarms(100, sessions, scatter, RATE)
+    assert found <= stats.binom.ppf(0.999, 100, RATE)
 
 
 def test_without_scatter_there_are_no_more_alarms_than_stated() -> None:
@@ -64,7 +64,7 @@ def steady_instrument(seed: int) -> list[Estimated]:
 
 @pytest.mark.long
 def test_an_instrument_with_eight_steady_parameters_is_an_alarm_at_the_stated_rate() -> None:
-    instruments = 150
+    instruments = 60
     found = 0
     for seed in range(instruments):
         trend = instrument_trend("a", steady_instrument(seed), RATE, seed)
