@@ -7,7 +7,7 @@ TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects gate-coverage mutate-gate fuzz fuzz-readers campaign torque-free hidden-effects real-data drive-costs benchmark audit wheel clean
+.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects gate-coverage mutate-gate fuzz fuzz-readers campaign torque-free hidden-effects real-data drive-costs trend-speed benchmark audit wheel clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 18
@@ -118,6 +118,11 @@ hidden-effects: install  ## the campaign of effects hidden in data; hours
 # The ladders of the surgical tool, where its data are beside this folder or at HIL_FORCEPS_DATA; some 6 minutes.
 real-data: install  ## ladders on measured data of a surgical tool; minutes
 	$(PY) -m pytest -m campaign tests/unit
+
+# N=1000 logs of 12 s take ten minutes of two cores, and as long again to be simulated the first time.
+trend-speed: N = 100
+trend-speed: install  ## what tracking N simulated logs takes: N=1000
+	$(PY) -m tests.bench.trend_logs $(N) --out $(OUT)/trend-logs
 
 drive-costs: install  ## what each drive's protocol costs: table and figure
 	$(PY) -m tools.drive_costs --out $(OUT)/drive-costs

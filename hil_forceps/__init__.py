@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from hil_forceps.api.runs import read_runs
     from hil_forceps.api.service import Service, ServiceRun
     from hil_forceps.api.simulation import Simulation, simulate
+    from hil_forceps.api.trend import TrendResult, track, trend
     from hil_forceps.api.virtual_bench import VirtualBench, virtual_bench
     from hil_forceps.control.trajectories import Trajectory
     from hil_forceps.data.run import Run
@@ -31,12 +32,15 @@ __all__ = [
     "ServiceRun",
     "Simulation",
     "Trajectory",
+    "TrendResult",
     "UserError",
     "VirtualBench",
     "diagnose",
     "load_rig",
     "read_runs",
     "simulate",
+    "track",
+    "trend",
     "virtual_bench",
 ]
 
@@ -51,12 +55,15 @@ _HOMES = {
     "ServiceRun": "api.service",
     "Simulation": "api.simulation",
     "Trajectory": "control.trajectories",
+    "TrendResult": "api.trend",
     "UserError": "rig",
     "VirtualBench": "api.virtual_bench",
     "diagnose": "api.diagnosis",
     "load_rig": "rig",
     "read_runs": "api.runs",
     "simulate": "api.simulation",
+    "track": "api.trend",
+    "trend": "api.trend",
     "virtual_bench": "api.virtual_bench",
 }
 

@@ -4,6 +4,7 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from hil_forceps.bridge.live_sink import LiveSink
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Telemetry
 from hil_forceps.bridge.service import Service
 from hil_forceps.bridge.teleoperation.udp_server import UdpReferences
-from hil_forceps.data.recording.format import FAULT_NAME
+from hil_forceps.data.recording.format import BEGUN_KEY, FAULT_NAME
 from hil_forceps.data.recording.writer import Recorder, RecordingReport, open_recorder
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.port import DriveMachine
@@ -105,6 +106,8 @@ def run_axes(
     """
     link, clock = connection.link, connection.clock
     threaded = not connection.virtual_time
+    # Virtual time has no date: the same seed gives the same bytes.
+    begun = {} if connection.virtual_time else {BEGUN_KEY: datetime.now(UTC).isoformat(timespec="seconds")}
     recorders: list[Recorder] = []
     live = None if view is None else _live_sink(view, plans)
     ending: Sequence[Mapping[str, str]] = [{"reason": CRASHED}] * len(plans)
@@ -115,7 +118,8 @@ def run_axes(
                 fault_path(plan.recording).unlink(missing_ok=True)  # of a run before
                 outside = None if remote is None else remote.inputs[place]
                 pipeline = make_pipeline(plan.rig, plan.settings, outside)
-                recorder = open_recorder(plan.recording, metadata(plan.rig, plan.settings, plan.about), threaded)
+                about = metadata(plan.rig, plan.settings, {**plan.about, **begun})
+                recorder = open_recorder(plan.recording, about, threaded)
                 recorders.append(recorder)
                 files.callback(recorder.close, {"reason": CRASHED, "message": "another file could not be opened"})
                 limit_A = current_limit_A(plan.rig)

@@ -7,6 +7,7 @@ EXAMPLES = {
     "conformance": "hil-forceps conformance --serial /dev/ttyUSB0 --allow-motion --out out/certificate",
     "decode": "hil-forceps decode out/today/bus.log",
     "diagnose": "hil-forceps diagnose day1.csv day2.csv day3.csv --rig configs/realistic.yaml --out out/diagnosis",
+    "trend": "hil-forceps trend logs --rig configs/realistic.yaml --out out/trend",
     "replay": "hil-forceps replay out/today/run.mcap",
     "recover": "hil-forceps recover out/today --out out/recovered.mcap",
     "explain": "hil-forceps explain out/today",

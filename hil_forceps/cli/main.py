@@ -37,6 +37,7 @@ for _name, _path, _help in (
     ("conformance", "conformance:conformance", "Run the protocol's requirements against a drive; write a certificate."),
     ("decode", "decode:decode", "Turn frames or bus logs into readable signals."),
     ("diagnose", "diagnose:diagnose", "Show what a simulation gets wrong about measured runs, and name the cause."),
+    ("trend", "trend:trend", "Follow parameters over hundreds of sessions; tell what changes, and since when."),
     ("replay", "replay:replay", "Send a recording, or a measured run of a real forceps, through the estimators."),
     ("recover", "recover:recover", "Say what a damaged recording still holds; make a sound one of it."),
     ("explain", "explain:explain", "Tell the course of a run, what ended it, and what may be behind that."),

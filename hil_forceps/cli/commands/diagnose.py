@@ -11,8 +11,10 @@ from typing import Annotated, Final
 
 from cyclopts import Parameter
 
+from hil_forceps.api.batch.executor import PROCESSES
 from hil_forceps.api.diagnosis import DiagnosisResult, Wishes, conclude
 from hil_forceps.api.runs import read_runs
+from hil_forceps.cli.commands.diagnose_batch import diagnose_batch
 from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.memory import keep_pages
 from hil_forceps.cli.notes import note_console
@@ -23,6 +25,7 @@ from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.diagnosis.result import Diagnosis
 from hil_forceps.report.diagnosis.files import begun, draughtsman, write_figures, write_report
 from hil_forceps.rig import load_rig
+from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.loading import dump_rig
 
 TRAJECTORY_FILE = "next_experiment.csv"
@@ -33,7 +36,7 @@ def diagnose(
     runs: Annotated[list[Path], Parameter(consume_multiple=True)],
     /,
     *,
-    rig: Path,
+    rig: Path | None = None,
     out: Path,
     jobs: int | None = None,
     seed: int = 0,
@@ -41,6 +44,8 @@ def diagnose(
     without: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
     budget: float | None = None,
     figures: bool = False,
+    batch: Annotated[bool, Parameter(negative="")] = False,
+    executor: str = PROCESSES,
     bus: str | None = None,
     node: int | None = None,
     map_: Annotated[tuple[str, ...], Parameter(name="--map")] = (),
@@ -55,11 +60,11 @@ def diagnose(
     runs
         Measured runs: any file or folder that `import` reads (docs/measured-data.md).
     rig
-        The rig file to simulate with.
+        The rig file to simulate with; with --batch, of what has no rig.yaml of its own.
     out
         Folder for the results.
     jobs
-        Threads; all processors by default.
+        Threads, with --batch processes; all processors by default.
     seed
         Of bootstraps; the same seed gives the same bytes.
     hold_out
@@ -71,6 +76,11 @@ def diagnose(
         drive whose law is known.
     figures
         Write the figures as files, too.
+    batch
+        Diagnose each file and each folder in the one folder named, by itself: OUT/NAME of each, and OUT/verdicts.json.
+        Ended in between and started again it goes on.
+    executor
+        With --batch: processes, dask://HOST:PORT, ray, ray://HOST:PORT; the results are the same.
     bus
         Of bus logs with drives on several buses, the one to read: candump's interface, the channel of the others.
     node
@@ -81,6 +91,11 @@ def diagnose(
     """
     began_s = time.monotonic()
     wishes = Wishes(hold_out, without, seed, jobs, budget)
+    if batch:
+        with spoken_as_options({**_OPTIONS, "executor": "executor"}):
+            return diagnose_batch(runs, rig, out, wishes, executor, map_, figures=figures)
+    if rig is None:
+        raise UserError("--rig: is missing; name the rig file to simulate with")
     with spoken_as_options(_OPTIONS):
         wishes.check()
     known = load_rig(rig)

@@ -11,13 +11,13 @@ from cyclopts import Parameter
 from hil_forceps.rig.errors import UserError
 
 USUAL_FOLDER = Path("out")
-REPORT_NAME = "report.html"
+REPORT_NAMES = ("report.html", "trend.html")
 
 
 def open_(
     folder: Path = USUAL_FOLDER, *, print_: Annotated[bool, Parameter(name="--print", negative="")] = False
 ) -> int:
-    """Open the newest report.html below a folder, and print its path. Without a display it is only printed.
+    """Open the newest report below a folder, and print its path. Without a display it is only printed.
 
     Parameters
     ----------
@@ -40,9 +40,9 @@ def newest_report(folder: Path) -> Path:
         return folder
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder; name that of --out")
-    found = [path for path in folder.rglob(REPORT_NAME) if path.is_file()]
+    found = [path for name in REPORT_NAMES for path in folder.rglob(name) if path.is_file()]
     if not found:
-        raise UserError(f"{folder}: no {REPORT_NAME} in it; `hil-forceps diagnose` writes one into the folder of --out")
+        raise UserError(f"{folder}: no report.html in it; `hil-forceps diagnose` writes one into the folder of --out")
     return max(found, key=lambda path: (path.stat().st_mtime_ns, path))
 
 

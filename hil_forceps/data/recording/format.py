@@ -24,6 +24,7 @@ from mcap.opcode import Opcode
 
 FORMAT_VERSION = 1
 METADATA_NAME = "hil_forceps"  # metadata record at the head: where the recording comes from
+BEGUN_KEY = "begun_utc"  # of that record: when the run began, ISO 8601; not in virtual time
 RESULT_NAME = "hil_forceps_result"  # metadata record at the end: how the run ended
 SETTINGS_NAME = "hil_forceps.json"  # attachment at the head: the format's version, and the metadata once more
 FAULT_NAME = "fault.json"  # attachment before the end: the last second before a fault

@@ -146,6 +146,11 @@ def search(s: Search, theta: Vector) -> Found:
     return Found(baseline, best, rivals, tuple(steps), explained, tuple(left_out))
 
 
+def fit_known(s: Search, theta: Vector) -> Fit:
+    """Return the fit of the known parameters from `theta` on, to runs adapted to it."""
+    return _beside(s, Candidate((), fit(s.runs, theta, s.known, s.mapper), 0.0))[1].fit
+
+
 def _ranked(models: Sequence[Candidate], tied_share: float) -> list[Candidate]:
     """Return models by their gain; but first, of those that are taken for as good as the best, the simplest."""
     ranked = sorted(models, key=lambda c: -c.gain)

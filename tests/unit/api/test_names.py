@@ -32,14 +32,14 @@ def test_importing_loads_nothing_and_rigs_and_runs_need_no_compiler() -> None:
 
 
 def test_names_are_few_documented_and_found() -> None:
-    assert len(hf.__all__) <= 15
+    assert len(hf.__all__) <= 18
     assert set(hf.__all__) <= set(dir(hf))
     for name in hf.__all__:
         value = getattr(hf, name)
         assert value.__doc__
         assert value.__name__ == name
     assert hf.diagnose is import_module("hil_forceps.api.diagnosis").diagnose
-    for function in (hf.diagnose, hf.read_runs, hf.simulate, hf.virtual_bench, hf.load_rig):
+    for function in (hf.diagnose, hf.read_runs, hf.simulate, hf.track, hf.trend, hf.virtual_bench, hf.load_rig):
         assert "return" in get_type_hints(function)
 
 

@@ -23,6 +23,7 @@ COMMANDS = (
     "diagnose",
     "import",
     "simulate",
+    "trend",
     "replay",
     "recover",
     "explain",

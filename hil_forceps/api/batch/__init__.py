@@ -1,0 +1,1 @@
+"""Many sessions at once: work spread over processes or a cluster, results kept as they come."""

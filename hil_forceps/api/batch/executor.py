@@ -1,0 +1,108 @@
+"""Where the work of many sessions is done: processes of this machine, or a cluster, all through joblib."""
+
+import importlib
+import importlib.util
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from hil_forceps.rig.errors import UserError
+
+PROCESSES = "processes"
+CHUNK = 8  # tasks of each worker at a time, where a backend can't give results as they come
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+def check_executor(executor: str) -> None:
+    """UserError where an executor is none of those known, or what it needs is not installed."""
+    name = executor.partition("://")[0]
+    known = executor in {PROCESSES, "ray"} or (name in {"dask", "ray"} and executor.partition("://")[2])
+    if not known:
+        raise UserError(
+            f"executor {executor}: is not known; there are processes, dask://HOST:PORT, ray, ray://HOST:PORT"
+        )
+    needed = {"dask": ("dask", "distributed"), "ray": ("ray",)}.get(name, ())
+    for module in needed:
+        if importlib.util.find_spec(module) is None:
+            raise UserError(f"executor {executor}: {module} is not installed; pip install 'hil-forceps[{name}]'")
+
+
+def spread(work: Callable[[Task], Result], tasks: Sequence[Task], executor: str, jobs: int | None) -> Iterator[Result]:
+    """Yield the results of tasks as they come, in no order; `jobs`: at a time, by default all processors.
+
+    `work` and its tasks are sent to other processes: a function of a module, and plain data. UserError where a cluster
+    can't be reached or a process is lost.
+    """
+    check_executor(executor)
+    count = min(jobs or os.cpu_count() or 1, len(tasks))
+    if executor == PROCESSES and count <= 1:
+        yield from map(work, tasks)
+        return
+    import joblib  # noqa: PLC0415 - only for several
+
+    with _backend(executor, joblib) as own_count:
+        workers = own_count if jobs is None and own_count else count
+        backend, _ = joblib.parallel.get_active_backend()
+        try:
+            if backend.supports_return_generator:
+                pool = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
+                yield from pool(joblib.delayed(work)(task) for task in tasks)
+                return
+            for first in range(0, len(tasks), CHUNK * max(workers, 1)):
+                pool = joblib.Parallel(n_jobs=workers, batch_size=1)
+                yield from pool(joblib.delayed(work)(task) for task in tasks[first : first + CHUNK * max(workers, 1)])
+        except joblib.externals.loky.process_executor.TerminatedWorkerError as error:
+            raise UserError(
+                "a process that fitted a log was ended from outside, for want of memory perhaps; run it again with "
+                "fewer --jobs: what is done stays"
+            ) from error
+
+
+@contextmanager
+def _backend(executor: str, joblib: Any) -> Iterator[int]:
+    """Make joblib's backend that of an executor; yield how many workers it has, 0 where that is not told."""
+    name, _, address = executor.partition("://")
+    if name == "dask":
+        with _dask(executor, address) as workers, joblib.parallel_config("dask"):
+            yield workers
+    elif name == "ray":
+        with _ray(executor), joblib.parallel_config("ray"):
+            yield 0
+    else:
+        with joblib.parallel_config("loky", inner_max_num_threads=1):
+            yield 0
+
+
+@contextmanager
+def _dask(executor: str, address: str) -> Iterator[int]:
+    distributed = importlib.import_module("distributed")
+    try:
+        client = distributed.Client(f"tcp://{address}", timeout="10s")
+    except (OSError, ValueError) as error:
+        raise UserError(f"executor {executor}: no scheduler answers there; start one with `dask scheduler`") from error
+    with client:
+        workers = sum(int(each["nthreads"]) for each in client.scheduler_info(n_workers=-1)["workers"].values())
+        if workers < 1:
+            raise UserError(f"executor {executor}: no workers there; start some with `dask worker {address}`")
+        yield workers
+
+
+@contextmanager
+def _ray(executor: str) -> Iterator[None]:
+    ray, register = importlib.import_module("ray"), importlib.import_module("ray.util.joblib").register_ray
+    own = not ray.is_initialized()
+    try:
+        if own:
+            address = executor if executor.startswith("ray://") else None
+            ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level="ERROR")
+    except (ConnectionError, OSError, RuntimeError, ValueError) as error:
+        raise UserError(f"executor {executor}: no cluster of Ray answers there; see `ray status`") from error
+    register()
+    try:
+        yield
+    finally:
+        if own:
+            ray.shutdown()

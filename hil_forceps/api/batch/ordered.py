@@ -1,0 +1,17 @@
+"""A few longer tasks over the processes of this machine, their results in order."""
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+
+def over_processes(work: Callable[[Any], Any], tasks: list[Any], jobs: int | None) -> list[Any]:
+    """Return the results of tasks in their order; in this process where there is one only."""
+    count = min(jobs or os.cpu_count() or 1, len(tasks))
+    if count <= 1:
+        return [work(task) for task in tasks]
+    import joblib  # noqa: PLC0415 - only for several
+
+    with joblib.parallel_config("loky", inner_max_num_threads=1):
+        found: list[Any] = joblib.Parallel(n_jobs=count, batch_size=1)(joblib.delayed(work)(task) for task in tasks)
+    return found

@@ -1,0 +1,55 @@
+"""Single sessions that lie apart from the others: another load, a wire laid wrongly, a fit gone wrong.
+
+One such session would pass for scatter, or at an end for a change. It is told by what leaving it out would gain
+(auxiliary residuals; de Jong and Penzer, Diagnosing Shocks in Time Series, JASA 93, 1998).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, stats
+
+from hil_forceps.diagnosis.drift.regression import fitted
+from hil_forceps.diagnosis.drift.scatter import Scatter, scatters
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+MOST_SHARE = 0.1  # of the sessions: where more lie apart, the scatter is not Gaussian, and they are part of it
+
+
+def covariance_of(deviations: Vector, scatter: Scatter) -> Matrix:
+    """Return the covariance of estimates without drift (n × n)."""
+    place = np.arange(deviations.size)
+    if scatter.correlation < 1.0:
+        apart = np.abs(place[:, np.newaxis] - place)
+        shared = scatter.deviation**2 / (1.0 - scatter.correlation**2) * scatter.correlation**apart
+    else:
+        shared = scatter.deviation**2 * np.minimum(place[:, np.newaxis], place)
+    return np.asarray(shared + np.diag(deviations**2))
+
+
+def auxiliary_residuals(series: Vector, columns: Matrix, deviations: Vector, scatter: Scatter) -> Vector:
+    """Return for each session by how many deviations it differs from what all others tell of it."""
+    inverse = linalg.inv(covariance_of(deviations, scatter))
+    spread = inverse @ columns
+    projected = inverse - spread @ linalg.pinvh(columns.T @ spread) @ spread.T
+    return np.asarray((projected @ series) / np.sqrt(np.maximum(np.diag(projected), 1e-300)))
+
+
+def outliers(series: Vector, columns: Matrix, deviations: Vector, rate: float) -> Sequence[int]:
+    """Return places of sessions that lie apart, the farthest first; by chance one in `rate` of series has any."""
+    kept = np.arange(series.size)
+    found: list[int] = []
+    beyond = float(stats.norm.isf(0.5 * rate / series.size))
+    while len(found) + 1 <= MOST_SHARE * series.size:
+        own = deviations[kept]
+        scatter = fitted(series[kept], columns[kept], own, scatters(own)).scatter
+        apart = np.abs(auxiliary_residuals(series[kept], columns[kept], own, scatter))
+        farthest = int(np.argmax(apart))
+        if apart[farthest] < beyond:
+            break
+        found.append(int(kept[farthest]))
+        kept = np.delete(kept, farthest)
+    return found

@@ -1,0 +1,124 @@
+"""The known parameters of one session: as a diagnosis fits them, in a second of one core for 12 s at 1 kHz.
+
+The costly part of a fit is the way from the rig to the optimum. Most of it is gone on two excerpts; the fit of all rows
+begins where they end. Noise, the load's prior, and what the filter decides are taken as in a diagnosis.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.data.run import Run
+from hil_forceps.diagnosis.audit.audit import audit
+from hil_forceps.diagnosis.audit.finding import Finding
+from hil_forceps.diagnosis.conclude import silent
+from hil_forceps.diagnosis.evidence import pass_all
+from hil_forceps.diagnosis.identification import known_of, records_of
+from hil_forceps.diagnosis.inference.fit import Fit, fit, fit_from
+from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
+from hil_forceps.diagnosis.preparation.even_rows import EvenRun
+from hil_forceps.diagnosis.preparation.excerpts import excerpts
+from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
+from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.layout import Noise
+from hil_forceps.diagnosis.state_space.passes import Passed
+from hil_forceps.diagnosis.tracking.driven_fit import fit_driven
+from hil_forceps.diagnosis.tracking.likelihood import Measured, by_likelihood
+from hil_forceps.diagnosis.validation.conclusion import even_runs
+from hil_forceps.diagnosis.validation.rows import require_rows
+from hil_forceps.rig import Rig
+from hil_forceps.rig.errors import UserError
+
+Vector = NDArray[np.float64]
+
+START_ROWS = 1000  # of an excerpt for the start: long against all that a plant forgets
+START_EXCERPTS = 2
+LIKE_A_LOAD = frozenset({"forceps.jaw_coulomb_N_m"})
+WITHOUT_LOAD_CELL = "without a load cell it is a load, as any"
+WITHOUT_LAW = "the drive's law isn't known here: intervals are of noise alone, and too narrow"
+LEAST_SAVING = 3  # times the rows of the excerpts: what has fewer is fitted whole
+
+
+class SessionFit(NamedTuple):
+    """What one session measures."""
+
+    parameters: tuple[Measured, ...]
+    rows: int  # measured, of all runs
+    rows_used: int
+    method: str  # "filter": the drive's law is known; "driven": the motion drives the model
+    notes: tuple[str, ...]
+
+
+def fit_session(runs: Sequence[Run], rig: Rig) -> SessionFit:
+    """Fit the known parameters of a rig to the runs of a session; effects of the rig are taken as they stand.
+
+    UserError, in one line, where the runs can't be used or say nothing.
+    """
+    findings = audit(runs, rig)
+    if wrong := [finding.text for finding in findings if finding.severity == "problem"]:
+        raise UserError(f"the data can't be right as they are: {wrong[0]}")
+    if reasons := silent(runs, rig):
+        raise UserError(reasons[0])
+    notes = tuple(dict.fromkeys(_told(finding) for finding in findings if finding.severity == "warning"))
+    rows = sum(len(run) for run in runs)
+    even = even_runs(runs, rig)
+    if even is None:
+        driven, used = fit_driven(runs, rig)
+        notes = (*notes, WITHOUT_LAW)
+        return SessionFit(_told_apart(by_likelihood(driven), runs), rows, used, "driven", notes)
+    for each in even:
+        require_rows(each.name, int(np.count_nonzero(~each.lost)))
+    even, left_out = excerpts(even)
+    notes = (*notes, *(finding.text for finding in left_out))
+    used = sum(int(np.count_nonzero(~each.lost)) for each in even)
+    return SessionFit(_told_apart(by_likelihood(fit_even(even, rig)), runs), rows, used, "filter", notes)
+
+
+def _told_apart(parameters: Sequence[Measured], runs: Sequence[Run]) -> tuple[Measured, ...]:
+    """Return parameters without what nothing tells from a load where no run has a load cell."""
+    if any("tau_w_N_m" in run.columns for run in runs):
+        return tuple(parameters)
+    return tuple(
+        p._replace(value=np.nan, sd=np.nan, reason=WITHOUT_LOAD_CELL) if p.name in LIKE_A_LOAD else p
+        for p in parameters
+    )
+
+
+def fit_even(even: Sequence[EvenRun], rig: Rig) -> Fit:
+    """Return the fit of the known parameters to runs of a drive whose law is known."""
+    noise = sensor_noise([each.run for each in even], rig)
+    records, _, theta = records_of(even, [], rig, noise, map)
+    free = known_of(rig, records)
+    parts = _parts(even)
+    theta = fit(records, theta, free, map).passes.theta if parts is None else _start(parts, rig, noise, theta)
+    runs = [record.with_friction_of(regimes(theta).sliding) for record in records]
+    passes = pass_all(runs, theta, map)
+    quiet = with_likeliest_load_noises(runs, passes, map)
+    if any(new is not old for new, old in zip(quiet, runs, strict=True)):
+        passes = pass_all(quiet, theta, map)
+    decided = [run.decided_by(passed.filtered) for run, passed in zip(quiet, passes.runs, strict=True)]
+    # With what it decided itself, a pass is the same again: it need not be made twice.
+    same = [Passed(run.series, p.filtered, p.counts) for run, p in zip(decided, passes.runs, strict=True)]
+    return fit_from(decided, passes._replace(runs=tuple(same)), free, map)
+
+
+def _parts(even: Sequence[EvenRun]) -> list[EvenRun] | None:
+    """Return excerpts of the longest run to begin with; None where they would save nothing."""
+    longest = max(even, key=lambda each: each.lost.size)
+    rows = longest.lost.size
+    if rows < LEAST_SAVING * START_EXCERPTS * START_ROWS:
+        return None
+    firsts = np.linspace(0, rows - START_ROWS, START_EXCERPTS + 2)[1:-1].astype(int)
+    return [longest.part(int(first), int(first) + START_ROWS) for first in firsts]
+
+
+def _start(parts: Sequence[EvenRun], rig: Rig, noise: Noise, theta: Vector) -> Vector:
+    records, _, _ = records_of(parts, [], rig, noise, map)
+    return fit(records, theta, known_of(rig, records), map).passes.theta
+
+
+def _told(finding: Finding) -> str:
+    where = " ".join(word for word in (finding.run, finding.channel) if word)
+    return f"{where}: {finding.text}" if where else finding.text

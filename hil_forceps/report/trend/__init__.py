@@ -1,0 +1,1 @@
+"""Parameters over sessions, as a page and figures."""

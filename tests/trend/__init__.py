@@ -1,0 +1,1 @@
+"""Simulated sessions of an instrument that changes, for the tests and the bench of `trend`."""
