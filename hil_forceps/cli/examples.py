@@ -13,6 +13,7 @@ EXAMPLES = {
     "explain": "hil-forceps explain out/today",
     "import": "hil-forceps import out/today/bus.log --out out/imported",
     "simulate": "hil-forceps simulate configs/realistic.yaml --like day1.csv --out out/simulated",
+    "fmu": "hil-forceps fmu --rig configs/realistic.yaml --unit plant --fmi 2 --out out/plant.fmu",
     "init": "hil-forceps init forceps.yaml --motor maxon-ec13-305194 --drive odrive",
     "schema": "hil-forceps schema rig > rig.schema.json",
     "open": "hil-forceps open out/diagnosis",

@@ -43,6 +43,7 @@ for _name, _path, _help in (
     ("explain", "explain:explain", "Tell the course of a run, what ended it, and what may be behind that."),
     ("import", "import_:import_", "Turn measured runs of any known format into the project's own; audit them."),
     ("simulate", "simulate:simulate", "Simulate beside a measured run, as it was driven; compare channel by channel."),
+    ("fmu", "fmu:fmu", "Write plant or estimator as an FMU for Simulink, Dymola, OpenModelica and others."),
     ("init", "init:init", "Write a first rig file from motor, drive, encoder and pulleys, with their sources."),
     ("schema", "schema:schema", "Print the JSON schema of rig or bench files, for editors."),
     ("open", "open_:open_", "Open the newest report of a folder in the browser."),

@@ -263,7 +263,8 @@ def _record(
     return tau_w, elongation
 
 
-def _tuning(rig: Rig, sample_time_s: float) -> Tuning:
+def tuning_of(rig: Rig, sample_time_s: float) -> Tuning:
+    """Return how the corrections see samples that are `sample_time_s` apart."""
     corner = 2.0 * np.pi * rig.estimators.rfob_cutoff_Hz
     counts = rig.encoder.counts_per_rev
     quantum = 1e-6 if counts is None else 2.0 * np.pi / counts
@@ -283,7 +284,7 @@ def corrected(estimator: Estimator, rig: Rig, sample_time_s: float) -> Estimator
         raise ValueError(f"estimator {estimator.id!r} has no kernels")
     kernels = estimator.compiled
     theta = vector(rig)
-    tuning = _tuning(rig, sample_time_s)
+    tuning = tuning_of(rig, sample_time_s)
 
     def told(inner: State, memory: Vector, dt_s: float) -> State:
         tau_w_N_m, elongation_m = estimator.estimate(inner)

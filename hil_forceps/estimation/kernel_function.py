@@ -36,6 +36,12 @@ class KernelFunction(types.WrapperAddressProtocol):
         """Return an estimator's step: state, constants and a sample to a state."""
         return cls(kernel, _VECTOR(_VECTOR, _VECTOR, *_SAMPLE))
 
+    @property
+    def function(self) -> Callable[..., Any]:
+        """The kernel itself."""
+        kernel: Callable[..., Any] = self._kernel
+        return kernel
+
     def __call__(self, *arguments: Any) -> Any:
         """Call the kernel; for the type checker, which sees kernels as the functions that they were."""
         return self._kernel(*arguments)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from hil_forceps.model import drive_law
 from hil_forceps.model.composition import Physics, encoder_rad, motor_viscosity_N_m_s_per_rad, wound_m
-from hil_forceps.model.current import current_over, current_step
+from hil_forceps.model.current import CurrentStep, current_over, current_step
 from hil_forceps.model.drive_law import DriveState, drive_sample, law_current, law_vector, quantise
-from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all, fill_multiples
+from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, Gains, fill_all, fill_multiples
 from hil_forceps.model.kernel import inlined, kernel
 from hil_forceps.model.parameters import Vector
-from hil_forceps.model.physics import State, dead_zone, followed, kind_of, paid_angle, torque_constant, wire
+from hil_forceps.model.physics import Kind, State, dead_zone, followed, kind_of, paid_angle, torque_constant, wire
 from hil_forceps.model.sensors import late, late_load
 from hil_forceps.model.step import Drive, plain_step, refined_step
 from hil_forceps.model.whole_step import decays, suits, whole_step
@@ -26,6 +26,7 @@ __all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", 
 
 _DRIFT_STEP = 0.02  # of D_m: further away, the linear plant is made anew
 _CHANNELS = 8
+_REST_ITERATIONS = 50
 
 
 _NO_ERROR: Vector = np.empty(0)
@@ -73,15 +74,37 @@ def rest(theta: Vector, theta_m_rad: float, tension_N: float = 0.0, current_A: f
     `current_A`.
     """
     p = Physics(*theta.tolist())
+    return Start(
+        rest_state(p, theta_m_rad, tension_N, current_A), DriveState(0.0, encoder_rad(p, theta_m_rad), 0.0, current_A)
+    )
+
+
+@inlined
+def rest_state(p: Physics, theta_m_rad: float, tension_N: float, current_A: float) -> State:
+    """Return the plant of `rest`."""
     stretch = tension_N / p.k
-    for _ in range(50):  # the cubic's one real root by Newton's method
-        slope = 1.0 + 3.0 * p.wire_hardening_beta_per_m2 * stretch * stretch
-        stretch -= (stretch + p.wire_hardening_beta_per_m2 * stretch**3 - tension_N / p.k) / slope
+    for _ in range(_REST_ITERATIONS):  # the cubic's one real root by Newton's method
+        square = p.wire_hardening_beta_per_m2 * stretch * stretch
+        stretch -= (stretch * (1.0 + square) - tension_N / p.k) / (1.0 + 3.0 * square)
     if tension_N != 0.0:
         stretch += math.copysign(p.wire_slack_half_width_m, tension_N)
     theta_j = paid_angle(p, wound_m(p, theta_m_rad) - p.wire_permanent_stretch_stretch_m - stretch)
-    plant = State(theta_m_rad, 0.0, theta_j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, current_A)
-    return Start(plant, DriveState(0.0, encoder_rad(p, theta_m_rad), 0.0, current_A))
+    return State(theta_m_rad, 0.0, theta_j, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, current_A)
+
+
+class Counts(NamedTuple):
+    """How a row is divided."""
+
+    steps: int  # of the plant in a sample of the drive
+    substeps: int  # of the plant in a row
+    step_s: float
+
+
+class StepConstants(NamedTuple):
+    """What every step of one length has in common."""
+
+    inertia: tuple[float, float]  # I/h of motor and jaw
+    kept: tuple[float, float]  # what creep keeps over a step and over a piece of it
 
 
 @inlined
@@ -95,7 +118,7 @@ def _load(first: float, last: float, step: int, steps: int, edge: float) -> tupl
 
 
 @inlined
-def _record(out: Vector, row: int, p: Physics, x: State, tau_w_N_m: float) -> None:
+def record(out: Vector, row: int, p: Physics, x: State, tau_w_N_m: float) -> None:
     """Write a row: all as it is, before the sensors' channels are made of it."""
     speed = followed(p, x.lost_rad, x.omega_m_rad_per_s)
     w = wire(p, x.theta_m_rad - x.lost_rad, speed, x.theta_j_rad, x.omega_j_rad_per_s, x.creep_m, x.loop)
@@ -127,6 +150,13 @@ def _behind(commands: Vector, place: int, samples: int) -> float:
 
 
 @inlined
+def amplified(p: Physics, commanded_A: float) -> float:
+    """Return what the amplifier is to give for a command: behind its dead band, within its limit."""
+    beyond = dead_zone(commanded_A, p.amplifier_deadband_half_width_A)
+    return max(-p.current_saturation_limit_A, min(p.current_saturation_limit_A, beyond))
+
+
+@inlined
 def _commanded(
     p: Physics, law: Vector, quantum_rad: float, inputs: Inputs, at: int, theta_m_rad: float, drive: DriveState
 ) -> tuple[DriveState, float]:
@@ -135,10 +165,7 @@ def _commanded(
     if at < inputs.encoder_error_rad.shape[0]:
         angle += inputs.encoder_error_rad[at]
     drive = drive_sample(law, drive, inputs.reference_rad[at], angle)
-    current = max(
-        -p.current_saturation_limit_A,
-        min(p.current_saturation_limit_A, dead_zone(drive.current_A, p.amplifier_deadband_half_width_A)),
-    )
+    current = amplified(p, drive.current_A)
     if at < inputs.added_A.shape[0]:
         current += inputs.added_A[at]
     return drive, current
@@ -148,6 +175,68 @@ def _commanded(
 def _steady(p: Physics, current: float, load: tuple[float, float], time_s: float) -> Drive:
     """Return what drives with a steady current and no jump of the load."""
     return Drive(current, 0.0, current, torque_constant(p, time_s), motor_viscosity_N_m_s_per_rad(p, time_s), *load)
+
+
+@inlined
+def step_constants(p: Physics, step_s: float) -> StepConstants:
+    """Return what every step of one length has in common."""
+    creep_s = p.wire_creep_time_constant_s
+    kept = (math.exp(-step_s / creep_s), math.exp(-step_s / PIECES / creep_s))
+    return StepConstants((p.I_m / step_s, p.I_j / step_s), kept)
+
+
+@inlined
+def over_sample(
+    p: Physics,
+    kind: Kind,
+    gains: Gains,
+    whole: Gains,
+    keeps: Vector,
+    c: CurrentStep,
+    counts: Counts,
+    constants: StepConstants,
+    x: State,
+    commands: tuple[float, float],
+    load_N_m: tuple[float, float, float],
+    row: int,
+    sample: int,
+) -> State:
+    """Return the plant's state a sample of the drive on.
+
+    `gains` (`fill_all`) is made anew in place where the motor's viscosity has drifted; `whole` and `keeps`
+    (`fill_multiples`, `decays`) have a row for each step of the sample, or none where steps are never taken as one.
+    `commands`: the delayed ones before and after the one that arrives. `load_N_m`: at both ends of the row, and where
+    in it the load jumps (`_load`).
+    """
+    old, new = commands
+    first, last, edge = load_N_m
+    steps, substeps, step_s = counts.steps, counts.substeps, counts.step_s
+    span, done = whole.shape[0] if edge < 0.0 else 0, 0  # how many steps are tried as one, and how many are done
+    while done < steps:
+        if span > 0 and done % span == 0:
+            even = _load(first, last, (sample * steps + done) // span, substeps // span, -1.0)
+            time_s = (row * substeps + sample * steps + done + 0.5 * span) * step_s
+            moves, x = whole_step(p, kind, whole, keeps, span, x, _steady(p, new, even, time_s))
+            if moves:
+                done += span
+                continue
+            if done == 0 and span == steps:  # halves, then
+                span = span // 2 if not kind.plain and steps % 4 == 0 else 0
+                continue
+        into, done = done, done + 1
+        step = sample * steps + into
+        mean, slope, ends = current_over(c, into, x.current_A, old, new)
+        load, load_slope = _load(first, last, step, substeps, edge)
+        time_s = (row * substeps + step + 0.5) * step_s
+        constant, viscosity = torque_constant(p, time_s), motor_viscosity_N_m_s_per_rad(p, time_s)
+        d = Drive(mean, slope, ends, constant, viscosity, load, load_slope)
+        if not kind.plain:
+            if abs(viscosity - gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
+                fill_all(gains, p, viscosity, step_s)
+            x = refined_step(p, kind, gains, constants.inertia, constants.kept, x, d)
+        else:
+            x = plain_step(p, gains, constants.inertia, x, d)
+    return x
 
 
 @kernel
@@ -167,13 +256,12 @@ def _rollout(
     whole = np.empty((wholly, SIZE))
     fill_multiples(whole, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
     keeps = decays(p, wholly, step_s)
-    inertia = (p.I_m / step_s, p.I_j / step_s)
-    kept = (math.exp(-step_s / p.wire_creep_time_constant_s), math.exp(-step_s / PIECES / p.wire_creep_time_constant_s))
+    counts, constants = Counts(steps, substeps, step_s), step_constants(p, step_s)
     c = current_step(step_s, steps, p.actuation_delay_delay_s, p.electrical_lag_time_constant_s)
     commands = np.full(c.whole_samples + 2, x.current_A)
     place = 0
     for row in range(rows):
-        _record(out, row, p, x, inputs.tau_w_N_m[row])
+        record(out, row, p, x, inputs.tau_w_N_m[row])
         if row == rows - 1:
             break
         first, last = inputs.tau_w_N_m[row], inputs.tau_w_N_m[row + 1]
@@ -183,38 +271,8 @@ def _rollout(
             place = place + 1 if place + 1 < commands.shape[0] else 0
             commands[place] = current
             old, new = _behind(commands, place, c.whole_samples + 1), _behind(commands, place, c.whole_samples)
-            span, done = wholly if edges[row] < 0.0 else 0, 0  # how many steps are tried as one, and how many are done
-            while done < steps:
-                if span > 0 and done % span == 0:
-                    even = _load(first, last, (sample * steps + done) // span, substeps // span, -1.0)
-                    time_s = (row * substeps + sample * steps + done + 0.5 * span) * step_s
-                    moves, x = whole_step(p, kind, whole, keeps, span, x, _steady(p, current, even, time_s))
-                    if moves:
-                        done += span
-                        continue
-                    if done == 0 and span == steps:  # halves, then
-                        span = span // 2 if not kind.plain and steps % 4 == 0 else 0
-                        continue
-                into, done = done, done + 1
-                step = sample * steps + into
-                mean, slope, ends = current_over(c, into, x.current_A, old, new)
-                load, load_slope = _load(first, last, step, substeps, edges[row])
-                time_s = (row * substeps + step + 0.5) * step_s
-                d = Drive(
-                    mean,
-                    slope,
-                    ends,
-                    torque_constant(p, time_s),
-                    motor_viscosity_N_m_s_per_rad(p, time_s),
-                    load,
-                    load_slope,
-                )
-                if not kind.plain:
-                    if abs(d.viscosity - gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
-                        fill_all(gains, p, d.viscosity, step_s)
-                    x = refined_step(p, kind, gains, inertia, kept, x, d)
-                else:
-                    x = plain_step(p, gains, inertia, x, d)
+            load = (first, last, edges[row])
+            x = over_sample(p, kind, gains, whole, keeps, c, counts, constants, x, (old, new), load, row, sample)
     return out
 
 

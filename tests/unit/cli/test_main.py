@@ -28,6 +28,7 @@ COMMANDS = (
     "diagnose",
     "import",
     "simulate",
+    "fmu",
     "replay",
     "recover",
     "explain",

@@ -1,0 +1,83 @@
+"""`hil-forceps fmu`: plant and estimators for Simulink, Dymola, OpenModelica and others."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter, validators
+
+from hil_forceps.cli.notes import note
+from hil_forceps.estimation.registry import effects_passed_over
+from hil_forceps.fmu.build import PlatformName, write_fmu
+from hil_forceps.fmu.estimator_unit import estimator_unit
+from hil_forceps.fmu.plant_unit import LEFT_OUT, plant_unit
+from hil_forceps.fmu.unit import Unit
+from hil_forceps.rig import Rig, load_rig
+from hil_forceps.rig.errors import UserError
+from hil_forceps.rig.schema import AlgorithmId
+
+
+def fmu(
+    *,
+    rig: Path,
+    unit: Literal["plant", "estimator"],
+    out: Path,
+    algorithm: AlgorithmId = "kalman",
+    fmi: Literal[2, 3] = 2,
+    sample_time: Annotated[float | None, Parameter(validator=validators.Number(gt=0.0))] = None,
+    platform: tuple[PlatformName, ...] = ("x86_64-linux",),
+) -> int:
+    """Write the plant with its effects, or an estimator, as a functional mock-up unit for co-simulation.
+
+    The unit is compiled C, and its sources are in it: what opens it needs no Python. It computes what `simulate` and
+    the service compute. How Simulink takes it, and what its variables are: docs/matlab.md.
+
+    Parameters
+    ----------
+    rig
+        Rig file; its numbers are what the unit's parameters start with.
+    unit
+        plant: motor, wire, jaw, sensors and the drive's position loop. estimator: what the service runs.
+    out
+        File to write, ending in .fmu.
+    algorithm
+        Of an estimator.
+    fmi
+        Version of the standard: 2 (read by most programs) or 3.
+    sample_time
+        Seconds between the drive's samples; by default the rig's, or 1 ms where the rig has no drive.
+    platform
+        Machine to compile for; may be given several times. The first time for a platform takes minutes: its C library
+        is compiled, too.
+    """
+    if out.suffix != ".fmu":
+        raise UserError(f"--out {out}: must end in .fmu, or no program takes it; rename it")
+    known = load_rig(rig)
+    made = plant_unit(known, sample_time) if unit == "plant" else estimator_unit(known, algorithm, sample_time)
+    _tell_what_is_left_out(known, unit, algorithm)
+    write_fmu(made, fmi, out, platform)
+    sys.stdout.write(_summary(made, fmi, out, platform))
+    return 0
+
+
+def _tell_what_is_left_out(rig: Rig, unit: str, algorithm: AlgorithmId) -> None:
+    if unit == "estimator":
+        for effect in effects_passed_over(algorithm, rig):
+            note(f"effects.{effect}: {algorithm} works without it")
+        return
+    if LEFT_OUT in rig.effects:
+        note(
+            f"effects.{LEFT_OUT}: shifts channels of a recording, not of the loop; delay the outputs where you log them"
+        )
+    if any((rig.noise.current_A, rig.noise.theta_j_rad, rig.noise.tau_w_N_m)):
+        note("noise: the unit's sensors have none; add it to the outputs")
+
+
+def _summary(unit: Unit, fmi: int, out: Path, platforms: tuple[str, ...]) -> str:
+    counts = {way: sum(each.causality == way for each in unit.variables) for way in ("input", "output", "parameter")}
+    shown = ", ".join(f"{count} {way}s" for way, count in counts.items() if count)
+    step = "a multiple of" if unit.sample_time_place >= 0 else "best"
+    return (
+        f"{out}: {unit.name}, FMI {fmi}.0 co-simulation; {shown}\n"
+        f"communication step: {step} {unit.sample_time_s:g} s; runs on: {', '.join(platforms)}\n"
+    )

@@ -1,0 +1,149 @@
+"""Statements of kernels as C."""
+
+import ast
+
+from hil_forceps.fmu.translation.code import Body, Value, c_name
+from hil_forceps.fmu.translation.expressions import Program, cast, condition, expression
+from hil_forceps.fmu.translation.numbers import arithmetic
+from hil_forceps.fmu.translation.types import DOUBLE, INT, Array, Struct, joined
+
+
+def statements(nodes: list[ast.stmt], body: Body, program: Program) -> None:
+    """Put statements into a body."""
+    for node in nodes:
+        _statement(node, body, program)
+
+
+def _statement(node: ast.stmt, body: Body, program: Program) -> None:
+    match node:
+        case ast.Expr(value=ast.Constant()) | ast.Pass():  # a docstring
+            pass
+        case ast.Expr(value=call):
+            body.put(f"{expression(call, body, program).code};")
+        case ast.AnnAssign(target=ast.Name() as target, value=ast.expr() as given):
+            assign(target, _annotated(node, expression(given, body, program), body), body, program)
+        case ast.Assign(targets=targets, value=given):
+            _assign_all(targets, given, body, program)
+        case ast.AugAssign(target=target, op=operator, value=given):
+            before = expression(_read(target), body, program)
+            assign(target, arithmetic(operator, before, expression(given, body, program), node, body), body, program)
+        case ast.Return(value=given):
+            _give_back(given, node, body, program)
+        case ast.If(test=test, body=yes, orelse=no):
+            body.put(f"if ({condition(test, body, program).code}) {{")
+            _block(yes, body, program)
+            if no:
+                body.put("} else {")
+                _block(no, body, program)
+            body.put("}")
+        case ast.While(test=test, body=inner, orelse=[]):
+            body.put("while (true) {")
+            body.depth += 1
+            body.put(f"if (!{condition(test, body, program).code}) {{ break; }}")
+            statements(inner, body, program)
+            body.depth -= 1
+            body.put("}")
+        case ast.For(orelse=[]):
+            _for(node, body, program)
+        case ast.Break():
+            body.put("break;")
+        case ast.Continue():
+            body.put("continue;")
+        case _:
+            body.refuse(node, "is not translated")
+
+
+def _block(nodes: list[ast.stmt], body: Body, program: Program) -> None:
+    body.depth += 1
+    statements(nodes, body, program)
+    body.depth -= 1
+
+
+def _read(target: ast.expr) -> ast.expr:
+    """Return what is assigned to, as what is read."""
+    return ast.parse(ast.unparse(target), mode="eval").body
+
+
+def _annotated(node: ast.AnnAssign, value: Value, body: Body) -> Value:
+    wanted = {"float": DOUBLE, "int": INT}.get(ast.unparse(node.annotation))
+    return value if wanted is None else cast(value, wanted, node, body)
+
+
+def _assign_all(targets: list[ast.expr], given: ast.expr, body: Body, program: Program) -> None:
+    if len(targets) == 1 and isinstance(targets[0], ast.Tuple) and isinstance(given, ast.Tuple):
+        pairs = list(zip(targets[0].elts, given.elts, strict=True))
+        # All of the right side first: it may name what stands on the left.
+        values = [body.temporary(expression(each, body, program)) for _, each in pairs]
+        for (target, _), value in zip(pairs, values, strict=True):
+            assign(target, value, body, program)
+        return
+    value = expression(given, body, program)
+    if len(targets) > 1:
+        value = body.temporary(value)
+    for target in targets:
+        assign(target, value, body, program)
+
+
+def assign(target: ast.expr, value: Value, body: Body, program: Program) -> None:
+    """Put an assignment into a body; a name that is new becomes a variable."""
+    match target:
+        case ast.Name(id="_"):
+            body.put(f"(void){value.code};")
+        case ast.Name(id=name):
+            kind = body.variables.setdefault(name, value.kind)
+            if joined(kind, value.kind) != kind:
+                body.refuse(target, f"{kind.c} becomes {value.kind.c}")
+            body.put(f"{c_name(name)} = {cast(value, kind, target, body).code};")
+        case ast.Tuple(elts=parts):
+            held = body.temporary(value)
+            if not isinstance(held.kind, Struct) or len(held.kind.fields) != len(parts):
+                body.refuse(target, "is not as many values")
+            for part, (name, kind) in zip(parts, held.kind.fields, strict=True):
+                assign(part, Value(f"{held.code}.{c_name(name)}", kind), body, program)
+        case ast.Subscript():
+            place = expression(_read(target), body, program)
+            if place.kind == Array(1) and value.kind == Array(1):
+                body.put(f"hf_assign1({place.code}, {value.code});")
+            else:
+                body.put(f"{place.code} = {cast(value, place.kind, target, body).code};")
+        case _:
+            body.refuse(target, "can't be assigned to")
+
+
+def _give_back(given: ast.expr | None, node: ast.AST, body: Body, program: Program) -> None:
+    if given is None:
+        body.put("RETURN;")
+        return
+    value = expression(given, body, program)
+    kind = value.kind if body.returned is None else joined(body.returned, value.kind)
+    if kind is None or body.returned not in {None, kind}:
+        body.refuse(node, "several types are returned")
+    body.returned = kind
+    body.put(f"RETURN {cast(value, kind, node, body).code};")
+
+
+def _for(node: ast.For, body: Body, program: Program) -> None:
+    if isinstance(node.iter, ast.Tuple):  # a few cases, one after another
+        for each in node.iter.elts:
+            if isinstance(each, ast.Tuple) and isinstance(node.target, ast.Tuple):
+                _assign_all([node.target], each, body, program)
+            else:
+                assign(node.target, expression(each, body, program), body, program)
+            statements(node.body, body, program)
+        return
+    if not (isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name) and not node.iter.keywords):
+        body.refuse(node, "only a range or a tuple is gone through")
+    bounds = [body.temporary(cast(expression(each, body, program), INT, node, body)) for each in node.iter.args[:2]]
+    step = ast.literal_eval(node.iter.args[2]) if len(node.iter.args) > 2 else 1
+    first, end = ("0", bounds[0].code) if len(bounds) == 1 else (bounds[0].code, bounds[1].code)
+    if node.target.id == "_":
+        body.temporaries += 1
+        name = f"t{body.temporaries}_"
+        head = f"int64_t {name} = {first}"
+    else:
+        body.variables[node.target.id] = INT
+        name = c_name(node.target.id)
+        head = f"{name} = {first}"
+    body.put(f"for ({head}; {name} {'<' if step > 0 else '>'} {end}; {name} += {step}) {{")
+    _block(node.body, body, program)
+    body.put("}")
