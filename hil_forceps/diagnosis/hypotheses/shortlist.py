@@ -52,7 +52,7 @@ def best_starts(model: Fit, places: Sequence[Place], tested: Tested, mapper: Map
 
 def _shortlist(places: Sequence[Place], tested: Tested) -> list[Start]:
     order = np.argsort(-tested.gains)
-    top = float(tested.gains[order[0]])
+    top = float(tested.gains.max(initial=0.0))
     chosen: dict[tuple[str, ...], Start] = {}
     for i in order:
         gain, place = float(tested.gains[i]), places[i]

@@ -9,6 +9,7 @@ from hil_forceps.diagnosis.evidence import Passes
 from hil_forceps.diagnosis.hypotheses import score_test
 from hil_forceps.diagnosis.hypotheses import search as searching
 from hil_forceps.diagnosis.hypotheses.search import Candidate, Search, Step
+from hil_forceps.diagnosis.hypotheses.shortlist import best_starts
 from hil_forceps.diagnosis.inference.fit import Fit
 from hil_forceps.diagnosis.inference.parameters import Free
 from hil_forceps.diagnosis.state_space.advance import regimes
@@ -106,3 +107,7 @@ def test_of_models_that_are_hardly_apart_the_one_with_fewest_parameters_is_first
     assert ranked[0].effects == (first,)
     assert len(ranked) == 3
     assert ranked[-1] is far
+
+
+def test_an_empty_catalogue_has_nothing_to_refit() -> None:
+    assert best_starts(FIT, (), TESTED, map) == []
