@@ -18,6 +18,7 @@ COMMANDS = (
     "bench",
     "run",
     "drive",
+    "fmu",
     "conformance",
     "decode",
     "diagnose",

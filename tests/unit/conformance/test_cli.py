@@ -53,7 +53,7 @@ def test_list_needs_no_drive(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "give either a CAN interface or a serial port"),
+        ([], "give either a CAN interface and its channel"),
         ([*LINE, "--option", RIG, "--only", "HFP-999", "--only", "x"], "--only x: no such requirement; see --list"),
         ([*LINE, "--option", RIG, "--node", "31"], "--node 31: must be 1 to 30"),
         ([*LINE, "--option", RIG, "--node", "7"], "node 7 can't be judged"),
