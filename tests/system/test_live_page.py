@@ -247,16 +247,17 @@ def test_the_end_of_the_run_leaves_the_page_with_its_data(tab: Tab) -> None:
 # -- slow clients -----------------------------------------------------------------------------------------------------
 
 
-def test_a_client_that_does_not_read_holds_up_nobody_and_is_told_what_it_missed(source: Produced) -> None:
-    host, port = source.host.split(":")
-    slow = socket.socket()
-    slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
-    slow.connect((host, int(port)))
-    with source.client(sock=slow) as lazy, source.client() as quick:
-        rows, head = rows_of(quick, 9_000)
-        assert rows[-1] - rows[0] == len(rows) - 1  # every row, in order
-        assert (head["enveloped"], head["lost"]) == (0, 0)
-        heads = heads_of(lazy, 400)
+def test_a_client_that_does_not_read_holds_up_nobody_and_is_told_what_it_missed() -> None:
+    with produced() as source:
+        host, port = source.host.split(":")
+        slow = socket.socket()
+        slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
+        slow.connect((host, int(port)))
+        with source.client(sock=slow) as lazy, source.client() as quick:
+            rows, head = rows_of(quick, 9_000)
+            assert rows[-1] - rows[0] == len(rows) - 1  # every row, in order
+            assert (head["enveloped"], head["lost"]) == (0, 0)
+            heads = heads_of(lazy, 400)
     assert any(part["stands_for"] > MAX_BACKLOG_S * 1000 for head in heads for part in head["parts"])
     assert heads[-1]["enveloped"] > 0
 

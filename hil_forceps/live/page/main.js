@@ -133,9 +133,10 @@ function layout() {
     const isAlone = isWide && place % 2 === 0 && place === page.panels.length - 1;
     panel.root.classList.toggle("alone", isAlone);
   });
-  const lanes = page.lanes ? 24 + 20 * page.lanes.told.length + 16 : 0;
+  const lanes = page.lanes ? 34 + 20 * page.lanes.told.length : 0;
   const room = isStacked ? 180 * rows : root.clientHeight - lanes - 10 * rows;
-  const height = Math.max(isWide ? 130 : 116, Math.floor(room / Math.max(rows, 1)) - 32);
+  const heads = page.panels.map((panel) => panel.root.firstElementChild.offsetHeight);
+  const height = Math.max(isWide ? 110 : 116, Math.floor(room / Math.max(rows, 1)) - Math.max(...heads, 20) - 8);
   for (const panel of page.panels) panel.size(panel.root.clientWidth - 14, height);
   if (page.lanes) page.lanes.size(page.lanes.root.clientWidth - 14);
   page.redraw();

@@ -80,7 +80,7 @@ export class Panel {
       scales: { x: { time: false, range: () => this.shared.view }, y: { range: () => this.range } },
       axes: [
         { ...axis(2), size: 22 },
-        { ...axis(3), size: AXIS_PX, values: (_, ticks) => ticks.map(short) },
+        { ...axis(3), size: AXIS_PX, space: 20, values: (_, ticks) => ticks.map(short) },
       ],
       series: [{}, { stroke: "transparent", points: { show: false } }],
       cursor: {

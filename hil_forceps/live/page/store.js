@@ -66,10 +66,13 @@ export class Stream {
     return low;
   }
 
-  // The value in force at t: of the last row at or before it.
+  // The value in force at t: of the last row at or before it that has one, for a tick without a new sample has none.
   value(field, t) {
-    const row = this.at(t + 1e-9) - 1;
-    return row < 0 ? NaN : this.column(field)[row];
+    const column = this.column(field);
+    let row = this.at(t + 1e-9) - 1;
+    const oldest = Math.max(row - 20, 0);
+    while (row > oldest && column[row] !== column[row]) row -= 1;
+    return row < 0 ? NaN : column[row];
   }
 }
 
