@@ -136,8 +136,8 @@ def ages_ns(recording: Recording) -> tuple[np.ndarray[Any, Any], np.ndarray[Any,
     return sent["tick_ns"], np.array(ages)
 
 
-# On two cores the ratio was 1.07 to 2.5: the requirement is not met there (docs/live.md), so this is a figure to take on a
-# machine with cores to spare, with the bound as required.
+# On two cores the ratio was 1.07 to 2.5: the requirement is not met there (docs/live.md), so this is a figure to take
+# on a machine with cores to spare, with the bound as required.
 @pytest.mark.skipif(not os.environ.get(AT_1_KHZ), reason=f"{AT_1_KHZ} is not set: for a machine with cores to spare")
 def test_an_open_page_makes_no_reference_older(
     drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path, record_property: Any
