@@ -17,7 +17,7 @@ from hil_forceps.api.arguments import check_duration, check_motion, check_text, 
 from hil_forceps.api.estimator import Estimates
 from hil_forceps.api.runs import RigSource, as_rig
 from hil_forceps.bench.assembly import Settings, make_pipeline
-from hil_forceps.bench.run_folder import RUN_FILES
+from hil_forceps.bench.run_folder import RECORDING_NAME, RUN_FILES
 from hil_forceps.bench.session import Plan, SessionResult, run_session, service_config, stamps_are_host_time
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.links.adapters import LinkSpec, check_spec, open_link
@@ -147,7 +147,7 @@ class Service:
                 self._settings(trajectory),
                 machine_for(self.rig),
                 service_config(self.rig, lasts_s, reset_fault),
-                recording=folder / "run.mcap",
+                recording=folder / RECORDING_NAME,
                 bus_log=folder / "bus.log",
                 about={"interface": self._link.interface or self._link.serial_url, "channel": self._link.channel},
             )

@@ -1,6 +1,5 @@
 """`track` and `trend`: the known parameters of one session, and of hundreds of them over days."""
 
-import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from hil_forceps.api.batch.executor import PROCESSES, check_executor
+from hil_forceps.api.batch.files import write_json
+from hil_forceps.api.batch.store import SESSIONS
 from hil_forceps.api.runs import RigSource, Source, as_rig, read_runs
 from hil_forceps.api.trend_rows import consolidated, estimated, session_lines
 from hil_forceps.data.pandas_frame import to_pandas
@@ -117,6 +118,8 @@ def trend(
     say = progress or (lambda _: None)
     _check(false_alarms, seed, jobs, executor)
     home, results = Path(folder), Path(out)
+    if home.resolve().is_relative_to((results / SESSIONS).resolve()):
+        raise UserError(f"out {results}: results would be put among the logs in {home}; name another folder")
     one = Path(str(rig)) if isinstance(rig, str | PathLike) else None
     given = as_rig(rig) if rig is not None else None
     sessions = sessions_of(home, one or (Path("rig") if given is not None else None), results)
@@ -128,7 +131,7 @@ def trend(
     table = consolidated(rows, lines, dates, results / ESTIMATES)
     instruments = _instruments(sessions, rows, dates, false_alarms, seed, jobs, say)
     found = TrendResult(Trend(tuple(instruments), tuple(lines), false_alarms), tuple(table))
-    _write_text(results / RESULT, json.dumps(found.to_json(), indent=1, allow_nan=False) + "\n")
+    write_json(results / RESULT, found.to_json())
     return found
 
 
@@ -183,12 +186,6 @@ def _check(false_alarms: float, seed: int, jobs: int | None, executor: str) -> N
     if jobs is not None and jobs < 1:
         raise UserError(f"jobs {jobs}: must be 1 or more")
     check_executor(executor)
-
-
-def _write_text(path: Path, text: str) -> None:
-    unfinished = path.with_name(f".{path.name}")
-    unfinished.write_text(text, encoding="utf-8")
-    unfinished.replace(path)
 
 
 __all__ = ["Measured", "SessionFit", "TrendResult", "track", "trend"]

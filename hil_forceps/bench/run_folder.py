@@ -1,7 +1,8 @@
 """What a run leaves in its folder, by name."""
 
-from hil_forceps.data.recording.format import FAULT_NAME
+from hil_forceps.data.recording.format import FAULT_NAME, RECORDING_NAME
 
-RECORDING_NAME = "run.mcap"
+__all__ = ["BUS_LOGS", "RECORDING_NAME", "RUN_FILES"]
+
 BUS_LOGS = ("bus.log", "bus.asc", "bus.blf")
 RUN_FILES = (RECORDING_NAME, "run.json", FAULT_NAME, *BUS_LOGS)

@@ -2,18 +2,18 @@
 
 import hashlib
 import json
-import shutil
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from hil_forceps.api.batch.files import write_json
 from hil_forceps.api.batch.store import key_of
 from hil_forceps.api.batch.work import MAX_REASON
 from hil_forceps.api.diagnosis import Wishes, conclude
 from hil_forceps.api.runs import read_runs
 from hil_forceps.data.readers.tables.mapping import ColumnMap, read_map
-from hil_forceps.data.sessions.folder import rig_above
+from hil_forceps.data.sessions.folder import require_folder, rig_above
 from hil_forceps.data.sessions.session import RIG_NAME, TABLE_NAME
 from hil_forceps.report.diagnosis.files import write_figures, write_report
 from hil_forceps.rig import Rig
@@ -21,6 +21,7 @@ from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.loading import dump_rig
 
 VERDICT = "verdict.json"  # written last: with it a diagnosis is done
+REPORT, RESULT, EXTENDED, FIGURES = "report.html", "diagnosis.json", "extended.yaml", "figures"
 
 
 class Set(NamedTuple):
@@ -56,10 +57,9 @@ class Line(NamedTuple):
 def sets_of(folder: Path, rig: Path | None, out: Path) -> list[Set]:
     """Return what a folder holds to be diagnosed: each file and each folder in it.
 
-    UserError where it is no folder or holds nothing, and where no rig is known.
+    UserError where it is no folder or holds nothing, where no rig is known, and where results would be put among logs.
     """
-    if not folder.is_dir():
-        raise UserError(f"{folder}: {'is no folder' if folder.exists() else 'no such folder'}; name that of the logs")
+    require_folder(folder)
     found, problems = [], []
     for path in sorted(folder.iterdir()):
         is_other = path.name in {RIG_NAME, TABLE_NAME} or path.suffix in {".yaml", ".yml", ".json", ".html"}
@@ -74,7 +74,14 @@ def sets_of(folder: Path, rig: Path | None, out: Path) -> list[Set]:
         raise UserError(problems)
     if not found:
         raise UserError(f"{folder}: no logs in it; `hil-forceps import` says what can be read")
+    for each in found:
+        _refuse_among_logs(each.path.resolve(), (out / each.name).resolve())
     return found
+
+
+def _refuse_among_logs(logs: Path, results: Path) -> None:
+    if results.is_relative_to(logs) or logs.is_relative_to(results):
+        raise UserError(f"out {results.parent}: results would be put among the logs in {logs}; name another folder")
 
 
 def tasks_of(
@@ -111,33 +118,43 @@ def done(task: DiagnosisTask) -> Line | None:
 def diagnose_task(task: DiagnosisTask) -> Line:
     """Make one diagnosis and write its results; whatever is wrong with its logs is its line, and no exception."""
     began_s = time.monotonic()
+    figures: list[str] = []
     try:
-        line, told = _diagnosed(task, began_s), True
+        _clear(task.out)
+        line, figures = _diagnosed(task, began_s)
     except UserError as error:
-        line, told = _unusable(task, error.problems[0], began_s), True
-    except OSError as error:
-        line, told = _unusable(task, f"{error.filename or task.of.path}: {error.strerror or error}", began_s), False
+        line = _unusable(task, error.problems[0], began_s)
+    except OSError as error:  # of the disk, not of the logs: it is made again
+        return _unusable(task, f"{error.filename or task.of.path}: {error.strerror or error}", began_s)
     except Exception as error:
-        line, told = _unusable(task, f"the diagnosis failed, {type(error).__name__}: {error}", began_s), True
-    if told:
-        task.out.mkdir(parents=True, exist_ok=True)
-        _write(task.out / VERDICT, {"key": task.key, **line._asdict()})
+        line = _unusable(task, f"the diagnosis failed, {type(error).__name__}: {error}", began_s)
+    write_json(task.out / VERDICT, {"key": task.key, **line._asdict(), "figures": figures})
     return line
 
 
-def _diagnosed(task: DiagnosisTask, began_s: float) -> Line:
+def _diagnosed(task: DiagnosisTask, began_s: float) -> tuple[Line, list[str]]:
+    """Write the results; return the line and the names of the figures."""
     runs = read_runs(task.of.path, rig=task.rig, columns=task.columns)
     result = conclude(runs, task.rig, task.wishes, began_s, _say_nothing, _say_nothing)
-    if task.out.is_dir():
-        shutil.rmtree(task.out)  # of other bytes
-    task.out.mkdir(parents=True)
-    write_report(result.diagnosis, task.out / "report.html")
-    if task.figures:
-        write_figures(result.diagnosis, task.out / "figures")
-    _write(task.out / "diagnosis.json", result.to_json())
-    (task.out / "extended.yaml").write_text(dump_rig(result.extended_rig), encoding="utf-8")
+    write_report(result.diagnosis, task.out / REPORT)
+    figures = write_figures(result.diagnosis, task.out / FIGURES) if task.figures else []
+    write_json(task.out / RESULT, result.to_json())
+    (task.out / EXTENDED).write_text(dump_rig(result.extended_rig), encoding="utf-8")
     effects = tuple(effect.id for effect in result.causes)
-    return Line(task.of.name, result.verdict, result.sentence, effects, round(time.monotonic() - began_s, 1))
+    line = Line(task.of.name, result.verdict, result.sentence, effects, round(time.monotonic() - began_s, 1))
+    return line, [path.name for path in figures]
+
+
+def _clear(folder: Path) -> None:
+    """Remove what a diagnosis of other bytes has left, and nothing else: its verdict names its figures."""
+    try:
+        told = json.loads((folder / VERDICT).read_text(encoding="utf-8"))
+        figures = [Path(str(name)).name for name in told["figures"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+    for path in (*(folder / name for name in (REPORT, RESULT, EXTENDED)), *(folder / FIGURES / n for n in figures)):
+        path.unlink(missing_ok=True)
+    (folder / VERDICT).unlink()
 
 
 def _unusable(task: DiagnosisTask, reason: str, began_s: float) -> Line:
@@ -156,12 +173,6 @@ def _key(of: Set, rig: Rig, mapping: ColumnMap, wishes: Wishes, *, figures: bool
             with file.open("rb") as stream:
                 digest.update(hashlib.file_digest(stream, "sha256").digest())
     return digest.hexdigest()
-
-
-def _write(path: Path, content: dict[str, Any]) -> None:
-    unfinished = path.with_name(f".{path.name}")
-    unfinished.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    unfinished.replace(path)
 
 
 def _say_nothing(_: object) -> None:

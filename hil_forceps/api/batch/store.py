@@ -5,12 +5,13 @@ A session is done again when the bytes of its log, its rig, the version or the o
 
 import hashlib
 import json
-import os
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from hil_forceps import __version__
+from hil_forceps.api.batch.files import whole
 from hil_forceps.api.batch.work import Outcome, Stamp, Task, stamp_of
 from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.sessions.session import Session
@@ -20,6 +21,7 @@ from hil_forceps.rig.loading import dump_rig
 
 SESSIONS = "sessions"  # folder of the files
 METHOD = 1  # raised with each change of the fit that changes its numbers
+_UNFINISHED = re.compile(r"\..*-[0-9a-f]{10}\.parquet\.\d+")  # of `file_of`
 _KEY, _STAMP = b"hil_forceps.key", b"hil_forceps.stamp"
 Rows = list[dict[str, Any]]
 
@@ -102,13 +104,8 @@ def write_rows(rows: Rows, columns: Any, path: Path) -> None:
     import pyarrow as pa  # noqa: PLC0415
     import pyarrow.parquet as pq  # noqa: PLC0415
 
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
+    with whole(path) as unfinished:
         pq.write_table(pa.Table.from_pylist(rows, schema=columns), unfinished, compression="zstd")
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def keep(outcome: Outcome, out: Path) -> None:
@@ -150,13 +147,25 @@ def _is_of(stamp: Stamp, path: Path) -> bool:
 
 
 def clear_others(out: Path, sessions: Sequence[Session]) -> None:
-    """Remove results of sessions that are not there any more, and what a killed process left half written."""
-    wanted: set[Path] = {file_of(out, session) for session in sessions}
+    """Remove results of sessions that are not there any more, and what a killed process left half written.
+
+    Other tables that lie in the folder stay: a result is known by the key in it.
+    """
+    wanted = {file_of(out, session) for session in sessions}
     folder = out / SESSIONS
-    for path in _own(folder):
-        if path not in wanted:
+    for path in folder.glob("*.parquet") if folder.is_dir() else ():
+        if path not in wanted and _is_result(path):
+            path.unlink(missing_ok=True)
+    for path in folder.glob(".*.parquet.*") if folder.is_dir() else ():
+        if _UNFINISHED.fullmatch(path.name):
             path.unlink(missing_ok=True)
 
 
-def _own(folder: Path) -> Iterable[Path]:
-    return [*folder.glob("*.parquet"), *folder.glob(".*.parquet.*")] if folder.is_dir() else []
+def _is_result(path: Path) -> bool:
+    import pyarrow as pa  # noqa: PLC0415
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    try:
+        return _KEY in (pq.read_schema(path).metadata or {})
+    except (OSError, pa.ArrowException):
+        return False

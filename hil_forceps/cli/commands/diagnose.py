@@ -92,7 +92,7 @@ def diagnose(
     began_s = time.monotonic()
     wishes = Wishes(hold_out, without, seed, jobs, budget)
     if batch:
-        with spoken_as_options({**_OPTIONS, "executor": "executor"}):
+        with spoken_as_options({**_OPTIONS, "executor": "executor", "out": "out"}):
             return diagnose_batch(runs, rig, out, wishes, executor, map_, figures=figures)
     if rig is None:
         raise UserError("--rig: is missing; name the rig file to simulate with")

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from rich.status import Status
 
 from hil_forceps.bench.assembly import Settings
+from hil_forceps.bench.run_folder import RECORDING_NAME
 from hil_forceps.bench.session import (
     Plan,
     SessionResult,
@@ -170,7 +171,7 @@ def run(
                 Settings(algorithm, compensate, feedback_s, motion, same_clock=stamps_are_host_time(loaded)),
                 machine,
                 service_config(loaded, duration_s, reset_fault),
-                recording=folder / "run.mcap",
+                recording=folder / RECORDING_NAME,
                 bus_log=out / f"bus.{bus_log}",
                 about={"interface": interface or serial, "channel": channel},
                 name=name if len(rigs) > 1 else "",

@@ -20,7 +20,7 @@ from hil_forceps.cli.tables import FILE_COLUMNS, print_table
 from hil_forceps.diagnosis.drift.result import ParameterTrend
 from hil_forceps.report.trend.files import write_figures, write_report
 
-_OPTIONS = {name: name for name in ("false_alarms", "seed", "jobs", "executor")}
+_OPTIONS = {name: name for name in ("false_alarms", "seed", "jobs", "executor", "out")}
 MOST_TOLD = 20  # sessions that could not be used; trend.html has all
 
 

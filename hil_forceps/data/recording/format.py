@@ -23,6 +23,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 FORMAT_VERSION = 1
+RECORDING_NAME = "run.mcap"  # in the folder of a run
 METADATA_NAME = "hil_forceps"  # metadata record at the head: where the recording comes from
 BEGUN_KEY = "begun_utc"  # of that record: when the run began, ISO 8601; not in virtual time
 RESULT_NAME = "hil_forceps_result"  # metadata record at the end: how the run ended

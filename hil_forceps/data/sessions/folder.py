@@ -7,11 +7,11 @@ from pathlib import Path
 
 from hil_forceps.data.readers.read_run import FORMATS
 from hil_forceps.data.readers.tables.packed import inner_name
+from hil_forceps.data.recording.format import RECORDING_NAME
 from hil_forceps.data.sessions.session import RIG_NAME, TABLE_NAME, Session
 from hil_forceps.data.sessions.table import Row, read_table
 from hil_forceps.rig.errors import UserError
 
-RECORDING = "run.mcap"
 BUS_LOG = "bus"  # with any suffix: the same run as its recording
 MOST_DEPTH = 8  # of folders in each other
 
@@ -23,8 +23,7 @@ def sessions_of(folder: Path, rig: Path | None, out: Path | None = None) -> list
     that it lies in, and `rig` is its rig. A sessions.csv in the folder says otherwise. `out` and what is hidden is
     left out. UserError, a line for each problem.
     """
-    if not folder.is_dir():
-        raise UserError(f"{folder}: {'is no folder' if folder.exists() else 'no such folder'}; name that of the logs")
+    require_folder(folder)
     rows = read_table(folder / TABLE_NAME)
     skip = None if out is None else out.resolve()
     found: list[Session] = []
@@ -49,9 +48,15 @@ def sessions_of(folder: Path, rig: Path | None, out: Path | None = None) -> list
     return sorted(named, key=lambda session: session.name)
 
 
+def require_folder(folder: Path) -> None:
+    """UserError where there is no such folder."""
+    if not folder.is_dir():
+        raise UserError(f"{folder}: {'is no folder' if folder.exists() else 'no such folder'}; name that of the logs")
+
+
 def _session(folder: Path, path: Path, rig: Path | None, row: Row | None) -> Session:
     own, instrument = rig_above(folder, path)
-    name = path.parent if path.name == RECORDING else path.with_suffix("")
+    name = path.parent if path.name == RECORDING_NAME else path.with_suffix("")
     told = name.relative_to(folder).as_posix() if name != folder else folder.resolve().name
     if row is not None:
         own = folder / row.rig if row.rig else own
@@ -73,7 +78,7 @@ def rig_above(folder: Path, path: Path) -> tuple[Path | None, str]:
             return above / RIG_NAME, top if above == folder else above.relative_to(folder).as_posix()
         if above == folder:
             break
-    home = path.parent.parent if path.name == RECORDING and path.parent != folder else path.parent
+    home = path.parent.parent if path.name == RECORDING_NAME and path.parent != folder else path.parent
     return None, top if home == folder else home.relative_to(folder).as_posix()
 
 
@@ -88,10 +93,10 @@ def _logs(folder: Path, skip: Path | None, depth: int) -> Iterator[Path]:
     shown = [entry for entry in entries if not entry.name.startswith((".", "_"))]
     files = [Path(entry.path) for entry in shown if entry.is_file()]
     folders = [Path(entry.path) for entry in shown if entry.is_dir(follow_symlinks=False)]
-    if any(file.name == RECORDING for file in files):
-        yield folder / RECORDING
+    if any(file.name == RECORDING_NAME for file in files):
+        yield folder / RECORDING_NAME
         return
-    several_axes = any((each / RECORDING).is_file() for each in folders)
+    several_axes = any((each / RECORDING_NAME).is_file() for each in folders)
     in_folder = {suffix: each.in_folder for each in FORMATS for suffix in each.suffixes}
     of_logs = {file: in_folder.get(Path(inner_name(file)).suffix.lower()) for file in files if file.name != TABLE_NAME}
     for turn in ("each", "otherwise"):

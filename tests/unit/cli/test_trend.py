@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from hil_forceps.api import diagnosis
@@ -112,6 +114,44 @@ def test_each_log_and_each_folder_is_diagnosed_by_itself(
     (home / "two" / "b.csv").unlink()
     assert call(*words) == 0
     assert made[2:] == ["a"]
+
+
+def test_logs_are_never_written_over_nor_removed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    home = tmp_path / "data" / "sessions"
+    (home / "day").mkdir(parents=True)
+    (home / "rig.yaml").write_text(dump_rig(ASSUMED))
+    log = home / "day" / "a.csv"
+    write_csv(generate(ASSUMED, Scenario("rest", 1.0), 1), log)
+    before = {path: path.read_bytes() for path in home.rglob("*") if path.is_file()}
+    refused = (
+        ("diagnose", home, "--batch", "--out", home),
+        ("diagnose", home, "--batch", "--out", home / "day" / ".."),
+        ("trend", home, "--out", home.parent),
+    )
+    for words in refused:
+        assert call(*words, "--jobs", "1") == 2
+        assert "results would be put among the logs" in capsys.readouterr().err
+        assert {path: path.read_bytes() for path in home.rglob("*") if path.is_file()} == before
+
+
+def test_what_else_lies_among_the_results_stays(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = tmp_path / "sessions" / "mine.parquet"
+    own.parent.mkdir()
+    pq.write_table(pa.table({"time_s": [0.0]}), own)
+    assert call("trend", logs, "--out", tmp_path, "--jobs", "1", "--quiet") == 0
+    assert own.is_file()
+
+    home, out = tmp_path / "logs", tmp_path / "out"
+    home.mkdir()
+    (home / "rig.yaml").write_text(dump_rig(ASSUMED))
+    (out / "a.csv").mkdir(parents=True)
+    (out / "a.csv" / "notes.txt").write_text("mine")
+    for seed in (1, 2):
+        write_csv(generate(ASSUMED, Scenario("rest", 1.0), seed), home / "a.csv")
+        assert call("diagnose", home, "--batch", "--out", out, "--jobs", "1") == 0
+    assert (out / "a.csv" / "notes.txt").read_text() == "mine"
+    assert (out / "a.csv" / "report.html").is_file()
+    capsys.readouterr()
 
 
 def test_batch_takes_one_folder_and_without_it_a_rig_is_needed(
