@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
 from hil_forceps.diagnosis.hypotheses.search import Adapt, Found, Search, search
-from hil_forceps.diagnosis.inference.dispersion import Weigh, by_few_blocks, by_scatter
+from hil_forceps.diagnosis.inference.dispersion import Weigh, by_student_t, over_dispersion
 from hil_forceps.diagnosis.inference.fit import Fit, fit
 from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
@@ -76,7 +76,7 @@ def identify(
     noise = sensor_noise([even.run for even in runs], rig)
     records, unseen_records, theta = records_of(runs, held_out, rig, noise, mapper)
     without |= frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
-    weigh = by_few_blocks if is_approximate(noise, records) else by_scatter
+    weigh = by_student_t if is_approximate(noise, records) else over_dispersion
     how = Search(
         records,
         known_of(rig, records),

@@ -8,11 +8,10 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import types
-from numba.experimental import function_type
 
 # numba itself imports this when it first compiles something. Until then it knows no type for a `KernelFunction`, and a
 # loop that comes out of the cache compiles nothing before it is called.
-assert function_type is not None
+from numba.experimental import function_type  # noqa: F401
 
 _VECTOR = types.Array(types.float64, 1, "C")
 _SAMPLE = (types.int64, types.float64, types.float64)  # stamp, angle, torque

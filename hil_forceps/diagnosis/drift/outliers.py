@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import linalg, stats
 
 from hil_forceps.diagnosis.drift.regression import fitted
-from hil_forceps.diagnosis.drift.scatter import Scatter, scatters
+from hil_forceps.diagnosis.drift.scatter import Scatter, scatters, whitened
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -19,20 +19,10 @@ Matrix = NDArray[np.float64]
 MOST_SHARE = 0.1  # of the sessions: where more lie apart, the scatter is not Gaussian, and they are part of it
 
 
-def covariance_of(deviations: Vector, scatter: Scatter) -> Matrix:
-    """Return the covariance of estimates without drift (n × n)."""
-    place = np.arange(deviations.size)
-    if scatter.correlation < 1.0:
-        apart = np.abs(place[:, np.newaxis] - place)
-        shared = scatter.deviation**2 / (1.0 - scatter.correlation**2) * scatter.correlation**apart
-    else:
-        shared = scatter.deviation**2 * np.minimum(place[:, np.newaxis], place)
-    return np.asarray(shared + np.diag(deviations**2))
-
-
 def auxiliary_residuals(series: Vector, columns: Matrix, deviations: Vector, scatter: Scatter) -> Vector:
     """Return for each session by how many deviations it differs from what all others tell of it."""
-    inverse = linalg.inv(covariance_of(deviations, scatter))
+    white, _ = whitened(np.eye(series.size), deviations, scatter)
+    inverse = white.T @ white  # of the covariance
     spread = inverse @ columns
     projected = inverse - spread @ linalg.pinvh(columns.T @ spread) @ spread.T
     return np.asarray((projected @ series) / np.sqrt(np.maximum(np.diag(projected), 1e-300)))

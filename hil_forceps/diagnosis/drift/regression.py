@@ -30,14 +30,12 @@ class Beside(NamedTuple):
 
 
 class Likelihoods(NamedTuple):
-    """Of m series: log likelihoods, over scatters."""
+    """Log likelihoods of m series, each scatters × m."""
 
-    model: Matrix  # scatters × m
-    restricted: (
-        Matrix  # scatters × m: for the scatter itself; its maximum is less biased (Patterson and Thompson, 1971)
-    )
-    gains: Matrix  # scatters × m: of the best further column
-    best: NDArray[np.int64]  # scatters × m: which that is
+    model: Matrix
+    restricted: Matrix  # for the choice of the scatter: its maximum is less biased (Patterson and Thompson, 1971)
+    gains: Matrix  # by the best further column
+    best: NDArray[np.int64]  # which that is
 
 
 def beside(columns: Matrix, further: Matrix, deviations: Vector, scatters: Sequence[Scatter]) -> list[Beside]:

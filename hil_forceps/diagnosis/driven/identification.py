@@ -14,7 +14,7 @@ from hil_forceps.diagnosis.driven.runs import driven_runs
 from hil_forceps.diagnosis.driven.starting_values import K_T, completed
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
-from hil_forceps.diagnosis.hypotheses.search import Search, search
+from hil_forceps.diagnosis.hypotheses.search import Search, fit_known, search
 from hil_forceps.diagnosis.identification import LIKE_A_LOAD, Identified
 from hil_forceps.diagnosis.inference.fit import Fit
 from hil_forceps.diagnosis.inference.parameters import Free, known, known_parameters
@@ -39,7 +39,16 @@ class DrivenIdentified(NamedTuple):
     notes: tuple[AuditFinding, ...]
 
 
-def identify_driven(
+class Prepared(NamedTuple):
+    """Runs ready for a search."""
+
+    search: Search
+    rig: Rig  # with a starting value for all that it doesn't know
+    held_out: list[DrivenRun]
+    notes: tuple[AuditFinding, ...]
+
+
+def prepared(
     runs: Sequence[Run],
     held_out: Sequence[Run],
     rig: Rig,
@@ -49,21 +58,20 @@ def identify_driven(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
     spent: Callable[[], bool] = lambda: False,
-) -> DrivenIdentified:
-    """Return what runs say of a rig; UserError where a run can't serve, or nothing bounds an unknown parameter."""
+) -> Prepared:
+    """Smooth runs and put a search over them together; UserError as `identify_driven`."""
     progress("smoothing the runs")
     rows, notes = driven_rows(runs)
     held, more = driven_rows(held_out)
     rows, held, zeros = without_jaw_zero(rows, held)
     notes += [*more, *(AuditFinding("preparation", "note", "", "", zero) for zero in zeros)]
     rig = completed(rows, rig)
-    fitted, unused = driven_runs(rows), driven_runs(held) if held else []
+    fitted = driven_runs(rows)
     without |= frozenset(rig.effects) | GAUGES
     without |= frozenset() if any(run.load_measured for run in fitted) else LIKE_A_LOAD
-    free = known_of(rig, fitted)
     how = Search(
         fitted,
-        free,
+        known_of(rig, fitted),
         mapper,
         without,
         seed,
@@ -76,6 +84,24 @@ def identify_driven(
         most_effects=MOST_EFFECTS,
         weigh=None,
     )
+    return Prepared(how, rig, driven_runs(held) if held else [], tuple(notes))
+
+
+def identify_driven(
+    runs: Sequence[Run],
+    held_out: Sequence[Run],
+    rig: Rig,
+    *,
+    mapper: Mapper,
+    without: frozenset[str] = frozenset(),
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+    spent: Callable[[], bool] = lambda: False,
+) -> DrivenIdentified:
+    """Return what runs say of a rig; UserError where a run can't serve, or nothing bounds an unknown parameter."""
+    how, rig, unused, notes = prepared(
+        runs, held_out, rig, mapper=mapper, without=without, seed=seed, progress=progress, spent=spent
+    )
     found = search(how, parameters.vector(rig))
     progress("looking at what is left")
     after = omnibus_test(found.best.fit, mapper, seed, None)
@@ -84,7 +110,13 @@ def identify_driven(
     runs_of_best = tuple(passed.run for passed in found.best.fit.passes.runs)
     nothing = Noise(np.zeros(3), np.zeros(3), np.zeros(3))  # of the filter's sensors: there is no filter
     whole = Identified(nothing, runs_of_best, tuple(unused), found, before, after, unseen)
-    return DrivenIdentified(whole, rig, tuple(notes))
+    return DrivenIdentified(whole, rig, notes)
+
+
+def fit_driven(runs: Sequence[Run], rig: Rig) -> tuple[Fit, int]:
+    """Return the fit of the known parameters alone, and how many rows it used; UserError where a run can't serve."""
+    how, rig, _, _ = prepared(runs, [], rig, mapper=map)
+    return fit_known(how, parameters.vector(rig)), sum(int(run.mask.sum()) for run in how.runs)
 
 
 def known_of(rig: Rig, runs: Sequence[DrivenRun]) -> tuple[Free, ...]:

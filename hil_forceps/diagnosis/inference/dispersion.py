@@ -50,26 +50,29 @@ def scatter(change: Matrix, residual: Matrix, block_rows: int) -> Scatter:
     return Scatter(float(scores @ scores), float(information.sum()), float(information @ information))
 
 
-def summed(parts: Sequence[Scatter]) -> Scatter:
+def total_scatter(parts: Sequence[Scatter]) -> Scatter:
     """Return the scatter over all runs."""
     return Scatter(*(sum(values) for values in zip(*parts, strict=True)))
 
 
-# What a fall of χ² is worth beside how its scores scatter.
+# From a fall of χ² and how its scores scatter to the χ² that is as unlikely where the scores are white.
 Weigh = Callable[[float, Scatter], float]
 
 
-def by_scatter(chi2: float, scattered: Scatter) -> float:
-    """Return a fall of χ² over the dispersion; what variances alone make of it is no evidence."""
+def over_dispersion(chi2: float, scattered: Scatter) -> float:
+    """Return a fall of χ² over its dispersion.
+
+    It counts as far as the change of the residuals makes it, Σ v²: the rest comes from the variances of the filter.
+    """
     return max(0.0, min(chi2, scattered.information)) / scattered.dispersion
 
 
-def by_few_blocks(chi2: float, scattered: Scatter) -> float:
+def by_student_t(chi2: float, scattered: Scatter) -> float:
     """Return the χ² of one degree of freedom that is as unlikely as Student's t by the scatter of the blocks.
 
     Where the filter is known to be nearly right only, the blocks alone tell how far chance goes, and few tell it badly.
     """
-    over = by_scatter(chi2, scattered)
+    over = over_dispersion(chi2, scattered)
     by_chance = float(stats.t.sf(math.sqrt(over), scattered.blocks))
     return float(stats.norm.isf(by_chance)) ** 2 if 0.0 < by_chance < 0.5 else over
 
@@ -82,4 +85,4 @@ def scatter_between(one: Passes, other: Passes) -> Scatter:
         residual = np.where(both, after.influence * after.residual, 0.0)
         change = np.where(both, before.influence * before.residual, 0.0) - residual
         parts.append(scatter(change, residual, after.block_rows))
-    return summed(parts)
+    return total_scatter(parts)

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.evidence import Columns, Gram, Mapper, Passed, gram_of, total
+from hil_forceps.diagnosis.evidence import Columns, Direction, Gram, Mapper, Passed, gram_of, total
 from hil_forceps.diagnosis.hypotheses.places import Place
-from hil_forceps.diagnosis.hypotheses.score_test import Prior, score_test
-from hil_forceps.diagnosis.inference.dispersion import Scatter, Weigh, scatter
-from hil_forceps.diagnosis.inference.dispersion import summed as summed_scatter
+from hil_forceps.diagnosis.hypotheses.score_test import Prior, Tested, score_test
+from hil_forceps.diagnosis.inference.dispersion import Scatter, Weigh, scatter, total_scatter
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of
 from hil_forceps.diagnosis.lack_of_fit.curves import Curve, Scale, all_curves, scale_of
+from hil_forceps.diagnosis.state_space.advance import Regimes
 
 Vector = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ SENSORS = frozenset({"theta_m_rad", "theta_j_rad", "current_A"})
 class LackOfFit(NamedTuple):
     """What the curves found."""
 
-    gain: float  # of the best family: fall of χ² beyond the cost of its curves, as weighed
+    gain: float  # of the best family: fall of χ² beyond the cost of its curves, weighed where asked
     threshold: float
     families: tuple[tuple[str, str, float], ...]  # place, variable, gain; the best first
 
@@ -50,46 +50,71 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, weigh: Weigh | None, pri
     base, runs = found.passes.plants, found.passes.runs
     courses = [run.course(base, before=False) for run in runs]
     scale = scale_of(courses)
-    directions = directions_of(found.free, found.passes.theta)
-    curves = curves_for(runs)
-    places = _families(curves, courses[0], scale)
-
-    def columns_of(run: Passed, course: Course) -> Columns:
-        shows = run.course(base, before=True)
-        members = [
-            (str(curve.place), member / max(float(np.abs(member).max()), 1e-300))
-            for curve in curves
-            for member in curve.members(shows if curve.place in SENSORS else course, scale)
-        ]
-        return np.hstack((run.answers(base, directions), run.curves(base, members)))
-
-    def one(item: tuple[Passed, Course]) -> Gram:
-        run, course = item
-        return gram_of(columns_of(run, course), (run.influence * run.residual).ravel())
-
+    tests = _Tests(base, directions_of(found.free, found.passes.theta), curves_for(runs), scale)
+    places = _families(tests.curves, courses[0], scale)
     every = list(zip(runs, courses, strict=True))
-    summed = total(list(mapper(one, every)))
+    summed = total(list(mapper(tests.gram, every)))
     tested = score_test(summed, prior or Prior.of(found.free, found.passes.theta), places, seed)
-    gains, sizes = tested.gains.copy(), np.zeros((len(directions) + places[-1].stop, len(places)))
-    for i, place in enumerate(places):
-        sizes[: len(directions), i] = tested.shifts[i] - tested.shift
-        sizes[len(directions) + place.first : len(directions) + place.stop, i] = tested.sizes[i]
-    beyond = np.flatnonzero(gains > tested.threshold)
-    if weigh and beyond.size:
-
-        def scattered(item: tuple[Passed, Course]) -> list[Scatter]:
-            run, course = item
-            columns, shape = columns_of(run, course).astype(np.float64), run.residual.shape
-            beside = run.influence * run.residual + (columns[:, : len(directions)] @ tested.shift).reshape(shape)
-            changes = [change.reshape(shape) for change in (columns @ sizes[:, beyond]).T]
-            return [scatter(change, beside + change, run.block_rows) for change in changes]
-
-        by_run = list(mapper(scattered, every))
-        for at, family in enumerate(beyond):
-            gains[family] = weigh(float(gains[family]), summed_scatter([run[at] for run in by_run]))
+    gains = tested.gains if weigh is None else _weighed(tested, places, tests, every, weigh, mapper)
     order = np.argsort(-gains)
     families = tuple((*places[i].effect_id.split("\n"), float(gains[i])) for i in order)
     return LackOfFit(float(gains[order[0]]), tested.threshold, families)
+
+
+class _Tests(NamedTuple):
+    """What is tested: the directions of the fitted parameters and behind them the curves."""
+
+    base: Regimes
+    directions: Sequence[Direction]
+    curves: Sequence[Curve]
+    scale: Scale
+
+    def columns(self, run: Passed, course: Course) -> Columns:
+        """Return the answers of a run's residuals to all of them (n·m × columns)."""
+        shows = run.course(self.base, before=True)
+        members = [
+            (str(curve.place), member / max(float(np.abs(member).max()), 1e-300))
+            for curve in self.curves
+            for member in curve.members(shows if curve.place in SENSORS else course, self.scale)
+        ]
+        return np.hstack((run.answers(self.base, self.directions), run.curves(self.base, members)))
+
+    def gram(self, item: tuple[Passed, Course]) -> Gram:
+        """Return their Gram matrix of a run."""
+        run, course = item
+        return gram_of(self.columns(run, course), (run.influence * run.residual).ravel())
+
+
+def _weighed(
+    tested: Tested,
+    places: Sequence[Place],
+    tests: _Tests,
+    every: Sequence[tuple[Passed, Course]],
+    weigh: Weigh,
+    mapper: Mapper,
+) -> Vector:
+    """Return the gains, those beyond the threshold by how their scores scatter."""
+    gains, fitted = tested.gains.copy(), len(tests.directions)
+    beyond = np.flatnonzero(gains > tested.threshold)
+    if not beyond.size:
+        return gains
+    sizes = np.zeros((fitted + places[-1].stop, beyond.size))
+    for at, family in enumerate(beyond.tolist()):
+        place = places[family]
+        sizes[:fitted, at] = tested.shifts[family] - tested.shift
+        sizes[fitted + place.first : fitted + place.stop, at] = tested.sizes[family]
+
+    def scattered(item: tuple[Passed, Course]) -> list[Scatter]:
+        run, shape = item[0], item[0].residual.shape
+        columns = tests.columns(*item).astype(np.float64)
+        before = run.influence * run.residual + (columns[:, :fitted] @ tested.shift).reshape(shape)
+        changes = [change.reshape(shape) for change in (columns @ sizes).T]
+        return [scatter(change, before + change, run.block_rows) for change in changes]
+
+    by_run = list(mapper(scattered, every))
+    for at, family in enumerate(beyond.tolist()):
+        gains[family] = weigh(float(gains[family]), total_scatter([run[at] for run in by_run]))
+    return gains
 
 
 def curves_for(runs: Sequence[Passed]) -> tuple[Curve, ...]:

@@ -14,6 +14,7 @@ from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.audit.audit import audit
 from hil_forceps.diagnosis.audit.finding import Finding
 from hil_forceps.diagnosis.conclude import silent
+from hil_forceps.diagnosis.driven.identification import fit_driven
 from hil_forceps.diagnosis.evidence import pass_all
 from hil_forceps.diagnosis.identification import known_of, records_of
 from hil_forceps.diagnosis.inference.fit import Fit, fit, fit_from
@@ -24,7 +25,6 @@ from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
 from hil_forceps.diagnosis.state_space.advance import regimes
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.diagnosis.state_space.passes import Passed
-from hil_forceps.diagnosis.tracking.driven_fit import fit_driven
 from hil_forceps.diagnosis.tracking.likelihood import Measured, by_likelihood
 from hil_forceps.diagnosis.validation.conclusion import even_runs
 from hil_forceps.diagnosis.validation.rows import require_rows
@@ -35,10 +35,10 @@ Vector = NDArray[np.float64]
 
 START_ROWS = 1000  # of an excerpt for the start: long against all that a plant forgets
 START_EXCERPTS = 2
-LIKE_A_LOAD = frozenset({"forceps.jaw_coulomb_N_m"})
+JAW_FRICTION = "forceps.jaw_coulomb_N_m"
 WITHOUT_LOAD_CELL = "without a load cell it is a load, as any"
 WITHOUT_LAW = "the drive's law isn't known here: intervals are of noise alone, and too narrow"
-LEAST_SAVING = 3  # times the rows of the excerpts: what has fewer is fitted whole
+LEAST_RATIO = 3  # of the run's rows to those of the excerpts; below it the excerpts save no time
 
 
 class SessionFit(NamedTuple):
@@ -61,27 +61,27 @@ def fit_session(runs: Sequence[Run], rig: Rig) -> SessionFit:
         raise UserError(f"the data can't be right as they are: {wrong[0]}")
     if reasons := silent(runs, rig):
         raise UserError(reasons[0])
-    notes = tuple(dict.fromkeys(_told(finding) for finding in findings if finding.severity == "warning"))
+    notes = tuple(dict.fromkeys(_words(finding) for finding in findings if finding.severity == "warning"))
     rows = sum(len(run) for run in runs)
     even = even_runs(runs, rig)
     if even is None:
         driven, used = fit_driven(runs, rig)
         notes = (*notes, WITHOUT_LAW)
-        return SessionFit(_told_apart(by_likelihood(driven), runs), rows, used, "driven", notes)
+        return SessionFit(_without_loads(by_likelihood(driven), runs), rows, used, "driven", notes)
     for each in even:
         require_rows(each.name, int(np.count_nonzero(~each.lost)))
     even, left_out = excerpts(even)
     notes = (*notes, *(finding.text for finding in left_out))
     used = sum(int(np.count_nonzero(~each.lost)) for each in even)
-    return SessionFit(_told_apart(by_likelihood(fit_even(even, rig)), runs), rows, used, "filter", notes)
+    return SessionFit(_without_loads(by_likelihood(fit_even(even, rig)), runs), rows, used, "filter", notes)
 
 
-def _told_apart(parameters: Sequence[Measured], runs: Sequence[Run]) -> tuple[Measured, ...]:
+def _without_loads(parameters: Sequence[Measured], runs: Sequence[Run]) -> tuple[Measured, ...]:
     """Return parameters without what nothing tells from a load where no run has a load cell."""
     if any("tau_w_N_m" in run.columns for run in runs):
         return tuple(parameters)
     return tuple(
-        p._replace(value=np.nan, sd=np.nan, reason=WITHOUT_LOAD_CELL) if p.name in LIKE_A_LOAD else p
+        p._replace(value=np.nan, sd=np.nan, reason=WITHOUT_LOAD_CELL) if p.name == JAW_FRICTION else p
         for p in parameters
     )
 
@@ -108,7 +108,7 @@ def _parts(even: Sequence[EvenRun]) -> list[EvenRun] | None:
     """Return excerpts of the longest run to begin with; None where they would save nothing."""
     longest = max(even, key=lambda each: each.lost.size)
     rows = longest.lost.size
-    if rows < LEAST_SAVING * START_EXCERPTS * START_ROWS:
+    if rows < LEAST_RATIO * START_EXCERPTS * START_ROWS:
         return None
     firsts = np.linspace(0, rows - START_ROWS, START_EXCERPTS + 2)[1:-1].astype(int)
     return [longest.part(int(first), int(first) + START_ROWS) for first in firsts]
@@ -119,6 +119,6 @@ def _start(parts: Sequence[EvenRun], rig: Rig, noise: Noise, theta: Vector) -> V
     return fit(records, theta, known_of(rig, records), map).passes.theta
 
 
-def _told(finding: Finding) -> str:
+def _words(finding: Finding) -> str:
     where = " ".join(word for word in (finding.run, finding.channel) if word)
     return f"{where}: {finding.text}" if where else finding.text

@@ -6,11 +6,23 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hil_forceps.diagnosis.drift.change_test import design
-from hil_forceps.diagnosis.drift.outliers import auxiliary_residuals, covariance_of
+from hil_forceps.diagnosis.drift.outliers import auxiliary_residuals
 from hil_forceps.diagnosis.drift.regression import beside, likelihoods
 from hil_forceps.diagnosis.drift.scatter import Scatter, drawn, scatters, whitened
 
+Vector = NDArray[np.float64]
 SCATTERS = [Scatter(0.0, 0.0), Scatter(0.0, 0.5), Scatter(0.8, 0.5), Scatter(1.0, 0.3)]
+
+
+def covariance_of(deviations: Vector, scatter: Scatter) -> Vector:
+    """Return the covariance of estimates without drift (n × n), by its formula."""
+    place = np.arange(deviations.size)
+    if scatter.correlation < 1.0:
+        apart = np.abs(place[:, np.newaxis] - place)
+        shared = scatter.deviation**2 / (1.0 - scatter.correlation**2) * scatter.correlation**apart
+    else:
+        shared = scatter.deviation**2 * np.minimum(place[:, np.newaxis], place)
+    return np.asarray(shared + np.diag(deviations**2))
 
 
 @pytest.mark.parametrize("scatter", SCATTERS, ids=str)

@@ -6,7 +6,7 @@ import pytest
 
 from hil_forceps.diagnosis.hypotheses.search import Found, Search, search
 from hil_forceps.diagnosis.identification import INEXACT_SHARE, adapting
-from hil_forceps.diagnosis.inference.dispersion import by_scatter
+from hil_forceps.diagnosis.inference.dispersion import over_dispersion
 from hil_forceps.diagnosis.inference.parameters import values_of
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
@@ -33,7 +33,7 @@ def found_in(rig: Rig, effects: Mapping[str, Mapping[str, float]], kinds: tuple[
         tied_share=0.0,
         geared=False,
         most_effects=6,
-        weigh=by_scatter,
+        weigh=over_dispersion,
     )
     return search(wanted, parameters.vector(rig))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hil_forceps.diagnosis.inference.dispersion import Scatter, by_few_blocks, by_scatter, scatter, summed
+from hil_forceps.diagnosis.inference.dispersion import Scatter, by_student_t, over_dispersion, scatter, total_scatter
 
 ROWS, BLOCK_ROWS, RUNS = 20_000, 250, 6
 
@@ -19,7 +19,7 @@ def scattered(correlation: float, effect: float = 0.0) -> Scatter:
         shown = noise + effect * change
         size = float(np.sum(change * shown) / np.sum(change**2))
         parts.append(scatter(size * change, shown - size * change, BLOCK_ROWS))
-    return summed(parts)
+    return total_scatter(parts)
 
 
 def test_white_residuals_scatter_as_their_information_says() -> None:
@@ -37,7 +37,7 @@ def test_a_real_effect_does_not_scatter_itself() -> None:
 
 def test_a_change_in_every_block_counts_every_block() -> None:
     everywhere, residual = np.ones((ROWS, 1)), np.zeros((ROWS, 1))
-    runs = summed([scatter(everywhere, residual, BLOCK_ROWS)] * RUNS)
+    runs = total_scatter([scatter(everywhere, residual, BLOCK_ROWS)] * RUNS)
     assert runs.blocks == pytest.approx(RUNS * ROWS / BLOCK_ROWS)
     one_block = np.zeros((ROWS, 1))
     one_block[:BLOCK_ROWS] = 1.0
@@ -45,19 +45,19 @@ def test_a_change_in_every_block_counts_every_block() -> None:
 
 
 def test_the_dispersion_lessens_a_gain_and_never_raises_it() -> None:
-    assert by_scatter(60.0, Scatter(400.0, 100.0, 100.0)) == pytest.approx(15.0)
-    assert by_scatter(60.0, Scatter(20.0, 100.0, 100.0)) == pytest.approx(60.0)
+    assert over_dispersion(60.0, Scatter(400.0, 100.0, 100.0)) == pytest.approx(15.0)
+    assert over_dispersion(60.0, Scatter(20.0, 100.0, 100.0)) == pytest.approx(60.0)
 
 
 def test_what_only_variances_make_of_a_gain_is_no_evidence() -> None:
-    assert by_scatter(60.0, Scatter(10.0, 10.0, 1.0)) == pytest.approx(10.0)
-    assert by_scatter(-5.0, Scatter(10.0, 10.0, 1.0)) == 0.0
+    assert over_dispersion(60.0, Scatter(10.0, 10.0, 1.0)) == pytest.approx(10.0)
+    assert over_dispersion(-5.0, Scatter(10.0, 10.0, 1.0)) == 0.0
 
 
 def test_few_blocks_are_worth_what_students_distribution_says() -> None:
     # t = 5 with 4 degrees of freedom is exceeded in 0.00374 of cases, as 2.675 of a normal distribution.
     four_blocks = Scatter(25.0, 25.0, 25.0**2 / 4.0)
-    assert by_few_blocks(25.0, four_blocks) == pytest.approx(2.675**2, rel=1e-3)
-    assert by_few_blocks(25.0, Scatter(25.0, 25.0, 1e-3)) == pytest.approx(25.0, rel=1e-2)
-    assert by_few_blocks(0.0, four_blocks) == 0.0
-    assert np.isfinite(by_few_blocks(1e9, Scatter(1e9, 1e9, 1e14)))
+    assert by_student_t(25.0, four_blocks) == pytest.approx(2.675**2, rel=1e-3)
+    assert by_student_t(25.0, Scatter(25.0, 25.0, 1e-3)) == pytest.approx(25.0, rel=1e-2)
+    assert by_student_t(0.0, four_blocks) == 0.0
+    assert np.isfinite(by_student_t(1e9, Scatter(1e9, 1e9, 1e14)))

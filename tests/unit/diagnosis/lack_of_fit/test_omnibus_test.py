@@ -1,6 +1,6 @@
 """Curves without physics find what a model lacks, and where; beside a right model they find no more than chance."""
 
-from hil_forceps.diagnosis.inference.dispersion import by_scatter
+from hil_forceps.diagnosis.inference.dispersion import over_dispersion
 from hil_forceps.diagnosis.inference.fit import fit
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
 from hil_forceps.model import parameters
@@ -14,7 +14,7 @@ KINDS = ("multisine", "trapezoid", "chirp", "teleoperation")
 def left_beside_known_parameters(rig: Rig, effects: dict[str, dict[str, float]], seed: int) -> LackOfFit:
     runs = runs_of(true_rig(rig, effects, {}), KINDS, seed)
     return omnibus_test(
-        fit(records_of(runs, rig), parameters.vector(rig), known_of(rig), POOL.map), POOL.map, 0, by_scatter
+        fit(records_of(runs, rig), parameters.vector(rig), known_of(rig), POOL.map), POOL.map, 0, over_dispersion
     )
 
 
