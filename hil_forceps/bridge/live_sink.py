@@ -6,7 +6,7 @@ loop about a microsecond. The status, with all counters, goes out five times a s
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, BENCH_TORQUE_LSB_N_M, CURRENT_LSB_A
@@ -16,10 +16,10 @@ from hil_forceps.bridge.live_topics import BENCH_TOPIC, REFERENCE_TOPIC, SAMPLE_
 from hil_forceps.bridge.results import Stage
 from hil_forceps.data.recording.writer import Reference
 from hil_forceps.estimation.interface import Estimate, Sample
-from hil_forceps.live.channel import Writer
+from hil_forceps.live.channel import STATUS_PERIOD_NS, Writer
+from hil_forceps.live.description import AxisStatus
 from hil_forceps.rig.plant import PlantParameters
 
-STATUS_PERIOD_NS: Final = 200_000_000
 _PACK_SAMPLE, _PACK_REFERENCE, _PACK_BENCH, _PACK_TICK = (topic.record.pack for topic in TOPICS)
 _RUNNING: Final = Stage.RUNNING
 _STAGE_CODES: Final = {stage: code for code, stage in enumerate(STAGES)}
@@ -113,29 +113,32 @@ class LiveSink:
         if is_last or now_ns >= self._next_ns:
             self._next_ns = now_ns + STATUS_PERIOD_NS
             self._writer.post(
-                {"axes": [_status(axis) for axis in axes], "counters": {"loop": dict(counters), "link": dict(link)}}
+                {
+                    "axes": [_status(axis).as_data() for axis in axes],
+                    "counters": {"loop": dict(counters), "link": dict(link)},
+                }
             )
 
 
-def _status(axis: Axis) -> dict[str, Any]:
+def _status(axis: Axis) -> AxisStatus:
     course, pipeline, drive = axis.course, axis.pipeline, axis.drive
     trip = pipeline.gate.trip
     state = drive.drive_state
-    return {
-        "name": axis.name,
-        "stage": course.stage.value,
-        "reason": "" if course.reason is None else course.reason.value,
-        "message": course.message,
-        "drive": "not heard yet" if state is None else state.name.lower(),
-        "fault": drive.fault_words() if drive.phase is HostPhase.FAULT else "",
-        "refusal": drive.refusal,
-        "gate": pipeline.gate.state.value,
-        "trip": "" if trip is None else str(trip),
-        "counters": {
+    return AxisStatus(
+        axis.name,
+        course.stage.value,
+        reason="" if course.reason is None else course.reason.value,
+        message=course.message,
+        drive="not heard yet" if state is None else state.name.lower(),
+        fault=drive.fault_words() if drive.phase is HostPhase.FAULT else "",
+        refusal=drive.refusal,
+        gate=pipeline.gate.state.value,
+        trip="" if trip is None else str(trip),
+        counters={
             "run": {"references_sent": axis.references_sent, "frames_received": course.frames_received},
             "pipeline": dict(pipeline.counters),
             "gate": {verdict.value: count.references for verdict, count in pipeline.gate_tally.told().items()},
             "host": dict(drive.counters),
             "outside": {} if axis.outside is None else dict(axis.outside.counters),
         },
-    }
+    )

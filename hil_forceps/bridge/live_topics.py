@@ -1,5 +1,6 @@
 """What a live page gets of a service: the topics of a recording, and one more for each tick of the loop."""
 
+import math
 from typing import Final
 
 from hil_forceps.bridge.pipeline import VERDICT_NAMES
@@ -13,7 +14,7 @@ BENCH_TOPIC: Final = 2
 TICK_TOPIC: Final = 3
 
 STAGES: Final = tuple(Stage)
-_DEG: Final = 57.29577951308232
+_DEG: Final = math.degrees(1.0)
 
 _TICK_FIELDS: Final = (
     recording.Field("int64", "tick_ns", "host's clock"),

@@ -1,4 +1,4 @@
-"""The options of a live page, and opening it in the browser."""
+"""Serving a live page beside a command, and opening it in the browser."""
 
 import html
 import webbrowser
@@ -9,21 +9,8 @@ from tempfile import TemporaryDirectory
 
 from hil_forceps.cli.commands.open_ import has_display
 from hil_forceps.cli.notes import note
-from hil_forceps.live.access import LOOPBACK, parse_address
 from hil_forceps.live.description import Description
 from hil_forceps.live.view import LiveOptions, View, live_view
-from hil_forceps.rig.errors import UserError
-
-
-def live_options(*, live: bool, control: bool, bind: str, foxglove: bool) -> LiveOptions | None:
-    """Return how a run is to be shown, None for not at all; UserError for options that want `--live`."""
-    if not live:
-        wanting = {"--live-control": control, "--live-bind": bool(bind), "--foxglove": foxglove}
-        if extra := [name for name, is_given in wanting.items() if is_given]:
-            raise UserError(f"{extra[0]} goes with --live")
-        return None
-    host, port = parse_address(bind, "--live-bind") if bind else (LOOPBACK, 0)
-    return LiveOptions(host, port, control, foxglove)
 
 
 @contextmanager

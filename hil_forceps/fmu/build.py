@@ -41,7 +41,6 @@ PLATFORMS = (
     Platform("aarch64-linux", "", "aarch64-linux-gnu.2.17", ".so"),
 )
 _HERE = PLATFORMS[0]
-PLATFORM_NAMES = tuple(platform.name for platform in PLATFORMS)
 
 # No contraction of a*b+c: the same bits on every machine that has the same functions of libm.
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-fPIC", "-shared", "-s")

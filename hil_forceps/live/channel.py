@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 PAYLOAD_BYTES: Final = 80
 SLOTS: Final = 1 << 16  # 15 s of four messages a tick at 1 kHz; 6 MiB
 BOARD_BYTES: Final = 1 << 15
+STATUS_PERIOD_NS: Final = 200_000_000  # from one status on the board to the next
 _HEAD: Final = struct.Struct("<QIBBH")  # number (from 1 on), CRC, topic, axis, bytes of the message
 _COUNT: Final = struct.Struct("<Q")
 _BOARD: Final = struct.Struct("<III")  # serial number, length, CRC

@@ -5,6 +5,8 @@ Plain data, sent to the page's process as JSON. Names, titles and units are text
 
 import json
 import struct
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,6 +90,25 @@ class Description(NamedTuple):
         drawn = [trace.field for panel in self.panels for trace in panel.traces if trace.topic == topic.name]
         drawn += [lane.field for lane in self.lanes if lane.topic == topic.name]
         return (topic.time, *(name for name in dict.fromkeys(drawn) if name != topic.time))
+
+
+class AxisStatus(NamedTuple):
+    """What a producer posts of an axis beside its messages; texts for people, empty where there is nothing to say."""
+
+    name: str
+    stage: str
+    reason: str = ""
+    message: str = ""
+    drive: str = ""
+    fault: str = ""
+    refusal: str = ""
+    gate: str = ""
+    trip: str = ""
+    counters: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
+
+    def as_data(self) -> dict[str, Any]:
+        """Return it as the page takes it."""
+        return {**self._asdict(), "counters": dict(self.counters)}
 
 
 def to_json(description: Description) -> str:

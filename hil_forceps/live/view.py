@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Final, NamedTuple
 
-from hil_forceps.live.access import LOOPBACK, is_loopback, new_token
+from hil_forceps.live.access import LOOPBACK, is_loopback, new_token, parse_address
 from hil_forceps.live.channel import Writer, create
 from hil_forceps.live.description import Description, to_json
 from hil_forceps.rig.errors import UserError
@@ -23,6 +23,17 @@ class LiveOptions(NamedTuple):
     port: int = 0
     control: bool = False
     foxglove: bool = False
+
+
+def live_options(*, live: bool, control: bool, bind: str, foxglove: bool) -> LiveOptions | None:
+    """Return how a run is to be shown, None for not at all; UserError for options that want `--live`."""
+    if not live:
+        wanting = {"--live-control": control, "--live-bind": bool(bind), "--foxglove": foxglove}
+        if extra := [name for name, is_given in wanting.items() if is_given]:
+            raise UserError(f"{extra[0]} goes with --live")
+        return None
+    host, port = parse_address(bind, "--live-bind") if bind else (LOOPBACK, 0)
+    return LiveOptions(host, port, control, foxglove)
 
 
 class View(NamedTuple):

@@ -1,16 +1,16 @@
 """What the simulated drive shows on a live page: what really is, which no sensor says."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Final
 
 from firmware_protocol.messages import DriveState
-from hil_forceps.live.channel import Writer
-from hil_forceps.live.description import Code, Description, Field, Lane, Panel, Topic, Trace
+from hil_forceps.live.channel import STATUS_PERIOD_NS, Writer
+from hil_forceps.live.description import AxisStatus, Code, Description, Field, Lane, Panel, Topic, Trace
 from virtual_bus.plant.forceps import Truth
 
-STATUS_PERIOD_NS: Final = 200_000_000
 UNKNOWN: Final = 255  # the state of a drive that speaks its maker's protocol
-_DEG: Final = 57.29577951308232
+_DEG: Final = math.degrees(1.0)
 _NAMES: Final = ("theta_m_rad", "theta_j_rad", "tau_w_N_m", "elongation_m", "current_A")
 _SCHEMA: Final = "int64 time_ns\n" + "".join(f"float64 {name.lower()}\n" for name in _NAMES) + "uint8 state\n"
 TRUTH: Final = Topic(
@@ -67,7 +67,5 @@ class LiveTruth:
         self._writer.put(0, 0, self._pack(time_ns, *truth, UNKNOWN if state is None else int(state)))
         if time_ns >= self._next_ns:
             self._next_ns = time_ns + STATUS_PERIOD_NS
-            axis = {"name": "", "stage": "simulated drive", "reason": "", "message": "", "fault": "", "refusal": "",
-                    "drive": "not known" if state is None else state.name.lower(), "gate": "", "trip": "",
-                    "counters": {}}  # fmt: skip
-            self._writer.post({"axes": [axis], "counters": self._counts()})
+            axis = AxisStatus("", "simulated drive", drive="not known" if state is None else state.name.lower())
+            self._writer.post({"axes": [axis.as_data()], "counters": self._counts()})

@@ -15,8 +15,7 @@ from contextlib import nullcontext, suppress
 from types import FrameType
 
 from firmware_protocol.messages import DriveState
-from hil_forceps.live.access import LOOPBACK, parse_address
-from hil_forceps.live.view import LiveOptions, View, live_view
+from hil_forceps.live.view import View, live_options, live_view
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 from virtual_bus.bus.bit_timing import NS_PER_S
@@ -141,15 +140,6 @@ def _show(view: View, drive: SimulatedDrive | SimulatedMotorDriver, loop: RealTi
     drive.truth.observer = LiveTruth(view.writer, state, counts).see
 
 
-def _live_options(arguments: argparse.Namespace) -> LiveOptions | None:
-    if not arguments.live:
-        if arguments.live_bind or arguments.foxglove:
-            raise UserError(f"{'--live-bind' if arguments.live_bind else '--foxglove'} goes with --live")
-        return None
-    host, port = parse_address(arguments.live_bind, "--live-bind") if arguments.live_bind else (LOOPBACK, 0)
-    return LiveOptions(host, port, control=False, foxglove=arguments.foxglove)
-
-
 def _counts(drive: SimulatedDrive | SimulatedMotorDriver) -> dict[str, object]:
     """Return what a drive counted, and where the project's own stands."""
     if isinstance(drive, SimulatedDrive):
@@ -185,7 +175,7 @@ def _serve(arguments: argparse.Namespace) -> Mapping[str, object]:
     is_native = rig.drive_profile == "native"
     is_fd = rig.bench.transport == "fd" if arguments.fd is None else bool(arguments.fd)
     faults = _faults(arguments.faults)
-    shown = _live_options(arguments)
+    shown = live_options(live=arguments.live, control=False, bind=arguments.live_bind, foxglove=arguments.foxglove)
     drive = _drive(rig, arguments.simulation, arguments.seed, is_fd, 0.0 if shown is None else SHORTEST_TRUTH_S)
     _warm_up(rig, is_fd)
     transport, name = _open(arguments, is_fd, codec)

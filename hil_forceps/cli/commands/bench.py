@@ -20,10 +20,10 @@ from hil_forceps.bench.summary import RunRecord, summary, timing, timing_traces,
 from hil_forceps.bridge.live_topics import description_of
 from hil_forceps.cli.files import make_folder, named
 from hil_forceps.cli.kernels import ready_kernels
-from hil_forceps.cli.live_page import live_options, shown
+from hil_forceps.cli.live_page import shown
 from hil_forceps.cli.notes import is_quiet, note_console
 from hil_forceps.cli.tables import print_table
-from hil_forceps.live.view import LiveOptions
+from hil_forceps.live.view import LiveOptions, live_options
 from hil_forceps.report.bench.figures import write_bench_figures
 from hil_forceps.report.bench.timing import timing_figure
 from hil_forceps.report.save import save_figure

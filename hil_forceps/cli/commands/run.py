@@ -30,7 +30,7 @@ from hil_forceps.cli.files import clear_runs, make_folder, named
 from hil_forceps.cli.gate_words import gate_data, gate_lines, since_start_s
 from hil_forceps.cli.groups import OfControl, OfFaults, OfLine, OfLive, OfOutput, OfOutside
 from hil_forceps.cli.kernels import ready_kernels
-from hil_forceps.cli.live_page import live_options, shown
+from hil_forceps.cli.live_page import shown
 from hil_forceps.cli.notes import is_quiet, note, note_console
 from hil_forceps.cli.options import interface_options
 from hil_forceps.cli.progress import last_told
@@ -43,6 +43,7 @@ from hil_forceps.drives.profile import Finding
 from hil_forceps.drives.registry import framing_for, machines_for, sample_period_s
 from hil_forceps.drives.several import findings as findings_of_several
 from hil_forceps.estimation.registry import ESTIMATOR_IDS
+from hil_forceps.live.view import live_options
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import BenchSettings, ProfileName

@@ -1,8 +1,8 @@
 """Estimates by a session's likelihood alone.
 
-A fit leans on what the rig says. Over many sessions that would count many times: each session would pull towards the
-rig, by more where it says little. So the rig's share is taken out again. With posterior information H about the mean m
-and the prior's precision Λ about 0, the likelihood alone has the information H - Λ and the mean (H - Λ)⁻¹ H m.
+A fit has the rig's values as its prior. Over many sessions that prior would count once for each session, and pull
+every estimate towards the rig. So it is taken out again. With posterior information H about the mean m and the prior's
+precision Λ about 0, the likelihood alone has the information H - Λ and the mean (H - Λ)⁻¹ H m.
 """
 
 from typing import NamedTuple

@@ -1,7 +1,8 @@
 """The known parameters of one session: as a diagnosis fits them, in a second of one core for 12 s at 1 kHz.
 
-The costly part of a fit is the way from the rig to the optimum. Most of it is gone on two excerpts; the fit of all rows
-begins where they end. Noise, the load's prior, and what the filter decides are taken as in a diagnosis.
+Most steps of a fit are far from the optimum, where few rows tell the direction as well as all of them. So two excerpts
+are fitted first, and the fit of all rows starts at their result. Noise, the load's prior and the filter's decisions are
+those of a diagnosis.
 """
 
 from collections.abc import Sequence
