@@ -92,8 +92,12 @@ def diagnose(
     began_s = time.monotonic()
     wishes = Wishes(hold_out, without, seed, jobs, budget)
     if batch:
+        if bus is not None or node is not None:
+            raise UserError(f"{'--node' if bus is None else '--bus'}: does not go with --batch; import such logs first")
         with spoken_as_options({**_OPTIONS, "executor": "executor", "out": "out"}):
             return diagnose_batch(runs, rig, out, wishes, executor, map_, figures=figures)
+    if executor != PROCESSES:
+        raise UserError("--executor: goes with --batch")
     if rig is None:
         raise UserError("--rig: is missing; name the rig file to simulate with")
     with spoken_as_options(_OPTIONS):

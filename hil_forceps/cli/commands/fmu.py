@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter, validators
 
+from hil_forceps.cli.files import make_folder
 from hil_forceps.cli.notes import note
 from hil_forceps.estimation.registry import effects_passed_over
 from hil_forceps.fmu.build import PlatformName, write_fmu
@@ -55,6 +56,7 @@ def fmu(
     known = load_rig(rig)
     made = plant_unit(known, sample_time) if unit == "plant" else estimator_unit(known, algorithm, sample_time)
     _tell_what_is_left_out(known, unit, algorithm)
+    make_folder(out.parent)
     write_fmu(made, fmi, out, platform)
     sys.stdout.write(_summary(made, fmi, out, platform))
     return 0

@@ -159,6 +159,10 @@ def test_batch_takes_one_folder_and_without_it_a_rig_is_needed(
 ) -> None:
     assert call("diagnose", tmp_path, tmp_path, "--batch", "--out", tmp_path / "out") == 2
     assert "--batch: takes one folder" in capsys.readouterr().err
+    assert call("diagnose", tmp_path, "--batch", "--node", "3", "--out", tmp_path / "out") == 2
+    assert "--node: does not go with --batch" in capsys.readouterr().err
+    assert call("diagnose", tmp_path, "--executor", "ray", "--out", tmp_path / "out") == 2
+    assert "--executor: goes with --batch" in capsys.readouterr().err
     assert call("diagnose", tmp_path, "--out", tmp_path / "out") == 2
     assert "--rig: is missing" in capsys.readouterr().err
 

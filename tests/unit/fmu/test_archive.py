@@ -76,7 +76,17 @@ def test_the_command_says_what_is_in_it(
     monkeypatch.setattr("hil_forceps.fmu.build.find_spec", lambda name: None if name == "ziglang" else _FMPY)
     with pytest.raises(SystemExit) as ended:
         cli.main(
-            ["fmu", "--rig", PAPER, "--unit", "estimator", "--algorithm", "previous", "--out", str(tmp_path / "e.fmu")]
+            [
+                "fmu",
+                "--rig",
+                PAPER,
+                "--unit",
+                "estimator",
+                "--algorithm",
+                "previous",
+                "--out",
+                str(tmp_path / "new" / "e.fmu"),
+            ]
         )
     assert ended.value.code == 0
     assert "3 inputs, 3 outputs" in capsys.readouterr().out
