@@ -55,8 +55,9 @@ def test_recording_and_log_on_a_full_disk(
     assert (told["drive"]["state"], told["drive"]["faults"]) == ("DISABLED", 0)
     check_prefix(small_disk / "run.mcap")
     replayed = start("replay", small_disk / "run.mcap").end()
-    assert replayed.code == 0
-    assert "all identical" in replayed.out
+    assert replayed.code == 1
+    assert "incomplete: " in replayed.out
+    assert "all of them identical" in replayed.out
 
 
 def test_limit_on_the_size_of_files(drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path) -> None:

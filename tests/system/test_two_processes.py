@@ -167,8 +167,9 @@ def test_killed_run_leaves_a_faulted_drive_and_a_readable_recording(
     (note,) = recording.notes
     assert note.startswith("recording is cut off or damaged at byte ")
     replayed = start("replay", out / "run.mcap").end()
-    assert replayed.code == 0
-    assert "all identical" in replayed.out
+    assert replayed.code == 1
+    assert "incomplete: " in replayed.out
+    assert "all of them identical" in replayed.out
     assert "cut off" in replayed.err
 
 

@@ -310,6 +310,9 @@ def test_it_is_made_for_its_own_rigs() -> None:
 @pytest.fixture
 def port(tmp_path: Path) -> Iterator[tuple[PortHandler, SimulatedDynamixel]]:
     """A servo on a pseudo terminal, run by the clock in a thread, and the SDK's port to it."""
+    first = servo()
+    ask(first, write(64, 1, 1))  # compiles the kernels: the SDK waits for tens of milliseconds only
+    first.wake(50 * MS)
     each = servo()
     server = SerialServer(tmp_path / "port", CODEC)
     loop = RealTimeLoop(each, server, each._period_ns, spin_ns=0, max_catch_up_ns=MS, is_native=False)
