@@ -18,16 +18,17 @@ from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
 from hil_forceps.diagnosis.hypotheses.search import Adapt, Found, Search, search
 from hil_forceps.diagnosis.inference.dispersion import Weigh, by_student_t, over_dispersion
-from hil_forceps.diagnosis.inference.fit import Fit, fit
+from hil_forceps.diagnosis.inference.fit import Fit
 from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
-from hil_forceps.diagnosis.preparation.decoding import between_rows
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import Record, record_of
+from hil_forceps.diagnosis.preparation.reference_timing import reference_timing
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
-from hil_forceps.diagnosis.state_space.layout import THETA_M, Noise
-from hil_forceps.diagnosis.state_space.passes import Passed
+from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.layout import Noise
+from hil_forceps.diagnosis.state_space.passes import pass_one
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECTS
@@ -40,6 +41,7 @@ LIKE_A_LOAD = frozenset(entry.id for entry in EFFECTS if entry.location == "jaw"
 
 
 MOST_EFFECTS = 6
+TIMING_ROUNDS = 3
 # Of what is explained: the model's step and the rows at which it switches are exact to 3 % of an amplitude, and
 # what such an error gains is no entry's merit.
 INEXACT_SHARE = 1e-3  # tuned: a current's limit of d = 2700
@@ -115,25 +117,18 @@ def records_of(
 ) -> tuple[tuple[Record, ...], tuple[Record, ...], Vector]:
     """Return runs as records, those held out as well, and parameters near which they are to be fitted.
 
-    What a drive counted between rows is first taken to be on the line between its counts, then where the filter has the
-    motor, with the parameters that fit so far.
+    Which references a drive follows between rows is told by the currents, with the rig's parameters.
     """
-    assumed, every = parameters.vector(rig), (*runs, *held_out)
-    records = tuple(mapper(lambda run: record_of(run, rig, noise), every))
-    count = len(runs)
-    if all(record.series.samples == 1 for record in records):
-        return records[:count], records[count:], assumed
-    theta = fit(records[:count], assumed, known_of(rig, records[:count]), mapper).passes.theta
-    passes = pass_all(records, theta, mapper)
+    assumed, plants = parameters.vector(rig), regimes(parameters.vector(rig))
 
-    def again(pair: tuple[EvenRun, Passed]) -> Record:
-        run, passed = pair
-        deviation = float(np.sqrt(np.median(passed.filtered.variance[:, THETA_M])))
-        d = passed.series
-        return record_of(run, rig, noise, between_rows(passed.filtered.course, deviation, d.period_s, d.samples))
+    def prepared(run: EvenRun) -> Record:
+        record = record_of(run, rig, noise)
+        for turn in range(TIMING_ROUNDS if record.series.samples > 1 else 0):
+            record = record_of(run, rig, noise, reference_timing(pass_one(record, plants), first=turn == 0))
+        return record
 
-    records = tuple(mapper(again, zip(every, passes.runs, strict=True)))
-    return records[:count], records[count:], theta
+    records = tuple(mapper(prepared, (*runs, *held_out)))
+    return records[: len(runs)], records[len(runs) :], assumed
 
 
 def adapting(mapper: Mapper) -> Adapt:
@@ -158,7 +153,7 @@ def load_measured(records: Sequence[Record]) -> bool:
 
 def known_of(rig: Rig, records: Sequence[Record]) -> tuple[Free, ...]:
     """Return the rig's parameters that are fitted to records."""
-    torque_N_m = rig.plant().torque_constant_N_m_per_A * max(float(np.ptp(r.series.command_A)) for r in records)
+    torque_N_m = rig.plant().torque_constant_N_m_per_A * max(record.command_span_A for record in records)
     jaw_measured = any(record.jaw_measured for record in records)
     return known_parameters(rig, torque_N_m, jaw_measured=jaw_measured, torque_measured=load_measured(records))
 

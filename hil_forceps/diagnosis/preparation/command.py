@@ -1,4 +1,4 @@
-"""What the drive commanded, row by row, and how well that is known."""
+"""What is known of the drive of a run: its law, where its integral began, and which references it followed."""
 
 import math
 from typing import NamedTuple
@@ -7,24 +7,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.preparation.decoding import Expected, decoded, on_lines
 from hil_forceps.diagnosis.preparation.resolution import resolution_of
 from hil_forceps.diagnosis.state_space.advance import STEPS
 from hil_forceps.model.drive_law import KI, LIMIT, SAMPLE_TIME, DriveState, law_current, law_vector
 from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
-class Command(NamedTuple):
-    """Commands of a run: the first of row k acts from row k on."""
+class Driven(NamedTuple):
+    """The drive of a run with n rows, as the filter takes it."""
 
-    current_A: Vector  # n · samples, one behind the other
     samples: int  # of the drive in a row
-    variance: Vector  # n [A²]: of their mean over a row
-    bias_sd_A: float  # of a part that stays: the integral at the start
-    bias_variance: Vector  # n [A²]: of what a row adds to that part
-    shown_A: Vector  # n: the measured current, NaN where the command was made of it and it is no evidence of its own
+    law: Vector  # `model.drive_law.law_vector`
+    first_integral_rad_s: float  # at the first row
+    reference_rad: Vector  # n · samples: the mean of what it may have followed
+    reference_variance: Vector  # n [rad²]: of the one at a row
+    references_rad: Matrix  # n · samples × 3: what it may have followed (`references_between`)
+    timing: Matrix  # n × 3: how likely each is behind each row
+    command_variance: Vector  # n [A²]: of the mean of the commands over a row
+    integral_sd_A: float  # of what the integral commands at the start
+    integral_variance: Vector  # n [A²]: of what a row adds to the error of that
+    span_A: float  # of its commands
 
 
 WITHIN_LIMIT = 0.97  # of a current's limit: less is not clipped, noise and all
@@ -49,40 +55,59 @@ def _samples(period_s: float, sample_time_s: float) -> int:
     return samples if fits and math.isclose(samples * sample_time_s, period_s, rel_tol=1e-3) else 0
 
 
-def by_law(
-    rig: Rig, noise_A: float, rows: tuple[Vector, Vector, Vector], period_s: float, expected: Expected | None = None
-) -> Command:
-    """Return the law's commands on recorded references, angles and currents (`rows`).
+def driven(run: Run, lost: Mask, rig: Rig, noise_A: float, timing: Matrix | None = None) -> Driven:
+    """Return what is known of a run's drive; `lost` rows tell nothing of its reference.
 
-    Of a drive that samples between rows they are decoded; `expected`: its angle there, as far as that is known.
-    ValueError where a row isn't 1, 2 or 4 samples of the drive.
+    `timing`: how likely the drive followed each of `references_between` (n × 3); equally likely by default. ValueError
+    where a row isn't 1, 2 or 4 samples of the drive.
     """
-    drive = rig.require_drive()
-    reference, encoder, current = rows
-    samples = _samples(period_s, drive.sample_time_s)
+    drive, columns = rig.require_drive(), run.columns
+    reference, encoder, current = (columns[name] for name in ("theta_m_ref_rad", "theta_m_rad", "current_A"))
+    count, samples = encoder.size, samples_in_a_row(run, rig)
+    period_s = float(columns["time_s"][-1] - columns["time_s"][0]) / (count - 1)
     if samples == 0:
         raise ValueError(f"rows every {period_s} s are no 1, 2 or 4 samples of {drive.sample_time_s} s")
     law = law_vector(drive)
-    began = first_integral(law, rows, samples, noise_A)
-    if samples == 1:
-        start = DriveState(began.value_rad_s, float("nan"), 0.0, float(current[0]))
-        command, shown = law_current(law, reference, encoder, start), current
-        # A drive without counts reads its angle finer than it is recorded, and its integral adds up what is lost there.
-        lost = 0.0 if rig.encoder.counts_per_rev is not None else resolution_of([encoder]) / math.sqrt(12.0)
-        per_row = drive.ki_A_per_rad_s * drive.sample_time_s * lost * math.sqrt(SAME_LOSS_ROWS)
-        variance, bias_variance = np.zeros(encoder.size), np.full(encoder.size, per_row**2)
-    else:
-        found = decoded(law, samples, rig.encoder.quantum_rad, noise_A, period_s, rows, expected, began.value_rad_s)
-        command, shown = found.command_A, np.where(found.sure, current, np.nan)
-        variance, bias_variance = found.variance, found.bias_variance
+    began = first_integral(law, (reference, encoder, current), samples, noise_A)
+    timing = np.full((count, 3), 1.0 / 3.0) if timing is None else timing
+    tried = references_between(reference, samples)
+    mean = np.sum(np.repeat(timing, samples, axis=0) * tried, axis=1)
+    # A lost row's reference is on the line between its neighbours, give or take the way of a row.
+    variance = np.where(lost, np.gradient(reference) ** 2 / 3.0, 0.0)
+    # A drive without counts reads its angle finer than it is recorded, and its integral adds up what is lost there.
+    loss = 0.0 if rig.encoder.counts_per_rev is not None else resolution_of([encoder]) / math.sqrt(12.0)
+    per_row = drive.ki_A_per_rad_s * drive.sample_time_s * loss * math.sqrt(SAME_LOSS_ROWS)
+    command_variance, integral_variance = np.zeros(count), np.full(count, per_row**2)
     settling = max(2, math.ceil(_SETTLING_TIMES / (2.0 * math.pi * drive.derivative_cutoff_Hz * period_s)))
     # Before the filter of the derivative has forgotten what it began with, the command is known as well as measured.
     if drive.kd_A_s_per_rad > 0.0:
-        variance[: min(settling, variance.size - 1)] = float(np.ptp(current[: settling + 2])) ** 2
-    bias_sd_A = drive.current_limit_A if drive.ki_A_per_rad_s > 0.0 else 0.0
-    if began.forgotten < encoder.size:
-        bias_variance[began.forgotten] += began.deviation_A**2
-    return Command(command, samples, variance, bias_sd_A, bias_variance, shown)
+        command_variance[: min(settling, count - 1)] = float(np.ptp(current[: settling + 2])) ** 2
+    integral_sd_A = drive.current_limit_A if drive.ki_A_per_rad_s > 0.0 else 0.0
+    if began.forgotten < count:
+        integral_variance[began.forgotten] += began.deviation_A**2
+    return Driven(
+        samples,
+        law,
+        began.value_rad_s,
+        mean,
+        variance,
+        tried,
+        timing,
+        command_variance,
+        integral_sd_A,
+        integral_variance,
+        float(np.ptp(commands_on_lines(law, (reference, encoder, current), samples, began.value_rad_s))),
+    )
+
+
+def references_between(reference_rad: Vector, samples: int) -> Matrix:
+    """Return what a drive may follow at each of its samples (n · samples × 3): held, on a line, ahead.
+
+    A host's references arrive when they arrive: before the first sample behind a row, behind the last, or in between.
+    """
+    ahead = np.repeat(np.append(reference_rad[1:], reference_rad[-1]), samples)
+    ahead[::samples] = reference_rad
+    return np.column_stack((np.repeat(reference_rad, samples), on_lines(reference_rad, samples), ahead))
 
 
 class FirstIntegral(NamedTuple):
@@ -104,8 +129,7 @@ def first_integral(law: Vector, rows: tuple[Vector, Vector, Vector], samples: in
     summed = np.cumsum(reference - encoder) * law[SAMPLE_TIME]
     integral, told, forgotten = 0.0, np.empty(0, dtype=np.intp), count
     for _ in range(INTEGRAL_ROUNDS):
-        start = DriveState(integral, float("nan"), 0.0, float(rows[2][0]))
-        command = law_current(law, reference, encoder, start)[samples - 1 :: samples][: shown.size]
+        command = commands_on_lines(law, rows, samples, integral)[samples - 1 :: samples][: shown.size]
         clamped = np.abs(integral + summed) >= law[LIMIT] / law[KI]
         forgotten = int(np.argmax(clamped)) // samples if clamped.any() else count
         told = np.flatnonzero((within & (np.abs(command) < law[LIMIT]))[:forgotten])
@@ -114,3 +138,14 @@ def first_integral(law: Vector, rows: tuple[Vector, Vector, Vector], samples: in
         integral += float(np.median((shown - command)[told])) / law[KI]
     deviation_A = MEDIAN_DEVIATION * noise_A / math.sqrt(told.size) if told.size else float(law[LIMIT])
     return FirstIntegral(integral, deviation_A, forgotten)
+
+
+def commands_on_lines(law: Vector, rows: tuple[Vector, Vector, Vector], samples: int, integral_rad_s: float) -> Vector:
+    """Return about what the law commanded: with references and counts on lines between rows."""
+    reference, encoder = (on_lines(values, samples) for values in rows[:2])
+    return law_current(law, reference, encoder, DriveState(integral_rad_s, float("nan"), 0.0, float(rows[2][0])))
+
+
+def on_lines(values: Vector, samples: int) -> Vector:
+    """Return values at each sample of the drive, on lines between rows."""
+    return np.asarray(np.interp(np.arange(values.size * samples) / samples, np.arange(values.size), values))

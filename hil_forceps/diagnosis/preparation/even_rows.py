@@ -1,8 +1,6 @@
 """Runs on equally spaced rows: lost ones are filled, and marked, for the drive's law goes on through them.
 
-At a gap that is too long for that a run is cut; each piece begins anew. What is filled is no measurement. It only
-keeps the law's memory: how far its command and its integral may be off there is what a count more or less, and the way
-of the reference over the gap, make of them.
+At a gap that is too long for that a run is cut; each piece begins anew. What is filled is no measurement.
 """
 
 import math
@@ -12,18 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.preparation.command import Command
-from hil_forceps.model.drive_law import KD, KI, KP, SAMPLE_TIME, SHARE, law_vector
 from hil_forceps.rig import Rig
 
-Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 UNEVEN = 0.02  # of a row: stamps that vary by more are no equally spaced rows
 MOST_LOST = 0.1  # of the rows
 LONGEST_GAP = 20  # rows: over a longer one the law's memory is worth nothing
 FEWEST_ROWS = 50  # of a run, or of a piece of one, that is diagnosed
-MEMORY_ROWS = 4  # of a wrong count, in the filter of the derivative
 
 
 class EvenRun(NamedTuple):
@@ -112,20 +106,3 @@ def even_rows(run: Run, rig: Rig) -> EvenRun | None:
         quantum = 2.0 * math.pi / counts
         columns["theta_m_rad"][lost] = np.rint(columns["theta_m_rad"][lost] / quantum) * quantum
     return EvenRun(Run(run.name, {"time_s": even, **columns}, run.notes), lost)
-
-
-def opened(command: Command, rig: Rig, reference_rad: Vector, lost: Mask) -> Command:
-    """Return commands with what lost rows leave open of them."""
-    if not lost.any():
-        return command
-    law, count_rad = law_vector(rig.require_drive()), rig.encoder.quantum_rad
-    way = np.abs(np.gradient(reference_rad))
-    by_count = (law[KP] + law[KD] * law[SHARE] / law[SAMPLE_TIME]) * count_rad
-    variance, bias_variance = command.variance.copy(), command.bias_variance.copy()
-    for row in np.flatnonzero(lost):
-        variance[row : row + MEMORY_ROWS] += by_count**2 / 6.0 + (law[KP] * way[row]) ** 2 / 3.0
-        bias_variance[row] += (law[KI] * law[SAMPLE_TIME] * command.samples) ** 2 * (
-            count_rad**2 / 6.0 + way[row] ** 2 / 3.0
-        )
-    shown = np.where(lost | np.roll(lost, 1), np.nan, command.shown_A)
-    return command._replace(variance=variance, bias_variance=bias_variance, shown_A=shown)

@@ -7,24 +7,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.preparation.command import Command, by_law
+from hil_forceps.diagnosis.preparation.command import driven
 from hil_forceps.diagnosis.preparation.contact import contact
-from hil_forceps.diagnosis.preparation.decoding import Expected
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun, opened
+from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
 from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick, may_stick_by_sensor
 from hil_forceps.diagnosis.state_space.advance import Regimes, friction_at_rest_N_m, regimes
 from hil_forceps.diagnosis.state_space.layout import (
-    COMMAND_BIAS,
+    COMMAND_ERROR,
     CURRENT_NOISE,
+    INTEGRAL_ERROR,
     JAW_NOISE,
     JAW_ZERO,
+    LAW_STATES,
     LOAD,
     LOAD_NOISE,
     LOAD_SLOPE,
     OMEGA_J,
     OMEGA_M,
+    RECORDED_STATES,
     STATES,
     THETA_J,
     THETA_M,
@@ -42,6 +43,7 @@ from hil_forceps.model.two_inertia import poles_per_s
 from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 EDGE_SHARE = 0.03  # of a count: how sharp an edge is  # tuned: holds and four kinds of motion at 16384 counts
@@ -70,6 +72,7 @@ class Record:
     load_course_N_m: Vector  # n: smoothed
     least_slope_variance: float  # [(N m/s)²]: what the equations leave open, as a wandering load
     settling_rows: int
+    command_span_A: float
 
     @property
     def load_measured(self) -> bool:
@@ -114,8 +117,8 @@ class Record:
         )
 
 
-def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None = None) -> Record:
-    """Return a run with equally spaced rows as a record; `expected`: the motor's angle between rows, where known."""
+def record_of(even: EvenRun, rig: Rig, noise: Noise, timing: Matrix | None = None) -> Record:
+    """Return a run with equally spaced rows as a record; `timing`: of its references (`command.driven`)."""
     run, lost = even.run, even.lost
     columns, plant = run.columns, rig.plant()
     time_s, encoder = columns["time_s"], columns["theta_m_rad"]
@@ -123,8 +126,8 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
     period_s = float(time_s[-1] - time_s[0]) / (n - 1)
     missing = np.full(n, np.nan)
     jaw, load = columns.get("theta_j_rad", missing), columns.get("tau_w_N_m", missing)
-    command = opened(_command(run, rig, noise, period_s, expected), rig, columns["theta_m_ref_rad"], lost)
-    torque = plant.torque_constant_N_m_per_A * float(np.ptp(command.current_A))
+    drive, current = driven(run, lost, rig, float(noise.deviation[2]), timing), columns["current_A"]
+    torque = plant.torque_constant_N_m_per_A * drive.span_A
     told, told_noise, grasped = load, noise, np.zeros(n, dtype=np.bool_)
     by_stretch = not np.isfinite(load).any() and bool(np.isfinite(jaw).all())
     if by_stretch:
@@ -156,7 +159,8 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
     edge = np.where(dwells, step * math.sqrt(DWELL_ROWS / 12.0), edge_sd)
     speed = float(np.std(np.diff(encoder))) / period_s
     state, variance = _start(encoder, jaw, load, prior, period_s, ratio, step)
-    variance[COMMAND_BIAS] = command.bias_sd_A**2
+    states = STATES if drive.samples > 1 else LAW_STATES if lost.any() else RECORDED_STATES
+    variance[COMMAND_ERROR if states == RECORDED_STATES else INTEGRAL_ERROR] = drive.integral_sd_A**2
     variance[JAW_NOISE], variance[LOAD_NOISE], variance[CURRENT_NOISE] = np.where(
         noise.correlation != 0.0, noise.deviation**2, 0.0
     )
@@ -172,11 +176,18 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
         np.where(lost, np.nan, encoder),
         np.where(lost, np.nan, jaw),
         np.where(lost, np.nan, load),
-        command.shown_A,
-        command.samples,
-        command.current_A,
-        command.variance,
-        command.bias_variance,
+        np.where(lost, np.nan, current),
+        states,
+        drive.samples,
+        drive.law,
+        drive.first_integral_rad_s,
+        float(current[0]),
+        drive.reference_rad,
+        drive.reference_variance,
+        drive.references_rad,
+        drive.timing,
+        drive.command_variance,
+        drive.integral_variance,
         may_stick(encoder, step, 1),
         jaw_free,
         fading,
@@ -190,8 +201,8 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
         noise.correlation,
         noise.resolution,
         (INTEGRATION_SHARE * speed * np.array([1.0, ratio])) ** 2,
-        state,
-        variance,
+        state[:states],
+        variance[:states],
     )
     found = Record(
         run.name,
@@ -202,6 +213,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, expected: Expected | None =
         prior.course_N_m,
         least,
         min(n // 4, max(5, round(SETTLING_S / period_s))),
+        drive.span_A,
     )
     return found.with_friction_of(regimes(parameters.vector(rig)).sliding)
 
@@ -225,12 +237,6 @@ def _ringing(jump_variance: Vector, fading_rows: int) -> Mask:
     for row in np.flatnonzero(jump_variance > 0.0):
         ringing[row + 1 : row + 1 + fading_rows] = True
     return ringing
-
-
-def _command(run: Run, rig: Rig, noise: Noise, period_s: float, expected: Expected | None) -> Command:
-    columns = run.columns
-    rows = (columns["theta_m_ref_rad"], columns["theta_m_rad"], columns["current_A"])
-    return by_law(rig, float(noise.deviation[2]), rows, period_s, expected)
 
 
 def _jaw_angle_rad(encoder: Vector, load: Vector, rig: Rig) -> Vector:

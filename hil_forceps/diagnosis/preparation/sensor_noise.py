@@ -15,10 +15,11 @@ from scipy import optimize
 from scipy.ndimage import uniform_filter1d
 
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.preparation.command import first_integral, samples_in_a_row
+from hil_forceps.diagnosis.preparation.command import commands_on_lines, first_integral, samples_in_a_row
 from hil_forceps.diagnosis.preparation.resolution import resolution_of
 from hil_forceps.diagnosis.state_space.layout import Noise
-from hil_forceps.model.drive_law import DriveState, law_current, law_vector
+from hil_forceps.diagnosis.state_space.unseen_counts import SHOWS, count_current_A
+from hil_forceps.model.drive_law import law_vector
 from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
@@ -62,14 +63,19 @@ def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
 
 
 def _current_beside_law(run: Run, rig: Rig) -> Vector | None:
-    """Return the measured current without what the law commands; None where that isn't known row by row."""
+    """Return the measured current without what the law commands; None where that isn't known.
+
+    Between rows it isn't where a count more or less shows in the current.
+    """
     columns = run.columns
-    if rig.drive is None or not {"current_A", "theta_m_ref_rad"} <= columns.keys() or samples_in_a_row(run, rig) != 1:
+    if rig.drive is None or not {"current_A", "theta_m_ref_rad"} <= columns.keys():
         return None
-    law, rows = law_vector(rig.drive), (columns["theta_m_ref_rad"], columns["theta_m_rad"], columns["current_A"])
-    start = DriveState(first_integral(law, rows, 1, 0.0).value_rad_s, float("nan"), 0.0, float(rows[2][0]))
-    command = law_current(law, rows[0], rows[1], start)
-    return np.asarray(columns["current_A"][1:] - command[:-1])
+    samples, law = samples_in_a_row(run, rig), law_vector(rig.drive)
+    if samples == 0 or (samples > 1 and count_current_A(law, rig.encoder.quantum_rad) > SHOWS * rig.noise.current_A):
+        return None
+    rows = (columns["theta_m_ref_rad"], columns["theta_m_rad"], columns["current_A"])
+    command = commands_on_lines(law, rows, samples, first_integral(law, rows, samples, 0.0).value_rad_s)
+    return np.asarray(rows[2][1:] - command[samples - 1 :: samples][:-1])
 
 
 def autoregressive_noise(told: Sequence[tuple[Run, Vector]]) -> tuple[float, float]:

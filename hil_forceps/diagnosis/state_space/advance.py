@@ -58,9 +58,8 @@ class Acting(NamedTuple):
     """What acts on the plant over a row."""
 
     time_s: float
-    commands_A: Vector  # of the drive, as it gave them
+    commands_A: Vector  # of the drive
     first: int  # place of the row's first among them
-    bias_A: float  # that all of them lack
     load_N_m: float
     load_slope_N_m_per_s: float
     friction_m_N_m: float
@@ -92,15 +91,13 @@ def acting_command(p: Physics, command_A: float) -> float:
 
 
 @inlined
-def advance(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting) -> State:
-    """Return the plant's state a row on."""
+def advance(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, sample: int) -> State:
+    """Return the plant's state a sample of the drive on, by its place in the row."""
     steps = STEPS // s.samples
-    for sample in range(s.samples):
-        at = a.first + sample - s.current.whole_samples
-        new = acting_command(p, a.commands_A[max(at, 0)] + a.bias_A)
-        old = acting_command(p, a.commands_A[max(at - 1, 0)] + a.bias_A)
-        x = _over_sample(p, kind, s, x, a, sample * steps, steps, old, new)
-    return x
+    at = a.first + sample - s.current.whole_samples
+    new = acting_command(p, a.commands_A[max(at, 0)])
+    old = acting_command(p, a.commands_A[max(at - 1, 0)])
+    return _over_sample(p, kind, s, x, a, sample * steps, steps, old, new)
 
 
 @inlined
@@ -218,7 +215,9 @@ def steppers(plants: Regimes, period_s: float, samples: int) -> Steppers:
 
 
 @inlined
-def advance_in(plants: Regimes, s: Steppers, motor_free: bool, jaw_free: bool, x: State, a: Acting) -> State:
-    """Return the plant's state a row on in the regime that holds."""
+def advance_in(
+    plants: Regimes, s: Steppers, motor_free: bool, jaw_free: bool, x: State, a: Acting, sample: int
+) -> State:
+    """Return the plant's state a sample of the drive on in the regime that holds."""
     regime = (1 if motor_free else 0) + (2 if jaw_free else 0)
-    return advance(plants[regime], s.kinds[regime], s.stepper, x, a)
+    return advance(plants[regime], s.kinds[regime], s.stepper, x, a, sample)

@@ -5,9 +5,10 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
-    COMMAND_BIAS,
+    COMMAND_ERROR,
     CURRENT_NOISE,
     FRICTION_M,
+    INTEGRAL_ERROR,
     JAW_NOISE,
     LOAD,
     LOAD_NOISE,
@@ -15,24 +16,25 @@ from hil_forceps.diagnosis.state_space.layout import (
     OMEGA_J,
     OMEGA_M,
     PLANT_STATES,
-    STATES,
+    RECORDED_STATES,
     Series,
 )
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-_COUPLED = COMMAND_BIAS + 1  # states that plant and load a row on depend on come first
+_COUPLED = COMMAND_ERROR + 1  # states that plant and load a row on depend on come first
 
 
 @kernel
 def moved(f: Matrix, covariance: Matrix, kept: Vector, work: Matrix) -> None:
-    """Replace a covariance by F P Fᵀ; `kept`: how much of each state beyond the plant's is kept over a row."""
-    for j in range(STATES):
-        for i in range(STATES):
+    """Replace a covariance by F P Fᵀ; `kept`: how much of each state beyond the plant's is kept meanwhile."""
+    states = covariance.shape[0]
+    for j in range(states):
+        for i in range(states):
             work[i, j] = _carried(f, covariance[:, j], i, kept)
-    for i in range(STATES):
-        for j in range(i, STATES):
+    for i in range(states):
+        for j in range(i, states):
             covariance[i, j] = _carried(f, work[i], j, kept)
             covariance[j, i] = covariance[i, j]
 
@@ -63,12 +65,13 @@ def disturbed(covariance: Matrix, d: Series, row: int, f: Matrix, jump: Matrix, 
     covariance[OMEGA_M, OMEGA_M] += d.speed_variance[0]
     covariance[OMEGA_J, OMEGA_J] += d.speed_variance[1]
     covariance[LOAD_SLOPE, LOAD_SLOPE] += d.load_slope_variance[row]
-    covariance[COMMAND_BIAS, COMMAND_BIAS] += d.command_bias_variance[row]
+    integral = COMMAND_ERROR if d.states == RECORDED_STATES else INTEGRAL_ERROR
+    covariance[integral, integral] += d.integral_variance[row]
     if d.command_variance[row] > 0.0:
         spread(covariance, f, FRICTION_M, d.command_variance[row] * torque_constant * torque_constant)
     if d.load_jump_variance[row] > 0.0:
-        for i in range(STATES):
-            for j in range(STATES):
+        for i in range(LOAD + 1):
+            for j in range(LOAD + 1):
                 covariance[i, j] += d.load_jump_variance[row] * jump[i, j]
     states = (JAW_NOISE, LOAD_NOISE, CURRENT_NOISE)
     for channel in range(3):

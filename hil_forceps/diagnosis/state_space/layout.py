@@ -13,19 +13,29 @@ Mask = NDArray[np.bool_]
 THETA_M, OMEGA_M, THETA_J, OMEGA_J = 0, 1, 2, 3
 LOAD, LOAD_SLOPE = 4, 5  # τ_w [N m], and its slope [N m/s]
 FRICTION_M, FRICTION_J = 6, 7  # of dry friction from its mean [N m], where a mass may stick; 0 where it slides
-COMMAND_BIAS = 8  # of the drive's current [A]: its integral at the start isn't recorded
+COMMAND_ERROR = 8  # of the current that the drive commands [A], from what is computed of recorded counts
 JAW_ZERO = 9  # of the jaw sensor [rad]
 LOAD_NOISE, JAW_NOISE, CURRENT_NOISE = 10, 11, 12  # coloured noise of the sensors
-STATES = 13
+RECORDED_STATES = 13  # where rows show all that the drive counted: `COMMAND_ERROR` is its integral's, for all of a run
+# What makes `COMMAND_ERROR` of a drive that counts where no row shows it: errors of its integral and of its derivative
+# [A], and of its last count [rad].
+INTEGRAL_ERROR, DERIVATIVE_ERROR, COUNT_ERROR = 13, 14, 15
+LAW_STATES = 16  # where rows are lost
+# What counts between this row and the next make: of up to three commands [A], and of the three errors behind them.
+BETWEEN = 16
+COMMANDS_BETWEEN = 3
+MADE_BETWEEN = COMMANDS_BETWEEN + 3
+NOT_LOOKED_AT = -1.0  # a current that doesn't show what was counted before it
+STATES = BETWEEN + MADE_BETWEEN
 PLANT_STATES = 4
 # Measurements.
 ENCODER, JAW, LOAD_CELL, CURRENT = 0, 1, 2, 3
 CHANNELS = 4
 # Columns of a course beside the state behind the measurements of a row: what was predicted of the row before them.
-PREDICTED_THETA_M, PREDICTED_OMEGA_M, PREDICTED_THETA_J, PREDICTED_OMEGA_J = 13, 14, 15, 16
-PREDICTED_LOAD_SLOPE, PREDICTED_CURRENT, CURRENT_BEFORE = 17, 18, 19
-ELASTIC_SLOPE = 20  # of the load from this row to the next [N m/s], by what the jaw touches
-COURSE = 21
+PREDICTED_THETA_M, PREDICTED_OMEGA_M, PREDICTED_THETA_J, PREDICTED_OMEGA_J = 22, 23, 24, 25
+PREDICTED_LOAD_SLOPE, PREDICTED_CURRENT, CURRENT_BEFORE = 26, 27, 28
+ELASTIC_SLOPE = 29  # of the load from this row to the next [N m/s], by what the jaw touches
+COURSE = 30
 
 
 class Noise(NamedTuple):
@@ -51,14 +61,21 @@ class Series(NamedTuple):
     begin_s: float  # of the first row: what drifts does so since the start of a run
     count_rad: float  # of the encoder, 0 for an ideal one
     encoder_variance: Vector  # n [rad²]: of the edges of counts, or of an ideal encoder
-    encoder_rad: Vector  # n
+    encoder_rad: Vector  # n, NaN where lost
     jaw_rad: Vector  # n, NaN where not measured
     load_N_m: Vector  # n, NaN where not measured
-    current_A: Vector  # n, NaN where it is no measurement of its own
+    current_A: Vector  # n
+    states: int  # how many of `STATES` there are
     samples: int  # of the drive in a row
-    command_A: Vector  # n · samples, one behind the other: the first of row k acts from row k on
-    command_variance: Vector  # n [A²]: of their mean over a row
-    command_bias_variance: Vector  # n [A²]: of what a row adds to `COMMAND_BIAS`
+    law: Vector  # of the drive (`model.drive_law.law_vector`)
+    first_integral_rad_s: float  # of the drive's law, at the first row
+    first_current_A: float
+    reference_rad: Vector  # n · samples: the mean of what the drive may have followed
+    reference_variance: Vector  # n [rad²]: of the one at a row; 0 but where rows are lost
+    references_rad: Matrix  # n · samples × 3: what the drive may have followed
+    timing: Matrix  # n × 3: how likely it followed each, behind each row
+    command_variance: Vector  # n [A²]: of the mean of the commands over a row
+    integral_variance: Vector  # n [A²]: of what a row adds to the error of the integral
     friction_free_m: Mask  # n: from row k to k + 1 the motor may stick
     friction_free_j: Mask  # n
     fading_rows: int  # over which the wire's slowest mode dies away
@@ -76,15 +93,29 @@ class Series(NamedTuple):
     first_variance: Vector  # STATES
 
 
+class Between(NamedTuple):
+    """What a pass found of the drive's samples between rows; n is 0 where there are none."""
+
+    directions: NDArray[np.float32]  # n × 2 × 9: of the state, whose deviations the counts hang on, as of 1
+    pull: NDArray[np.float32]  # n × 2 × LAW_STATES: how the state is moved against a change along each
+    made: NDArray[np.float32]  # n × 2 × MADE_BETWEEN: what the counts make of a change along each
+    timing: Matrix  # n × 3: how likely each reference was, given the next row's current
+    open_variance: Vector  # n [A²]: of the last command, before the next row's current was looked at; or NOT_LOOKED_AT
+
+
 class Filtered(NamedTuple):
     """One pass over a run: (n × CHANNELS) unless said otherwise."""
 
     weight: Matrix  # root of the information of a measurement about its prediction
     residual: Matrix  # score of a measurement over `weight`: a whitened innovation
     log_likelihood: Matrix
-    gain: NDArray[np.float64]  # n × CHANNELS × STATES: how a measurement moves the state, per change of it
+    gain: NDArray[np.float32]  # n × CHANNELS × states: how a measurement moves the state, per change of it
     course: Matrix  # n × COURSE
     variance: Matrix  # n × STATES: of the state behind the measurements
+    command_A: Vector  # n · samples, one behind the other: the first of row k acts from row k on
+    count_slope: Vector  # n · samples: how the drive's count follows the angle, on the mean; 0 where it is known
+    reacts: Mask  # n · samples: the drive's command is within its limit
+    between: Between
     doubtful: NDArray[np.int64]  # n, as in `Switching`
     surprised: Mask  # n
 

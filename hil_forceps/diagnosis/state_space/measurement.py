@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.state_space.interval import interval_likelihood
 from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
-    COMMAND_BIAS,
+    COMMAND_ERROR,
     CURRENT_NOISE,
     ENCODER,
     JAW,
@@ -20,7 +20,6 @@ from hil_forceps.diagnosis.state_space.layout import (
     LOAD_SLOPE,
     OMEGA_J,
     OMEGA_M,
-    STATES,
     THETA_J,
     THETA_M,
     Series,
@@ -106,19 +105,19 @@ def evidence(d: Series, channel: int, row: int, shown: float, variance: float) -
 
 @kernel
 def current_direction(covariance: Matrix, gain: float, out: Vector) -> float:
-    """Fill `out` as `direction` does for the measured current: the bias of the command, and the sensor's noise."""
-    out[:] = gain * covariance[:, COMMAND_BIAS] + covariance[:, CURRENT_NOISE]
-    variance: float = gain * out[COMMAND_BIAS] + out[CURRENT_NOISE]
+    """Fill `out` as `direction` does for the measured current: the error of the command, and the sensor's noise."""
+    out[:] = gain * covariance[:, COMMAND_ERROR] + covariance[:, CURRENT_NOISE]
+    variance: float = gain * out[COMMAND_ERROR] + out[CURRENT_NOISE]
     return variance
 
 
 @kernel
 def corrected(x: Vector, covariance: Matrix, along: Vector, score: float, information: float) -> None:
     """Change state and covariance by a measurement."""
-    for i in range(STATES):
+    for i in range(x.size):
         x[i] += along[i] * score
         weighed = along[i] * information
-        for j in range(i, STATES):
+        for j in range(i, x.size):
             covariance[i, j] -= weighed * along[j]
             covariance[j, i] = covariance[i, j]
 
@@ -131,20 +130,20 @@ def corrected_but(
     along: Vector,
     score: float,
     information: float,
-    gain: Vector,
+    gain: NDArray[np.float32],
 ) -> None:
     """Change state and covariance by a measurement, and set the gain of states that are only considered to 0.
 
     Their means and what they have in common with each other stay, while what they have in common with other states
     changes as ever (Schmidt's suboptimal gain in Joseph's form).
     """
-    for i in range(STATES):
+    for i in range(x.size):
         if considered[i]:
             gain[i] = 0.0
         else:
             x[i] += along[i] * score
         weighed = along[i] * information
-        for j in range(i, STATES):
+        for j in range(i, x.size):
             if not (considered[i] and considered[j]):
                 covariance[i, j] -= weighed * along[j]
                 covariance[j, i] = covariance[i, j]

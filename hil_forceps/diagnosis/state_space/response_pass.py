@@ -10,17 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.advance import Regimes, advance_in, steppers
-from hil_forceps.diagnosis.state_space.filter_pass import acting_on, beginning, first_plant, is_slack, noise_kept
+from hil_forceps.diagnosis.state_space.between_rows import answered, ended
+from hil_forceps.diagnosis.state_space.drive_sample import sampled
 from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
+    BETWEEN,
     CHANNELS,
-    COMMAND_BIAS,
+    COMMAND_ERROR,
     CURRENT,
     CURRENT_BEFORE,
+    CURRENT_NOISE,
     ELASTIC_SLOPE,
     ENCODER,
-    FRICTION_J,
-    FRICTION_M,
     JAW,
     JAW_NOISE,
     JAW_ZERO,
@@ -37,19 +38,27 @@ from hil_forceps.diagnosis.state_space.layout import (
     PREDICTED_OMEGA_M,
     PREDICTED_THETA_J,
     PREDICTED_THETA_M,
-    STATES,
+    RECORDED_STATES,
     THETA_J,
     THETA_M,
     Filtered,
     Series,
 )
-from hil_forceps.diagnosis.state_space.transition import elastic_share, friction_kept, transition
+from hil_forceps.diagnosis.state_space.row_plant import (
+    acting_on,
+    beginning,
+    end_friction,
+    first_plant,
+    is_slack,
+    noise_kept,
+)
+from hil_forceps.diagnosis.state_space.transition import elastic_share, transition
 from hil_forceps.model.composition import Physics, encoder_rad
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-_COUPLED = COMMAND_BIAS + 1
+_COUPLED = COMMAND_ERROR + 1
 
 
 @inlined
@@ -77,7 +86,7 @@ def _change_shown(channel: int, gain: float, x: Vector) -> float:
     elif channel == LOAD_CELL:
         value = x[LOAD] + x[LOAD_NOISE]
     else:
-        value = gain * x[COMMAND_BIAS] + x[STATES - 1]
+        value = gain * x[COMMAND_ERROR] + x[CURRENT_NOISE]
     return value
 
 
@@ -86,22 +95,18 @@ def response_pass(
     plants: Regimes,
     base: Physics,
     d: Series,
-    weight: Matrix,
-    gain: Matrix,
-    course: Matrix,
-    variance: Matrix,
+    filtered: Filtered,
     per: float,
     out: Matrix,
 ) -> None:
     """Fill `out` (n × CHANNELS) with the change of the whitened innovations from `base` to `plants`, times `per`."""
-    p = plants[0]
+    p, course, sample_s = plants[0], filtered.course, d.period_s / d.samples
     s = steppers(plants, d.period_s, d.samples)
-    taut, slack = transition(base, d.period_s, True), transition(base, d.period_s, False)
-    kept = noise_kept(d, friction_kept(d.period_s))
+    taut, slack = transition(base, sample_s, True), transition(base, sample_s, False)
+    kept = noise_kept(d, 1)
     plant = first_plant(d)
-    x, after = np.zeros(STATES), np.zeros(STATES)
+    x, after = np.zeros(d.states), np.zeros(d.states)
     before_A = plant.current_A
-    was_m, was_j = True, True
     for row in range(d.encoder_rad.size):
         at = course[row]
         for place in range(CHANNELS):
@@ -109,29 +114,45 @@ def response_pass(
             change = _shown(p, channel, at, plant.current_A, before_A, d.period_s)
             change -= _shown(base, channel, at, at[PREDICTED_CURRENT], at[CURRENT_BEFORE], d.period_s)
             change = change * per + _change_shown(channel, 1.0 + base.current_gain_relative_error, x)
-            out[row, channel] = -change * weight[row, channel]
-            for i in range(STATES):
-                x[i] -= gain[row, channel, i] * change
+            out[row, channel] = -change * filtered.weight[row, channel]
+            for i in range(d.states):
+                x[i] -= filtered.gain[row, channel, i] * change
         if row == d.encoder_rad.size - 1:
             break
         before_A = plant.current_A
         free_m, free_j = d.friction_free_m[row], d.friction_free_j[row]
-        if not (free_m and was_m):
-            x[FRICTION_M] = 0.0
-        if not (free_j and was_j):
-            x[FRICTION_J] = 0.0
-        was_m, was_j = free_m, free_j
-        acting = acting_on(p, d, row, at, variance[row], at[ELASTIC_SLOPE])
-        plant = advance_in(plants, s, free_m, free_j, beginning(plant, at), acting)
-        f = slack if is_slack(base, at) else taut
-        _carried(f, x, after, d.period_s, kept)
-        there = course[row + 1]
-        after[THETA_M] += per * (plant.theta_m_rad - there[PREDICTED_THETA_M])
-        after[OMEGA_M] += per * (plant.omega_m_rad_per_s - there[PREDICTED_OMEGA_M])
-        after[THETA_J] += per * (plant.theta_j_rad - there[PREDICTED_THETA_J])
-        after[OMEGA_J] += per * (plant.omega_j_rad_per_s - there[PREDICTED_OMEGA_J])
-        answer_of_contact(f, d.contact_stiffness[row], d.period_s, x[THETA_J], after)
-        x[:] = after
+        end_friction(d, row, x)
+        acting = acting_on(p, d, row, at, filtered.variance[row], filtered.command_A, at[ELASTIC_SLOPE])
+        f, there, plant = slack if is_slack(base, at) else taut, course[row + 1], beginning(plant, at)
+        shift = per * (encoder_rad(p, at[THETA_M]) - encoder_rad(base, at[THETA_M]))
+        for sample in range(d.samples):
+            if d.states > RECORDED_STATES:
+                sample_answer(d, filtered, row, sample, shift, x)
+            plant = advance_in(plants, s, free_m, free_j, plant, acting, sample)
+            _carried(f, x, after, sample_s, kept)
+            if sample == d.samples - 1:
+                after[THETA_M] += per * (plant.theta_m_rad - there[PREDICTED_THETA_M])
+                after[OMEGA_M] += per * (plant.omega_m_rad_per_s - there[PREDICTED_OMEGA_M])
+                after[THETA_J] += per * (plant.theta_j_rad - there[PREDICTED_THETA_J])
+                after[OMEGA_J] += per * (plant.omega_j_rad_per_s - there[PREDICTED_OMEGA_J])
+            answer_of_contact(f, d.contact_stiffness[row], sample_s, x[THETA_J], after)
+            x[:] = after
+
+
+@inlined
+def sample_answer(d: Series, filtered: Filtered, row: int, sample: int, shift_rad: float, x: Vector) -> None:
+    """Carry a change of the state over a sample of the drive; `shift_rad`: the encoder shows so much more of it."""
+    reacts = filtered.reacts[row * d.samples + sample]
+    if sample == 0:
+        sampled(d.law, filtered.count_slope[row] * (x[THETA_M] + shift_rad), reacts, x)
+        if d.samples > 1:
+            answered(filtered.between, row, shift_rad, x)
+    else:
+        sampled(d.law, 0.0, reacts, x)
+        if reacts:
+            x[COMMAND_ERROR] += x[BETWEEN + sample - 1]
+        if sample == d.samples - 1:
+            ended(x)
 
 
 @inlined
@@ -142,7 +163,7 @@ def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector)
         for j in range(_COUPLED):
             total += f[i, j] * x[j]
         after[i] = total
-    for i in range(PLANT_STATES, STATES):
+    for i in range(PLANT_STATES, x.size):
         after[i] = kept[i] * x[i]
     after[LOAD] += period_s * x[LOAD_SLOPE]
 
@@ -163,5 +184,5 @@ def answer_of_contact(f: Matrix, stiffness: float, period_s: float, before_rad: 
 def response_run(plants: Regimes, base: Physics, d: Series, f: Filtered, per: float) -> Matrix:
     """Return the change of a run's whitened innovations (n × CHANNELS) from `base` to other `plants`, times `per`."""
     out = np.zeros_like(f.residual)
-    response_pass(plants, base, d, f.weight, f.gain, f.course, f.variance, per, out)
+    response_pass(plants, base, d, f, per, out)
     return out

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.kernel import kernel
 from hil_forceps.diagnosis.state_space.layout import (
-    COMMAND_BIAS,
+    COMMAND_ERROR,
     FRICTION_J,
     FRICTION_M,
     LOAD,
@@ -71,7 +71,7 @@ def transition(p: Physics, period_s: float, stiff: bool) -> Matrix:
         f[i, LOAD_SLOPE] = -period_s * (0.5 * g[at + JAW_MEAN] + g[at + JAW_SLOPE])
         f[i, FRICTION_M] = -g[at + MOTOR_MEAN]
         f[i, FRICTION_J] = -g[at + JAW_MEAN]
-        f[i, COMMAND_BIAS] = p.K_t * g[at + MOTOR_MEAN]
+        f[i, COMMAND_ERROR] = p.K_t * g[at + MOTOR_MEAN]
     for i in range(STATES):
         f[i, i] += 1.0 if i not in {OMEGA_M, OMEGA_J} else 0.0
     f[LOAD, LOAD_SLOPE] = period_s

@@ -14,13 +14,22 @@ from numpy.typing import NDArray
 
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
-from hil_forceps.diagnosis.preparation.command import first_integral
-from hil_forceps.diagnosis.preparation.decoding import on_lines
+from hil_forceps.diagnosis.preparation.command import on_lines
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.load_prior import posterior_draw
 from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.advance import STEPS
-from hil_forceps.diagnosis.state_space.layout import COMMAND_BIAS, JAW_ZERO, LOAD, THETA_J, THETA_M, Noise, Series
+from hil_forceps.diagnosis.state_space.layout import (
+    COMMAND_ERROR,
+    INTEGRAL_ERROR,
+    JAW_ZERO,
+    LOAD,
+    RECORDED_STATES,
+    THETA_J,
+    THETA_M,
+    Noise,
+    Series,
+)
 from hil_forceps.diagnosis.state_space.passes import Passed
 from hil_forceps.diagnosis.validation.heldout import Played
 from hil_forceps.diagnosis.validation.rows import Rows
@@ -166,19 +175,13 @@ def _start(rig: Rig, m: Measured, passed: Passed, reference: Vector, counted: Ve
     """Return plant and drive at the first row that is simulated."""
     law, d, first = law_vector(rig.require_drive()), passed.series, m.record.settling_rows
     x = passed.filtered.course[first]
-    columns = m.run.columns
-    rows = (columns["theta_m_ref_rad"], columns["theta_m_rad"], columns["current_A"])
-    drive = DriveState(
-        first_integral(law, rows, d.samples, math.sqrt(d.noise_variance[2])).value_rad_s,
-        float("nan"),
-        0.0,
-        float(d.command_A[0]),
-    )
+    drive = DriveState(d.first_integral_rad_s, float("nan"), 0.0, d.first_current_A)
     for aim, angle in zip(reference, counted, strict=True):
         drive = drive_sample(law, drive, float(aim), float(angle))
-    bias = float(passed.filtered.course[-1, COMMAND_BIAS])
     if law[KI] > 0.0:
-        drive = drive._replace(integral_rad_s=drive.integral_rad_s + bias / float(law[KI]))
-    current = float(d.command_A[first * d.samples - 1]) + bias
+        error = COMMAND_ERROR if d.states == RECORDED_STATES else INTEGRAL_ERROR
+        off = float(passed.filtered.course[-1, error]) / float(law[KI])
+        drive = drive._replace(integral_rad_s=drive.integral_rad_s + off)
+    current = float(passed.filtered.command_A[first * d.samples - 1])
     plant = State(x[THETA_M], x[THETA_M + 1], x[THETA_J], x[THETA_J + 1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, current)
     return Start(plant, drive)

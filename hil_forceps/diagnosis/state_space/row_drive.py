@@ -1,0 +1,122 @@
+"""The drive from a row to the next: its first sample, its nominal course, and what unseen counts make of it."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.state_space.advance import Regimes, Steppers, advance_in
+from hil_forceps.diagnosis.state_space.between_rows import added
+from hil_forceps.diagnosis.state_space.covariance import forgotten
+from hil_forceps.diagnosis.state_space.drive_sample import Count, expected_count, sampled, sampled_covariance
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.layout import (
+    BETWEEN,
+    COMMAND_ERROR,
+    COMMANDS_BETWEEN,
+    CURRENT_NOISE,
+    DERIVATIVE_ERROR,
+    INTEGRAL_ERROR,
+    MADE_BETWEEN,
+    RECORDED_STATES,
+    THETA_M,
+    Filtered,
+    Series,
+)
+from hil_forceps.diagnosis.state_space.row_plant import acting_on
+from hil_forceps.model.composition import Physics, encoder_rad
+from hil_forceps.model.drive_law import LIMIT, SHARE, DriveState, drive_sample, quantise
+from hil_forceps.model.physics import State
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@inlined
+def first_sample(
+    p: Physics,
+    d: Series,
+    row: int,
+    edge_variance: float,
+    drive: DriveState,
+    x: Vector,
+    covariance: Matrix,
+    out: Filtered,
+) -> DriveState:
+    """Return the drive after its sample at a row, with what its command is and how well that is known."""
+    at = row * d.samples
+    for i in range(BETWEEN, d.states):  # it is in the drive's law by now
+        forgotten(covariance, i)
+    count = Count(d.encoder_rad[row], 0.0, 0.0)
+    if math.isnan(d.encoder_rad[row]):
+        deviation = math.sqrt(max(covariance[THETA_M, THETA_M], 0.0) + edge_variance)
+        count = expected_count(encoder_rad(p, x[THETA_M]), deviation, d.count_rad)
+    drive = drive_sample(d.law, drive, d.reference_rad[at], count.mean_rad)
+    out.reacts[at], out.count_slope[row] = abs(drive.current_A) < d.law[LIMIT], count.slope
+    if d.states > RECORDED_STATES:
+        sampled_covariance(d.law, count.slope, count.variance, d.reference_variance[row], out.reacts[at], covariance)
+        sampled(d.law, 0.0, out.reacts[at], x)
+    out.command_A[at] = drive.current_A + x[COMMAND_ERROR]
+    return drive
+
+
+@kernel
+def nominal_row(
+    plants: Regimes,
+    d: Series,
+    s: Steppers,
+    row: int,
+    free: tuple[bool, bool],
+    plant: State,
+    drive: DriveState,
+    x: Vector,
+    counts_rad: Vector,
+    angles_rad: Vector,
+    out: Filtered,
+) -> tuple[State, DriveState]:
+    """Return plant and drive a row on, as the filter's mean goes on without what the next row tells.
+
+    Commands go to `out`, counts and encoder's angles at each sample to `counts_rad` and `angles_rad`.
+    """
+    p, first, derivative = plants[0], row * d.samples, x[DERIVATIVE_ERROR] if d.states > RECORDED_STATES else 0.0
+    acting = acting_on(p, d, row, x, out.variance[row], out.command_A, 0.0)
+    for sample in range(d.samples):
+        at = first + sample
+        if sample > 0:
+            angles_rad[sample] = encoder_rad(p, plant.theta_m_rad)
+            counts_rad[sample] = quantise(angles_rad[sample], d.count_rad)
+            drive = drive_sample(d.law, drive, d.reference_rad[at], counts_rad[sample])
+            out.reacts[at] = abs(drive.current_A) < d.law[LIMIT]
+            derivative *= 1.0 - d.law[SHARE]
+            error_A = x[INTEGRAL_ERROR] + derivative if out.reacts[at] else 0.0
+            out.command_A[at] = drive.current_A + error_A
+        plant = advance_in(plants, s, free[0], free[1], plant, acting, sample)
+    return plant, drive
+
+
+@inlined
+def next_sample(d: Series, row: int, sample: int, made: Vector, x: Vector, covariance: Matrix, out: Filtered) -> None:
+    """Let the drive's errors act at a sample behind a row, and add to its command what unseen counts make of it."""
+    at = row * d.samples + sample
+    sampled_covariance(d.law, 0.0, 0.0, 0.0, out.reacts[at], covariance)
+    sampled(d.law, 0.0, out.reacts[at], x)
+    if out.reacts[at]:
+        added(covariance, COMMAND_ERROR, BETWEEN + sample - 1)
+        out.command_A[at] += made[sample - 1]
+
+
+@inlined
+def end_of_row(made: Vector, x: Vector, covariance: Matrix) -> None:
+    """Let what unseen counts make go on in the drive's law."""
+    for i in range(MADE_BETWEEN - COMMANDS_BETWEEN):
+        added(covariance, INTEGRAL_ERROR + i, BETWEEN + COMMANDS_BETWEEN + i)
+        x[INTEGRAL_ERROR + i] += made[COMMANDS_BETWEEN + i]
+
+
+@inlined
+def next_current(p: Physics, d: Series, row: int, x: Vector) -> float:
+    """Return the motor's current [A] at the next row as its sensor shows it; NaN where that row is lost."""
+    noise_A = x[CURRENT_NOISE] * d.noise_correlation[2]
+    shown: float = (d.current_A[row + 1] - p.current_offset_offset_A - noise_A) / (1.0 + p.current_gain_relative_error)
+    return shown

@@ -1,0 +1,168 @@
+"""A row's measurements, one after the other: what each changes of state and covariance, and its innovation."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.state_space.covariance import spread
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.layout import (
+    BETWEEN,
+    CHANNELS,
+    COMMAND_ERROR,
+    CURRENT,
+    CURRENT_NOISE,
+    ENCODER,
+    FRICTION_M,
+    INTEGRAL_ERROR,
+    JAW_ZERO,
+    LAW_STATES,
+    LOAD,
+    LOAD_CELL,
+    LOAD_SLOPE,
+    NOT_LOOKED_AT,
+    RECORDED_STATES,
+    Filtered,
+    Series,
+)
+from hil_forceps.diagnosis.state_space.measurement import (
+    corrected,
+    corrected_but,
+    current_direction,
+    direction,
+    evidence,
+    measured,
+    predicted,
+)
+from hil_forceps.model.composition import Physics
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SURPRISE = 4.5  # deviations of an innovation: 1 in 150 000 by chance
+SURE_SHARE = 0.01  # of the variance of a current: what counts leave open of it is then a tenth of its deviation
+
+
+@inlined
+def sticks_at(d: Series, row: int, doubtful: bool) -> bool:
+    """Tell whether dry friction may hold a mass, or did so a row before."""
+    level_m, level_j = d.friction_level_N_m
+    before = max(row - 1, 0)
+    motor = d.friction_free_m[row] or d.friction_free_m[before]
+    jaw = d.friction_free_j[row] or d.friction_free_j[before]
+    return doubtful or (motor and level_m > 0.0) or (jaw and level_j > 0.0)
+
+
+@inlined
+def _considered(d: Series, row: int, channel: int, sticks: bool, calm: bool, out: Flags) -> bool:
+    """Mark the states of which a measurement is no evidence; tell whether there are any.
+
+    Friction that holds a mass is the same for seconds, and wanders within its level by name only: what constants it
+    seems to tell would be its own mean. The same holds of the load, which its own sensor tells, until the wire is
+    calm again. So they are considered there, not estimated (Schmidt's filter).
+    """
+    load = not calm and channel != LOAD_CELL and not math.isnan(d.load_N_m[row])
+    out[COMMAND_ERROR], out[JAW_ZERO] = sticks and channel != CURRENT, sticks
+    if d.states > RECORDED_STATES:
+        out[INTEGRAL_ERROR] = out[COMMAND_ERROR]
+    out[LOAD], out[LOAD_SLOPE] = load, load
+    return sticks or load
+
+
+@inlined
+def take_measurements(
+    p: Physics,
+    d: Series,
+    row: int,
+    now_A: float,
+    before_A: float,
+    x: Vector,
+    covariance: Matrix,
+    f: Matrix,
+    sticks: bool,
+    calm: bool,
+    considered: Flags,
+    out: Filtered,
+) -> bool:
+    """Take a row's measurements in, one after the other; tell whether one of them was a surprise.
+
+    A current that was not commanded leaves open how much of it drove the motor since the row before.
+    """
+    along = np.empty(d.states)
+    surprise = False
+    for place in range(CHANNELS):
+        channel = (place + CURRENT) % CHANNELS  # the current first: what else moved the motor, is known by it
+        if math.isnan(measured(d, channel, row)):
+            continue
+        shown = predicted(p, channel, x, now_A, before_A, d.period_s)
+        if channel == CURRENT and d.states > LAW_STATES:
+            _considered(d, row, channel, sticks, calm, considered)
+            _current_between(p, d, row, shown, considered, x, covariance, along, out)
+            continue
+        if channel == CURRENT:
+            variance = current_direction(covariance, 1.0 + p.current_gain_relative_error, along)
+        else:
+            variance = direction(channel, covariance, along)
+        log_likelihood, score, information = evidence(d, channel, row, shown, variance)
+        root = math.sqrt(information)
+        # Far within a count both are next to nothing, and their quotient is noise of rounding.
+        telling = channel != ENCODER or information * (variance + d.encoder_variance[row]) > 1e-12
+        residual = score / root if telling else 0.0
+        out.weight[row, channel], out.residual[row, channel] = root, residual
+        out.log_likelihood[row, channel] = log_likelihood
+        for i in range(d.states):
+            out.gain[row, channel, i] = along[i] * information
+        if _considered(d, row, channel, sticks, calm, considered):
+            corrected_but(considered, x, covariance, along, score, information, out.gain[row, channel])
+        else:
+            corrected(x, covariance, along, score, information)
+        if channel == CURRENT and abs(residual) > SURPRISE:
+            error_A = residual / root / (1.0 + p.current_gain_relative_error)
+            spread(covariance, f, FRICTION_M, (p.K_t * error_A) ** 2)
+        surprise = surprise or (abs(residual) > SURPRISE and channel != CURRENT)
+    return surprise
+
+
+@kernel
+def _current_between(
+    p: Physics,
+    d: Series,
+    row: int,
+    shown_A: float,
+    considered: Flags,
+    x: Vector,
+    covariance: Matrix,
+    along: Vector,
+    out: Filtered,
+) -> None:
+    """Take in the current of a drive that samples between rows.
+
+    Where the counts before it have been weighed by it, it tells what all counts have in common: the drive's integral,
+    its derivative, the noise of the sensor. It is evidence of the parameters where counts are known without it: chosen
+    by it, they fit it too well.
+    """
+    gain, last = 1.0 + p.current_gain_relative_error, BETWEEN + d.samples - 2
+    open_variance = out.between.open_variance[row - 1] if row > 0 else 0.0
+    looked_at = open_variance != NOT_LOOKED_AT
+    # The covariance of the state and what is shown, and of that with what counts have made apart.
+    shown, apart = np.empty(d.states), np.empty(d.states)
+    for i in range(d.states):
+        shown[i] = gain * covariance[i, COMMAND_ERROR] + covariance[i, CURRENT_NOISE]
+        apart[i] = gain * covariance[i, last]
+    variance = gain * shown[COMMAND_ERROR] + shown[CURRENT_NOISE]
+    along[:] = shown - apart if looked_at else shown
+    white = d.noise_variance[2] * (1.0 if d.noise_correlation[2] == 0.0 else 0.01) + d.resolution[2] ** 2 / 12.0
+    told = variance - gain * (2.0 * shown[last] - apart[last]) if looked_at else variance
+    total, error = max(0.0, told) + white, d.current_A[row] - shown_A
+    if not looked_at or open_variance < SURE_SHARE * total:
+        out.weight[row, CURRENT], out.residual[row, CURRENT] = 1.0 / math.sqrt(total), error / math.sqrt(total)
+        out.log_likelihood[row, CURRENT] = -0.5 * (error * error / total + math.log(total))
+    for i in range(d.states):
+        along[i] = 0.0 if considered[i] or i >= BETWEEN else along[i] / total
+        out.gain[row, CURRENT, i] = along[i]
+        x[i] += along[i] * error
+    for i in range(d.states):
+        for j in range(d.states):
+            covariance[i, j] += (variance + white) * along[i] * along[j] - along[i] * shown[j] - shown[i] * along[j]

@@ -1,0 +1,97 @@
+"""The plant and what acts on it from a row to the next, by the filter's state."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.state_space.advance import Acting, expected_friction_j_N_m, expected_friction_m_N_m
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.layout import (
+    CURRENT_NOISE,
+    FRICTION_J,
+    FRICTION_M,
+    JAW_NOISE,
+    LOAD,
+    LOAD_NOISE,
+    LOAD_SLOPE,
+    OMEGA_J,
+    OMEGA_M,
+    THETA_J,
+    THETA_M,
+    Series,
+)
+from hil_forceps.diagnosis.state_space.transition import friction_kept
+from hil_forceps.model.composition import Physics
+from hil_forceps.model.physics import State
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@kernel
+def noise_kept(d: Series, samples: int) -> Vector:
+    """Return how much of each state beyond the plant's is kept over so many samples of the drive."""
+    kept, share = np.ones(d.states), samples / d.samples
+    kept[FRICTION_M] = kept[FRICTION_J] = friction_kept(share * d.period_s)
+    kept[JAW_NOISE], kept[LOAD_NOISE] = d.noise_correlation[0] ** share, d.noise_correlation[1] ** share
+    kept[CURRENT_NOISE] = d.noise_correlation[2] ** share
+    return kept
+
+
+@kernel
+def first_plant(d: Series) -> State:
+    """Return the plant at the first row: wire and friction remember nothing."""
+    x = d.first_state
+    return State(x[THETA_M], x[OMEGA_M], x[THETA_J], x[OMEGA_J], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, d.first_current_A)
+
+
+@inlined
+def beginning(x: State, plant: Vector) -> State:
+    """Return the plant with the filter's angles and speeds."""
+    memory = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
+    return State(plant[THETA_M], plant[OMEGA_M], plant[THETA_J], plant[OMEGA_J], *memory, x.current_A)
+
+
+@inlined
+def friction_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector) -> tuple[float, float]:
+    """Return the dry friction that the plant's step is without, motor and jaw: its mean, and the filter's state."""
+    motor, jaw = 0.0, 0.0
+    if d.friction_free_m[row]:
+        tension = p.k * (p.r_m * x[THETA_M] - p.r_j * x[THETA_J])
+        motor = expected_friction_m_N_m(p, x[OMEGA_M], math.sqrt(variance[OMEGA_M]), tension) + x[FRICTION_M]
+    if d.friction_free_j[row]:
+        jaw = expected_friction_j_N_m(p, x[OMEGA_J], math.sqrt(variance[OMEGA_J]), x[THETA_J]) + x[FRICTION_J]
+    return motor, jaw
+
+
+@inlined
+def acting_on(
+    p: Physics, d: Series, row: int, x: Vector, variance: Vector, command_A: Vector, elastic_slope: float
+) -> Acting:
+    """Return what acts from a row to the next; `x` and `variance`: of the filter's state there."""
+    friction = friction_on(p, d, row, x, variance)
+    load_slope = x[LOAD_SLOPE] + elastic_slope
+    time_s = d.begin_s + row * d.period_s
+    return Acting(time_s, command_A, row * d.samples, x[LOAD], load_slope, friction[0], friction[1])
+
+
+@inlined
+def is_slack(p: Physics, x: Vector) -> bool:
+    """Tell whether the wire of a plant with a dead zone is in it."""
+    return (
+        p.wire_slack_half_width_m > 0.0
+        and abs(p.r_m * x[THETA_M] - p.r_j * x[THETA_J] - p.wire_permanent_stretch_stretch_m)
+        < p.wire_slack_half_width_m
+    )
+
+
+@inlined
+def end_friction(d: Series, row: int, x: Vector | Matrix) -> None:
+    """Set a change of the friction's states to 0 where a mass slides, or has only now come to where it may stick."""
+    before = max(row - 1, 0)
+    if not (d.friction_free_m[row] and (row == 0 or d.friction_free_m[before])):
+        x[FRICTION_M] = 0.0
+    if not (d.friction_free_j[row] and (row == 0 or d.friction_free_j[before])):
+        x[FRICTION_J] = 0.0

@@ -1,0 +1,215 @@
+"""What a drive counted between two rows, weighed by the filter's angle and by the current that the next row shows.
+
+A count follows from the angle, and a count more or less makes the command that moves the angle on. Where a count is
+coarse against what is known of the angle, no normal distribution is near that. So angle and speed are tried at points
+of their distribution (quadrature), the law goes on from each, and each is weighed by how well its last command fits the
+measured current. The filter goes on with mean and covariance of them all: a mixture is collapsed at each row (Blom and
+Bar-Shalom, IEEE Trans. Automat. Contr. 33, 1988).
+
+Where a count more or less doesn't show in the current, mean and covariance of counts are enough, and the current is a
+measurement as any.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.state_space.drive_sample import expected_count
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.layout import COMMANDS_BETWEEN, MADE_BETWEEN
+from hil_forceps.model.drive_law import ERROR_FIRST, KD, KI, KP, SAMPLE_TIME, SHARE
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+REACH = 4.2  # deviations: 1.5e-4 of two normal ones lies beyond
+ANGLES, SPEEDS = np.linspace(-4.0, 4.0, 25), np.linspace(-3.0, 3.0, 5)  # moments of both are right to 1e-3
+FAR = 4.5  # deviations: an edge of a count further away is not met
+MOST_MISFIT = 100.0  # χ²: a blow to the current sensor is no proof of a count
+LEAST_TIMING = 0.01  # of a reference's share, below which it isn't tried
+SHOWS = 0.5  # of the current's deviation: commands one count apart that differ by less are not told apart by it
+SAME_REFERENCE = 0.05  # of the current's deviation: references that differ by less are one
+UNKNOWN = 2 + MADE_BETWEEN  # both directions, and what is made of them
+MEAN_REFERENCE = -1
+
+
+def _grid() -> Matrix:
+    """Return points of two independent normal deviations, and the share of each (m × 3): the trapezoidal rule."""
+    first, second = (axis.ravel() for axis in np.meshgrid(ANGLES, SPEEDS, indexing="ij"))
+    near = first**2 + second**2 < REACH**2
+    share = np.exp(-0.5 * (first[near] ** 2 + second[near] ** 2))
+    return np.column_stack((first[near], second[near], share / share.sum()))
+
+
+GRID = _grid()
+
+
+class Samples(NamedTuple):
+    """The drive's samples from a row to the next, as they go on the mean."""
+
+    law: Vector
+    samples: int  # how many
+    quantum_rad: float
+    counts_rad: Vector  # at each sample, as nominally counted
+    angles_rad: Vector  # at each sample, by the encoder
+    spread_rad: Matrix  # samples × 2: of them by each direction
+    answers_rad: Vector  # of the angle one, two and three samples behind, per ampere over one
+    references_rad: Matrix  # samples × 3: off the mean reference
+    timing: Vector  # 3: how likely each is
+    shown_A: float  # what the next row shows beyond the nominal course; NaN: nothing
+    deviation_A: float  # of that
+
+
+@kernel
+def is_open(v: Samples) -> bool:
+    """Tell whether anything of them is open: a count, or a reference."""
+    open_ = not _same_references(v)
+    for sample in range(1, v.samples):
+        spread = math.hypot(v.spread_rad[sample, 0], v.spread_rad[sample, 1])
+        away = 0.5 * v.quantum_rad - abs(v.angles_rad[sample] - v.counts_rad[sample])
+        open_ = open_ or away < FAR * spread
+    return open_
+
+
+@inlined
+def _same_references(v: Samples) -> bool:
+    """Tell whether only one reference is worth trying."""
+    same, per_rad = True, v.law[KP] + v.law[KI] * v.law[SAMPLE_TIME]
+    for kind in range(3):
+        far_A = np.max(np.abs(v.references_rad[:, kind])) * per_rad
+        same = same and (v.timing[kind] < LEAST_TIMING or far_A <= SAME_REFERENCE * v.deviation_A)
+    return same
+
+
+@kernel
+def shows_counts(v: Samples) -> bool:
+    """Tell whether the next current shows which of two neighbouring counts there was, or which reference."""
+    return count_current_A(v.law, v.quantum_rad) > SHOWS * v.deviation_A or not _same_references(v)
+
+
+@kernel
+def count_current_A(law: Vector, quantum_rad: float) -> float:
+    """Return what one count more makes of the command at once."""
+    at_once: float = law[KP] + law[KI] * law[SAMPLE_TIME] + law[KD] * law[SHARE] / law[SAMPLE_TIME]
+    return at_once * quantum_rad
+
+
+@kernel
+def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
+    """Fill mean and covariance of both directions and of what counts make, whatever the next current is."""
+    made = np.zeros((v.samples, UNKNOWN))
+    covariance[:], mean[:] = 0.0, 0.0
+    covariance[0, 0], covariance[1, 1] = 1.0, 1.0
+    for sample in range(1, v.samples):
+        deviation = math.hypot(v.spread_rad[sample, 0], v.spread_rad[sample, 1])
+        count = expected_count(v.angles_rad[sample], deviation, v.quantum_rad)
+        law = _nothing_yet()
+        for other in range(1, v.samples):
+            one = 1.0 if other == sample else 0.0
+            law = _law_sample(v.law, law, -one, one)
+            made[sample, 1 + other] = law[3]
+        _at_end(law, made[sample])
+        mean += (count.mean_rad - v.counts_rad[sample]) * made[sample]
+        for i in range(2, UNKNOWN):
+            for a in range(2):
+                covariance[a, i] += count.slope * v.spread_rad[sample, a] * made[sample, i]
+            for j in range(2, UNKNOWN):
+                covariance[i, j] += count.variance * made[sample, i] * made[sample, j]
+    for i in range(2, UNKNOWN):
+        for j in range(2, UNKNOWN):
+            covariance[i, j] += covariance[0, i] * covariance[0, j] + covariance[1, i] * covariance[1, j]
+        covariance[i, 0], covariance[i, 1] = covariance[0, i], covariance[1, i]
+
+
+@inlined
+def _made(v: Samples, kind: int, first: float, second: float, out: Vector) -> None:
+    """Fill `out` with what a point of the distribution makes beyond the nominal course; `kind` −1: mean references."""
+    law = _nothing_yet()
+    out[0], out[1] = first, second
+    for sample in range(1, v.samples):
+        angle = v.angles_rad[sample] + v.spread_rad[sample, 0] * first + v.spread_rad[sample, 1] * second
+        for earlier in range(1, sample):
+            angle += v.answers_rad[sample - earlier - 1] * out[1 + earlier]
+        if v.quantum_rad > 0.0:
+            angle = math.floor(angle / v.quantum_rad + 0.5) * v.quantum_rad
+        count = angle - v.counts_rad[sample]
+        error = (0.0 if kind == MEAN_REFERENCE else v.references_rad[sample, kind]) - count
+        law = _law_sample(v.law, law, error, count)
+        out[1 + sample] = law[3]
+    _at_end(law, out)
+
+
+@inlined
+def _nothing_yet() -> tuple[float, float, float, float]:
+    return 0.0, 0.0, 0.0, 0.0
+
+
+@inlined
+def _law_sample(
+    law: Vector, before: tuple[float, float, float, float], error: float, count: float
+) -> tuple[float, float, float, float]:
+    """Return what a sample makes of errors beyond the nominal ones: integral, derivative, count, command."""
+    integral = before[0] + law[KI] * law[SAMPLE_TIME] * error
+    used = integral if law[ERROR_FIRST] != 0.0 else before[0]
+    rate = law[KD] * law[SHARE] / law[SAMPLE_TIME]
+    derivative = (1.0 - law[SHARE]) * before[1] - rate * (count - before[2])
+    return integral, derivative, count, law[KP] * error + used + derivative
+
+
+@inlined
+def _at_end(law: tuple[float, float, float, float], out: Vector) -> None:
+    for i in range(3):
+        out[2 + COMMANDS_BETWEEN + i] = law[i]
+
+
+@inlined
+def _fits(v: Samples, command_A: float) -> float:
+    """Return the likelihood of the current that the next row shows."""
+    if math.isnan(v.shown_A):
+        return 1.0
+    misfit = (v.shown_A - command_A) / v.deviation_A
+    return math.exp(-0.5 * min(misfit * misfit, MOST_MISFIT))
+
+
+@kernel
+def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) -> float:
+    """Fill mean and covariance of both directions and of what counts make (`UNKNOWN`), given the next current.
+
+    `timing` (3) is filled with how likely each reference was, given it too. Returned is the variance [A²] of the last
+    command before the current is looked at.
+    """
+    one, shares, same = np.zeros(UNKNOWN), np.zeros(3), _same_references(v)
+    command, square = 0.0, 0.0
+    for kind in range(1 if same else 3):
+        share = 1.0 if same else v.timing[kind]
+        if share < LEAST_TIMING:
+            continue
+        for at in range(GRID.shape[0]):
+            _made(v, MEAN_REFERENCE if same else kind, GRID[at, 0], GRID[at, 1], one)
+            weight = GRID[at, 2] * share
+            command += weight * one[v.samples]
+            square += weight * one[v.samples] ** 2
+            weight *= _fits(v, one[v.samples])
+            shares[kind] += weight
+            _add(weight, one, mean, covariance)
+    total = shares.sum()
+    mean /= total
+    for i in range(UNKNOWN):
+        for j in range(i, UNKNOWN):
+            covariance[i, j] = covariance[i, j] / total - mean[i] * mean[j]
+            covariance[j, i] = covariance[i, j]
+    if not same:
+        timing[:] = shares / total
+    return max(0.0, square - command * command)
+
+
+@inlined
+def _add(weight: float, one: Vector, mean: Vector, square: Matrix) -> None:
+    """Add a point to sums of the values and of their products, of which the upper half is filled."""
+    for i in range(UNKNOWN):
+        weighed = weight * one[i]
+        mean[i] += weighed
+        for j in range(i, UNKNOWN):
+            square[i, j] += weighed * one[j]
