@@ -169,15 +169,15 @@ def _current_deviation(p: Physics, d: Series, covariance: Matrix) -> float:
 
 
 @inlined
-def answered(b: Between, row: int, shift_rad: float, x: Vector) -> None:
+def answered(b: Between, row: int, shift_rad: float | Vector, x: Vector | Matrix) -> None:
     """Carry a change of the state over what is told of the counts behind a row; fill what these make of it.
 
-    `shift_rad`: by which the encoder shows another angle of the same state.
+    `shift_rad`: by which the encoder shows another angle of the same state. Many changes have a column each.
     """
     first, second = b.directions[row, 0, THETA_M] * shift_rad, b.directions[row, 1, THETA_M] * shift_rad
     for j in range(_COUPLED):
-        first += b.directions[row, 0, j] * x[j]
-        second += b.directions[row, 1, j] * x[j]
+        first = first + b.directions[row, 0, j] * x[j]
+        second = second + b.directions[row, 1, j] * x[j]
     for i in range(LAW_STATES):
         x[i] -= b.pull[row, 0, i] * first + b.pull[row, 1, i] * second
     for k in range(MADE_BETWEEN):
@@ -185,7 +185,7 @@ def answered(b: Between, row: int, shift_rad: float, x: Vector) -> None:
 
 
 @inlined
-def ended(x: Vector) -> None:
+def ended(x: Vector | Matrix) -> None:
     """Let a change of what counts make go on in the drive's law behind the last sample."""
     x[INTEGRAL_ERROR] += x[BETWEEN + COMMANDS_BETWEEN]
     x[DERIVATIVE_ERROR] += x[BETWEEN + COMMANDS_BETWEEN + 1]

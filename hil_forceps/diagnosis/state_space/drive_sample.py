@@ -65,17 +65,16 @@ def expected_count(angle_rad: float, deviation_rad: float, quantum_rad: float) -
 
 
 @inlined
-def sampled(law: Vector, count: float, reacts: bool, x: Vector) -> None:
-    """Carry the law's part of the state, or of a change of it, over a sample of the drive.
+def sampled(law: Vector, count: float | Vector, reacts: bool, x: Vector | Matrix) -> None:
+    """Carry the law's part of the state, or of changes of it, over a sample of the drive; many have a column each.
 
     `count`: what the count differs by from the one that the law was given; `reacts`: its command is within its limit.
     """
-    pull = law[KI] * law[SAMPLE_TIME] * count
     rate = law[KD] * law[SHARE] / law[SAMPLE_TIME]
-    integral = x[INTEGRAL_ERROR] - pull
+    integral = x[INTEGRAL_ERROR] - law[KI] * law[SAMPLE_TIME] * count
+    used = integral if law[ERROR_FIRST] != 0.0 else 1.0 * x[INTEGRAL_ERROR]
     x[DERIVATIVE_ERROR] = (1.0 - law[SHARE]) * x[DERIVATIVE_ERROR] - rate * (count - x[COUNT_ERROR])
-    used = integral if law[ERROR_FIRST] != 0.0 else x[INTEGRAL_ERROR]
-    x[COMMAND_ERROR] = used + x[DERIVATIVE_ERROR] - law[KP] * count if reacts else 0.0
+    x[COMMAND_ERROR] = (used + x[DERIVATIVE_ERROR] - law[KP] * count) * (1.0 if reacts else 0.0)
     x[INTEGRAL_ERROR], x[COUNT_ERROR] = integral, count
 
 

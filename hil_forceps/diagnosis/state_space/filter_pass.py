@@ -80,6 +80,14 @@ def _linear(p: Physics, d: Series) -> Linear:
 
 
 @inlined
+def _transitions(linear: Linear, slack: bool) -> tuple[Matrix, Matrix]:
+    """Return F over a row, and over a sample of the drive."""
+    if slack:
+        return linear.slack, linear.slack_sample
+    return linear.taut, linear.taut_sample
+
+
+@inlined
 def _note_state(row: int, x: Vector, covariance: Matrix, out: Filtered) -> None:
     for i in range(x.size):
         out.course[row, i], out.variance[row, i] = x[i], covariance[i, i]
@@ -90,12 +98,11 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
     """Fill `out`."""
     p = plants[0]
     s, linear = steppers(plants, d.period_s, d.samples), _linear(p, d)
-    f, f_sample, work = linear.taut.copy(), linear.taut.copy(), np.empty((d.states, d.states))
-    x, covariance = d.first_state.copy(), np.diag(d.first_variance)
+    x, covariance, work = d.first_state.copy(), np.diag(d.first_variance), np.empty((d.states, d.states))
     for mass in range(2):
         covariance[FRICTION_M + mass, FRICTION_M + mass] = d.friction_level_N_m[mass] ** 2
     plant, drive = first_plant(d), DriveState(d.first_integral_rad_s, math.nan, 0.0, d.first_current_A)
-    edge_variance = d.encoder_variance.min()
+    edge_variance, nothing_made = d.encoder_variance.min(), np.zeros(MADE_BETWEEN)
     before_A = plant.current_A
     was = (True, True)
     considered, calm_rows = np.zeros(d.states, dtype=np.bool_), 0
@@ -117,13 +124,13 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
         if row == d.encoder_rad.size - 1:
             break
         before_A = now_A
-        f[:], f_sample[:] = linear.taut, linear.taut_sample
-        if is_slack(p, x):
-            f[:], f_sample[:] = linear.slack, linear.slack_sample
+        f, f_sample = _transitions(linear, is_slack(p, x))
         drive = first_sample(p, d, row, edge_variance, drive, x, covariance, out)
-        drive, made, elastic_slope = _look_ahead(
-            plants, d, s, row, was, f, f_sample, edge_variance, plant, drive, x, covariance, out
-        )
+        elastic_slope, made = 0.0, nothing_made
+        if d.contact_stiffness[row] > 0.0 or d.samples > 1:
+            drive, made, elastic_slope, f, f_sample = _look_ahead(
+                plants, d, s, row, was, f, f_sample, edge_variance, plant, drive, x, covariance, out
+            )
         out.course[row, ELASTIC_SLOPE] = elastic_slope
         plant = beginning(plant, x)
         acting = acting_on(p, d, row, x, out.variance[row], out.command_A, elastic_slope)
@@ -159,28 +166,25 @@ def _look_ahead(
     x: Vector,
     covariance: Matrix,
     out: Filtered,
-) -> tuple[DriveState, Vector, float]:
+) -> tuple[DriveState, Vector, float, Matrix, Matrix]:
     """Return what a first try of the row tells: the drive behind it, what unseen counts make, and the load's slope.
 
-    The slope is that of what the jaw touches; `f` and `f_sample` are stiffened by it. What is told of the counts is in
-    state and covariance then.
+    The slope is that of what the jaw touches; last come `f` and `f_sample`, stiffened by it. What is told of the counts
+    is in state and covariance then.
     """
     p, stiffness, elastic_slope, made = plants[0], d.contact_stiffness[row], 0.0, np.zeros(MADE_BETWEEN)
-    if stiffness > 0.0 or d.samples > 1:
-        counts_rad, angles_rad = np.zeros(d.samples), np.zeros(d.samples)
-        begin = beginning(plant, x)
-        there, drive = nominal_row(plants, d, s, row, free, begin, drive, x, counts_rad, angles_rad, out)
-        if stiffness > 0.0:
-            elastic_slope = elastic_share(f, stiffness, d.period_s) * (there.theta_j_rad - x[THETA_J])
-            stiffened(f.copy(), stiffness, d.period_s, f)
-            stiffened(f_sample.copy(), stiffness, d.period_s / d.samples, f_sample)
-        if d.samples > 1:
-            shown_A = next_current(p, d, row, x) - there.current_A
-            made = collapse(
-                p, d, row, f_sample, counts_rad, angles_rad, shown_A, edge_variance, x, covariance, out.between
-            )
-            _note_state(row, x, covariance, out)
-    return drive, made, elastic_slope
+    counts_rad, angles_rad, begin = np.zeros(d.samples), np.zeros(d.samples), beginning(plant, x)
+    there, drive = nominal_row(plants, d, s, row, free, begin, drive, x, counts_rad, angles_rad, out)
+    if stiffness > 0.0:
+        elastic_slope = elastic_share(f, stiffness, d.period_s) * (there.theta_j_rad - x[THETA_J])
+        f, f_sample = f.copy(), f_sample.copy()
+        stiffened(f.copy(), stiffness, d.period_s, f)
+        stiffened(f_sample.copy(), stiffness, d.period_s / d.samples, f_sample)
+    if d.samples > 1:
+        shown_A = next_current(p, d, row, x) - there.current_A
+        made = collapse(p, d, row, f_sample, counts_rad, angles_rad, shown_A, edge_variance, x, covariance, out.between)
+        _note_state(row, x, covariance, out)
+    return drive, made, elastic_slope, f, f_sample
 
 
 @kernel

@@ -72,17 +72,10 @@ def forcing_pass(
         f = slack if is_slack(p, filtered.course[row]) else taut
         for sample in range(d.samples):
             if d.states > RECORDED_STATES:
-                _drive_sample(d, filtered, row, sample, shown[row, ENCODER], x)
+                sample_answer(d, filtered, row, sample, shown[row, ENCODER], x)
             _carried(f, x, motor[row], jaw[row], sample_s, kept, after)
             answer_of_contact(f, d.contact_stiffness[row], sample_s, x[THETA_J], after)
             x, after = after, x
-
-
-@inlined
-def _drive_sample(d: Series, filtered: Filtered, row: int, sample: int, shown_rad: Vector, x: Matrix) -> None:
-    """Carry changes of the state over a sample of the drive; `shown_rad`: errors of its encoder."""
-    for m in range(x.shape[1]):
-        sample_answer(d, filtered, row, sample, shown_rad[m], x[:, m])
 
 
 @inlined

@@ -140,19 +140,27 @@ def response_pass(
 
 
 @inlined
-def sample_answer(d: Series, filtered: Filtered, row: int, sample: int, shift_rad: float, x: Vector) -> None:
-    """Carry a change of the state over a sample of the drive; `shift_rad`: the encoder shows so much more of it."""
+def sample_answer(
+    d: Series, filtered: Filtered, row: int, sample: int, shift_rad: float | Vector, x: Vector | Matrix
+) -> None:
+    """Carry a change of the state over a sample of the drive; many changes have a column each.
+
+    `shift_rad`: the encoder shows so much more of it.
+    """
     reacts = filtered.reacts[row * d.samples + sample]
     if sample == 0:
         sampled(d.law, filtered.count_slope[row] * (x[THETA_M] + shift_rad), reacts, x)
-        if d.samples > 1:
-            answered(filtered.between, row, shift_rad, x)
     else:
-        sampled(d.law, 0.0, reacts, x)
-        if reacts:
-            x[COMMAND_ERROR] += x[BETWEEN + sample - 1]
-        if sample == d.samples - 1:
-            ended(x)
+        sampled(d.law, 0.0 * shift_rad, reacts, x)
+    if sample == 0 and d.samples > 1:
+        if filtered.between.directions[row, 0, THETA_M] != 0.0:
+            answered(filtered.between, row, shift_rad, x)
+        else:
+            x[BETWEEN:] = 0.0
+    elif sample > 0 and reacts:
+        x[COMMAND_ERROR] += x[BETWEEN + sample - 1]
+    if sample > 0 and sample == d.samples - 1:
+        ended(x)
 
 
 @inlined
