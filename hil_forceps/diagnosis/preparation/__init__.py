@@ -4,10 +4,10 @@ even_rows    runs on equally spaced rows; lost ones are filled, and marked
 excerpts     parts of runs that are too long, spread over them
 sensor_noise deviation, correlation and resolution of the sensors' noise
 resolution   the step that recorded values come in
-command      what the drive commanded: its law on the recorded angles
-decoding     what a drive counted and followed between rows
+command      what is known of the drive: its law, where its integral began, which references it may have followed
 contact      whether the load is that of something which the jaw touches
 load_prior   how much the load may change from row to row: stationary, with breaks of slope and jumps
 regimes      where a mass slides for sure, and where it may stick
 records      all of it, run by run
+reference_timing  which references a drive follows between rows, from a pass of the filter
 """

@@ -65,13 +65,14 @@ def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
 def _current_beside_law(run: Run, rig: Rig) -> Vector | None:
     """Return the measured current without what the law commands; None where that isn't known.
 
-    Between rows it isn't where a count more or less shows in the current.
+    Between rows it isn't where the rounding of counts shows in the current.
     """
     columns = run.columns
     if rig.drive is None or not {"current_A", "theta_m_ref_rad"} <= columns.keys():
         return None
     samples, law = samples_in_a_row(run, rig), law_vector(rig.drive)
-    if samples == 0 or (samples > 1 and count_current_A(law, rig.encoder.quantum_rad) > SHOWS * rig.noise.current_A):
+    rounding_A = count_current_A(law, rig.encoder.quantum_rad) / math.sqrt(6.0)  # of a count, and of the line there
+    if samples == 0 or (samples > 1 and rounding_A > SHOWS * rig.noise.current_A):
         return None
     rows = (columns["theta_m_ref_rad"], columns["theta_m_rad"], columns["current_A"])
     command = commands_on_lines(law, rows, samples, first_integral(law, rows, samples, 0.0).value_rad_s)
