@@ -1,10 +1,12 @@
 """The tutorials: every command in them is run, and prints what they say."""
 
+import json
 from pathlib import Path
 
 import pytest
 
 from tests.unit.docs.code_blocks import blocks_of
+from tests.unit.docs.test_json_page import keys_told
 from tests.unit.docs.tutorial import ROOT, VARY, difference, prepared, printed, steps_of
 
 PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
@@ -27,6 +29,12 @@ def test_commands_print_what_the_page_says(page: Path, tmp_path: Path) -> None:
             problem = difference(step.expected.text, told, numbers_vary=step.expected.note == VARY)
             problems += [f"{page.name}:{step.expected.line}: {problem}\n{told}"] if problem else []
     assert problems == []
+    for name in ("run.json", "summary.json", "diagnosis.json"):  # what came out is what docs/json.md says
+        for path in (folder / "out").rglob(name):
+            content = json.loads(path.read_text(encoding="utf-8"))
+            keys = keys_told("summary.json and timing.json" if name == "summary.json" else name)
+            assert set(content) <= keys, path
+            assert all(set(run) <= keys for run in content.get("runs", ())), path
 
 
 @pytest.mark.parametrize("page", PAGES, ids=[page.stem for page in PAGES])
