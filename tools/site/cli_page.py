@@ -1,6 +1,7 @@
 """The reference of the command line, out of what the program tells of itself."""
 
 import re
+from argparse import HelpFormatter
 from collections.abc import Iterator
 from typing import Any
 
@@ -34,7 +35,7 @@ def _of_command(name: str) -> Iterator[str]:
 
 def _drive_help() -> str:
     parser = drive_parser()
-    parser.formatter_class = lambda prog: __import__("argparse").HelpFormatter(prog, width=96)
+    parser.formatter_class = lambda prog: HelpFormatter(prog, width=96)
     return parser.format_help().strip()
 
 
@@ -49,5 +50,5 @@ def _told_by_cyclopts(name: str) -> str:
         command.help, command.help_epilogue = short, epilogue
     text = re.sub(r"^#+ .*\n", "", text, count=1)
     text = re.sub(r"^\*\*(.+?)\*\*:$", r"### \1 of `%s`" % name, text, flags=re.MULTILINE)
-    # A list inside which a line goes on by four spaces would be code behind an empty line.
+    text = re.sub(r", --empty-[\w-]+|, --no-[\w-]+(?=`)| \*\[default: (?:\(\)|\"\"|False)\]\*", "", text)
     return re.sub(r"\(docs/([a-z-]+)\.md\)", r"([\1](\1.md))", text)

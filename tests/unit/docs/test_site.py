@@ -35,23 +35,29 @@ def pages_of(nav: object) -> Iterator[str]:
             yield from pages_of(each)
 
 
-def test_pages_are_laid_out_with_links_that_lead_somewhere(tmp_path: Path) -> None:
-    stage(tmp_path)
-    pages = sorted(tmp_path.rglob("*.md"))
+@pytest.fixture(scope="module")
+def laid_out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Lay the pages out, once."""
+    folder = tmp_path_factory.mktemp("pages")
+    stage(folder)
+    return folder
+
+
+def test_pages_are_laid_out_with_links_that_lead_somewhere(laid_out: Path) -> None:
+    pages = sorted(laid_out.rglob("*.md"))
     named = set(pages_of(SETTINGS["nav"]))
-    assert {str(page.relative_to(tmp_path)) for page in pages if "decisions/0" not in str(page)} == named
+    assert {str(page.relative_to(laid_out)) for page in pages if "decisions/0" not in str(page)} == named
     for page in pages:
-        name = PurePosixPath(page.relative_to(tmp_path))
-        found = (problem_of(link, name, tmp_path) for link in links_of(page.read_text(encoding="utf-8")))
+        name = PurePosixPath(page.relative_to(laid_out))
+        found = (problem_of(link, name, laid_out) for link in links_of(page.read_text(encoding="utf-8")))
         assert [problem for problem in found if problem] == [], name
 
 
-def test_the_command_line_page_has_every_command(tmp_path: Path) -> None:
-    stage(tmp_path)
-    page = (tmp_path / "command-line.md").read_text(encoding="utf-8")
+def test_the_command_line_page_has_every_command(laid_out: Path) -> None:
+    page = (laid_out / "command-line.md").read_text(encoding="utf-8")
     assert re.findall(r"^## (\w+)$", page, re.MULTILINE) == list(EXAMPLES)
     assert all(f"\n{line}\n" in page for line in EXAMPLES.values())
-    assert "`--hold-out STR...`" in page  # of diagnose
+    assert "* `--hold-out STR...`: Names of runs" in page  # of diagnose
     assert "--serial-pty" in page  # of drive, which has a parser of its own
 
 
