@@ -49,6 +49,6 @@ def _told_by_cyclopts(name: str) -> str:
     finally:
         command.help, command.help_epilogue = short, epilogue
     text = re.sub(r"^#+ .*\n", "", text, count=1)
-    text = re.sub(r"^\*\*(.+?)\*\*:$", r"### \1 of `%s`" % name, text, flags=re.MULTILINE)
+    text = re.sub(r"^\*\*(.+?)\*\*:$", rf"### \1 (`{name}`)", text, flags=re.MULTILINE)
     text = re.sub(r", --empty-[\w-]+|, --no-[\w-]+(?=`)| \*\[default: (?:\(\)|\"\"|False)\]\*", "", text)
     return re.sub(r"\(docs/([a-z-]+)\.md\)", r"([\1](\1.md))", text)

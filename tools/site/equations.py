@@ -1,31 +1,52 @@
-"""Equations in ```math blocks and $`…`$ as MathML, made while the site is built: no script draws them, none is loaded."""
+"""Equations as MathML and symbols with their indices, made while the site is built: no script draws them.
 
+Equations are TeX in ```math blocks, as git forges draw them. Symbols in the text, such as θ_m, are plain there.
+"""
+
+import re
 from typing import Any
+from xml.etree.ElementTree import Element, SubElement
 
 from latex2mathml.converter import convert
 from markdown import Markdown
 from markdown.extensions import Extension
 from markdown.inlinepatterns import InlineProcessor
+from pymdownx.superfences import SuperFencesException
+
+# A letter, perhaps with a hat, and its index: θ_m, τ̂_w, θ_j^ref. A word with an underscore is none.
+_SYMBOL = r"(?<![\w^])(\w[\u0300-\u0302\u0307\u0308]?)_([a-zA-Z]{1,2}|int|ex)(?:\^(ref))?(?![\w(])"
+_NOT_TRANSLATED = re.compile(r"<m\w+>(?:&|&amp;|\\[^<]*)</m\w+>")
 
 
 def block(source: str, *_: Any, **__: Any) -> str:
-    """Return a block of TeX as a displayed formula; the form that `pymdownx.superfences` asks for."""
-    return f'<div class="equation">{convert(source.strip(), display="block")}</div>'
+    """Return a block of TeX as a displayed formula: the form that `pymdownx.superfences` asks for.
+
+    SuperFencesException, which ends the build, for what the translation leaves as it is.
+    """
+    told = convert(source.strip(), display="block")
+    if _NOT_TRANSLATED.search(told):
+        raise SuperFencesException(f"no MathML for all of this equation: {source.strip()}")
+    return f'<div class="equation">{told}</div>'
 
 
-class _Inline(InlineProcessor):
-    def handleMatch(self, m: Any, data: str) -> tuple[str, int, int]:  # type: ignore[override]  # noqa: ARG002, N802
-        return self.md.htmlStash.store(convert(m[1].strip(), display="inline")), m.start(0), m.end(0)
+class _Symbol(InlineProcessor):
+    def handleMatch(self, m: re.Match[str], data: str) -> tuple[Element, int, int]:  # type: ignore[override]  # noqa: ARG002, N802
+        symbol = Element("span")
+        symbol.text = m[1]
+        SubElement(symbol, "sub").text = m[2]
+        if m[3]:
+            SubElement(symbol, "sup").text = m[3]
+        return symbol, m.start(0), m.end(0)
 
 
-class Equations(Extension):
-    """Formulas within a line, between $` and `$, as git forges write them."""
+class Symbols(Extension):
+    """Symbols with an index within a line, wherever no code is."""
 
     def extendMarkdown(self, md: Markdown) -> None:  # noqa: N802
-        """Add it before inline code is looked for."""
-        md.inlinePatterns.register(_Inline(r"\$`([^`\n]+)`\$", md), "equation", 200)
+        """Add it behind code and links, and before emphasis."""
+        md.inlinePatterns.register(_Symbol(_SYMBOL, md), "symbol", 75)
 
 
-def makeExtension(**settings: Any) -> Equations:  # noqa: N802
+def makeExtension(**settings: Any) -> Symbols:  # noqa: N802
     """Return the extension: the name that Python-Markdown calls."""
-    return Equations(**settings)
+    return Symbols(**settings)

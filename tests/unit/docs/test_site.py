@@ -6,8 +6,10 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
+import markdown
 import pytest
 import yaml
+from pymdownx.superfences import SuperFencesException
 
 import hil_forceps as hf
 from hil_forceps.cli.examples import EXAMPLES
@@ -73,6 +75,18 @@ def test_equations_become_mathml() -> None:
     told = block(r"x = \frac{a}{b}")
     assert "<mfrac>" in told
     assert "\\frac" not in told
+    for wrong in (r"\begin{aligned} a &= b \end{aligned}", r"a \unheardof b"):
+        with pytest.raises(SuperFencesException, match="no MathML"):
+            block(wrong)
+
+
+def test_symbols_get_their_indices_and_names_stay() -> None:
+    page = "θ_m, τ̂_w and θ_j^ref of `θ_m`, theta_m_rad, S_1 and r_m/r_j (I_m)"
+    told = markdown.markdown(page, extensions=["tools.site.equations"])
+    assert re.sub("</?span>", "", told) == (
+        "<p>θ<sub>m</sub>, τ̂<sub>w</sub> and θ<sub>j</sub><sup>ref</sup> of <code>θ_m</code>, theta_m_rad, S_1 and "
+        "r<sub>m</sub>/r<sub>j</sub> (I<sub>m</sub>)</p>"
+    )
 
 
 EXTERNAL = re.compile(r"""<(?:script|img|iframe|link)\b[^>]*\b(?:src|href)=["'](?:https?:)?//[^"']+""")

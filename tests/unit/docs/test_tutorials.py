@@ -100,6 +100,8 @@ def test_steps_are_run_in_order_and_compared(tmp_path: Path) -> None:
         ("a\nb", "a", False),
         (" ─── ", "────── ", True),
         ("error 0.000", "error -0.001", True),
+        ("0.001016", "0.0012", False),
+        ("2.6e-05", "2.7e-05", True),
         ("speed … ×", "speed 3.7 ×", True),
         ("speed … ×", "speed ×", False),
     ],

@@ -97,11 +97,14 @@ def _same_word(wanted: str, got: str, numbers_vary: bool) -> bool:
     if _NUMBER.sub("#", wanted) != _NUMBER.sub("#", got):
         return False
     pairs = zip(_NUMBER.findall(wanted), _NUMBER.findall(got), strict=True)
-    return numbers_vary or all(_near(_value(a), _value(b)) for a, b in pairs)
+    return numbers_vary or all(_near(a, b) for a, b in pairs)
 
 
-def _near(a: float, b: float) -> bool:
-    return abs(a - b) <= max(SAME_WITHIN * abs(a), 0.0015)
+def _near(wanted: str, got: str) -> bool:
+    """Tell whether two numbers agree within 2 %, or within 1.5 units of the last place that the page shows."""
+    mantissa, _, exponent = wanted.partition("e")
+    last_place = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+    return abs(_value(wanted) - _value(got)) <= max(SAME_WITHIN * abs(_value(wanted)), 1.5 * last_place)
 
 
 def _value(number: str) -> float:
