@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # it is run as a file
-from tools.layer_drawing import drawing  # noqa: E402
+from tools.layer_drawing import drawing
 
 ROOT = Path(__file__).resolve().parent.parent
 TARGET = ROOT / "docs" / "architecture.md"
@@ -18,7 +18,8 @@ TEMPLATE = ROOT / "tools" / "architecture_doc.template.md"
 
 def main(arguments: list[str]) -> int:
     """Write the page, or with `--check` tell whether it is up to date."""
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    contracts = settings["contracts"]
     wanted = {TARGET: render(), DRAWING: drawing(layers_of(contracts), open_to_the_world(contracts))}
     stale = [path for path, text in wanted.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
     if arguments == ["--check"]:

@@ -39,8 +39,8 @@ def drawing(layers: Sequence[Sequence[str]], open_to_the_world: Sequence[str]) -
     parts.append(_arrow(LEFT + inner + 10, TOP + 3 * ROW + 16, world, TOP + 3 * ROW + 16, dashed=True))
     parts.append(f'<text x="{world + 95}" y="{TOP + 3 * ROW - 30}" font-size="12">python-can, serial,</text>')
     parts.append(f'<text x="{world + 95}" y="{TOP + 3 * ROW - 14}" font-size="12">entry points</text>')
-    parts.append(f'<text x="{width / 2}" y="{bottom + 108}" font-size="12">'
-                 "A box imports from boxes below it. Yellow: what virtual_bus imports of hil_forceps.</text>")  # fmt: skip
+    legend = "A box imports from boxes below it. Yellow: what virtual_bus imports of hil_forceps."
+    parts.append(f'<text x="{width / 2}" y="{bottom + 108}" font-size="12">{legend}</text>')
     return "\n".join((*parts, "</svg>", ""))
 
 

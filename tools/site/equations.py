@@ -30,7 +30,7 @@ def block(source: str, *_: Any, **__: Any) -> str:
 
 
 class _Symbol(InlineProcessor):
-    def handleMatch(self, m: re.Match[str], data: str) -> tuple[Element, int, int]:  # type: ignore[override]  # noqa: ARG002, N802
+    def handleMatch(self, m: re.Match[str], data: str) -> tuple[Element, int, int]:  # type: ignore[override]  # noqa: ARG002
         symbol = Element("span")
         symbol.text = m[1]
         SubElement(symbol, "sub").text = m[2]
@@ -42,11 +42,11 @@ class _Symbol(InlineProcessor):
 class Symbols(Extension):
     """Symbols with an index within a line, wherever no code is."""
 
-    def extendMarkdown(self, md: Markdown) -> None:  # noqa: N802
+    def extendMarkdown(self, md: Markdown) -> None:
         """Add it behind code and links, and before emphasis."""
         md.inlinePatterns.register(_Symbol(_SYMBOL, md), "symbol", 75)
 
 
-def makeExtension(**settings: Any) -> Symbols:  # noqa: N802
+def makeExtension(**settings: Any) -> Symbols:
     """Return the extension: the name that Python-Markdown calls."""
     return Symbols(**settings)

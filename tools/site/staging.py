@@ -1,4 +1,4 @@
-"""The pages that the generator gets: docs/ as it is, README and CONTRIBUTING beside it, the reference from the program."""
+"""The pages that the generator gets: docs/, README and CONTRIBUTING beside it, the reference from the program."""
 
 import os
 import shutil

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.unit.docs.code_blocks import Block, blocks_of
 
 from hil_forceps.rig import UserError, load_rig
+from tests.unit.docs.code_blocks import Block, blocks_of
 
 ROOT = Path(__file__).parents[3]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -65,7 +65,8 @@ def test_blocks_end_and_have_a_known_language(page: Path) -> None:
 
 
 def test_wrong_blocks_fail(tmp_path: Path) -> None:
-    page = "```python\nimport hil_forceps as hf\nhf.load_rigs\n```\n<!-- not run: no file -->\n```python\nopen('x')\n```\n"
+    right = "<!-- not run: no file -->\n```python\nopen('x')\n```\n"
+    page = "```python\nimport hil_forceps as hf\nhf.load_rigs\n```\n" + right
     wrong, marked = blocks_of(page)
     assert (wrong.line, wrong.why_not_run, marked.why_not_run) == (2, "", "no file")
     with pytest.raises(AttributeError):

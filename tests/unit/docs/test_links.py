@@ -57,7 +57,8 @@ def test_links_are_changed_where_they_stand() -> None:
 
 
 def test_anchors_are_those_of_the_headings() -> None:
-    page = "# Drive's law, `kp`\n## With τ_w\n## With τ_w\n```\n# none\n```\n## [Linked](a.md) and *more*\n<a id=\"own\">"
+    page = "# Drive's law, `kp`\n## With τ_w\n## With τ_w\n```\n# none\n```\n"
+    page += '## [Linked](a.md) and *more*\n<a id="own">'
     assert anchors_of(page) == {"drives-law-kp", "with-τ_w", "with-τ_w_1", "linked-and-more", "own"}
 
 
