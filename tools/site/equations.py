@@ -30,7 +30,7 @@ def block(source: str, *_: Any, **__: Any) -> str:
 
 
 class _Symbol(InlineProcessor):
-    def handleMatch(self, m: re.Match[str], data: str) -> tuple[Element, int, int]:  # type: ignore[override]  # noqa: ARG002
+    def handleMatch(self, m: re.Match[str], data: str) -> tuple[Element, int, int]:  # noqa: ARG002
         symbol = Element("span")
         symbol.text = m[1]
         SubElement(symbol, "sub").text = m[2]

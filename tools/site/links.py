@@ -51,7 +51,7 @@ def anchors_of(text: str) -> set[str]:
 
 def anchor(words: str) -> str:
     """Return the anchor of a heading: what git forges make of it, letters of any alphabet kept."""
-    return slugify(words, "-", unicode=True)
+    return str(slugify(words, "-", unicode=True))
 
 
 def relinked(text: str, change: Callable[[str], str]) -> str:
