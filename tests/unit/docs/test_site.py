@@ -99,6 +99,7 @@ def test_what_is_loaded_from_elsewhere_is_seen() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1200)
 def test_the_site_builds_without_a_warning_and_stands_alone() -> None:
     command = [sys.executable, "-m", "tools.site"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
