@@ -7,7 +7,7 @@ TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects gate-coverage mutate-gate fuzz fuzz-readers campaign torque-free hidden-effects real-data drive-costs trend-speed benchmark audit wheel clean
+.PHONY: help install install-run site bench test test-long lint types layers unit system targets targets-short targets-quick effects gate-coverage mutate-gate fuzz fuzz-readers campaign torque-free hidden-effects real-data drive-costs trend-speed benchmark audit wheel clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 18
@@ -105,6 +105,10 @@ fuzz-readers: install  ## damaged files into every reader, N=100000 of them; N=1
 campaign: N = 1000
 campaign: install  ## faults on bus, drive, host and clock in virtual time: N=1000 seeds; N=10000 at night
 	$(PY) -m tests.fault_campaign.campaign $(N) --seed $(SEED) --out $(OUT)/fault-campaign
+
+# Offline, from docs/, README.md and what the program tells of itself; warnings are errors.
+site: install  ## the documents as a site, build/site/index.html
+	$(PY) -m tools.site
 
 torque-free: install  ## time from the last reference to no torque, of every simulated drive: table and figure
 	$(PY) -m tests.fault_campaign.torque_free --out $(OUT)/torque-free

@@ -1,27 +1,33 @@
-"""Write docs/architecture.md from the import contracts; with `--check` only compare."""
+"""Write docs/architecture.md and its drawing from the import contracts; with `--check` only compare."""
 
 import ast
 import sys
 import tomllib
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # it is run as a file
+from tools.layer_drawing import drawing
+
 ROOT = Path(__file__).resolve().parent.parent
 TARGET = ROOT / "docs" / "architecture.md"
+DRAWING = ROOT / "docs" / "images" / "layers.svg"
 TEMPLATE = ROOT / "tools" / "architecture_doc.template.md"
 
 
 def main(arguments: list[str]) -> int:
     """Write the page, or with `--check` tell whether it is up to date."""
-    page = render()
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    contracts = settings["contracts"]
+    wanted = {TARGET: render(), DRAWING: drawing(layers_of(contracts), open_to_the_world(contracts))}
+    stale = [path for path, text in wanted.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
     if arguments == ["--check"]:
-        if not TARGET.exists() or TARGET.read_text(encoding="utf-8") != page:
-            print(f"{TARGET} is out of date; run python tools/architecture_doc.py")
-            return 1
-        return 0
-    TARGET.write_text(page, encoding="utf-8")
+        for path in stale:
+            print(f"{path} is out of date; run python tools/architecture_doc.py")
+        return 1 if stale else 0
+    for path in stale:
+        path.write_text(wanted[path], encoding="utf-8")
     return 0
 
 
@@ -30,7 +36,6 @@ def render() -> str:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
     page = TEMPLATE.read_text(encoding="utf-8")
     parts = {
-        "diagram": "\n".join(diagram(settings["contracts"])),
         "rules": "\n".join(rules(settings["contracts"])),
         "rooms": "\n".join(rooms(settings["root_packages"])),
     }
@@ -45,32 +50,15 @@ def layers_of(contracts: Sequence[dict[str, Any]]) -> list[list[str]]:
     return [[name.strip() for name in layer.split("|")] for layer in contract["layers"]]
 
 
-def diagram(contracts: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Yield the lines of a flow chart: an arrow from each package to those of the next layer below it."""
-    layers = layers_of(contracts)
-    yield "flowchart TB"
-    yield '    subgraph hil_forceps["hil_forceps"]'
-    for layer in layers:
-        for name in layer:
-            yield f'        {name}["{name}"]'
-    for upper, lower in pairwise(layers):
-        for above in upper:
-            for below in lower:
-                yield f"        {above} --> {below}"
-    yield "    end"
-    yield '    virtual_bus["virtual_bus: the simulated world"]'
-    yield '    firmware_protocol["firmware_protocol: the wire"]'
-    yield "    hil_forceps --> firmware_protocol"
-    yield "    virtual_bus --> firmware_protocol"
+def open_to_the_world(contracts: Sequence[dict[str, Any]]) -> list[str]:
+    """Return the packages of hil_forceps that no contract keeps from virtual_bus."""
     barred = {
         name.removeprefix("hil_forceps.")
         for contract in contracts
         if contract["type"] == "forbidden" and contract["source_modules"] == ["virtual_bus"]
         for name in contract["forbidden_modules"]
     }
-    for name in (name for layer in layers for name in layer if name not in barred):
-        yield f"    virtual_bus --> {name}"
-    yield "    hil_forceps -. python-can, serial, entry points .-> virtual_bus"
+    return [name for layer in layers_of(contracts) for name in layer if name not in barred]
 
 
 def rules(contracts: Sequence[dict[str, Any]]) -> Iterator[str]:

@@ -8,5 +8,5 @@ compile() {
     uv pip compile pyproject.toml --universal --python-version 3.11 \
         --no-emit-index-url --no-header --no-annotate --generate-hashes --quiet "$@"
 }
-compile --extra dev --output-file requirements.lock
+compile --extra dev --extra site --output-file requirements.lock
 compile --extra editable --constraint requirements.lock --output-file requirements-run.lock
