@@ -6,6 +6,9 @@ PY := $(VENV)/bin/python
 TESTS := tests --ignore=tests/targets --ignore=tests/bench
 # Tests run in as many processes as there are cores; threads of BLAS beside them would only fight for these.
 export OPENBLAS_NUM_THREADS := 1
+# Containers often set it. Then every process of a test compiles all that it imports, two seconds of it, and pytest
+# rewrites every test file anew at each run.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help install install-run bench test test-long lint types layers unit system targets targets-short targets-quick effects gate-coverage mutate-gate fuzz fuzz-readers campaign torque-free hidden-effects real-data drive-costs trend-speed benchmark audit wheel clean
 
@@ -31,7 +34,7 @@ lint: install  ## style
 	$(VENV)/bin/ruff format --check .
 
 types: install  ## types, strict, tests too
-	$(VENV)/bin/mypy
+	$(VENV)/bin/mypy -n 2
 
 layers: install  ## import contracts
 	$(VENV)/bin/lint-imports
