@@ -1,27 +1,14 @@
 """`hil-forceps replay`: recordings, and measured runs of real instruments, through the estimators."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.progress import Progress
 
 from hil_forceps.bench.run_folder import RECORDING_NAME
-from hil_forceps.cli.commands.replay_axis import replay_axis
 from hil_forceps.cli.commands.replay_recording import replay_recording
-from hil_forceps.cli.files import make_folder
-from hil_forceps.cli.notes import note_console
-from hil_forceps.cli.tables import print_cells
-from hil_forceps.data.readers.tables.mapping import ColumnMap, read_map
+from hil_forceps.data.readers.tables.mapping import read_map
 from hil_forceps.data.recording.format import FAULT_NAME
-from hil_forceps.identification.instrument.black_boxes import black_boxes as black_boxes_of
-from hil_forceps.identification.instrument.comparison_files import comparison_tables, write_comparison
-from hil_forceps.identification.instrument.evaluation import compare_instrument, evaluate, read_instrument
-from hil_forceps.identification.instrument.report import write_report
-from hil_forceps.report.identification.comparison import write_comparison_figures
-from hil_forceps.report.identification.instrument import write_instrument_figures
-from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 
 RECORDING_SUFFIX = ".mcap"
@@ -80,6 +67,8 @@ def replay(
             raise UserError("runs of an axis need --rig RIG.yaml and --out DIR")
         if algorithm is not None:
             raise UserError("several sources are runs of an axis: --algorithm doesn't go with them")
+        from hil_forceps.cli.commands.replay_axis import replay_axis  # noqa: PLC0415 - scipy takes a while to load
+
         return replay_axis([source, *others], rig, out, read_map(map_), with_networks=black_boxes, as_json=as_json)
     if (source / RECORDING_NAME).is_file():
         source /= RECORDING_NAME
@@ -89,7 +78,9 @@ def replay(
         raise UserError(f"{source}: is no recording; a rig file goes behind --rig, the recording or run comes first")
     if rig is None or out is None:
         raise UserError(f"{source}: {_no_recording(source)}; runs of an instrument need --rig RIG.yaml and --out DIR")
-    return _instrument(source, rig, out, black_boxes, read_map(map_), as_json=as_json)
+    from hil_forceps.cli.commands.replay_instrument import replay_instrument  # noqa: PLC0415 - as above
+
+    return replay_instrument(source, rig, out, black_boxes, read_map(map_), as_json=as_json)
 
 
 def _no_recording(source: Path) -> str:
@@ -99,41 +90,3 @@ def _no_recording(source: Path) -> str:
     if source.name.endswith(FAULT_NAME):
         return f"is the last second of a run, and that is not replayed; name its {RECORDING_NAME}, or see it by explain"
     return f"is no recording, which is named *{RECORDING_SUFFIX}"
-
-
-def _instrument(
-    source: Path, rig_path: Path, out: Path, with_learned: bool, mapping: ColumnMap, *, as_json: bool
-) -> int:
-    rig = load_rig(rig_path)
-    make_folder(out)
-    if with_learned:
-        black_boxes_of(with_learned=True)  # says at once what isn't installed
-    console = note_console()
-    with Progress(console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("replay", total=None)
-
-        def progress(done: int, total: int, what: str) -> None:
-            bar.update(task, completed=done, total=total or None, description=what)
-
-        runs = read_instrument(source, progress, mapping)
-        report = evaluate(source.stem, runs, rig, progress)
-        comparison = compare_instrument(runs, rig, with_learned=with_learned, progress=progress)
-        written, _ = write_report(report, out)
-        write_comparison(comparison, out)
-        bar.update(task, description="figures")
-        figures = [*write_instrument_figures(report, out), *write_comparison_figures(comparison, out)]
-    if as_json:
-        sys.stdout.write(written.read_text(encoding="utf-8"))
-        return 0
-    print_cells(report.table(), f"{report.name}: estimated from the motor side against measured at the jaw", 3)
-    for assumed in report.assumed:
-        sys.stdout.write(f"assumed: {assumed}\n")
-    for split, cells in comparison_tables(comparison):
-        print_cells(cells, f"{report.name}, RMSE on what was held out: {split}", 2)
-    if not comparison.splits:
-        sys.stdout.write("no comparison on runs held out: it takes runs at two loads or two frequencies\n")
-    sys.stdout.write(
-        f"{len(figures)} figures, instrument.json, instrument_runs.csv, instrument_comparison.json and "
-        f"instrument_comparison.csv are in {out}/\n"
-    )
-    return 0
