@@ -28,7 +28,7 @@ def interruptible() -> Iterator[None]:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """With `-m` and one mark alone, leave out files that don't name it: importing them takes longer than some suites."""
+    """With `-m` and one mark alone, leave out files that don't name it: importing all of them takes a minute."""
     mark = config.getoption("markexpr")
     is_test = collection_path.suffix == ".py" and collection_path.name.startswith("test_")
     if is_test and mark.isidentifier() and f"mark.{mark}" not in collection_path.read_text(encoding="utf-8"):

@@ -31,9 +31,8 @@ def written(profile: str) -> str:
 
 
 @pytest.mark.parametrize("profile", sorted(PROFILES))
-def test_a_whole_drive_keeps_its_promises_in_the_same_words_each_time(profile: str) -> None:
-    first = written(profile)
-    told = json.loads(first)["requirements"]
+def test_a_whole_drive_keeps_its_promises(profile: str) -> None:
+    told = json.loads(written(profile))["requirements"]
     wrong = {each["id"]: each["evidence"] for each in told if each["verdict"] not in {"pass", "not run"}}
     may_stay_open = {promise.name for promise in PROMISES.values() if promise.level == "SHOULD"}
     assert not {name for name in wrong if name not in may_stay_open}, wrong
@@ -41,7 +40,15 @@ def test_a_whole_drive_keeps_its_promises_in_the_same_words_each_time(profile: s
     passed = [each["id"] for each in told if each["verdict"] == "pass"]
     assert len(passed) >= len(PROMISES) // 2
     assert {"DRV-010", "DRV-020", "DRV-030", "DRV-040", "DRV-050", "DRV-060", "DRV-070", "DRV-071"} <= set(passed)
-    assert written(profile) == first
+
+
+# The noise is the world's, one and the same for all: one of them shows that it is seeded.
+ONCE_MORE = [pytest.param(name, marks=() if name == "mit" else pytest.mark.long) for name in sorted(PROFILES)]
+
+
+@pytest.mark.parametrize("profile", ONCE_MORE)
+def test_the_certificate_is_the_same_each_time(profile: str) -> None:
+    assert written(profile) == written(profile)
 
 
 def judged(row: Row, numbers: Iterable[int]) -> tuple[set[int], dict[int, str]]:
