@@ -288,7 +288,7 @@ HARD = {"encoder.counts_per_rev": 2048, "forceps.motor_coulomb_N_m": 8.6e-4}
 SLOW_AND_QUICK = "0,1.57\n6,1.45\n6.5,0.4\n9,0.38\n9.3,1.5\n11,1.5\n"
 
 
-# The one whose line is half duplex has the oldest samples; what else differs are messages, which have tests of their own.
+# The one whose line is half duplex has the oldest samples; what else differs are messages, with tests of their own.
 EVERY_PROFILE = [pytest.param(name, marks=() if name == "dynamixel" else pytest.mark.long) for name in sorted(PROFILES)]
 
 
