@@ -20,7 +20,7 @@ from hil_forceps.data.recording.reader import Recording, read_recording
 from tests.system.browser import Tab, browser, find_browser
 from tests.system.test_live_page import EXPECT
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+pytestmark = [pytest.mark.realtime, pytest.mark.alone, pytest.mark.slow]
 
 ROOT = Path(__file__).resolve().parents[2]
 PAPER = ROOT / "configs" / "paper.yaml"

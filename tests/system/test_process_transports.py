@@ -24,7 +24,7 @@ from firmware_protocol.messages import DriveState
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 from virtual_bus.realtime.transports import Transport, open_can
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+pytestmark = [pytest.mark.realtime, pytest.mark.alone, pytest.mark.slow]
 
 ROOT = Path(__file__).resolve().parents[2]
 RIG = ROOT / "configs" / "paper.yaml"

@@ -57,6 +57,7 @@ def check_whole(recording: Recording, reason: str) -> None:
     assert np.all(np.diff(recording.samples["stamp_ns"]) > 0)
 
 
+@pytest.mark.alone
 def test_every_frame_is_accounted_for(
     drive: DriveFixture, run: RunFixture, wire: Any, tmp_path: Path, start: Any
 ) -> None:
