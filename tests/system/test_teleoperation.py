@@ -22,7 +22,7 @@ from hil_forceps.bridge.teleoperation.datagrams import (
 from hil_forceps.bridge.teleoperation.reference_input import ReferenceInput
 from hil_forceps.bridge.teleoperation.udp_server import UdpReferences
 from hil_forceps.cli import main as cli
-from hil_forceps.cli.references import open_references, read_token
+from hil_forceps.cli.arguments.references import open_references, read_token
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError

@@ -13,7 +13,7 @@ from hil_forceps.bridge.flight_recorder import BEFORE_NS
 from hil_forceps.bridge.results import StopReason
 from hil_forceps.bridge.service import Service
 from hil_forceps.cli import main as cli
-from hil_forceps.cli.commands import run as run_command
+from hil_forceps.cli.commands.runs import run as run_command
 from hil_forceps.control.gate import GateTrip
 from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.recording.reader import read_recording

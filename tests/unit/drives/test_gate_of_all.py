@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.cli import main as cli
-from hil_forceps.cli.commands import run
+from hil_forceps.cli.commands.runs import run
 from hil_forceps.drives.registry import PROFILES
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.sections import ProfileName
