@@ -34,7 +34,7 @@ lint: install  ## style
 	$(VENV)/bin/ruff format --check .
 
 types: install  ## types, strict, tests too
-	$(VENV)/bin/mypy -n 2
+	$(VENV)/bin/mypy
 
 layers: install  ## import contracts
 	$(VENV)/bin/lint-imports
