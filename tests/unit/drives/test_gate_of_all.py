@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.cli import main as cli
-from hil_forceps.cli.commands.runs import run
+from hil_forceps.cli.commands.runs import run_checks
 from hil_forceps.drives.registry import PROFILES
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.sections import ProfileName
@@ -67,7 +67,7 @@ def test_nothing_beyond_the_limits_arrives(
     rig.write_text(limited)
     seen = commanded(monkeypatch)
     # Such a trajectory is refused before anything moves; here the gate is to hold alone.
-    monkeypatch.setattr(run, "check_trajectory", lambda *_: None)
+    monkeypatch.setattr(run_checks, "check_trajectory", lambda *_: None)
     arguments = ["run", "--rig", str(rig), "--interface", "virtual_forceps", "--channel", str(tmp_path)]
     with pytest.raises(SystemExit):
         cli.main([*arguments, "--option", f"rig={rig}", "--duration", "2", "--out", str(tmp_path / "out")])
