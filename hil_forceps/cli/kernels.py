@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 from numba.core import event
 
-from hil_forceps.cli.notes import is_quiet
+from hil_forceps.cli.terminal.notes import is_quiet
 from hil_forceps.estimation.interface import Sample
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
 from hil_forceps.rig import Rig

@@ -8,9 +8,9 @@ from typing import Any, TextIO
 from cyclopts import App, CycloptsError, Parameter
 
 from hil_forceps import __version__
-from hil_forceps.cli import made_folders
+from hil_forceps.cli.arguments import made_folders
 from hil_forceps.cli.examples import EXAMPLES
-from hil_forceps.cli.notes import without_quiet
+from hil_forceps.cli.terminal.notes import without_quiet
 from hil_forceps.rig.errors import UserError
 
 EXIT_USER_ERROR = 2
@@ -29,35 +29,36 @@ app = App(
     default_parameter=Parameter(negative_iterable=()),  # no --empty-… for each option that may be repeated
 )
 
-# Commands are named by import path, so that `--help` loads none of them.
+# Commands are named by import path, so that `--help` loads none of them; each is a function named as its file.
 for _name, _path, _help in (
-    ("bench", "bench:bench", "Run the paper's simulations through the bus; write table, figures and recordings."),
-    ("run", "run:run", "Drive a motor driver, real or simulated, on any CAN interface or serial port."),
-    ("drive", "drive:drive", "Start the simulated drive with its forceps as a process of its own."),
-    ("conformance", "conformance:conformance", "Run the protocol's requirements against a drive; write a certificate."),
-    ("decode", "decode:decode", "Turn frames or bus logs into readable signals."),
-    ("diagnose", "diagnose:diagnose", "Show what a simulation gets wrong about measured runs, and name the cause."),
-    ("trend", "trend:trend", "Follow parameters over hundreds of sessions; tell what changes, and since when."),
-    ("replay", "replay:replay", "Send a recording, or a measured run of a real forceps, through the estimators."),
-    ("recover", "recover:recover", "Say what a damaged recording still holds; make a sound one of it."),
-    ("explain", "explain:explain", "Tell the course of a run, what ended it, and what may be behind that."),
-    ("import", "import_:import_", "Turn measured runs of any known format into the project's own; audit them."),
-    ("simulate", "simulate:simulate", "Simulate beside a measured run, as it was driven; compare channel by channel."),
-    ("fmu", "fmu:fmu", "Write plant or estimator as an FMU for Simulink, Dymola, OpenModelica and others."),
-    ("init", "init:init", "Write a first rig file from motor, drive, encoder and pulleys, with their sources."),
-    ("schema", "schema:schema", "Print the JSON schema of rig or bench files, for editors."),
-    ("open", "open_:open_", "Open the newest report of a folder in the browser."),
-    ("check", "check:check", "Look for settings of a rig that don't go together, before anything is connected."),
-    ("doctor", "doctor:doctor", "Look at machine, line, rig and drive before motion; each check with its remedy."),
-    ("scan", "scan:scan", "Tell which drives are on a bus or port, by listening alone."),
-    ("info", "info:info", "Say what is installed and reachable, and what a rig file means."),
+    ("bench", "runs.bench", "Run the paper's simulations through the bus; write table, figures and recordings."),
+    ("run", "runs.run", "Drive a motor driver, real or simulated, on any CAN interface or serial port."),
+    ("drive", "drives.drive", "Start the simulated drive with its forceps as a process of its own."),
+    ("conformance", "drives.conformance", "Run the protocol's requirements against a drive; write a certificate."),
+    ("decode", "drives.decode", "Turn frames or bus logs into readable signals."),
+    ("diagnose", "measured.diagnose", "Show what a simulation gets wrong about measured runs, and name the cause."),
+    ("trend", "measured.trend", "Follow parameters over hundreds of sessions; tell what changes, and since when."),
+    ("replay", "runs.replay", "Send a recording, or a measured run of a real forceps, through the estimators."),
+    ("recover", "runs.recover", "Say what a damaged recording still holds; make a sound one of it."),
+    ("explain", "runs.explain", "Tell the course of a run, what ended it, and what may be behind that."),
+    ("import", "measured.import_", "Turn measured runs of any known format into the project's own; audit them."),
+    ("simulate", "measured.simulate", "Simulate beside a measured run, as it was driven; compare channel by channel."),
+    ("fmu", "fmu", "Write plant or estimator as an FMU for Simulink, Dymola, OpenModelica and others."),
+    ("init", "init", "Write a first rig file from motor, drive, encoder and pulleys, with their sources."),
+    ("schema", "schema", "Print the JSON schema of rig or bench files, for editors."),
+    ("open", "open_", "Open the newest report of a folder in the browser."),
+    ("check", "drives.check", "Look for settings of a rig that don't go together, before anything is connected."),
+    ("doctor", "drives.doctor", "Look at machine, line, rig and drive before motion; each check with its remedy."),
+    ("scan", "drives.scan", "Tell which drives are on a bus or port, by listening alone."),
+    ("info", "info", "Say what is installed and reachable, and what a rig file means."),
 ):
     # `drive` hands its whole line on, the call for help too: only the drive itself knows its options.
     _own: dict[str, Any] = {"help_flags": [], "version_flags": []} if _name == "drive" else {}
     _own["help_epilogue"] = (
         f"Example:\n\n    {EXAMPLES[_name]}\n\nWith --quiet nothing but errors goes to standard error."
     )
-    app.command(f"hil_forceps.cli.commands.{_path}", name=_name, help=_help, **_own)
+    _function = _path.rpartition(".")[2]
+    app.command(f"hil_forceps.cli.commands.{_path}:{_function}", name=_name, help=_help, **_own)
 app.register_install_completion_command(help="Install completion of commands and options for your shell.")
 
 

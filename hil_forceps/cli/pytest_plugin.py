@@ -68,7 +68,7 @@ class Bench:
     def close(self) -> None:
         """Leave the drive as it was found; write the certificate where one is wanted."""
         if self._suite is not None:
-            from hil_forceps.cli.commands.conformance import write_results  # noqa: PLC0415 - see above
+            from hil_forceps.cli.commands.drives.conformance import write_results  # noqa: PLC0415 - see above
 
             self._suite.close()
             if out := self._option("out"):
@@ -84,8 +84,8 @@ class Bench:
     def _open(self) -> "Suite":
         from hil_forceps.bridge.links.adapters import LinkSpec, open_link  # noqa: PLC0415
         from hil_forceps.bridge.links.conformance_port import LinkPort  # noqa: PLC0415
-        from hil_forceps.cli.commands.conformance import margins_of, open_suite  # noqa: PLC0415
-        from hil_forceps.cli.options import interface_options  # noqa: PLC0415
+        from hil_forceps.cli.arguments.options import interface_options  # noqa: PLC0415
+        from hil_forceps.cli.commands.drives.conformance import margins_of, open_suite  # noqa: PLC0415
 
         spec = LinkSpec(
             self._option("interface"),

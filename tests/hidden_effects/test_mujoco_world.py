@@ -19,6 +19,8 @@ SMOOTH = RIG.with_changes({"forceps.motor_coulomb_N_m": 0.0, "forceps.jaw_coulom
 STICKING = RIG.with_changes({"forceps.motor_coulomb_N_m": 2e-4, "forceps.jaw_coulomb_N_m": 1e-4})
 FITTED, HELD_OUT = ("multisine", "trapezoid", "hold", "teleoperation"), ("chirp", "slow")
 
+pytestmark = pytest.mark.long  # the first test is for the world of the others
+
 
 @pytest.mark.parametrize("kind", ["multisine", "hold"])
 def test_half_the_step_changes_nothing_that_a_sensor_could_tell(kind: str) -> None:
@@ -37,7 +39,6 @@ def diagnosed(rig: Rig, hidden: Hidden, seed: int) -> tuple[str, tuple[tuple[str
     return found.verdict, found.sets, values
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("rig", [SMOOTH, STICKING], ids=["no friction", "friction a tenth of the load"])
 def test_nothing_is_named_where_nothing_is_hidden(rig: Rig) -> None:
     assert diagnosed(rig, NOTHING, 100)[0] in {"consistent", "parameters"}
@@ -53,7 +54,6 @@ HIDDEN = [
 ]
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(("rig", "hidden"), HIDDEN, ids=[hidden.effect_id for _, hidden in HIDDEN])
 def test_what_mujoco_hides_is_named_with_its_size(rig: Rig, hidden: Hidden) -> None:
     verdict, sets, values = diagnosed(rig, hidden, 300)

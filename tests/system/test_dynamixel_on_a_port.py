@@ -13,7 +13,7 @@ import pytest
 
 from hil_forceps.cli import main as cli
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+pytestmark = [pytest.mark.realtime, pytest.mark.alone, pytest.mark.slow]
 
 RIG = Path(__file__).resolve().parents[2] / "configs" / "drives" / "dynamixel.yaml"
 

@@ -21,7 +21,7 @@ from hil_forceps.rig.errors import UserError
 from tests.system.browser import Tab, browser, find_browser
 from tests.system.live_producer import HOSTILE, Produced, described, produced
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+pytestmark = [pytest.mark.realtime, pytest.mark.alone, pytest.mark.slow]
 
 EXPECT = "HIL_FORCEPS_EXPECT_BROWSER"  # set where a browser has to be there: then its absence fails
 ROWS = "live.store.streams[0].rows"

@@ -20,7 +20,7 @@ from hil_forceps.data.recording.reader import Recording, read_recording
 from tests.system.browser import Tab, browser, find_browser
 from tests.system.test_live_page import EXPECT
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+pytestmark = [pytest.mark.realtime, pytest.mark.alone, pytest.mark.slow]
 
 ROOT = Path(__file__).resolve().parents[2]
 PAPER = ROOT / "configs" / "paper.yaml"
@@ -97,18 +97,6 @@ def test_a_drive_shows_what_really_is(start: Any, pty_wire: Any) -> None:
         )
         assert not tab.errors
     assert other.end(signal.SIGTERM).told["drive"]["state"] == "DISABLED"
-
-
-def test_live_in_virtual_time_is_refused(start: Any, tmp_path: Path) -> None:
-    bus = ("--interface", "virtual_forceps", "--option", f"rig={PAPER}")
-    for option in (("--live",), ("--references", "0")):
-        ended = start("run", "--rig", PAPER, *bus, "--out", tmp_path / "out", *option).end()
-        assert ended.code == 2
-        assert f"{option[0]}: virtual_forceps runs in virtual time" in ended.err
-    ended = start("run", "--rig", PAPER, *bus, "--out", tmp_path / "out", "--live-control").end()
-    assert (ended.code, ended.err) == (2, "hil-forceps: --live-control goes with --live\n")
-    ended = start("bench", "--config", PAPER, "--out", tmp_path / "out", "--live").end()
-    assert (ended.code, "--live goes with --realtime" in ended.err) == (2, True)
 
 
 # -- what it costs ----------------------------------------------------------------------------------------------------

@@ -62,10 +62,3 @@ def test_a_run_against_the_process_of_a_makers_drive(
     assert result["counters"]["service"]["frames_received"] <= told["sent"]["packets"]
     assert told["own_frames_heard"] == told["sent"]["packets"]
     assert told["drive"]["not_understood"] == 0
-
-
-def test_the_line_must_be_the_drives(start: Callable[..., Any], tmp_path: Path) -> None:
-    rig = ROOT / "configs" / "drives" / "odrive.yaml"
-    ended = start("drive", "--rig", rig, "--serial-pty", tmp_path / "port").end()
-    assert (ended.code, ended.out) == (2, "")
-    assert ended.err.strip().endswith("odrive is on a CAN bus; give --interface and --channel")

@@ -7,7 +7,7 @@ import pytest
 from hil_forceps.bench.assembly import Settings
 from hil_forceps.bench.session import Plan, run_session, service_config
 from hil_forceps.bridge.links.adapters import LinkSpec, open_link
-from hil_forceps.cli.trajectory_file import read_trajectory, write_trajectory
+from hil_forceps.cli.arguments.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.run import Run

@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import can
 import pytest
 import serial
 
@@ -23,9 +22,9 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
 from firmware_protocol.messages import DriveState
 from firmware_protocol.serial_framing import SerialReader, encode_serial
-from virtual_bus.realtime.transports import CanTransport, Transport, open_can
+from virtual_bus.realtime.transports import Transport, open_can
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+pytestmark = [pytest.mark.realtime, pytest.mark.alone, pytest.mark.slow]
 
 ROOT = Path(__file__).resolve().parents[2]
 RIG = ROOT / "configs" / "paper.yaml"
@@ -249,77 +248,3 @@ def test_garbage_on_the_group_is_counted_and_changes_nothing() -> None:
         summary = drive.finish()
     assert summary["transport"]["receive_failed"] == 50
     assert host.machine.counters["samples"] > 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--rig", "none.yaml", "--serial-pty", "p"], "none.yaml"),
-        (["--rig", str(RIG), "--interface", "no_such", "--channel", "x"], "no_such"),
-        (["--rig", str(RIG), "--interface", "udp_multicast"], "--channel"),
-        (["--rig", str(RIG), "--interface", "udp_multicast", "--channel", "10.0.0.1"], "10.0.0.1"),
-        (["--rig", str(RIG), "--serial-pty", "/no/such/place/port"], "/no/such/place/port"),
-        (["--rig", str(RIG), "--serial-pty", "p", "--faults", "none.yaml"], "none.yaml"),
-        (["--rig", str(RIG), "--serial-pty", "p", "--channel", "x"], "--channel"),
-        (["--rig", str(RIG), "--interface", "virtual", "--channel", "x", "--option", "a"], "KEY=VALUE"),
-        (["--rig", str(RIG)], "--interface"),
-        (["--rig", str(RIG), "--serial-pty", "p", "--duration", "-1"], "duration"),
-    ],
-)
-def test_what_can_not_be_done_is_told_in_a_line(arguments: list[str], words: str, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "virtual_bus", *arguments],
-        cwd=tmp_path,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert words in done.stderr.splitlines()[-1]
-    assert "Traceback" not in done.stderr
-
-
-def test_errors_that_have_a_remedy_name_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails_with(error: Exception) -> None:
-        def open_bus(**_: object) -> None:
-            raise error
-
-        monkeypatch.setattr(can, "Bus", open_bus)
-
-    cases = [
-        ("udp_multicast", can.CanInitializationError("could not create or configure socket"), 19, "ip route add"),
-        ("udp_multicast", can.CanInterfaceNotImplementedError("msgpack not installed"), None, "python-can[multicast]"),
-        ("socketcan", OSError(97, "Address family not supported"), None, "this kernel has no CAN"),
-        ("socketcan", OSError(19, "No such device"), None, "ip link add"),
-    ]
-    for interface, error, cause, remedy in cases:
-        if cause is not None:
-            error.__cause__ = OSError(cause, os.strerror(cause))
-        fails_with(error)
-        with pytest.raises(Exception, match="^" + interface) as caught:
-            open_can(interface, "x", False, {})
-        assert remedy in str(caught.value)
-
-
-class DeadBus(can.BusABC):
-    """A bus that has gone: everything fails."""
-
-    def __init__(self) -> None:
-        super().__init__("dead")
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002
-        raise can.CanOperationError("gone")
-
-    def recv(self, timeout: float | None = None) -> can.Message | None:  # noqa: ARG002
-        raise can.CanOperationError("gone")
-
-
-def test_a_bus_that_fails_is_counted_not_raised() -> None:
-    transport = CanTransport(DeadBus())
-    transport.send([Frame(1, b""), Frame(2, b"")])
-    assert transport.receive(0.001) == []
-    assert transport.counters == {"send_failed": 2, "receive_failed": 1, "not_ours": 0}
-    transport.close()

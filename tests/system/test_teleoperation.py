@@ -21,12 +21,11 @@ from hil_forceps.bridge.teleoperation.datagrams import (
 )
 from hil_forceps.bridge.teleoperation.reference_input import ReferenceInput
 from hil_forceps.bridge.teleoperation.udp_server import UdpReferences
-from hil_forceps.cli.references import open_references, read_token
+from hil_forceps.cli import main as cli
+from hil_forceps.cli.arguments.references import open_references, read_token
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
-
-pytestmark = pytest.mark.realtime
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "docs" / "examples" / "teleoperate.py"
@@ -46,6 +45,7 @@ def port_of(command: Any) -> int:
     raise AssertionError(command.end())
 
 
+@pytest.mark.realtime
 @pytest.mark.slow
 def test_the_example_leads_the_jaw_and_its_end_ends_the_run(
     drive: DriveFixture, run: RunFixture, start: Any, pty_wire: Any, tmp_path: Path
@@ -208,8 +208,11 @@ def test_it_listens_on_loopback_unless_told_otherwise_and_then_wants_a_token(tmp
         (("--references", "0", "--trajectory", str(ROOT / "x.csv")), "the jaw follows one of them"),
     ],
 )
-def test_options_that_do_not_go_together_are_told(start: Any, tmp_path: Path, options: Any, words: str) -> None:
+def test_options_that_do_not_go_together_are_told(
+    tmp_path: Path, options: tuple[str, ...], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     bus = ("--interface", "udp_multicast", "--channel", "239.74.163.79")
-    ended = start("run", "--rig", PAPER, *bus, "--out", tmp_path / "out", *options).end()
-    assert ended.code == 2
-    assert words in ended.err
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", "--rig", str(PAPER), *bus, "--out", str(tmp_path / "out"), *options])
+    assert ended.value.code == 2
+    assert words in capsys.readouterr().err

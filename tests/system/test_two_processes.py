@@ -57,6 +57,7 @@ def check_whole(recording: Recording, reason: str) -> None:
     assert np.all(np.diff(recording.samples["stamp_ns"]) > 0)
 
 
+@pytest.mark.alone
 def test_every_frame_is_accounted_for(
     drive: DriveFixture, run: RunFixture, wire: Any, tmp_path: Path, start: Any
 ) -> None:
@@ -173,21 +174,6 @@ def test_killed_run_leaves_a_faulted_drive_and_a_readable_recording(
     assert "cut off" in replayed.err
 
 
-def test_drive_of_a_killed_run_says_that_its_watchdog_fired(
-    drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path, operational: Wait
-) -> None:
-    out = tmp_path / "out"
-    other = drive(pty_wire)
-    service = run(pty_wire, out)
-    operational(service, out)
-    service.end(signal.SIGKILL)
-    # the drive listens on: give its watchdog many times what it needs
-    listener = run(pty_wire, tmp_path / "late", "--duration", "0.1")
-    assert "WATCHDOG" in listener.end().err
-    told = other.end(signal.SIGTERM).told
-    assert (told["drive"]["state"], told["drive"]["faults"]) == ("FAULT", 1)
-
-
 def test_killed_drive_ends_a_run_with_a_line(
     drive: DriveFixture, run: RunFixture, wire: Any, tmp_path: Path, operational: Wait
 ) -> None:
@@ -250,29 +236,3 @@ def test_second_run_meets_the_same_experiment(
     assert starts[1] - starts[0] > 1_000_000_000
     told = other.end(signal.SIGINT).told
     assert (told["drive"]["state"], told["drive"]["faults"]) == ("DISABLED", 0)
-
-
-def test_load_restarts_with_every_run(drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path) -> None:
-    """The world's load begins at the first operational sample of each run: 10 s into it, not 10 s of the drive."""
-    other = drive(pty_wire)
-    for name in ("first", "second", "third"):
-        assert run(pty_wire, tmp_path / name, "--duration", "4").end().code == 0
-    other.end(signal.SIGTERM)
-    recording = read_recording(tmp_path / "third" / "run.mcap")
-    assert recording.samples["stamp_ns"][-1] > 12_000_000_000  # the drive itself is past the first load
-    assert np.all(recording.bench["tau_w_N_m"] == 0.0)
-
-
-def test_run_in_virtual_time_by_the_command_line(start: Any, tmp_path: Path) -> None:
-    ended = start(
-        "run", "--rig", PAPER, "--out", tmp_path / "out", "--interface", "virtual_forceps", "--channel", "any",
-        "--option", f"rig={PAPER}", "--duration", "1.5", "--bus-log", "blf",
-    ).end()  # fmt: skip
-    assert (ended.code, ended.err) == (0, "")
-    recording = read_recording(tmp_path / "out" / "run.mcap")
-    check_whole(recording, "completed")
-    result = result_of(tmp_path / "out")
-    assert result["counters"]["service"]["overruns"] == 0
-    decoded = start("decode", tmp_path / "out" / "bus.blf", "--form", "csv").end()
-    assert (decoded.code, decoded.err) == (0, "")
-    assert decoded.out.count(",Feedback,theta_m_rad,") >= len(recording.samples)

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter, validators
 
-from hil_forceps.cli.files import make_folder
-from hil_forceps.cli.notes import note
+from hil_forceps.cli.arguments.files import make_folder
+from hil_forceps.cli.terminal.notes import note
 from hil_forceps.estimation.registry import effects_passed_over
 from hil_forceps.fmu.build import PlatformName, write_fmu
 from hil_forceps.fmu.estimator_unit import estimator_unit

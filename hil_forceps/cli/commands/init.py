@@ -9,8 +9,8 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
-from hil_forceps.cli.first_rig import Besides, Hardware, answers_of
-from hil_forceps.cli.notes import note
+from hil_forceps.cli.arguments.first_rig import Besides, Hardware, answers_of
+from hil_forceps.cli.terminal.notes import note
 from hil_forceps.rig import presets
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.first_rig.answers import Answers

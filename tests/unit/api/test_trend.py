@@ -19,7 +19,9 @@ from hil_forceps.api.batch.executor import check_executor, spread
 from hil_forceps.api.batch.store import file_of
 from hil_forceps.data.sessions.session import Session
 from hil_forceps.diagnosis.tracking.session_fit import WITHOUT_LOAD_CELL, SessionFit, fit_session
-from tests.trend.simulated_sessions import ASSUMED, FRICTION, file_name, run_of, write_sessions
+from tests.trend.simulated_sessions import ASSUMED, FRICTION, file_name, run_of, shares_of, true_rig, write_sessions
+
+pytestmark = pytest.mark.xdist_group("trend")  # what they look at is made once, for all
 
 ROOT = Path(__file__).parents[3]
 SESSIONS, ONSET, RISE = 30, 15, 0.03  # of friction, by session
@@ -64,7 +66,7 @@ def test_intervals_hold_the_truth_of_each_session(tracked: tuple[hf.TrendResult,
     for row in result.rows:
         number = next(n for n in range(SESSIONS) if file_name(n) == row["session"])
         drift = {FRICTION: 1.0 + RISE * max(0, number - ONSET + 1)}
-        _, rig = run_of(number, drift, 3, 0.1)
+        rig = true_rig(shares_of(number, drift, 3))
         if row["value"] is not None:
             inside.append(row["low"] <= getattr(rig.plant(), row["parameter"].partition(".")[2]) <= row["high"])
     assert len(inside) > 7 * SESSIONS
@@ -117,11 +119,13 @@ def test_what_is_done_is_not_done_again_but_what_changed_is(
     assert len(list((out / "sessions").iterdir())) == SESSIONS - 1
 
     fitted.clear()
+    for number in range(12, SESSIONS):
+        (home / f"{file_name(number)}.parquet").unlink()
     (home / "rig.yaml").write_text(
         (home / "rig.yaml").read_text().replace("1.35e-02", "1.36e-02").replace("0.0135", "0.0136")
     )
     hf.trend(home, out=out, jobs=1)
-    assert len(fitted) == SESSIONS - 1
+    assert len(fitted) == 11
 
 
 def few(folder: Path, count: int = 2) -> Path:

@@ -13,7 +13,7 @@ from hil_forceps.bridge.flight_recorder import BEFORE_NS
 from hil_forceps.bridge.results import StopReason
 from hil_forceps.bridge.service import Service
 from hil_forceps.cli import main as cli
-from hil_forceps.cli.commands import run as run_command
+from hil_forceps.cli.commands.runs import run_checks
 from hil_forceps.control.gate import GateTrip
 from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.recording.reader import read_recording
@@ -28,7 +28,7 @@ NO_DRIVE = "{fault: drop, direction: to_host}"
 
 
 def run(folder: Path, fault: str = "", rig: Path = PAPER, *more: str) -> int:
-    """Run for two seconds; `fault` happens on the bus."""
+    """Run for two seconds, without the line that tells every few of the clock's; `fault` happens on the bus."""
     option = []
     if fault:
         (folder / "faults.yaml").write_text(f"- {fault}\n")
@@ -37,7 +37,7 @@ def run(folder: Path, fault: str = "", rig: Path = PAPER, *more: str) -> int:
         cli.main([
             "run", "--rig", str(rig), "--interface", "virtual_forceps", "--channel", str(folder),
             "--option", f"rig={rig}", "--option", "simulation=2", *option, "--duration", "2",
-            "--out", str(folder / "out"), *more,
+            "--out", str(folder / "out"), "--quiet", *more,
         ])  # fmt: skip
     return int(ended.value.code or 0)
 
@@ -157,7 +157,7 @@ def test_a_maker_s_words_are_kept(tmp_path: Path) -> None:
 def test_a_gate_that_says_what_stopped_it_is_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = tmp_path / "rig.yaml"
     rig.write_text(PAPER.read_text().replace("position_max_rad: 3.0", "position_max_rad: 0.5"))
-    monkeypatch.setattr(run_command, "check_trajectory", lambda *_: None)  # or nothing would begin at all
+    monkeypatch.setattr(run_checks, "check_trajectory", lambda *_: None)  # or nothing would begin at all
     assert run(tmp_path, "", rig) == 2
     assert kept(tmp_path)["check"] == "time to become operational"
     monkeypatch.setattr(Course, "_connecting", stop_as_denied)

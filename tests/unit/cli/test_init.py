@@ -12,7 +12,7 @@ import pytest
 from jsonschema import Draft7Validator
 
 from hil_forceps.cli import main as cli
-from hil_forceps.cli import questions
+from hil_forceps.cli.arguments import questions
 from hil_forceps.drives.lint import findings
 from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import load_rig, presets
@@ -133,7 +133,7 @@ def test_on_a_terminal_it_asks_for_what_is_missing(
     call: Call, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     answers = "maxon-ec13\nmaxon-ec13-305194\nmoteus\n\n2\n1.4\n\n16384\n\n"
-    monkeypatch.setattr("hil_forceps.cli.first_rig.can_ask", lambda: True)
+    monkeypatch.setattr("hil_forceps.cli.arguments.first_rig.can_ask", lambda: True)
     monkeypatch.setattr(questions, "can_ask", lambda: True)
     monkeypatch.setattr(sys, "stdin", io.StringIO(answers))
     code, _, err = call("init", "r.yaml")
@@ -148,7 +148,7 @@ def test_on_a_terminal_it_asks_for_what_is_missing(
 
 
 def test_the_end_of_the_input_is_no_answer(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hil_forceps.cli.first_rig.can_ask", lambda: True)
+    monkeypatch.setattr("hil_forceps.cli.arguments.first_rig.can_ask", lambda: True)
     code, _, err = call("init", "r.yaml")
     assert code == 2
     assert "hil-forceps: missing: --motor NAME" in err

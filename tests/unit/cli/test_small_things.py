@@ -14,10 +14,10 @@ import pytest
 from rich.table import Table
 
 from hil_forceps.cli import main as cli
-from hil_forceps.cli import notes
 from hil_forceps.cli.examples import EXAMPLES
-from hil_forceps.cli.progress import last_told
-from hil_forceps.cli.tables import least_width, print_table
+from hil_forceps.cli.terminal import notes
+from hil_forceps.cli.terminal.progress import last_told
+from hil_forceps.cli.terminal.tables import least_width, print_table
 
 ROOT = Path(__file__).parents[3]
 PAPER = str(ROOT / "configs" / "paper.yaml")

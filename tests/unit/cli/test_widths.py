@@ -3,7 +3,6 @@
 import inspect
 import re
 from collections.abc import Callable, Iterator
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -34,10 +33,7 @@ def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) ->
 
 def words_of(command: str) -> Iterator[str]:
     """Yield the words of a command's docstring, and of its options."""
-    home = next(iter(cli.app[command].name))
-    module = import_module(f"hil_forceps.cli.commands.{home if home not in {'import', 'open'} else f'{home}_'}")
-    function = getattr(module, home if home not in {"import", "open"} else f"{home}_")
-    text = inspect.getdoc(function) or ""
+    text = inspect.getdoc(cli.app[command].default_command) or ""
     about, _, parameters = text.partition("Parameters\n----------\n")
     described = [line for line in parameters.splitlines() if line.startswith("    ")]
     yield from (word for line in (about, *described) for word in re.sub("[`*]", "", line).split())

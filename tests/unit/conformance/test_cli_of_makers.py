@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hil_forceps.bridge.drive_conformance.catalogue import PROMISES
-from hil_forceps.cli import conformance_of_drive
+from hil_forceps.cli.commands.drives import conformance_of_drive
 from hil_forceps.cli.main import main
 
 ROOT = Path(__file__).parents[3]

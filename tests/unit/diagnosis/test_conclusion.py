@@ -11,6 +11,8 @@ from hil_forceps.diagnosis.result import to_json
 from tests.hidden_effects.generator import make_case
 from tests.unit.diagnosis.simulated_runs import POOL, STICKING
 
+pytestmark = pytest.mark.xdist_group("conclusion")  # what they look at is made once, for all
+
 SLACK_M = 6.0e-6
 
 

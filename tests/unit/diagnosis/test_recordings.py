@@ -41,7 +41,7 @@ def diagnosed(recording: Path, rig: Path, out: Path, *more: str) -> dict[str, An
     return told
 
 
-@pytest.mark.parametrize("rig", [REALISTIC, PAPER])
+@pytest.mark.parametrize("rig", [REALISTIC, pytest.param(PAPER, marks=pytest.mark.long)])
 def test_an_unchanged_rig_is_consistent(record: Callable[..., Path], rig: Path, tmp_path: Path) -> None:
     told = diagnosed(record(rig), rig, tmp_path)
     assert told["verdict"] == "consistent", told["sentence"]

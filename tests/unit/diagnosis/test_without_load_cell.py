@@ -19,7 +19,11 @@ def without_cell(run: Run) -> EvenRun:
 # Before the stretch told how a load changes, these were `unnamed`: hundreds of χ² where 16 are chance.
 @pytest.mark.parametrize(
     ("kinds", "stiffer"),
-    [(("grasp", "trapezoid"), 1.0), (("short_hold", "multisine"), 1.0), (("multisine", "hold"), 1.15)],
+    [
+        (("grasp", "trapezoid"), 1.0),
+        pytest.param(("short_hold", "multisine"), 1.0, marks=pytest.mark.long),
+        (("multisine", "hold"), 1.15),
+    ],
 )
 def test_a_load_that_nothing_measures_is_no_effect(kinds: tuple[str, ...], stiffer: float) -> None:
     k = stiffer * RIG.plant().wire_stiffness_N_per_m

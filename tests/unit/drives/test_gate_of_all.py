@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil_forceps.cli import main as cli
-from hil_forceps.cli.commands import run
+from hil_forceps.cli.commands.runs import run_checks
 from hil_forceps.drives.registry import PROFILES
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.sections import ProfileName
@@ -16,7 +16,7 @@ from virtual_bus.drives.registry import SIMULATED_DRIVES
 from virtual_bus.plant.forceps import SimulatedForceps
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "drives"
-LOW_RAD, HIGH_RAD = 0.9, 1.2  # the jaw's motion wants 1.10 down to 0.12
+LOW_RAD, HIGH_RAD = 0.9, 1.2  # the jaw's motion wants 1.10 down to 0.71
 
 
 def commanded(monkeypatch: pytest.MonkeyPatch) -> list[float]:
@@ -67,10 +67,10 @@ def test_nothing_beyond_the_limits_arrives(
     rig.write_text(limited)
     seen = commanded(monkeypatch)
     # Such a trajectory is refused before anything moves; here the gate is to hold alone.
-    monkeypatch.setattr(run, "check_trajectory", lambda *_: None)
+    monkeypatch.setattr(run_checks, "check_trajectory", lambda *_: None)
     arguments = ["run", "--rig", str(rig), "--interface", "virtual_forceps", "--channel", str(tmp_path)]
     with pytest.raises(SystemExit):
-        cli.main([*arguments, "--option", f"rig={rig}", "--duration", "5", "--out", str(tmp_path / "out")])
+        cli.main([*arguments, "--option", f"rig={rig}", "--duration", "2", "--out", str(tmp_path / "out")])
     assert len(seen) > 1000
     count = 2.0 * np.pi / (load_rig(rig).encoder.counts_per_rev or 2**24)
     assert LOW_RAD - count <= min(seen)

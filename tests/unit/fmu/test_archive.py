@@ -19,6 +19,8 @@ from hil_forceps.rig.catalogue import EFFECTS
 from hil_forceps.rig.errors import UserError
 from tests.unit.fmu.conftest import ROOT, Made
 
+pytestmark = pytest.mark.xdist_group("fmu")  # what they look at is made once, for all
+
 _FMPY = find_spec("fmpy")
 PAPER = str(ROOT / "configs" / "paper.yaml")
 

@@ -10,6 +10,8 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.schema import ALGORITHM_IDS, AlgorithmId
 from tests.unit.fmu.conftest import Made, Make, Run
 
+pytestmark = pytest.mark.xdist_group("fmu")  # what they look at is made once, for all
+
 ROWS, SAMPLE_S = 300, 1e-3
 AGREES = 1e-9
 TIME = np.arange(ROWS) * SAMPLE_S

@@ -16,6 +16,8 @@ from hil_forceps.rig.catalogue import EFFECTS, Effect
 from hil_forceps.rig.sections import DriveLaw
 from tests.unit.fmu.conftest import Made, Make, Run
 
+pytestmark = pytest.mark.xdist_group("fmu")  # what they look at is made once, for all
+
 Vector = NDArray[np.float64]
 
 ROWS, SAMPLE_S, COUNTS = 400, 1e-3, 16384

@@ -25,6 +25,8 @@ from hil_forceps.identification.axis.term_selection import Rung, chosen, climb, 
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 
+pytestmark = pytest.mark.xdist_group("axis")  # what they look at is made once, for all
+
 ROOT = Path(__file__).parents[3]
 EMPS = Path(os.environ.get("HIL_FORCEPS_DATA", ROOT.parent / "shared" / "data")) / "emps"
 RIG = ROOT / "configs" / "emps.yaml"

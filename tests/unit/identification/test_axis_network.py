@@ -12,6 +12,8 @@ from hil_forceps.identification.axis.network_fit import NetworkFit, fit_networks
 from hil_forceps.rig.errors import UserError
 from tests.unit.identification.test_axis import STEP_s, axis, made
 
+pytestmark = pytest.mark.xdist_group("axis network")  # what they look at is made once, for all
+
 Vector = NDArray[np.float64]
 STEP = 5e-3
 

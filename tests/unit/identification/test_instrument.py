@@ -16,6 +16,8 @@ from hil_forceps.identification.instrument.score import Estimated, Tally, parts_
 from hil_forceps.report.identification.instrument import loops_figure, map_figure, traces_figure
 from hil_forceps.rig import Rig, UserError, load_rig
 
+pytestmark = pytest.mark.xdist_group("instrument")  # what they look at is made once, for all
+
 CONFIG = Path(__file__).parents[3] / "configs" / "surgical_tool.yaml"
 RATIO, CONSTANT_N_m_per_A = 0.87, 0.7
 JAW_ZERO_RAD, TORQUE_ZERO_N_m = 0.4, 0.012

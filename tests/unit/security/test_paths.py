@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hil_forceps.cli import main as cli
-from hil_forceps.cli.commands import import_
-from hil_forceps.cli.files import MAX_NAME_BYTES, file_name, make_folder
+from hil_forceps.cli.arguments.files import MAX_NAME_BYTES, file_name, make_folder
+from hil_forceps.cli.commands.measured import import_
 from hil_forceps.data.run import Run
 from hil_forceps.rig.errors import UserError
 

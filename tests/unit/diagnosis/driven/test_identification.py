@@ -54,7 +54,7 @@ def concluded(case: Case) -> Conclusion:
     ("effect_id", "values"),
     [
         ("wire_hardening", {"beta_per_m2": 3e8}),
-        ("wire_hysteresis", {"force_N": 0.3, "stretch_m": 5e-6}),
+        pytest.param("wire_hysteresis", {"force_N": 0.3, "stretch_m": 5e-6}, marks=pytest.mark.long),
         ("load_dependent_friction", {"mu": 0.1}),
     ],
 )

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil_forceps.cli.trajectory_file import read_trajectory, write_trajectory
+from hil_forceps.cli.arguments.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.gate import Gate, GateVerdict
 from hil_forceps.diagnosis.experiment_design.menu import Bounds, bounds_of, menu, trajectory_of, within
 from hil_forceps.rig.errors import UserError

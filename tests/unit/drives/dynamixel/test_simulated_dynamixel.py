@@ -329,6 +329,7 @@ def port(tmp_path: Path) -> Iterator[tuple[PortHandler, SimulatedDynamixel]]:
 
 
 @pytest.mark.realtime
+@pytest.mark.alone
 def test_the_makers_library_talks_to_the_simulated_servo(port: tuple[PortHandler, SimulatedDynamixel]) -> None:
     handler, each = port
     packets = PacketHandler(2.0)

@@ -1,0 +1,1 @@
+"""Commands about a drive and its line."""

@@ -1,0 +1,1 @@
+"""Commands about measured runs, and models held against them."""

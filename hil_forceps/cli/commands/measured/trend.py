@@ -1,0 +1,132 @@
+"""`hil-forceps trend`: the known parameters of hundreds of sessions, and what of them changes since when."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from hil_forceps.api.batch.executor import PROCESSES
+from hil_forceps.api.trend import FALSE_ALARMS, TrendResult
+from hil_forceps.api.trend import trend as follow
+from hil_forceps.cli.arguments.files import make_folder
+from hil_forceps.cli.arguments.options import spoken_as_options
+from hil_forceps.cli.terminal.notes import note, note_console
+from hil_forceps.cli.terminal.progress import progress_on
+from hil_forceps.cli.terminal.tables import FILE_COLUMNS, print_table
+from hil_forceps.diagnosis.drift.result import ParameterTrend
+from hil_forceps.report.trend.files import write_figures, write_report
+
+_OPTIONS = {name: name for name in ("false_alarms", "seed", "jobs", "executor", "out")}
+MOST_TOLD = 20  # sessions that could not be used; trend.html has all
+
+
+def trend(
+    folder: Path,
+    /,
+    *,
+    out: Path,
+    rig: Path | None = None,
+    jobs: int | None = None,
+    executor: str = PROCESSES,
+    false_alarms: float = FALSE_ALARMS,
+    file_dates: Annotated[bool, Parameter(negative="")] = False,
+    seed: int = 0,
+    figures: Annotated[bool, Parameter(negative="")] = False,
+    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    map_: Annotated[tuple[str, ...], Parameter(name="--map")] = (),
+) -> int:
+    """Follow the known parameters of a rig over the sessions of a folder; tell what changes, and since when.
+
+    Every log in FOLDER and below is a session, and so is each folder of a run. Writes OUT/estimates.parquet (a row of
+    each session and parameter), OUT/trend.json, OUT/trend.html (opens offline). Ended in between and started again it
+    goes on; logs that were changed are fitted again. A log that can't be used has its reason in the tables.
+
+    Parameters
+    ----------
+    folder
+        Folder of the logs; those of several instruments in folders in it. A rig.yaml there is the rig of all below it,
+        and a sessions.csv says what names don't (docs/trend.md).
+    out
+        Folder for the results.
+    rig
+        Rig file of sessions without a rig.yaml above them.
+    jobs
+        Processes; all processors by default.
+    executor
+        processes, dask://HOST:PORT, ray, ray://HOST:PORT; the results are the same.
+    false_alarms
+        How often an instrument that doesn't change is said to, over all its sessions and parameters.
+    file_dates
+        Take the time of the file for a session that nothing else dates.
+    seed
+        Of the draws of the test; the same seed gives the same numbers.
+    figures
+        Write the figures as files, too.
+    json_
+        Print trend.json instead of the table.
+    map_
+        Which column of a table is which of a run, and its unit: theta_m_rad=pos:deg; or a YAML of such lines.
+    """
+    make_folder(out)
+    with progress_on(note_console()) as tell, spoken_as_options(_OPTIONS):
+        result = follow(
+            folder,
+            rig,
+            out=out,
+            false_alarms=false_alarms,
+            file_dates=file_dates,
+            seed=seed,
+            jobs=jobs,
+            executor=executor,
+            columns=map_,
+            progress=tell,
+        )
+        tell("drawing")
+        write_report(result.trend, out / "trend.html")
+        if figures:
+            make_folder(out / "figures", inside=out)
+            write_figures(result.trend, out / "figures")
+    if json_:
+        sys.stdout.write(json.dumps(result.to_json(), indent=1, allow_nan=False) + "\n")
+    else:
+        _print(result, out)
+    return 0
+
+
+def _print(result: TrendResult, out: Path) -> None:
+    for instrument in result.instruments:
+        table = Table(title=instrument.name, title_justify="left", box=SIMPLE_HEAD)
+        for name in ("parameter", "sessions", "first", "last", "unit", "p", "verdict", "since"):
+            table.add_column(name, justify="right" if name in {"sessions", "first", "last", "p"} else "left")
+        for each in instrument.parameters:
+            table.add_row(*_cells(each))
+        print_table(table, FILE_COLUMNS)
+    sys.stdout.write("".join(f"{text}\n" for text in result.changes) or "nothing changes beyond the scatter\n")
+    unused = [line for line in result.sessions if line.reason is not None]
+    for line in unused[:MOST_TOLD]:
+        sys.stdout.write(f"  not used: {line.name}: {line.reason}\n")
+    if len(unused) > MOST_TOLD:
+        sys.stdout.write(f"  and {len(unused) - MOST_TOLD} more, in trend.html\n")
+    by_file = sum(line.date_from == "file" for line in result.sessions)
+    if by_file:
+        note(f"{by_file} sessions are dated by the time of their file, which a copy may have changed")
+    used = len(result.sessions) - len(unused)
+    sys.stdout.write(f"  {used} of {len(result.sessions)} sessions used; trend.html and the estimates are in {out}/\n")
+
+
+def _cells(p: ParameterTrend) -> list[str]:
+    since = ", ".join(f"{change.onset.session} ({change.onset.date[:10]})" for change in p.changes)
+    return [
+        p.name,
+        str(len(p.sessions)),
+        f"{p.level[0]:.4g}",
+        f"{p.level[-1]:.4g}",
+        p.unit,
+        f"{p.p_value:.2g}",
+        p.verdict,
+        since,
+    ]
