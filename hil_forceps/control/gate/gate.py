@@ -27,7 +27,6 @@ from hil_forceps.rig.sections import Limits
 # The drive's own watchdog has ended the run by then; whoever comes back after it has to start anew.
 DEFAULT_MAX_GAP_S: Final = 0.02
 NEVER_NS: Final = -(1 << 63)
-NOWHERE: Final[Motion] = (math.nan, 0.0, 0.0)
 
 # Members of an Enum cost as much as a call when looked up by their class, and these are asked for at every tick.
 _CLOSED, _OPEN, _LATCHED = GateState.CLOSED, GateState.OPEN, GateState.LATCHED
@@ -66,7 +65,7 @@ class Gate:
         self.trip: GateTrip | None = None
         self._stamp_ns = self._received_ns = NEVER_NS
         self._theta_rad = math.nan
-        self._motion = NOWHERE
+        self._motion: Motion = (math.nan, 0.0, 0.0)
 
     @property
     def range_rad(self) -> float:
