@@ -111,6 +111,18 @@ def arbitration_key(arbitration_id: int, is_extended: bool) -> int:
     return arbitration_id << 19
 
 
+def frame_time_ns(frame: Frame, bitrate_bit_per_s: int, data_bitrate_bit_per_s: int) -> int:
+    """Return the time from SOF to the end of EOF, when receivers have the frame; ValueError as `frame_bits`."""
+    arbitration_id, data, is_fd, is_extended = frame
+    length = len(data)
+    # `frame_bits` without the detour, for most frames
+    if not is_fd and not is_extended and length <= 8 and 0 <= arbitration_id <= MAX_BASE_ID:
+        stuffed = classic_stuff_bits(arbitration_id, length, int.from_bytes(data, "big", signed=True))
+        return (_CLASSIC_FIXED_BITS + 8 * length + stuffed) * NS_PER_S // bitrate_bit_per_s
+    nominal, fast = frame_bits(frame)
+    return nominal * NS_PER_S // bitrate_bit_per_s + fast * NS_PER_S // data_bitrate_bit_per_s
+
+
 class BitTiming(NamedTuple):
     """The two bit rates of a bus; times are rounded down to whole ns once per frame."""
 
@@ -123,14 +135,7 @@ class BitTiming(NamedTuple):
 
     def frame_ns(self, frame: Frame) -> int:
         """Return the time from SOF to the end of EOF, when receivers have the frame; ValueError as `frame_bits`."""
-        arbitration_id, data, is_fd, is_extended = frame
-        length = len(data)
-        # `frame_bits` without the detour, for most frames
-        if not is_fd and not is_extended and length <= 8 and 0 <= arbitration_id <= MAX_BASE_ID:
-            stuffed = classic_stuff_bits(arbitration_id, length, int.from_bytes(data, "big", signed=True))
-            return (_CLASSIC_FIXED_BITS + 8 * length + stuffed) * NS_PER_S // self.bitrate_bit_per_s
-        nominal, fast = frame_bits(frame)
-        return nominal * NS_PER_S // self.bitrate_bit_per_s + fast * NS_PER_S // self.data_bitrate_bit_per_s
+        return frame_time_ns(frame, self.bitrate_bit_per_s, self.data_bitrate_bit_per_s)
 
 
 class Clash(NamedTuple):

@@ -4,7 +4,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from virtual_bus.plant.forceps_kernels import Truth, hold_and_move, latch, latch_and_move, move, truth_at
+from virtual_bus.plant.forceps_kernels import (
+    LOOP_AT,
+    LOOP_NUMBERS_AT,
+    SENSORS_AT,
+    Truth,
+    hold_and_move,
+    latch,
+    latch_and_move,
+    move,
+    truth_at,
+)
 from virtual_bus.plant.load import LoadProfile
 from virtual_bus.plant.plant import TruthParameters, rest_state
 from virtual_bus.plant.position_loop import LoopParameters, idle_loop
@@ -41,14 +51,17 @@ class SimulatedForceps:
         jaw_start_rad: float,
         seed: int,
     ) -> None:
-        self._plant_numbers = np.array(plant)
-        self._loop_numbers = np.array(loop)
-        self._sensor_numbers = np.array(sensors)
+        self._numbers = np.array([*plant, *loop, *sensors])
+        self._plant_numbers, self._loop_numbers, self._sensor_numbers = np.split(
+            self._numbers, [LOOP_NUMBERS_AT, SENSORS_AT]
+        )
         self._load = load
         self._max_step_s = max_step_s
         self._noise = noise_source(seed)
-        self._state = rest_state(plant, jaw_start_rad)
-        self._loop_state = idle_loop(encoder_raw(float(self._state[0]), sensors.counts_per_rev))
+        at_rest = rest_state(plant, jaw_start_rad)
+        idle = idle_loop(encoder_raw(float(at_rest[0]), sensors.counts_per_rev))
+        self._moving = np.concatenate((at_rest, idle))
+        self._state, self._loop_state = self._moving[:LOOP_AT], self._moving[LOOP_AT:]
         self._zero_ns = NOT_STARTED_NS
         self._current_A = 0.0
 
@@ -103,11 +116,8 @@ class SimulatedForceps:
         """Do `read` and then `run` on its angle, in half the time of both; return the fields of `Reading`."""
         zero_ns = self._zero_ns
         theta_m, current, theta_j, tau_w, self._current_A = latch_and_move(
-            self._state,
-            self._loop_state,
-            self._plant_numbers,
-            self._loop_numbers,
-            self._sensor_numbers,
+            self._moving,
+            self._numbers,
             self._load.time_ns,
             self._load.torque_N_m,
             self._current_A,

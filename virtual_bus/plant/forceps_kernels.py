@@ -11,6 +11,11 @@ from virtual_bus.plant.plant import TruthParameters, advance, elongation
 from virtual_bus.plant.position_loop import LoopParameters, LoopState, loop_step
 from virtual_bus.plant.sensors import Reading, SensorParameters, read_sensors
 
+# Where the parts of an array of all numbers begin.
+LOOP_AT = 4  # behind the plant's state
+LOOP_NUMBERS_AT = len(TruthParameters._fields)
+SENSORS_AT = LOOP_NUMBERS_AT + len(LoopParameters._fields)
+
 
 class Truth(NamedTuple):
     """What really was at one instant."""
@@ -99,11 +104,8 @@ def latch(
 
 @kernel
 def latch_and_move(
-    state: NDArray[np.float64],
-    loop: NDArray[np.float64],
-    plant_numbers: NDArray[np.float64],
-    loop_numbers: NDArray[np.float64],
-    sensor_numbers: NDArray[np.float64],
+    moving: NDArray[np.float64],
+    numbers: NDArray[np.float64],
     load_time_ns: NDArray[np.int64],
     load_N_m: NDArray[np.float64],
     current_A: float,
@@ -118,8 +120,12 @@ def latch_and_move(
 ) -> tuple[int, int, int, int, float]:
     """Do `latch`, then `hold_and_move`: one way into compiled code a drive sample. Return the reading, the current.
 
-    A plain tuple, since building a named one on the way out costs more than the rest of the way.
+    `moving`: state and loop; `numbers`: of plant, loop and sensors. Two arrays instead of five, since each costs time
+    on the way in; and a plain tuple, since building a named one costs more on the way out than all else.
     """
+    state, loop = moving[:LOOP_AT], moving[LOOP_AT:]
+    plant_numbers, loop_numbers = numbers[:LOOP_NUMBERS_AT], numbers[LOOP_NUMBERS_AT:SENSORS_AT]
+    sensor_numbers = numbers[SENSORS_AT:]
     noise = (noise_0, noise_1, noise_2)
     reading = latch(state, current_A, load_time_ns, load_N_m, start_ns, sensor_numbers, noise)
     held_A = hold_and_move(
