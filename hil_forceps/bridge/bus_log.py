@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import IO, NamedTuple, Protocol
+from typing import IO, Final, NamedTuple, Protocol
 
 import can
 
@@ -25,15 +25,15 @@ from hil_forceps.data.recording.writer import FLUSH_NS, RECENT_NS
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.rig.errors import UserError
 
-BATCH_ENTRIES = 256
-QUEUED_BATCHES = 64
-RECENT_BATCHES = 128  # kept at hand, of those within `RECENT_NS`
-CLOSE_TIMEOUT_S = 10.0
-CHANNEL = "can0"  # what candump's format wants to call the bus; there is only one
-BLF_CHANNEL = 1
-NO_DATE = "Thu Jan  1 00:00:00.000 am 1970"
-_EXTENDED = 1 << 29  # above the highest bit of an id
-_MAX_HEADS = 4096
+BATCH_ENTRIES: Final = 256
+QUEUED_BATCHES: Final = 64
+RECENT_BATCHES: Final = 128  # kept at hand, of those within `RECENT_NS`
+CLOSE_TIMEOUT_S: Final = 10.0
+CHANNEL: Final = "can0"  # what candump's format wants to call the bus; there is only one
+BLF_CHANNEL: Final = 1
+NO_DATE: Final = "Thu Jan  1 00:00:00.000 am 1970"
+_EXTENDED: Final = 1 << 29  # above the highest bit of an id
+_MAX_HEADS: Final = 4096
 
 Arrivals = Sequence[tuple[int, Frame]]
 Batch = list[tuple[bool, Arrivals]]  # received or sent, and what; it must not change any more

@@ -9,7 +9,7 @@ bits of the id and the bit behind them: id 11, SRR 1 and IDE 1, both recessive, 
 IDE and r0 of a classical frame, r1 1 and r0 1, and in FD at once FDF.
 """
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from firmware_protocol.frames import MAX_BASE_ID, MAX_EXTENDED_ID, Frame
 from virtual_bus.bus.stuffing import (
@@ -22,24 +22,24 @@ from virtual_bus.bus.stuffing import (
     fd_stuff_bits,
 )
 
-INTERMISSION_BITS = 3
-EOF_BITS = 7
-ACK_DELIMITER_BITS = 1
+INTERMISSION_BITS: Final = 3
+EOF_BITS: Final = 7
+ACK_DELIMITER_BITS: Final = 1
 # Error flag 6, the flags of those who answer it up to 6 more, delimiter 8 (10.4.4.2): the worst case.
-ERROR_FRAME_BITS = 6 + 6 + 8
-RECOVERY_SEQUENCES = 128  # of 11 recessive bits each, until a node that went bus-off may come back
-RECOVERY_SEQUENCE_BITS = 11
+ERROR_FRAME_BITS: Final = 6 + 6 + 8
+RECOVERY_SEQUENCES: Final = 128  # of 11 recessive bits each, until a node that went bus-off may come back
+RECOVERY_SEQUENCE_BITS: Final = 11
 
-NS_PER_S = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
 
-_CLASSIC_FIXED_BITS = 44  # everything but data and stuff bits, without intermission
-_CLASSIC_STUFFED_BITS = 34  # of these, up to the end of the CRC
-_EXTENSION_BITS = 20  # more of an extended classical frame: 18 of the id, SRR, r1
-_FD_MOST_HEAD_STUFF_BITS = 3  # FDF 1, res 0 and BRS 1 end a run
-_FD_MOST_EXTENDED_HEAD_STUFF_BITS = 7  # the same, and SRR and IDE are ones
-_FD_TAIL_BITS = 9
-_FD_FIXED_DATA_BITS = 10  # ESI, DLC, stuff count, CRC delimiter
-_FD_DLC_OF_LENGTH = {
+_CLASSIC_FIXED_BITS: Final = 44  # everything but data and stuff bits, without intermission
+_CLASSIC_STUFFED_BITS: Final = 34  # of these, up to the end of the CRC
+_EXTENSION_BITS: Final = 20  # more of an extended classical frame: 18 of the id, SRR, r1
+_FD_MOST_HEAD_STUFF_BITS: Final = 3  # FDF 1, res 0 and BRS 1 end a run
+_FD_MOST_EXTENDED_HEAD_STUFF_BITS: Final = 7  # the same, and SRR and IDE are ones
+_FD_TAIL_BITS: Final = 9
+_FD_FIXED_DATA_BITS: Final = 10  # ESI, DLC, stuff count, CRC delimiter
+_FD_DLC_OF_LENGTH: Final = {
     **{length: length for length in range(9)},
     **{length: 9 + index for index, length in enumerate((12, 16, 20, 24, 32, 48, 64))},
 }

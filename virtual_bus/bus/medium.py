@@ -10,6 +10,7 @@ who is passive (the longest is always taken).
 
 from collections.abc import Callable
 from heapq import heapify, heappop, heappush
+from typing import Final
 
 from firmware_protocol.frames import Frame
 from virtual_bus.bus.bit_timing import (
@@ -31,7 +32,7 @@ from virtual_bus.bus.wire import NOBODY_NS
 # heap of these is the arbitration.
 _Entry = tuple[int, int, Port, Frame, int]
 
-_BUS_OFF = PortState.BUS_OFF  # looked up for every frame
+_BUS_OFF: Final = PortState.BUS_OFF  # looked up for every frame
 
 
 class Medium:

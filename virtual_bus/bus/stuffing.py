@@ -1,12 +1,14 @@
 """Stuff bits of a frame, counted: kernels, apart from what may be compiled otherwise (ISO 11898-1:2015, 10.5)."""
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from virtual_bus.kernel import kernel
 
-FD_HEAD_BITS = 17
-FD_EXTENSION_BITS = 19  # more of an extended FD frame: 18 of the id, SRR
+FD_HEAD_BITS: Final = 17
+FD_EXTENSION_BITS: Final = 19  # more of an extended FD frame: 18 of the id, SRR
 
 
 def _push_bits(word: int, count: int, last: int, run: int, stuffed: int, crc: int) -> tuple[int, int, int, int]:

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from virtual_bus.plant.forceps_kernels import (
     LOOP_AT,
@@ -129,6 +130,10 @@ class SimulatedForceps:
             self._max_step_s,
         )
         return theta_m, current, theta_j, tau_w
+
+    def memory(self) -> NDArray[np.float64]:
+        """Return all that it remembers but the load and the noise, for `forceps_kernels.follow_and_sense`."""
+        return np.array([*self._moving, *self._numbers, self._current_A, self._moving[-1], self._max_step_s])
 
     def truth(self, now_ns: int) -> Truth:
         """Return what really is at this instant; the current is the one held until now."""

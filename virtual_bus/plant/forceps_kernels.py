@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A
 from virtual_bus.kernel import kernel
 from virtual_bus.plant.load import load_at, segment_of
 from virtual_bus.plant.plant import TruthParameters, advance, elongation
@@ -15,6 +16,10 @@ from virtual_bus.plant.sensors import Reading, SensorParameters, read_sensors
 LOOP_AT = 4  # behind the plant's state
 LOOP_NUMBERS_AT = len(TruthParameters._fields)
 SENSORS_AT = LOOP_NUMBERS_AT + len(LoopParameters._fields)
+# Where the parts of all that a forceps remembers begin: what moves, its numbers, then the current that was held, the
+# angle that was latched, and the longest step of the plant.
+NUMBERS_AT = LOOP_AT + len(LoopState._fields)
+MORE_AT = NUMBERS_AT + SENSORS_AT + len(SensorParameters._fields)
 
 
 class Truth(NamedTuple):
@@ -158,3 +163,47 @@ def truth_at(
     tau_w = load_at(load_time_ns, load_N_m, segment_of(load_time_ns, time_ns), time_ns)
     x = elongation(state[0], state[2], unpacked_plant(plant_numbers))
     return Truth(state[0], state[2], tau_w, x, current_A)
+
+
+@kernel
+def follow_and_sense(
+    memory: NDArray[np.float64],
+    load_time_ns: NDArray[np.int64],
+    load_N_m: NDArray[np.float64],
+    noise: NDArray[np.float64],
+    start_ns: int,
+    end_ns: int,
+    reference_rad: float,
+    sensed: NDArray[np.float64],
+) -> None:
+    """Follow a reference from one sample to the next, and write to `sensed` what the sensors say then, in SI.
+
+    That is θ_m, current, θ_j and τ_w, as `virtual_bus.direct.DirectSample` has them. `start_ns` equal to `end_ns` takes
+    the first sample. `memory` is that of `SimulatedForceps.memory`, changed in place.
+    """
+    moving, numbers, more = memory[:NUMBERS_AT], memory[NUMBERS_AT:MORE_AT], memory[MORE_AT:]
+    state, loop = moving[:LOOP_AT], moving[LOOP_AT:]
+    plant_numbers, sensor_numbers = numbers[:LOOP_NUMBERS_AT], numbers[SENSORS_AT:]
+    if start_ns < end_ns:
+        more[0] = hold_and_move(
+            state,
+            loop,
+            plant_numbers,
+            numbers[LOOP_NUMBERS_AT:SENSORS_AT],
+            load_time_ns,
+            load_N_m,
+            True,
+            round(reference_rad / ANGLE_LSB_RAD),
+            int(more[1]),
+            start_ns,
+            end_ns,
+            more[2],
+        )
+    normals = (noise[0], noise[1], noise[2])
+    reading = latch(state, more[0], load_time_ns, load_N_m, end_ns, sensor_numbers, normals)
+    more[1] = reading.theta_m
+    truth = truth_at(state, more[0], load_time_ns, load_N_m, end_ns, plant_numbers)
+    sensed[0] = truth.theta_m_rad if sensor_numbers[0] <= 0.0 else reading.theta_m * ANGLE_LSB_RAD
+    sensed[1] = truth.current_A if sensor_numbers[1] == 0.0 else reading.current * CURRENT_LSB_A
+    sensed[2] = truth.theta_j_rad
+    sensed[3] = truth.tau_w_N_m

@@ -29,9 +29,11 @@ DEFAULT_MAX_GAP_S: Final = 0.02
 NEVER_NS: Final = -(1 << 63)
 
 # Members of an Enum cost as much as a call when looked up by their class, and these are asked for at every tick.
-_CLOSED, _OPEN, _LATCHED = GateState.CLOSED, GateState.OPEN, GateState.LATCHED
-_POSITION = GateVerdict.LIMITED_POSITION
-_is_finite = math.isfinite
+_CLOSED: Final[GateState] = GateState.CLOSED
+_OPEN: Final[GateState] = GateState.OPEN
+_LATCHED: Final[GateState] = GateState.LATCHED
+_POSITION: Final = GateVerdict.LIMITED_POSITION
+_is_finite: Final = math.isfinite
 
 
 class Gate:
