@@ -57,7 +57,7 @@ class Trajectory:
         """Return the angles [rad] at these times [s], which are numbers: bit for bit those of single calls."""
         times, angles = np.array(self.times_s), np.array(self.angles_rad)
         after = np.searchsorted(times, t_s, side="right")
-        result = np.where(after == 0, angles[0], angles[-1])
+        result: NDArray[np.float64] = np.where(after == 0, angles[0], angles[-1])
         inside = (after > 0) & (after < times.size)
         end = after[inside]
         begin_s, begin_rad = times[end - 1], angles[end - 1]
