@@ -120,7 +120,7 @@ def _run_ahead(
     """Run ahead of the gate; None where that changes so many references that it doesn't pay."""
     gate, period_ns = gate_for(rigs.plant, spec.sample_time_s), round(spec.sample_time_s * 1e9)
     samples = round(spec.duration_s / spec.sample_time_s) + 1  # both ends, as the service does
-    time_s = period_ns * np.arange(samples) * 1e-9
+    time_s = np.asarray(period_ns * np.arange(samples) * 1e-9, dtype=np.float64)
     theta_j_ref = PAPER_TRAJECTORY.angles(time_s)
     ahead = Ahead(world, estimator, Law(rigs.estimator.plant(), spec.compensated), period_ns, theta_j_ref)
     table = np.empty((samples, 7))
