@@ -51,14 +51,17 @@ REJECTIONS: Final = (
 COUNTERS: Final = (*REJECTIONS, "not_for_us", "setpoints_accepted", "setpoints_lost", "faults")
 
 # Members under names of their own: a look-up through the class costs more than all else in the cyclic path.
-_DISABLED, _ARMED, _OPERATIONAL, _FAULT = DriveState
+_DISABLED: Final = DriveState.DISABLED
+_ARMED: Final = DriveState.ARMED
+_OPERATIONAL: Final = DriveState.OPERATIONAL
 _REFERENCE: Final = DriveEvent.REFERENCE
 _MASK32: Final = (1 << 32) - 1
 _HALF32: Final = 1 << 31
 _ALL_CONTROLS: Final = 0xFF
 _ENABLE: Final = int(Control.ENABLE)
 _RESET: Final = int(Control.FAULT_RESET)
-_CURRENT_MIN, _CURRENT_MAX = -(1 << 15), (1 << 15) - 1
+_CURRENT_MIN: Final = -(1 << 15)
+_CURRENT_MAX: Final = (1 << 15) - 1
 _REJECTED_MAX: Final = 0xFFFF
 
 

@@ -9,7 +9,10 @@ from firmware_protocol.messages import PROTOCOL_MAJOR, PROTOCOL_MINOR, Control, 
 LOW_HEARTBEATS: Final = 2  # with all controls low before one may rise: an edge must be seen from low, one may be lost
 RESET_HEARTBEATS: Final = 3  # that carry FAULT_RESET, so that two may be lost
 
-_NONE, _ENABLE, _RESET = int(Control.NONE), int(Control.ENABLE), int(Control.FAULT_RESET)  # asked for at each poll
+# Asked for at each poll.
+_NONE: Final = int(Control.NONE)
+_ENABLE: Final = int(Control.ENABLE)
+_RESET: Final = int(Control.FAULT_RESET)
 
 
 class HostHeartbeatSource:

@@ -5,16 +5,17 @@ modulo 2**32 (256 revolutions) and are unwrapped by `unwrap_angle_raw`.
 """
 
 import math
+from typing import Final
 
-ANGLE_LSB_PER_REV = 1 << 24
-ANGLE_LSB_RAD = 2.0 * math.pi / ANGLE_LSB_PER_REV
-CURRENT_LSB_A = 2.0e-4
-STAMP_LSB_NS = 1_000
-BENCH_TORQUE_LSB_N_M = 1.0e-7
+ANGLE_LSB_PER_REV: Final = 1 << 24
+ANGLE_LSB_RAD: Final = 2.0 * math.pi / ANGLE_LSB_PER_REV
+CURRENT_LSB_A: Final = 2.0e-4
+STAMP_LSB_NS: Final = 1_000
+BENCH_TORQUE_LSB_N_M: Final = 1.0e-7
 
-ANGLE_MODULUS = 1 << 32
-STAMP_MODULUS = 1 << 32
-SEQUENCE_MODULUS = 1 << 8
+ANGLE_MODULUS: Final = 1 << 32
+STAMP_MODULUS: Final = 1 << 32
+SEQUENCE_MODULUS: Final = 1 << 8
 
 
 def unwrap(raw: int, previous: int, modulus: int) -> int:

@@ -1,6 +1,7 @@
 """The simulated drive: firmware_protocol's drive machine on a simulated forceps, as a node of the virtual bus."""
 
 import math
+from typing import Final
 
 from firmware_protocol import codec
 from firmware_protocol.drive_machine import DriveConfig, DriveMachine
@@ -20,14 +21,14 @@ from virtual_bus.plant.position_loop import LoopParameters
 from virtual_bus.plant.sensors import IDEAL_ENCODER, SensorParameters
 from virtual_bus.truth_log import TruthLog
 
-PAPER_JAW_START_RAD = math.pi / 2.0
-SERIAL_NUMBER = 0x5F0C_0000_0000  # plus the node id: simulated drives differ as real ones do
-OUTBOX_LIMIT = 64  # frames; the mailboxes of a controller are bounded too
-POLL_PERIOD_S = 1.0e-3  # the drive machine wants to be polled at least that often
-WATCHDOG_US = 20_000
-WATCHDOG_HOST_PERIODS = 5  # a slow host gets a slower watchdog
+PAPER_JAW_START_RAD: Final = math.pi / 2.0
+SERIAL_NUMBER: Final = 0x5F0C_0000_0000  # plus the node id: simulated drives differ as real ones do
+OUTBOX_LIMIT: Final = 64  # frames; the mailboxes of a controller are bounded too
+POLL_PERIOD_S: Final = 1.0e-3  # the drive machine wants to be polled at least that often
+WATCHDOG_US: Final = 20_000
+WATCHDOG_HOST_PERIODS: Final = 5  # a slow host gets a slower watchdog
 
-_OPERATIONAL = DriveState.OPERATIONAL  # looked up for every sample
+_OPERATIONAL: Final = DriveState.OPERATIONAL  # looked up for every sample
 
 
 def loop_of(rig: Rig) -> LoopParameters:

@@ -118,6 +118,7 @@ class VirtualForcepsBus(can.BusABC):
             raise CanInitializationError(f"virtual_forceps: {error}") from error
         self._simulation = self._world.simulation
         self._medium = self._simulation.medium
+        self._lock, self._is_fd = self._world.lock, self._world.is_fd  # looked up for every frame
         self._node, self._port = self._world.add_host(*queues)
         self._is_delayed = self._node.is_delayed()
         self._can_protocol = can.CanProtocol.CAN_FD if self._world.is_fd else can.CanProtocol.CAN_20
@@ -132,7 +133,7 @@ class VirtualForcepsBus(can.BusABC):
 
     def advance_until_ns(self, time_ns: int) -> None:
         """Run the world until `time_ns`; nothing happens when that has passed."""
-        with self._world.lock:
+        with self._lock:
             self._simulation.advance_until(time_ns)
 
     def send_frame(self, frame: Frame) -> bool:
@@ -141,9 +142,9 @@ class VirtualForcepsBus(can.BusABC):
         ValueError when there is no such CAN frame, or FD is off.
         """
         self._check_open()
-        if frame[2] and not self._world.is_fd:
+        if frame[2] and not self._is_fd:
             raise ValueError("CAN FD is off on this bus")
-        with self._world.lock:
+        with self._lock:
             now_ns = self._simulation.now_ns
             if not self._is_delayed:
                 return self._medium.submit(self._port, frame, now_ns)
@@ -156,7 +157,7 @@ class VirtualForcepsBus(can.BusABC):
 
     def receive_frames(self) -> list[tuple[int, Frame]]:
         """Return what has arrived by now, oldest first, each with its virtual time in ns; never waits."""
-        with self._world.lock:
+        with self._lock:
             frames = self._node.take_all(self._simulation.now_ns)
         if self._filters is None:
             return frames

@@ -28,7 +28,7 @@ def traces_of(recording: Recording, spec: RunSpec, plant: PlantParameters, traje
         tau_w_true=np.asarray(bench["tau_w_N_m"]),
         tau_w_est=np.asarray(samples["tau_w_estimate_N_m"]),
         theta_j_true=np.asarray(bench["theta_j_rad"]),
-        theta_j_ref=np.array([trajectory(t) for t in time_s.tolist()]),
+        theta_j_ref=trajectory.angles(time_s),
         x_true=plant.motor_pulley_radius_m * samples["theta_m_rad"] - plant.jaw_pulley_radius_m * bench["theta_j_rad"],
         x_est=np.asarray(samples["elongation_estimate_m"]),
         algorithm=spec.algorithm,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import Final
 
 from firmware_protocol.frames import Frame
 from firmware_protocol.scales import CURRENT_LSB_A
@@ -16,9 +17,11 @@ from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.runaway import RunawayWatch
 
 # Looked up once: members of an Enum cost as much as a call when asked for by their class.
-_ENDED, _STOPPED = Stage.ENDED, Stage.STOPPED
-_SENT = SendResult.SENT
-_NONE, _OUTCOME_SENT = Outcome.NONE, Outcome.SENT
+_ENDED: Final = Stage.ENDED
+_STOPPED: Final = Stage.STOPPED
+_SENT: Final = SendResult.SENT
+_NONE: Final = Outcome.NONE
+_OUTCOME_SENT: Final = Outcome.SENT
 
 
 class Axis:

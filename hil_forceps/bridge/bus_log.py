@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import IO, NamedTuple, Protocol
+from typing import IO, Final, NamedTuple, Protocol
 
 import can
 
@@ -25,18 +25,18 @@ from hil_forceps.data.recording.writer import FLUSH_NS, RECENT_NS
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.rig.errors import UserError
 
-BATCH_ENTRIES = 256
-QUEUED_BATCHES = 64
-RECENT_BATCHES = 128  # kept at hand, of those within `RECENT_NS`
-CLOSE_TIMEOUT_S = 10.0
-CHANNEL = "can0"  # what candump's format wants to call the bus; there is only one
-BLF_CHANNEL = 1
-NO_DATE = "Thu Jan  1 00:00:00.000 am 1970"
-_EXTENDED = 1 << 29  # above the highest bit of an id
-_MAX_HEADS = 4096
+BATCH_ENTRIES: Final = 256
+QUEUED_BATCHES: Final = 64
+RECENT_BATCHES: Final = 128  # kept at hand, of those within `RECENT_NS`
+CLOSE_TIMEOUT_S: Final = 10.0
+CHANNEL: Final = "can0"  # what candump's format wants to call the bus; there is only one
+BLF_CHANNEL: Final = 1
+NO_DATE: Final = "Thu Jan  1 00:00:00.000 am 1970"
+_EXTENDED: Final = 1 << 29  # above the highest bit of an id
+_MAX_HEADS: Final = 4096
 
 Arrivals = Sequence[tuple[int, Frame]]
-Entry = tuple[bool, Arrivals]  # received or sent, and what
+Batch = list[tuple[bool, Arrivals]]  # received or sent, and what; it must not change any more
 
 
 class LogReport(NamedTuple):
@@ -50,8 +50,8 @@ class LogReport(NamedTuple):
 class LogWriter(Protocol):
     """A format. All raise OSError when the disk does."""
 
-    def write(self, is_received: bool, frames: Arrivals, lines: str) -> None:
-        """Write frames with their times [ns since the log began]; `lines`: the same as candump has them."""
+    def write(self, batch: Batch, begin_ns: int, lines: str) -> None:
+        """Write a batch of frames, times counting from `begin_ns`; `lines`: the same as candump has them."""
 
     def flush(self) -> None:
         """Hand over to the system what was written."""
@@ -67,19 +67,20 @@ class CandumpLines:
         self._heads: dict[int, str] = {}  # by id with `_EXTENDED`, FD ids negative; at most `_MAX_HEADS`
         self._last_s = 0.0
 
-    def of(self, is_received: bool, frames: Arrivals) -> str:
+    def of(self, batch: Batch, begin_ns: int) -> str:
         """Return the lines; a time before the last becomes that, since the format knows no going back."""
         heads, last_s, text = self._heads, self._last_s, ""
-        end = " R\n" if is_received else " T\n"
-        for time_ns, (identifier, data, is_fd, is_extended) in frames:
-            time_s = time_ns * 1e-9
-            if time_s > last_s:  # noqa: PLR1730 a call of max costs as much as the rest of the line
-                last_s = time_s
-            key = identifier | _EXTENDED if is_extended else identifier
-            if is_fd:
-                key = ~key
-            head = heads.get(key) or self._head(key)
-            text += f"({last_s:f}{head}{data.hex().upper()}{end}"
+        for is_received, frames in batch:
+            end = " R\n" if is_received else " T\n"
+            for time_ns, (identifier, data, is_fd, is_extended) in frames:
+                time_s = (time_ns - begin_ns) * 1e-9
+                if time_s > last_s:  # noqa: PLR1730 a call of max costs as much as the rest of the line
+                    last_s = time_s
+                key = identifier | _EXTENDED if is_extended else identifier
+                if is_fd:
+                    key = ~key
+                head = heads.get(key) or self._head(key)
+                text += f"({last_s:f}{head}{data.hex().upper()}{end}"
         self._last_s = last_s
         return text
 
@@ -99,7 +100,7 @@ class CandumpWriter:
     def __init__(self, file: IO[str]) -> None:
         self._file = file
 
-    def write(self, is_received: bool, frames: Arrivals, lines: str) -> None:  # noqa: ARG002
+    def write(self, batch: Batch, begin_ns: int, lines: str) -> None:  # noqa: ARG002
         """Write the lines."""
         self._file.write(lines)
 
@@ -125,21 +126,22 @@ class PythonCanWriter:
     def __init__(self, writer: can.ASCWriter | can.BLFWriter) -> None:
         self._writer = writer
 
-    def write(self, is_received: bool, frames: Arrivals, lines: str) -> None:  # noqa: ARG002
+    def write(self, batch: Batch, begin_ns: int, lines: str) -> None:  # noqa: ARG002
         """Write frames one by one."""
-        for time_ns, frame in frames:
-            self._writer.on_message_received(
-                can.Message(
-                    timestamp=time_ns * 1e-9,
-                    arbitration_id=frame.arbitration_id,
-                    data=frame.data,
-                    is_extended_id=frame.is_extended,
-                    is_fd=frame.is_fd,
-                    bitrate_switch=frame.is_fd,
-                    is_rx=is_received,
-                    check=False,
+        for is_received, frames in batch:
+            for time_ns, frame in frames:
+                self._writer.on_message_received(
+                    can.Message(
+                        timestamp=(time_ns - begin_ns) * 1e-9,
+                        arbitration_id=frame.arbitration_id,
+                        data=frame.data,
+                        is_extended_id=frame.is_extended,
+                        is_fd=frame.is_fd,
+                        bitrate_switch=frame.is_fd,
+                        is_rx=is_received,
+                        check=False,
+                    )
                 )
-            )
 
     def flush(self) -> None:
         """Hand over what the file's buffer holds."""
@@ -159,7 +161,7 @@ class BusLog:
         self._use = use
         self._writer = writer
         self.begin_ns = begin_ns
-        self._batch: list[Entry] = []
+        self._batch: Batch = []
         self._due_ns = begin_ns + FLUSH_NS
         self._lines = CandumpLines()
         self._recent: deque[tuple[int, str]] = deque(maxlen=RECENT_BATCHES)  # end and lines of each; the thread's own
@@ -205,22 +207,19 @@ class BusLog:
         while self._recent[0][0] < end_ns - RECENT_NS:
             self._recent.popleft()
 
-    def _write(self, batch: list[Entry]) -> None:
-        begin_ns, entries, end_ns = self.begin_ns, [], 0
-        for is_received, frames in batch:
-            timed = [(time_ns - begin_ns, frame) for time_ns, frame in frames]
-            entries.append((is_received, timed, self._lines.of(is_received, timed)))
-            end_ns = timed[-1][0] if timed else end_ns
-            if self._use is not None:
+    def _write(self, batch: Batch) -> None:
+        lines = self._lines.of(batch, self.begin_ns)
+        end_ns = next((frames[-1][0] for _, frames in reversed(batch) if frames), self.begin_ns)
+        self._keep(end_ns - self.begin_ns, lines)
+        if self._use is not None:
+            for _, frames in batch:
                 for _, frame in frames:
                     self._use.add(len(frame.data), frame.is_fd, frame.is_extended)
-        self._keep(end_ns, "".join(lines for _, _, lines in entries))
         if self.failure:
             self._unwritten += _count(batch)
             return
         try:
-            for is_received, timed, lines in entries:
-                self._writer.write(is_received, timed, lines)
+            self._writer.write(batch, self.begin_ns, lines)
             self._writer.flush()
         except OSError as error:
             self._unwritten += _count(batch)
@@ -230,7 +229,7 @@ class BusLog:
         self.failure = self.failure or f"bus log stopped: {error.strerror or error}"
 
 
-def _count(batch: list[Entry]) -> int:
+def _count(batch: Batch) -> int:
     return sum(len(frames) for _, frames in batch)
 
 

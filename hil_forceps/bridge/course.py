@@ -12,6 +12,7 @@ back with another run only.
 """
 
 from collections.abc import Callable
+from typing import Final
 
 from firmware_protocol.messages import DriveState
 from firmware_protocol.states import HostPhase
@@ -22,13 +23,14 @@ from hil_forceps.data.recording.writer import Recorder
 from hil_forceps.drives.port import NO_TORQUE, DriveMachine
 
 # Until then it takes the heartbeats of the next host for old ones (HFP-085), and does not see ENABLE rise.
-REFUSED_HOST = "it enables a new host 0.1 s after the last one fell silent: start again"
-SETTLE_PERIODS = 5  # before the drive's word counts: what arrives first was said before the request
-SILENT_PERIODS = 20  # at least so many without a sample before a drive counts as silent, however slow the loop
+REFUSED_HOST: Final = "it enables a new host 0.1 s after the last one fell silent: start again"
+SETTLE_PERIODS: Final = 5  # before the drive's word counts: what arrives first was said before the request
+SILENT_PERIODS: Final = 20  # at least so many without a sample before a drive counts as silent, however slow the loop
 
 # Members of an Enum cost as much as a call when looked up by their class, and these are asked for at every tick.
-_HOST_RUNNING = HostPhase.RUNNING
-_RUNNING, _ENABLING = Stage.RUNNING, Stage.ENABLING
+_HOST_RUNNING: Final = HostPhase.RUNNING
+_RUNNING: Final = Stage.RUNNING
+_ENABLING: Final = Stage.ENABLING
 
 
 class Course:

@@ -20,7 +20,7 @@ meant: it is denied, and the approach begins with the next, or one wild estimate
 import math
 from collections.abc import Callable
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from firmware_protocol.frames import make
 from firmware_protocol.host_machine import RawSample
@@ -34,10 +34,10 @@ from hil_forceps.data.recording.writer import Reference
 from hil_forceps.estimation.interface import Estimate, Estimator, Sample, State
 from hil_forceps.rig.plant import PlantParameters
 
-GATE_VERDICT_BASE = 16
-PEAK_SPEED = 1.875  # of 10s³ − 15s⁴ + 6s⁵, at s = 1/2
-NOWHERE_NS = -1
-_OPERATIONAL = int(DriveState.OPERATIONAL)
+GATE_VERDICT_BASE: Final = 16
+PEAK_SPEED: Final = 1.875  # of 10s³ − 15s⁴ + 6s⁵, at s = 1/2
+NOWHERE_NS: Final = -1
+_OPERATIONAL: Final = int(DriveState.OPERATIONAL)
 
 
 class Verdict(IntEnum):
@@ -48,10 +48,11 @@ class Verdict(IntEnum):
     DENIED_TOO_FAR = 2  # the first reference is further from the motor's angle than the gate's bounds lie apart
 
 
-GATE_CODES = {verdict: GATE_VERDICT_BASE + place for place, verdict in enumerate(GateVerdict)}
-_PASSED, _FROZEN = GateVerdict.PASSED, GateVerdict.FROZEN
-PASSED_CODE = GATE_CODES[GateVerdict.PASSED]  # apart, since hashing an Enum takes its time
-VERDICT_NAMES = {int(verdict): verdict.name for verdict in Verdict} | {
+GATE_CODES: Final = {verdict: GATE_VERDICT_BASE + place for place, verdict in enumerate(GateVerdict)}
+_PASSED: Final = GateVerdict.PASSED
+_FROZEN: Final = GateVerdict.FROZEN
+PASSED_CODE: Final = GATE_CODES[GateVerdict.PASSED]  # apart, since hashing an Enum takes its time
+VERDICT_NAMES: Final = {int(verdict): verdict.name for verdict in Verdict} | {
     code: verdict.name for verdict, code in GATE_CODES.items()
 }
 
@@ -63,7 +64,7 @@ class Approach(NamedTuple):
     tolerance_rad: float = 0.01
 
 
-DEFAULT_APPROACH = Approach()
+DEFAULT_APPROACH: Final = Approach()
 
 
 class Pipeline:

@@ -17,6 +17,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Final
 
 from firmware_protocol.frames import Frame
 from hil_forceps.bridge.axis import Axis
@@ -27,8 +28,9 @@ from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics
 from hil_forceps.bridge.teleoperation.udp_server import UdpReferences
 from hil_forceps.data.recording.writer import RECENT_NS
 
-MAX_RECENT_TICKS = 1 << 16
-_SENT = SendResult.SENT  # looked up once: members of an Enum cost as much as a call when asked for by their class
+MAX_RECENT_TICKS: Final = 1 << 16
+# Looked up once: members of an Enum cost as much as a call when asked for by their class.
+_SENT: Final = SendResult.SENT
 
 
 class Service:

@@ -15,11 +15,11 @@ age       from the instant a sample was taken to the instant its reference was h
 import math
 from array import array
 from itertools import accumulate
-from typing import NamedTuple, TypedDict
+from typing import Final, NamedTuple, TypedDict
 
 from firmware_protocol.scales import STAMP_LSB_NS, STAMP_MODULUS
 
-STAMP_PERIOD_NS = STAMP_MODULUS * STAMP_LSB_NS
+STAMP_PERIOD_NS: Final = STAMP_MODULUS * STAMP_LSB_NS
 
 
 class HistogramSummary(TypedDict):

@@ -8,6 +8,9 @@ from itertools import pairwise
 from numbers import Real
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 PAPER_START_RAD = math.radians(90.0)
 PAPER_END_RAD = math.radians(10.0)
 PAPER_RAMP_S = 5.0
@@ -49,6 +52,17 @@ class Trajectory:
         begin_s, begin_rad = self.times_s[after - 1], self.angles_rad[after - 1]
         share = (t_s - begin_s) / (self.times_s[after] - begin_s)
         return begin_rad + share * (self.angles_rad[after] - begin_rad)
+
+    def angles(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the angles [rad] at these times [s], which are numbers: bit for bit those of single calls."""
+        times, angles = np.array(self.times_s), np.array(self.angles_rad)
+        after = np.searchsorted(times, t_s, side="right")
+        result: NDArray[np.float64] = np.where(after == 0, angles[0], angles[-1])
+        inside = (after > 0) & (after < times.size)
+        end = after[inside]
+        begin_s, begin_rad = times[end - 1], angles[end - 1]
+        result[inside] = begin_rad + (t_s[inside] - begin_s) / (times[end] - begin_s) * (angles[end] - begin_rad)
+        return result
 
 
 def _numbers(name: str, values: Any) -> tuple[float, ...]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,8 @@ from hil_forceps.rig.schema import Rig
 
 Vector = NDArray[np.float64]
 State = Vector
+
+_new: Final = tuple.__new__  # a NamedTuple of all its fields, in half the time of its own constructor
 
 # Where the states of our own estimators keep what they tell; the rest of a state is each one's own.
 TAU_W, ELONGATION = 3, 4
@@ -87,11 +89,13 @@ def estimator_of_kernels(
         return start(constants, *sample)
 
     def step_(state: State, sample: Sample) -> State:
-        return step(state, constants, *sample)
+        time_ns, theta_m_rad, motor_torque_N_m = sample
+        return step(state, constants, time_ns, theta_m_rad, motor_torque_N_m)
 
     kernels = Compiled(KernelFunction.of_start(start), KernelFunction.of_step(step), constants)
     return Estimator(estimator_id, start_, step_, _estimate, kernels)
 
 
 def _estimate(state: State) -> Estimate:
-    return Estimate(float(state[TAU_W]), float(state[ELONGATION]))
+    number = state.item  # a Python float at once, at a fifth of the time of `float(state[...])`
+    return _new(Estimate, (number(TAU_W), number(ELONGATION)))

@@ -9,34 +9,37 @@ bits of the id and the bit behind them: id 11, SRR 1 and IDE 1, both recessive, 
 IDE and r0 of a classical frame, r1 1 and r0 1, and in FD at once FDF.
 """
 
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Final, NamedTuple
 
 from firmware_protocol.frames import MAX_BASE_ID, MAX_EXTENDED_ID, Frame
-from virtual_bus.kernel import kernel
+from virtual_bus.bus.stuffing import (
+    FD_EXTENSION_BITS,
+    FD_HEAD_BITS,
+    classic_stuff_bits,
+    extended_id,
+    extended_stuff_bits,
+    fd_head,
+    fd_stuff_bits,
+)
 
-INTERMISSION_BITS = 3
-EOF_BITS = 7
-ACK_DELIMITER_BITS = 1
+INTERMISSION_BITS: Final = 3
+EOF_BITS: Final = 7
+ACK_DELIMITER_BITS: Final = 1
 # Error flag 6, the flags of those who answer it up to 6 more, delimiter 8 (10.4.4.2): the worst case.
-ERROR_FRAME_BITS = 6 + 6 + 8
-RECOVERY_SEQUENCES = 128  # of 11 recessive bits each, until a node that went bus-off may come back
-RECOVERY_SEQUENCE_BITS = 11
+ERROR_FRAME_BITS: Final = 6 + 6 + 8
+RECOVERY_SEQUENCES: Final = 128  # of 11 recessive bits each, until a node that went bus-off may come back
+RECOVERY_SEQUENCE_BITS: Final = 11
 
-NS_PER_S = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
 
-_CLASSIC_FIXED_BITS = 44  # everything but data and stuff bits, without intermission
-_CLASSIC_STUFFED_BITS = 34  # of these, up to the end of the CRC
-_EXTENSION_BITS = 20  # more of an extended classical frame: 18 of the id, SRR, r1
-_FD_HEAD_BITS = 17
-_FD_EXTENSION_BITS = 19  # more of an extended FD frame: 18 of the id, SRR
-_FD_MOST_HEAD_STUFF_BITS = 3  # FDF 1, res 0 and BRS 1 end a run
-_FD_MOST_EXTENDED_HEAD_STUFF_BITS = 7  # the same, and SRR and IDE are ones
-_FD_TAIL_BITS = 9
-_FD_FIXED_DATA_BITS = 10  # ESI, DLC, stuff count, CRC delimiter
-_FD_DLC_OF_LENGTH = {
+_CLASSIC_FIXED_BITS: Final = 44  # everything but data and stuff bits, without intermission
+_CLASSIC_STUFFED_BITS: Final = 34  # of these, up to the end of the CRC
+_EXTENSION_BITS: Final = 20  # more of an extended classical frame: 18 of the id, SRR, r1
+_FD_MOST_HEAD_STUFF_BITS: Final = 3  # FDF 1, res 0 and BRS 1 end a run
+_FD_MOST_EXTENDED_HEAD_STUFF_BITS: Final = 7  # the same, and SRR and IDE are ones
+_FD_TAIL_BITS: Final = 9
+_FD_FIXED_DATA_BITS: Final = 10  # ESI, DLC, stuff count, CRC delimiter
+_FD_DLC_OF_LENGTH: Final = {
     **{length: length for length in range(9)},
     **{length: 9 + index for index, length in enumerate((12, 16, 20, 24, 32, 48, 64))},
 }
@@ -47,116 +50,6 @@ class FrameBits(NamedTuple):
 
     nominal: int
     data: int
-
-
-def _push_bits(word: int, count: int, last: int, run: int, stuffed: int, crc: int) -> tuple[int, int, int, int]:
-    """Send `count` bits of `word`, first bit highest; a stuff bit that is due goes ahead of the next bit."""
-    for shift in range(count - 1, -1, -1):
-        bit = (word >> shift) & 1
-        if run == 5:
-            stuffed += 1
-            last ^= 1
-            run = 1
-        if bit == last:
-            run += 1
-        else:
-            last = bit
-            run = 1
-        crc = ((crc << 1) & 0x7FFF) ^ (0x4599 if bit ^ (crc >> 14) else 0)
-    return last, run, stuffed, crc
-
-
-_push = kernel(_push_bits)
-
-
-def _byte_tables() -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-    """Return what a byte does: to stuffing, by last bit and run before it, and to the CRC, by its upper byte.
-
-    Stuffing is packed: stuff bits (2 bits), run after (3 bits), last bit after.
-    """
-    stuffing = np.zeros((2, 6, 256), dtype=np.int16)
-    for last in range(2):
-        for run in range(1, 6):
-            for byte in range(256):
-                last_after, run_after, stuffed, _ = _push_bits(byte, 8, last, run, 0, 0)
-                stuffing[last, run, byte] = stuffed | run_after << 2 | last_after << 5
-    return stuffing, np.array([_push_bits(byte, 8, 0, 1, 0, 0)[3] for byte in range(256)], dtype=np.int16)
-
-
-_STUFFING, _CRC15 = _byte_tables()
-
-
-@kernel
-def _push_bytes(word: int, count: int, last: int, run: int, stuffed: int, crc: int) -> tuple[int, int, int, int]:
-    """Do as `_push` for `count` bytes, not at the very beginning of a frame."""
-    for shift in range(8 * count - 8, -1, -8):
-        byte = (word >> shift) & 0xFF
-        after = int(_STUFFING[last, run, byte])  # signed tables: numba makes floats of signed with unsigned
-        stuffed += after & 3
-        run = (after >> 2) & 7
-        last = after >> 5
-        crc = ((crc << 8) & 0x7FFF) ^ int(_CRC15[(crc >> 7) ^ byte])
-    return last, run, stuffed, crc
-
-
-@kernel
-def _extended_id(arbitration_id: int) -> int:
-    """Write the bits from SOF to the end of an extended id: 11 of it, SRR 1, IDE 1, 18 of it."""
-    return (arbitration_id >> 18) << 20 | 0b11 << 18 | arbitration_id & 0x3FFFF
-
-
-@kernel
-def _fd_head(arbitration_id: int, is_extended: bool) -> tuple[int, int]:
-    """Write the bits of an FD frame from SOF to BRS; return them and their number."""
-    if is_extended:  # RRS 0, FDF 1, res 0, BRS 1 behind the id
-        return _extended_id(arbitration_id) << 4 | 0b0101, _FD_HEAD_BITS + _FD_EXTENSION_BITS
-    return arbitration_id << 5 | 0b00101, _FD_HEAD_BITS  # RRS 0, IDE 0, FDF 1, res 0, BRS 1
-
-
-@kernel
-def _stuff_bits_behind_head(length: int, data: int, last: int, run: int, stuffed: int, crc: int) -> int:
-    """Return the stuff bits of a classical frame, those of its head included, which left things as they are here."""
-    last, run, stuffed, crc = _push_bytes(data, length, last, run, stuffed, crc)
-    sent = crc
-    last, run, stuffed, crc = _push(sent >> 8, 7, last, run, stuffed, crc)
-    last, run, stuffed, crc = _push_bytes(sent, 1, last, run, stuffed, crc)
-    return stuffed + (1 if run == 5 else 0)
-
-
-@kernel
-def classic_stuff_bits(arbitration_id: int, length: int, data: int) -> int:
-    """Return the stuff bits of a classical base data frame, CRC-15 (polynomial 0x4599) included.
-
-    `data`: the bytes as one signed big-endian integer, which crosses into compiled code faster than bytes do.
-    """
-    # SOF and the bits RTR, IDE, r0 are dominant: zeros around the id.
-    head = arbitration_id << 7 | length
-    last, run, stuffed, crc = _push(head >> 16, 3, -1, 0, 0, 0)
-    last, run, stuffed, crc = _push_bytes(head, 2, last, run, stuffed, crc)
-    return _stuff_bits_behind_head(length, data, last, run, stuffed, crc)
-
-
-@kernel
-def extended_stuff_bits(arbitration_id: int, length: int, data: int) -> int:
-    """Do as `classic_stuff_bits` for an extended frame."""
-    head = _extended_id(arbitration_id) << 7 | length  # RTR, r1, r0 and four bits of DLC
-    last, run, stuffed, crc = _push(head >> 32, 7, -1, 0, 0, 0)
-    last, run, stuffed, crc = _push_bytes(head, 4, last, run, stuffed, crc)
-    return _stuff_bits_behind_head(length, data, last, run, stuffed, crc)
-
-
-@kernel
-def fd_stuff_bits(arbitration_id: int, is_extended: bool, dlc: int, data: bytes) -> tuple[int, int]:
-    """Return the dynamic stuff bits of an FD frame in (nominal, data) phase; the CRC field has fixed ones only.
-
-    A run of five that ends with the last data bit gets none: the fixed stuff bit ahead of the stuff count breaks it.
-    """
-    head, head_bits = _fd_head(arbitration_id, is_extended)
-    last, run, nominal, crc = _push(head, head_bits, -1, 0, 0, 0)
-    last, run, body, crc = _push(dlc, 5, last, run, 0, crc)  # ESI 0: an error-active sender
-    for byte in data:
-        last, run, body, crc = _push(byte, 8, last, run, body, crc)
-    return nominal, body
 
 
 def _fd_crc_bits(length: int) -> int:
@@ -184,9 +77,9 @@ def frame_bits(frame: Frame) -> FrameBits:
         raise ValueError(f"no CAN FD frame carries {length} bytes")
     nominal, body = fd_stuff_bits(arbitration_id, is_extended, dlc, data)
     if is_extended:
-        nominal += _FD_EXTENSION_BITS
+        nominal += FD_EXTENSION_BITS
     return FrameBits(
-        _FD_HEAD_BITS + _FD_TAIL_BITS + nominal, _FD_FIXED_DATA_BITS + 8 * length + _fd_crc_bits(length) + body
+        FD_HEAD_BITS + _FD_TAIL_BITS + nominal, _FD_FIXED_DATA_BITS + 8 * length + _fd_crc_bits(length) + body
     )
 
 
@@ -200,7 +93,7 @@ def frame_bits_bounds(length: int, is_fd: bool = False, is_extended: bool = Fals
         more = _EXTENSION_BITS if is_extended else 0
         fewest = _CLASSIC_FIXED_BITS + more + 8 * length
         return FrameBits(fewest, 0), FrameBits(fewest + (_CLASSIC_STUFFED_BITS + more + 8 * length - 1) // 4, 0)
-    head = _FD_HEAD_BITS + (_FD_EXTENSION_BITS if is_extended else 0)
+    head = FD_HEAD_BITS + (FD_EXTENSION_BITS if is_extended else 0)
     in_head = _FD_MOST_EXTENDED_HEAD_STUFF_BITS if is_extended else _FD_MOST_HEAD_STUFF_BITS
     nominal, data = head + _FD_TAIL_BITS, _FD_FIXED_DATA_BITS + 8 * length + _fd_crc_bits(length)
     stuffed = (head + 5 + 8 * length - 1) // 4
@@ -218,6 +111,18 @@ def arbitration_key(arbitration_id: int, is_extended: bool) -> int:
     return arbitration_id << 19
 
 
+def frame_time_ns(frame: Frame, bitrate_bit_per_s: int, data_bitrate_bit_per_s: int) -> int:
+    """Return the time from SOF to the end of EOF, when receivers have the frame; ValueError as `frame_bits`."""
+    arbitration_id, data, is_fd, is_extended = frame
+    length = len(data)
+    # `frame_bits` without the detour, for most frames
+    if not is_fd and not is_extended and length <= 8 and 0 <= arbitration_id <= MAX_BASE_ID:
+        stuffed = classic_stuff_bits(arbitration_id, length, int.from_bytes(data, "big", signed=True))
+        return (_CLASSIC_FIXED_BITS + 8 * length + stuffed) * NS_PER_S // bitrate_bit_per_s
+    nominal, fast = frame_bits(frame)
+    return nominal * NS_PER_S // bitrate_bit_per_s + fast * NS_PER_S // data_bitrate_bit_per_s
+
+
 class BitTiming(NamedTuple):
     """The two bit rates of a bus; times are rounded down to whole ns once per frame."""
 
@@ -230,14 +135,7 @@ class BitTiming(NamedTuple):
 
     def frame_ns(self, frame: Frame) -> int:
         """Return the time from SOF to the end of EOF, when receivers have the frame; ValueError as `frame_bits`."""
-        arbitration_id, data, is_fd, is_extended = frame
-        length = len(data)
-        # `frame_bits` without the detour, for most frames
-        if not is_fd and not is_extended and length <= 8 and 0 <= arbitration_id <= MAX_BASE_ID:
-            stuffed = classic_stuff_bits(arbitration_id, length, int.from_bytes(data, "big", signed=True))
-            return (_CLASSIC_FIXED_BITS + 8 * length + stuffed) * NS_PER_S // self.bitrate_bit_per_s
-        nominal, fast = frame_bits(frame)
-        return nominal * NS_PER_S // self.bitrate_bit_per_s + fast * NS_PER_S // self.data_bitrate_bit_per_s
+        return frame_time_ns(frame, self.bitrate_bit_per_s, self.data_bitrate_bit_per_s)
 
 
 class Clash(NamedTuple):
@@ -254,7 +152,7 @@ def clash(first: Frame, second: Frame, timing: BitTiming) -> Clash | None:
     if index is None:
         return None
     nominal_bits = data_bits = 0
-    head_bits = _FD_HEAD_BITS + (_FD_EXTENSION_BITS if first.is_extended else 0)
+    head_bits = FD_HEAD_BITS + (FD_EXTENSION_BITS if first.is_extended else 0)
     run, last = 0, ""
     for position in range(index + 1):
         width = 1
@@ -274,8 +172,8 @@ def _unstuffed(frame: Frame) -> str:
     """Write the bits from SOF to the last data bit; where these agree, so do the CRCs."""
     data = "".join(f"{byte:08b}" for byte in frame.data)
     if frame.is_fd:
-        head, head_bits = _fd_head(frame.arbitration_id, frame.is_extended)
+        head, head_bits = fd_head(frame.arbitration_id, frame.is_extended)
         return f"{head:0{head_bits}b}{_FD_DLC_OF_LENGTH[len(frame.data)]:05b}{data}"
     if frame.is_extended:
-        return f"{_extended_id(frame.arbitration_id) << 7 | len(frame.data):039b}{data}"
+        return f"{extended_id(frame.arbitration_id) << 7 | len(frame.data):039b}{data}"
     return f"{frame.arbitration_id << 7 | len(frame.data):019b}{data}"

@@ -21,14 +21,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from typing import Final
 
 from firmware_protocol.frames import MAX_BASE_ID, MAX_EXTENDED_ID, NODE_BITS, Frame
 from firmware_protocol.messages import Function
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.yaml_loader import load_document
 
-FOREVER_NS = 1 << 62
-_NS_PER_S = 1_000_000_000
+FOREVER_NS: Final = 1 << 62
+_NS_PER_S: Final = 1_000_000_000
 
 
 class FaultKind(StrEnum):
@@ -51,7 +52,7 @@ class Side(StrEnum):
     DRIVE = "drive"
 
 
-_STATES = (FaultKind.BUS_OFF, FaultKind.BUS_GONE)
+_STATES: Final = (FaultKind.BUS_OFF, FaultKind.BUS_GONE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,16 +125,16 @@ class _Reader:
         return self.integer("function", 0, (1 << 6) - 1)
 
 
-_COMMON = {"fault", "from_s", "to_s"}
-_MATCH = {"function", "id", "extended", "direction", "count", "probability"}
-_KEYS = {
+_COMMON: Final = {"fault", "from_s", "to_s"}
+_MATCH: Final = {"function", "id", "extended", "direction", "count", "probability"}
+_KEYS: Final = {
     FaultKind.DELAY: _COMMON | _MATCH | {"delay_s"},
     FaultKind.CORRUPT_PAYLOAD: _COMMON | _MATCH | {"bits"},
     FaultKind.BUS_OFF: _COMMON | {"node"},
     FaultKind.BUS_GONE: _COMMON,
 }
-_DIRECTIONS = {"to_drive": Side.HOST.value, "to_host": Side.DRIVE.value}
-_NODES = {side.value: side.value for side in Side}
+_DIRECTIONS: Final = {"to_drive": Side.HOST.value, "to_host": Side.DRIVE.value}
+_NODES: Final = {side.value: side.value for side in Side}
 
 
 def _parse_entry(entry: object, where: str, problems: list[str]) -> Fault | None:

@@ -11,7 +11,7 @@ from typing import Final
 from firmware_protocol.frames import Frame
 from virtual_bus.bus.faults import FOREVER_NS, FaultInjector, FaultKind, Side, StateChange
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, Port
-from virtual_bus.bus.wire import LineCodec
+from virtual_bus.bus.wire import NOBODY_NS, LineCodec
 
 BITS_PER_BYTE: Final = 10
 _NS_PER_S: Final = 1_000_000_000
@@ -114,6 +114,11 @@ class HalfDuplexLine:
         if self._changes:
             due.append(self._changes[-1].time_ns)
         return min(due, default=FOREVER_NS)
+
+    def carry(self, until_ns: int) -> int:
+        """See `Wire`."""
+        del until_ns
+        return NOBODY_NS
 
     def run(self, now_ns: int) -> bool:
         """See `Wire`."""

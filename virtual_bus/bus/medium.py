@@ -10,6 +10,7 @@ who is passive (the longest is always taken).
 
 from collections.abc import Callable
 from heapq import heapify, heappop, heappush
+from typing import Final
 
 from firmware_protocol.frames import Frame
 from virtual_bus.bus.bit_timing import (
@@ -21,15 +22,17 @@ from virtual_bus.bus.bit_timing import (
     BitTiming,
     arbitration_key,
     clash,
+    frame_time_ns,
 )
 from virtual_bus.bus.faults import FOREVER_NS, FaultInjector, FaultKind, Side, StateChange
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, NEVER_SEQUENCES, OffBus, Port, PortState
+from virtual_bus.bus.wire import NOBODY_NS
 
 # What waits: what arbitrates first (`arbitration_key`), then order of arrival; port, frame and its time on the wire. A
 # heap of these is the arbitration.
 _Entry = tuple[int, int, Port, Frame, int]
 
-_BUS_OFF = PortState.BUS_OFF  # looked up for every frame
+_BUS_OFF: Final = PortState.BUS_OFF  # looked up for every frame
 
 
 class Medium:
@@ -40,11 +43,11 @@ class Medium:
 
     def __init__(self, timing: BitTiming | None = None, faults: FaultInjector | None = None) -> None:
         self.timing = BitTiming() if timing is None else timing
-        self.frame_ns = self.timing.frame_ns
         self.ports: list[Port] = []
         self.gone = False
         self._flight_end_ns = FOREVER_NS
         self._special_ns = FOREVER_NS  # next of what happens rarely: state changes, held frames, recovery
+        self._bitrate, self._data_bitrate = self.timing
         self._intermission_ns = self.timing.bits_ns(INTERMISSION_BITS)
         self._faults = faults
         self._changes: list[StateChange] = [] if faults is None else list(reversed(faults.state_changes))
@@ -58,6 +61,10 @@ class Medium:
         self._held: list[tuple[int, int, Port, Frame]] = []  # delayed by a fault: due, order, sender, frame
         self._off = OffBus(self.timing)
         self._plan_special()
+
+    def frame_ns(self, frame: Frame) -> int:
+        """See `Wire`."""
+        return frame_time_ns(frame, self._bitrate, self._data_bitrate)
 
     def attach(
         self,
@@ -90,7 +97,7 @@ class Medium:
             self.refuses(port)
             return False
         key = arbitration_key(frame[0], True) if frame[3] else frame[0] << 19
-        entry = (key, self._order, port, frame, self.frame_ns(frame))
+        entry = (key, self._order, port, frame, frame_time_ns(frame, self._bitrate, self._data_bitrate))
         self._order += 1
         port.queued += 1
         if not self._pending:
@@ -127,6 +134,26 @@ class Medium:
             self._special(now_ns)
             return True
         return is_told
+
+    def carry(self, until_ns: int) -> int:
+        """See `Wire`: what `next_event_ns` and `run` do frame by frame, for a bus that nothing disturbs."""
+        pending, ports = self._pending, self.ports
+        if self._flight is not None or self._special_ns < FOREVER_NS or self._faults is not None or len(ports) < 2:
+            return NOBODY_NS
+        while pending:
+            key, _, sender, frame, duration_ns = pending[0]
+            end_ns = (self._idle_ns if self._idle_ns > self._ready_ns else self._ready_ns) + duration_ns
+            if end_ns >= until_ns:  # it is still on the wire when a node wakes
+                break
+            waiting = len(pending)
+            if waiting > 1 and (pending[1][0] == key or (waiting > 2 and pending[2][0] == key)):
+                break  # two of one id: arbitration doesn't decide
+            heappop(pending)
+            self._idle_ns = end_ns + self._intermission_ns
+            sender.transmitted()
+            if self._deliver(sender, frame, end_ns):
+                return end_ns
+        return NOBODY_NS
 
     def _start(self, now_ns: int) -> None:
         """Arbitrate among all that wait and begin the winner's transmission."""

@@ -2,17 +2,18 @@
 
 from collections.abc import Callable
 from enum import IntEnum
+from typing import Final
 
 from firmware_protocol.frames import Frame
 from virtual_bus.bus.bit_timing import RECOVERY_SEQUENCE_BITS, BitTiming
 from virtual_bus.bus.faults import FOREVER_NS, Side
 
-DEFAULT_QUEUE_FRAMES = 16
-NEVER_SEQUENCES = 1 << 40  # kept off the bus until somebody lets it recover
+DEFAULT_QUEUE_FRAMES: Final = 16
+NEVER_SEQUENCES: Final = 1 << 40  # kept off the bus until somebody lets it recover
 
-_PASSIVE_ABOVE = 127
-_BUS_OFF_ABOVE = 255
-_COUNTERS = (
+_PASSIVE_ABOVE: Final = 127
+_BUS_OFF_ABOVE: Final = 255
+_COUNTERS: Final = (
     "sent",
     "received",
     "rejected_full",  # the transmit queue was

@@ -8,7 +8,7 @@ does the next arbitration take place, so all that was queued at an instant takes
 from virtual_bus.bus.faults import FOREVER_NS, Side
 from virtual_bus.bus.node import Node
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, Port
-from virtual_bus.bus.wire import Wire
+from virtual_bus.bus.wire import NOBODY_NS, Wire
 
 
 class _Seat:
@@ -66,6 +66,11 @@ class Simulation:
         while True:
             wake_ns = min(wakes)
             until_ns = wake_ns if wake_ns < limit_ns else limit_ns
+            told_ns = medium.carry(until_ns)
+            if told_ns != NOBODY_NS:
+                self.now_ns = told_ns
+                self._settle_told()
+                continue
             # Frames that reach only nodes which have nothing to say to them: no need to look at every node each time.
             while (event_ns := medium.next_event_ns(until_ns)) < until_ns:
                 self.now_ns = now_ns = event_ns if event_ns > self.now_ns else self.now_ns

@@ -1,11 +1,13 @@
 """What carries frames between nodes in virtual time: a CAN bus, or a serial line."""
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from firmware_protocol.frames import Frame
 from virtual_bus.bus.faults import Side
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, Port
+
+NOBODY_NS: Final = -1
 
 
 class Wire(Protocol):
@@ -41,6 +43,13 @@ class Wire(Protocol):
 
     def next_event_ns(self, before_ns: int) -> int:
         """Begin what can begin before `before_ns`; return when `run` is due."""
+
+    def carry(self, until_ns: int) -> int:
+        """Pass on frames that end before `until_ns`, as long as nobody can do anything about it, for less time each.
+
+        Return when a node that may answer has been told something, which ends it; NOBODY_NS when none has. A wire may
+        always leave all to `next_event_ns` and `run`.
+        """
 
     def run(self, now_ns: int) -> bool:
         """Do what is due by now; False when no node that may answer has been told anything."""

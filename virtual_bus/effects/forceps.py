@@ -9,7 +9,8 @@ from virtual_bus.effects.motion import advance_with_effects
 from virtual_bus.effects.physics import Environment, elongation_of
 from virtual_bus.effects.start import rest_with_effects
 from virtual_bus.kernel import kernel
-from virtual_bus.plant.forceps import NOT_STARTED_NS, Sensed, Truth, unpacked_loop, unpacked_plant
+from virtual_bus.plant.forceps import NOT_STARTED_NS, Sensed, Truth
+from virtual_bus.plant.forceps_kernels import unpacked_loop, unpacked_plant
 from virtual_bus.plant.load import LoadProfile
 from virtual_bus.plant.plant import TruthParameters
 from virtual_bus.plant.position_loop import LoopParameters, LoopState, idle_loop, loop_step

@@ -1,27 +1,29 @@
-"""Motor, wire, jaw, load, sensors and position loop together: what one drive sample does to the world."""
+"""A simulated forceps with its motor, load, sensors and position loop, moved from one drive sample to the next."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from virtual_bus.kernel import kernel
-from virtual_bus.plant.load import LoadProfile, load_at, segment_of
-from virtual_bus.plant.plant import TruthParameters, advance, elongation, rest_state
-from virtual_bus.plant.position_loop import LoopParameters, LoopState, idle_loop, loop_step
-from virtual_bus.plant.sensors import Reading, SensorParameters, encoder_raw, noise_source, read_sensors
+from virtual_bus.plant.forceps_kernels import (
+    LOOP_AT,
+    LOOP_NUMBERS_AT,
+    SENSORS_AT,
+    Truth,
+    hold_and_move,
+    latch,
+    latch_and_move,
+    move,
+    truth_at,
+)
+from virtual_bus.plant.load import LoadProfile
+from virtual_bus.plant.plant import TruthParameters, rest_state
+from virtual_bus.plant.position_loop import LoopParameters, idle_loop
+from virtual_bus.plant.sensors import Reading, SensorParameters, encoder_raw, noise_source
+
+__all__ = ["NOT_STARTED_NS", "Sensed", "SimulatedForceps", "Truth"]
 
 NOT_STARTED_NS = 1 << 62  # a zero so late that only the first torque of a load profile ever counts
-
-
-class Truth(NamedTuple):
-    """What really was at one instant."""
-
-    theta_m_rad: float
-    theta_j_rad: float
-    tau_w_N_m: float
-    elongation_m: float
-    current_A: float
 
 
 class Sensed(NamedTuple):
@@ -31,138 +33,6 @@ class Sensed(NamedTuple):
     current_A: float
     theta_j_rad: float
     tau_w_N_m: float
-
-
-@kernel
-def unpacked_plant(v: NDArray[np.float64]) -> TruthParameters:
-    """Give an array the names of `TruthParameters`, in its order."""
-    return TruthParameters(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9], v[10])
-
-
-@kernel
-def unpacked_loop(v: NDArray[np.float64]) -> LoopParameters:
-    """Give an array the names of `LoopParameters`, in its order."""
-    return LoopParameters(v[0], v[1], v[2], v[3], v[4], v[5])
-
-
-@kernel
-def unpacked_sensors(v: NDArray[np.float64]) -> SensorParameters:
-    """Give an array the names of `SensorParameters`, in its order."""
-    return SensorParameters(v[0], v[1], v[2], v[3])
-
-
-@kernel
-def hold_and_move(
-    state: NDArray[np.float64],
-    loop: NDArray[np.float64],
-    plant_numbers: NDArray[np.float64],
-    loop_numbers: NDArray[np.float64],
-    load_time_ns: NDArray[np.int64],
-    load_N_m: NDArray[np.float64],
-    active: bool,
-    reference_raw: int,
-    theta_raw: int,
-    start_ns: int,
-    end_ns: int,
-    max_step_s: float,
-) -> float:
-    """Run the loop on the angle latched at `start_ns` and hold its current, returned in A, until `end_ns`.
-
-    Times are those of the load. Changes `state` and `loop` in place. Parameters come as arrays, which cross from
-    Python into compiled code ten times faster than tuples.
-    """
-    memory = LoopState(loop[0], loop[1], loop[2])
-    memory, current = loop_step(memory, unpacked_loop(loop_numbers), active, reference_raw, theta_raw)
-    loop[0], loop[1], loop[2] = memory.integral_rad_s, memory.speed_rad_per_s, memory.theta_raw
-    advance(state, unpacked_plant(plant_numbers), current, load_time_ns, load_N_m, start_ns, end_ns, max_step_s)
-    return current
-
-
-@kernel
-def move(
-    state: NDArray[np.float64],
-    plant_numbers: NDArray[np.float64],
-    current_A: float,
-    load_time_ns: NDArray[np.int64],
-    load_N_m: NDArray[np.float64],
-    start_ns: int,
-    end_ns: int,
-    max_step_s: float,
-) -> None:
-    """Hold `current_A` from `start_ns` to `end_ns`, times of the load. Changes `state` in place."""
-    advance(state, unpacked_plant(plant_numbers), current_A, load_time_ns, load_N_m, start_ns, end_ns, max_step_s)
-
-
-@kernel
-def latch(
-    state: NDArray[np.float64],
-    current_A: float,
-    load_time_ns: NDArray[np.int64],
-    load_N_m: NDArray[np.float64],
-    time_ns: int,
-    sensor_numbers: NDArray[np.float64],
-    noise: tuple[float, float, float],
-) -> Reading:
-    """Read all sensors at `time_ns` of the load, `current_A` being what was held until now."""
-    tau_w = load_at(load_time_ns, load_N_m, segment_of(load_time_ns, time_ns), time_ns)
-    return read_sensors(state[0], current_A, state[2], tau_w, unpacked_sensors(sensor_numbers), noise)
-
-
-@kernel
-def latch_and_move(
-    state: NDArray[np.float64],
-    loop: NDArray[np.float64],
-    plant_numbers: NDArray[np.float64],
-    loop_numbers: NDArray[np.float64],
-    sensor_numbers: NDArray[np.float64],
-    load_time_ns: NDArray[np.int64],
-    load_N_m: NDArray[np.float64],
-    current_A: float,
-    noise_0: float,
-    noise_1: float,
-    noise_2: float,
-    active: bool,
-    reference_raw: int,
-    start_ns: int,
-    end_ns: int,
-    max_step_s: float,
-) -> tuple[int, int, int, int, float]:
-    """Do `latch`, then `hold_and_move`: one way into compiled code a drive sample. Return the reading, the current.
-
-    A plain tuple, since building a named one on the way out costs more than the rest of the way.
-    """
-    noise = (noise_0, noise_1, noise_2)
-    reading = latch(state, current_A, load_time_ns, load_N_m, start_ns, sensor_numbers, noise)
-    held_A = hold_and_move(
-        state,
-        loop,
-        plant_numbers,
-        loop_numbers,
-        load_time_ns,
-        load_N_m,
-        active,
-        reference_raw,
-        reading.theta_m,
-        start_ns,
-        end_ns,
-        max_step_s,
-    )
-    return reading.theta_m, reading.current, reading.theta_j, reading.tau_w, held_A
-
-
-@kernel
-def truth_at(
-    state: NDArray[np.float64],
-    current_A: float,
-    load_time_ns: NDArray[np.int64],
-    load_N_m: NDArray[np.float64],
-    time_ns: int,
-    plant_numbers: NDArray[np.float64],
-) -> Truth:
-    """Collect what really is at `time_ns` of the load."""
-    tau_w = load_at(load_time_ns, load_N_m, segment_of(load_time_ns, time_ns), time_ns)
-    x = elongation(state[0], state[2], unpacked_plant(plant_numbers))
-    return Truth(state[0], state[2], tau_w, x, current_A)
 
 
 class SimulatedForceps:
@@ -182,14 +52,17 @@ class SimulatedForceps:
         jaw_start_rad: float,
         seed: int,
     ) -> None:
-        self._plant_numbers = np.array(plant)
-        self._loop_numbers = np.array(loop)
-        self._sensor_numbers = np.array(sensors)
+        self._numbers = np.array([*plant, *loop, *sensors])
+        self._plant_numbers, self._loop_numbers, self._sensor_numbers = np.split(
+            self._numbers, [LOOP_NUMBERS_AT, SENSORS_AT]
+        )
         self._load = load
         self._max_step_s = max_step_s
         self._noise = noise_source(seed)
-        self._state = rest_state(plant, jaw_start_rad)
-        self._loop_state = idle_loop(encoder_raw(float(self._state[0]), sensors.counts_per_rev))
+        at_rest = rest_state(plant, jaw_start_rad)
+        idle = idle_loop(encoder_raw(float(at_rest[0]), sensors.counts_per_rev))
+        self._moving = np.concatenate((at_rest, idle))
+        self._state, self._loop_state = self._moving[:LOOP_AT], self._moving[LOOP_AT:]
         self._zero_ns = NOT_STARTED_NS
         self._current_A = 0.0
 
@@ -244,11 +117,8 @@ class SimulatedForceps:
         """Do `read` and then `run` on its angle, in half the time of both; return the fields of `Reading`."""
         zero_ns = self._zero_ns
         theta_m, current, theta_j, tau_w, self._current_A = latch_and_move(
-            self._state,
-            self._loop_state,
-            self._plant_numbers,
-            self._loop_numbers,
-            self._sensor_numbers,
+            self._moving,
+            self._numbers,
             self._load.time_ns,
             self._load.torque_N_m,
             self._current_A,
@@ -260,6 +130,10 @@ class SimulatedForceps:
             self._max_step_s,
         )
         return theta_m, current, theta_j, tau_w
+
+    def memory(self) -> NDArray[np.float64]:
+        """Return all that it remembers but the load and the noise, for `forceps_kernels.follow_and_sense`."""
+        return np.array([*self._moving, *self._numbers, self._current_A, self._moving[-1], self._max_step_s])
 
     def truth(self, now_ns: int) -> Truth:
         """Return what really is at this instant; the current is the one held until now."""

@@ -7,6 +7,7 @@ an error without a number counts as a full queue until it has come `GIVE_UP_AFTE
 import errno
 import time
 from collections import deque
+from typing import Final
 
 import can
 
@@ -14,17 +15,17 @@ from firmware_protocol.frames import MAX_BASE_ID, MAX_EXTENDED_ID, Frame, make
 from hil_forceps.bridge.clocks import VirtualTimeBus
 from hil_forceps.bridge.ports import Clock, Received, SendResult
 
-MAX_DRAIN = 512  # frames taken by one call; the rest waits in the kernel, so a flood can't hold up a tick
-GIVE_UP_AFTER = 100
-MAX_ECHOES = 64
-CAN_ERR_BUSOFF = 0x40  # linux/can/error.h: class of a SocketCAN error frame, in its id
-OLDEST_STAMP_NS = 1_000_000_000  # a stamp further back isn't of this clock (devices that count from power-on)
+MAX_DRAIN: Final = 512  # frames taken by one call; the rest waits in the kernel, so a flood can't hold up a tick
+GIVE_UP_AFTER: Final = 100
+MAX_ECHOES: Final = 64
+CAN_ERR_BUSOFF: Final = 0x40  # linux/can/error.h: class of a SocketCAN error frame, in its id
+OLDEST_STAMP_NS: Final = 1_000_000_000  # a stamp further back isn't of this clock (devices that count from power-on)
 DEAD = frozenset({
     errno.ENETDOWN, errno.ENETUNREACH, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.EIO, errno.EPIPE,
     errno.ESHUTDOWN, errno.ENOTCONN, errno.ECONNRESET, errno.ECONNREFUSED, errno.EADDRNOTAVAIL,
 })  # fmt: skip
-_SENT = SendResult.SENT  # looked up for every frame
-ERRORS = (can.CanError, OSError, ValueError)  # ValueError: select on a socket that was closed under us
+_SENT: Final = SendResult.SENT  # looked up for every frame
+ERRORS: Final = (can.CanError, OSError, ValueError)  # ValueError: select on a socket that was closed under us
 
 
 class PythonCanLink:

@@ -27,12 +27,13 @@ from hil_forceps.rig.sections import Limits
 # The drive's own watchdog has ended the run by then; whoever comes back after it has to start anew.
 DEFAULT_MAX_GAP_S: Final = 0.02
 NEVER_NS: Final = -(1 << 63)
-NOWHERE: Final[Motion] = (math.nan, 0.0, 0.0)
 
 # Members of an Enum cost as much as a call when looked up by their class, and these are asked for at every tick.
-_CLOSED, _OPEN, _LATCHED = GateState.CLOSED, GateState.OPEN, GateState.LATCHED
-_POSITION = GateVerdict.LIMITED_POSITION
-_is_finite = math.isfinite
+_CLOSED: Final[GateState] = GateState.CLOSED
+_OPEN: Final[GateState] = GateState.OPEN
+_LATCHED: Final[GateState] = GateState.LATCHED
+_POSITION: Final = GateVerdict.LIMITED_POSITION
+_is_finite: Final = math.isfinite
 
 
 class Gate:
@@ -66,7 +67,7 @@ class Gate:
         self.trip: GateTrip | None = None
         self._stamp_ns = self._received_ns = NEVER_NS
         self._theta_rad = math.nan
-        self._motion = NOWHERE
+        self._motion: Motion = (math.nan, 0.0, 0.0)
 
     @property
     def range_rad(self) -> float:

@@ -14,12 +14,13 @@ one ahead does not come nearer. The bounds hold exactly, all else up to the roun
 """
 
 from math import copysign, sqrt
+from typing import Final
 
 from hil_forceps.control.gate.verdicts import Bounds, GateVerdict, Motion, Step
 from hil_forceps.rig.sections import Limits
 
 # Looked up once: a member of an Enum costs as much as a call when asked for by its class, at every tick.
-_PASSED = GateVerdict.PASSED
+_PASSED: Final = GateVerdict.PASSED
 
 
 class AccelerationLimiter:

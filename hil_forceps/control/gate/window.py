@@ -11,7 +11,7 @@ from hil_forceps.control.gate.verdicts import Bounds
 
 WINDOW_NS: Final = 250_000_000  # the real time over which other people's gates of actuators bound a command's travel
 PARTS: Final = 16
-_PART_NS = WINDOW_NS // PARTS
+_PART_NS: Final = WINDOW_NS // PARTS
 
 
 class TravelWindow:

@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Mapping
 from enum import IntEnum
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, Final, NamedTuple
 
 from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, BENCH_TORQUE_LSB_N_M, CURRENT_LSB_A
@@ -38,21 +38,24 @@ from hil_forceps.data.recording.mcap_file import Chunk, McapFile
 from hil_forceps.estimation.interface import Estimate, Sample
 from hil_forceps.rig.errors import UserError
 
-CHUNK_BYTES = 1 << 16
-FLUSH_NS = 500_000_000  # by the messages' own times
-RECENT_NS = 2_000_000_000  # the second before a fault, and what follows until the drive is disabled
-RECENT_CHUNKS = 128  # of these at most: 8 MiB
-QUEUED_CHUNKS = 64  # a disk may stall this long: some 15 s at 1 kHz
-CLOSE_TIMEOUT_S = 10.0
+CHUNK_BYTES: Final = 1 << 16
+FLUSH_NS: Final = 500_000_000  # by the messages' own times
+RECENT_NS: Final = 2_000_000_000  # the second before a fault, and what follows until the drive is disabled
+RECENT_CHUNKS: Final = 128  # of these at most: 8 MiB
+QUEUED_CHUNKS: Final = 64  # a disk may stall this long: some 15 s at 1 kHz
+CLOSE_TIMEOUT_S: Final = 10.0
 
-_LARGEST = max(topic.record.size for topic in TOPICS)
-_SAMPLE_PACK, _SAMPLE_SIZE, _SAMPLE_LENGTH = SAMPLE.record.pack_into, SAMPLE.record.size, SAMPLE.length
-_REFERENCE_PACK, _REFERENCE_SIZE, _REFERENCE_LENGTH = (
-    REFERENCE.record.pack_into,
-    REFERENCE.record.size,
-    REFERENCE.length,
-)
-_BENCH_PACK, _BENCH_SIZE, _BENCH_LENGTH = BENCH.record.pack_into, BENCH.record.size, BENCH.length
+_LARGEST: Final = max(topic.record.size for topic in TOPICS)
+# Looked up once, for every message.
+_SAMPLE_PACK: Final = SAMPLE.record.pack_into
+_SAMPLE_SIZE: Final = SAMPLE.record.size
+_SAMPLE_LENGTH: Final = SAMPLE.length
+_REFERENCE_PACK: Final = REFERENCE.record.pack_into
+_REFERENCE_SIZE: Final = REFERENCE.record.size
+_REFERENCE_LENGTH: Final = REFERENCE.length
+_BENCH_PACK: Final = BENCH.record.pack_into
+_BENCH_SIZE: Final = BENCH.record.size
+_BENCH_LENGTH: Final = BENCH.length
 
 
 class Reference(NamedTuple):

@@ -64,6 +64,7 @@ _QUIET = 6
 _FRESH = _QUIET + _SIZE
 _SETTLING = _FRESH + _SIZE
 STATE_SIZE = _SETTLING + _SIZE
+_PREDICTED_SIZE = _SIZE + 25  # a hypothesis, and the half of its covariance's product: one piece of memory a step
 
 # Speeds at the first sample: "at rest" as far as a person can tell.
 _START_SPEED_VAR = 1.0
@@ -80,9 +81,8 @@ _MIN_WEIGHT = 1e-12
 
 
 @kernel
-def mix(to_stay: float, stay: Vector, to_join: float, join: Vector) -> Vector:
-    """Return one normal distribution with mean and covariance of the weighted two (weights sum to 1)."""
-    mixed = np.empty(_SIZE)
+def mix(mixed: Vector, to_stay: float, stay: Vector, to_join: float, join: Vector) -> None:
+    """Write to `mixed` one normal distribution with mean and covariance of the weighted two (weights sum to 1)."""
     for i in range(5):
         mixed[i] = to_stay * stay[i] + to_join * join[i]
     both = to_stay * to_join
@@ -91,22 +91,28 @@ def mix(to_stay: float, stay: Vector, to_join: float, join: Vector) -> Vector:
             at = 5 + 5 * i + j
             spread = both * (stay[i] - join[i]) * (stay[j] - join[j])
             mixed[at] = to_stay * stay[at] + to_join * join[at] + spread
-    return mixed
 
 
 @kernel
 def _predict(
-    hypothesis: Vector, over: Matrix, torque_N_m: float, torque_var: float, step_var: float, c: Constants
-) -> Vector:
-    """Return the hypothesis a stretch of time on; `step_var` is the variance of what τ_w moves by within."""
-    after = np.empty(_SIZE)
-    half = np.zeros((5, 5))
+    after: Vector,
+    hypothesis: Vector,
+    over: Matrix,
+    torque_N_m: float,
+    torque_var: float,
+    step_var: float,
+    c: Constants,
+) -> None:
+    """Write to `after` the hypothesis a stretch of time on; `step_var` is the variance of what τ_w moves by within."""
+    half = after[_SIZE:]
     for i in range(5):
         mean = over[i, TORQUE_COLUMN] * torque_N_m
+        for m in range(5):
+            half[5 * i + m] = 0.0
         for j in range(5):
             mean += over[i, j] * hypothesis[j]
             for m in range(5):
-                half[i, m] += over[i, j] * hypothesis[5 + 5 * j + m]
+                half[5 * i + m] += over[i, j] * hypothesis[5 + 5 * j + m]
         after[i] = mean
     motor, jaw = frictions_N_m(after[SPEED_M], after[SPEED_J], over, c[FRICTION_M], c[FRICTION_J])
     for i in range(LOAD):
@@ -117,18 +123,16 @@ def _predict(
             variance = step_var * over[i, STEP_COLUMNS + j]
             variance += torque_var * over[i, TORQUE_COLUMN] * over[j, TORQUE_COLUMN]
             for m in range(5):
-                variance += half[i, m] * over[j, m]
+                variance += half[5 * i + m] * over[j, m]
             after[5 + 5 * i + j] = variance
             after[5 + 5 * j + i] = variance
-    return after
 
 
 @kernel
-def _correct(predicted: Vector, theta_m_rad: float, angle_var: float) -> tuple[Vector, float, float]:
-    """Return the hypothesis after the angle was seen, how far off that was in variances, and its log likelihood."""
+def _correct(after: Vector, predicted: Vector, theta_m_rad: float, angle_var: float) -> tuple[float, float]:
+    """Write to `after` the hypothesis with the angle seen; return how far off that was in variances, and its log."""
     innovation = theta_m_rad - predicted[ANGLE_M]
     variance = max(0.0, predicted[5]) + angle_var
-    after = np.empty(_SIZE)
     for i in range(5):
         gain = predicted[5 + i] / variance
         after[i] = predicted[i] + gain * innovation
@@ -143,7 +147,7 @@ def _correct(predicted: Vector, theta_m_rad: float, angle_var: float) -> tuple[V
     for i in range(5):
         after[5 + 6 * i] = max(0.0, after[5 + 6 * i])
     off = innovation * innovation / variance
-    return after, off, -0.5 * (off + math.log(variance))
+    return off, -0.5 * (off + math.log(variance))
 
 
 @kernel
@@ -163,6 +167,7 @@ def _stretches(dt_s: float, c: Constants) -> tuple[float, Matrix, Matrix]:
 
 @kernel
 def _advance(
+    predicted: Vector,
     hypothesis: Vector,
     moves_var: float,
     lead_part: float,
@@ -171,8 +176,8 @@ def _advance(
     before_N_m: float,
     torque_N_m: float,
     c: Constants,
-) -> Vector:
-    """Return the hypothesis at the next sample, before its angle is seen; τ_w moves by `moves_var` until then.
+) -> None:
+    """Write to `predicted` the hypothesis at the next sample, before its angle is seen; τ_w moves by `moves_var`.
 
     Before the hold the torque isn't known (the drive sends every n-th sample only, or samples were lost): it is taken
     halfway between the torques at both ends, with half their difference as its error.
@@ -180,33 +185,23 @@ def _advance(
     if lead_part > 0.0:
         half_difference = 0.5 * (torque_N_m - before_N_m)
         lead_var = c[TORQUE_VAR] + half_difference * half_difference
-        hypothesis = _predict(hypothesis, lead, before_N_m + half_difference, lead_var, lead_part * moves_var, c)
-    return _predict(hypothesis, held, torque_N_m, c[TORQUE_VAR], (1.0 - lead_part) * moves_var, c)
+        _predict(predicted, hypothesis, lead, before_N_m + half_difference, lead_var, lead_part * moves_var, c)
+        hypothesis[:] = predicted[:_SIZE]
+    _predict(predicted, hypothesis, held, torque_N_m, c[TORQUE_VAR], (1.0 - lead_part) * moves_var, c)
 
 
 @kernel
-def _assemble(
-    time_ns: int,
-    torque_N_m: float,
-    weights: tuple[float, float, float],
-    quiet: Vector,
-    fresh: Vector,
-    settling: Vector,
-    c: Constants,
-) -> State:
-    state = np.empty(STATE_SIZE)
+def _tell(state: State, time_ns: int, torque_N_m: float, weights: tuple[float, float, float], c: Constants) -> None:
+    """Write to a state whose hypotheses stand what else there is: time, torque, weights, and the estimate."""
+    quiet, fresh, settling = state[_QUIET:_FRESH], state[_FRESH:_SETTLING], state[_SETTLING:]
     state[TIME] = time_ns
     state[TORQUE] = torque_N_m
     state[FRESH_WEIGHT] = weights[1]
     state[SETTLING_WEIGHT] = weights[2]
-    state[_QUIET:_FRESH] = quiet
-    state[_FRESH:_SETTLING] = fresh
-    state[_SETTLING:] = settling
     state[TAU_W] = weights[0] * quiet[LOAD] + weights[1] * fresh[LOAD] + weights[2] * settling[LOAD]
     theta_m = weights[0] * quiet[ANGLE_M] + weights[1] * fresh[ANGLE_M] + weights[2] * settling[ANGLE_M]
     theta_j = weights[0] * quiet[ANGLE_J] + weights[1] * fresh[ANGLE_J] + weights[2] * settling[ANGLE_J]
     state[ELONGATION] = c[RADIUS_M] * theta_m - c[RADIUS_J] * theta_j
-    return state
 
 
 @kernel
@@ -228,30 +223,40 @@ def start(c: Constants, time_ns: int, theta_m_rad: float, motor_torque_N_m: floa
                 hypothesis[5 + 5 * i + j] += variance * column[i] * column[j]
     hypothesis[5 + 6 * SPEED_M] = _START_SPEED_VAR
     hypothesis[5 + 6 * SPEED_J] = _START_SPEED_VAR
-    return _assemble(time_ns, motor_torque_N_m, (0.5, 0.0, 0.5), hypothesis, hypothesis, hypothesis, c)
+    state = np.empty(STATE_SIZE)
+    state[_QUIET:_FRESH] = hypothesis
+    state[_FRESH:_SETTLING] = hypothesis
+    state[_SETTLING:] = hypothesis
+    _tell(state, time_ns, motor_torque_N_m, (0.5, 0.0, 0.5), c)
+    return state
 
 
 @kernel
-def _age(state: State, dt_s: float, c: Constants) -> tuple[tuple[float, float, float], float, Vector, Vector, Vector]:
-    """Return weights and hypotheses after time has passed and the load may have stepped; and how new "fresh" is."""
+def _age(
+    after: State, state: State, dt_s: float, stepped: Vector, c: Constants
+) -> tuple[tuple[float, float, float], float]:
+    """Write to `after` the hypotheses after time has passed and the load may have stepped.
+
+    Return their weights, and how new "fresh" is. `stepped`: room for one hypothesis.
+    """
     was_fresh, was_settling = state[FRESH_WEIGHT], state[SETTLING_WEIGHT]
     was_quiet = 1.0 - was_fresh - was_settling
-    quiet, fresh, settling = state[_QUIET:_FRESH], state[_FRESH:_SETTLING], state[_SETTLING:]
+    quiet, fresh, settling = after[_QUIET:_FRESH], after[_FRESH:_SETTLING], after[_SETTLING:]
     # What was fresh settles, what was settling is quiet.
     ages = -math.expm1(-c[SETTLE_RATE] * dt_s) * was_fresh
     rests = -math.expm1(-c[QUIET_RATE] * dt_s) * was_settling
     to_quiet, to_settling = was_quiet + rests, was_settling - rests + ages
-    quiet = mix(was_quiet / to_quiet, quiet, rests / to_quiet, settling)
-    settling = mix((was_settling - rests) / to_settling, settling, ages / to_settling, fresh)
+    mix(quiet, was_quiet / to_quiet, state[_QUIET:_FRESH], rests / to_quiet, state[_SETTLING:])
+    stays = (was_settling - rests) / to_settling
+    mix(settling, stays, state[_SETTLING:], ages / to_settling, state[_FRESH:_SETTLING])
     # The load steps, out of either; so "fresh" always has in it that it just did.
     from_quiet = -math.expm1(-c[STEP_RATE] * dt_s) * to_quiet
     from_settling = -math.expm1(-c[RESTEP_RATE] * dt_s) * to_settling
     new = from_quiet + from_settling
     to_fresh = was_fresh - ages + new
-    stepped = mix(from_quiet / new, quiet, from_settling / new, settling)
-    fresh = mix(1.0 - new / to_fresh, fresh, new / to_fresh, stepped)
-    weights = (to_quiet - from_quiet, to_fresh, to_settling - from_settling)
-    return weights, new / to_fresh, quiet, fresh, settling
+    mix(stepped, from_quiet / new, quiet, from_settling / new, settling)
+    mix(fresh, 1.0 - new / to_fresh, state[_FRESH:_SETTLING], new / to_fresh, stepped)
+    return (to_quiet - from_quiet, to_fresh, to_settling - from_settling), new / to_fresh
 
 
 @kernel
@@ -273,20 +278,23 @@ def step(state: State, c: Constants, time_ns: int, theta_m_rad: float, motor_tor
         return state
     if dt_s > _LONGEST_GAP_S:
         return start(c, time_ns, theta_m_rad, motor_torque_N_m)
-    weights, new_part, quiet, fresh, settling = _age(state, dt_s, c)
+    after, predicted = np.empty(STATE_SIZE), np.empty(_PREDICTED_SIZE)
+    quiet, fresh, settling = after[_QUIET:_FRESH], after[_FRESH:_SETTLING], after[_SETTLING:]
+    weights, new_part = _age(after, state, dt_s, predicted, c)
     lead_part, lead, held = _stretches(dt_s, c)
     drift_var, before = c[DRIFT] * dt_s, state[TORQUE]
     step_var = drift_var + c[STEP_VAR] * new_part
-    quiet = _advance(quiet, drift_var, lead_part, lead, held, before, motor_torque_N_m, c)
-    fresh = _advance(fresh, step_var, lead_part, lead, held, before, motor_torque_N_m, c)
-    settling = _advance(settling, drift_var, lead_part, lead, held, before, motor_torque_N_m, c)
-    quiet, quiet_off, quiet_log = _correct(quiet, theta_m_rad, c[ANGLE_VAR])
-    fresh, fresh_off, fresh_log = _correct(fresh, theta_m_rad, c[ANGLE_VAR])
-    settling, settling_off, settling_log = _correct(settling, theta_m_rad, c[ANGLE_VAR])
+    _advance(predicted, quiet, drift_var, lead_part, lead, held, before, motor_torque_N_m, c)
+    quiet_off, quiet_log = _correct(quiet, predicted, theta_m_rad, c[ANGLE_VAR])
+    _advance(predicted, fresh, step_var, lead_part, lead, held, before, motor_torque_N_m, c)
+    fresh_off, fresh_log = _correct(fresh, predicted, theta_m_rad, c[ANGLE_VAR])
+    _advance(predicted, settling, drift_var, lead_part, lead, held, before, motor_torque_N_m, c)
+    settling_off, settling_log = _correct(settling, predicted, theta_m_rad, c[ANGLE_VAR])
     if not (quiet_off <= _NO_FORCEPS or fresh_off <= _NO_FORCEPS or settling_off <= _NO_FORCEPS):
         return start(c, time_ns, theta_m_rad, motor_torque_N_m)
     weights = _weigh(weights, (quiet_log, fresh_log, settling_log))
-    return _assemble(time_ns, motor_torque_N_m, weights, quiet, fresh, settling, c)
+    _tell(after, time_ns, motor_torque_N_m, weights, c)
+    return after
 
 
 def _make(rig: Rig, sample_time_s: float, over_wire: bool) -> Estimator:

@@ -143,13 +143,13 @@ def balanced_rates(plant: PlantParameters, wire_damping_N_s_per_m: float = 0.0) 
 @kernel
 def lead_stretch(c: Constants) -> Matrix:
     """Return the stretch from the last sample to where the drive began to hold the torque of this one."""
-    return c[_LEAD:_HELD].copy().reshape((5, 11))
+    return c[_LEAD:_HELD].reshape((5, 11))
 
 
 @kernel
 def held_stretch(c: Constants) -> Matrix:
     """Return the stretch over which the drive held the torque of a sample."""
-    return c[_HELD : _HELD + _STRETCH_SIZE].copy().reshape((5, 11))
+    return c[_HELD : _HELD + _STRETCH_SIZE].reshape((5, 11))
 
 
 @kernel

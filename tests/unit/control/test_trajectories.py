@@ -27,6 +27,13 @@ def test_points_are_met_exactly_and_joined_by_lines() -> None:
     assert trajectory(1.25) == pytest.approx(0.25)
 
 
+@pytest.mark.parametrize("points", [((0.0, 5.0), (1.5, 0.2)), ((-1.0, 0.5, 2.0), (0.25, 1.0, -0.5)), ((3.0,), (0.5,))])
+def test_many_times_at_once_have_the_bits_of_single_calls(points: tuple[tuple[float, ...], tuple[float, ...]]) -> None:
+    trajectory = Trajectory(*points)
+    times = np.concatenate((np.random.default_rng(0).uniform(-2.0, 6.0, 500), points[0]))
+    np.testing.assert_array_equal(trajectory.angles(times), [trajectory(t) for t in times.tolist()])
+
+
 def test_one_point_is_a_constant() -> None:
     assert [Trajectory((0.0,), (0.7,))(t) for t in (-1.0, 0.0, 1.0)] == [0.7, 0.7, 0.7]
 

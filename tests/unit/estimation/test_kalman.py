@@ -168,7 +168,8 @@ def test_mixing_keeps_mean_and_covariance_of_the_two() -> None:
     roots = random.standard_normal((2, 5, 5))
     covariances = [root @ root.T for root in roots]
     blocks = [np.concatenate((mean, covariance.ravel())) for mean, covariance in zip(means, covariances, strict=True)]
-    mixed = kalman.mix(0.3, blocks[0], 0.7, blocks[1])
+    mixed = np.empty_like(blocks[0])
+    kalman.mix(mixed, 0.3, blocks[0], 0.7, blocks[1])
     mean = 0.3 * means[0] + 0.7 * means[1]
     second = sum(w * (c + np.outer(m, m)) for w, m, c in zip((0.3, 0.7), means, covariances, strict=True)) - np.outer(
         mean, mean
@@ -225,7 +226,7 @@ def test_the_load_may_step_again_while_a_step_is_told_apart() -> None:
     state = kalman.start(c, 0, 0.5, 0.0)
     for was_settling, rate_per_s in ((0.0, TUNING.step_rate_per_s), (1.0, TUNING.restep_rate_per_s)):
         state[kalman.FRESH_WEIGHT], state[kalman.SETTLING_WEIGHT] = 1e-12, was_settling * (1.0 - 2e-12)
-        weights, new_part = kalman._age(state, 1e-5, c)[:2]
+        weights, new_part = kalman._age(np.empty_like(state), state, 1e-5, np.empty(kalman._SIZE), c)
         assert weights[1] == pytest.approx(rate_per_s * 1e-5, rel=1e-2)
         assert new_part == pytest.approx(1.0, rel=1e-6)
         assert sum(weights) == pytest.approx(1.0, rel=1e-12)

@@ -1,5 +1,7 @@
 """Order of events in virtual time."""
 
+import random
+
 import pytest
 
 from firmware_protocol.frames import Frame
@@ -7,6 +9,7 @@ from virtual_bus.bus.faults import FOREVER_NS, Side
 from virtual_bus.bus.host_node import HostNode
 from virtual_bus.bus.medium import Medium
 from virtual_bus.bus.simulation import Simulation
+from virtual_bus.bus.wire import NOBODY_NS
 
 
 class Ticker:
@@ -28,6 +31,54 @@ class Ticker:
     def take_outbox(self) -> list[Frame]:
         frames, self.outbox = self.outbox, []
         return frames
+
+
+class Talker(Ticker):
+    """Sends what it draws whenever it wakes, and answers every third frame."""
+
+    def __init__(self, seed: int, log: list[tuple[str, int]], name: str) -> None:
+        super().__init__(1, log, name)
+        self.random = random.Random(f"{seed} {name}")
+
+    def frame(self) -> Frame:
+        # Few ids, so that two of one id wait at a time; the same data sometimes, so that they may be one frame.
+        return Frame(self.random.randrange(8), bytes([self.random.randrange(2)] * self.random.randrange(9)))
+
+    def receive(self, frame: Frame, now_ns: int) -> None:
+        super().receive(frame, now_ns)
+        if self.random.randrange(3) == 0:
+            self.outbox.append(self.frame())
+
+    def wake(self, now_ns: int) -> None:
+        super().wake(now_ns)
+        self.next_ns = now_ns + self.random.randrange(1, 800_000)
+        self.outbox += [self.frame() for _ in range(self.random.randrange(4))]
+
+
+class SlowMedium(Medium):
+    """Takes every frame by its two events."""
+
+    def carry(self, until_ns: int) -> int:
+        del until_ns
+        return NOBODY_NS
+
+
+def test_what_a_bus_carries_in_one_go_is_what_it_would_event_by_event() -> None:
+    said: list[tuple[list[tuple[str, int]], object, object]] = []
+    for kind in (Medium, SlowMedium):
+        for seed in range(20):
+            log: list[tuple[str, int]] = []
+            simulation = Simulation(kind())
+            host = HostNode()
+            port = simulation.add(host, "host", Side.HOST, answers=False)
+            for name in ("a", "b")[: 1 + seed % 2]:
+                simulation.add(Talker(seed, log, name), name, Side.DRIVE)
+            for tick in range(1, 40):
+                simulation.advance_until(tick * 500_000)
+                simulation.medium.submit(port, Frame(tick % 8, bytes(tick % 9)), simulation.now_ns)
+            said.append((log, host.take_all(simulation.now_ns), [each.counters() for each in simulation.medium.ports]))
+    assert said[:20] == said[20:]
+    assert len(said[0][0]) > 50
 
 
 def test_nodes_wake_in_time_and_in_order_of_attachment() -> None:
