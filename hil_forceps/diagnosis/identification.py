@@ -41,7 +41,7 @@ LIKE_A_LOAD = frozenset(entry.id for entry in EFFECTS if entry.location == "jaw"
 
 
 MOST_EFFECTS = 6
-TIMING_ROUNDS = 3
+TIMING_ROUNDS = 3  # the first tells hosts that are always alike, two more those that aren't: shares then move by < 1 %
 # Of what is explained: the model's step and the rows at which it switches are exact to 3 % of an amplitude, and
 # what such an error gains is no entry's merit.
 INEXACT_SHARE = 1e-3  # tuned: a current's limit of d = 2700
@@ -76,7 +76,7 @@ def identify(
     """
     progress("looking at noise, commands and loads")
     noise = sensor_noise([even.run for even in runs], rig)
-    records, unseen_records, theta = records_of(runs, held_out, rig, noise, mapper)
+    records, unseen_records = records_of(runs, held_out, rig, noise, mapper)
     without |= frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
     weigh = by_student_t if is_approximate(noise, records) else over_dispersion
     how = Search(
@@ -94,7 +94,7 @@ def identify(
         most_effects=MOST_EFFECTS,
         weigh=weigh,
     )
-    found = search(how, theta)
+    found = search(how, parameters.vector(rig))
     progress("looking at what is left")
     after = omnibus_test(found.best.fit, mapper, seed, weigh)
     before = omnibus_test(found.baseline, mapper, seed, weigh) if found.best.effects else after
@@ -114,21 +114,21 @@ def is_approximate(noise: Noise, records: Sequence[Record]) -> bool:
 
 def records_of(
     runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, noise: Noise, mapper: Mapper
-) -> tuple[tuple[Record, ...], tuple[Record, ...], Vector]:
-    """Return runs as records, those held out as well, and parameters near which they are to be fitted.
+) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    """Return runs as records, and those held out.
 
     Which references a drive follows between rows is told by the currents, with the rig's parameters.
     """
-    assumed, plants = parameters.vector(rig), regimes(parameters.vector(rig))
+    plants = regimes(parameters.vector(rig))
 
     def prepared(run: EvenRun) -> Record:
         record = record_of(run, rig, noise)
         for turn in range(TIMING_ROUNDS if record.series.samples > 1 else 0):
-            record = record_of(run, rig, noise, reference_timing(pass_one(record, plants), first=turn == 0))
+            record = record.with_timing(reference_timing(pass_one(record, plants), first=turn == 0))
         return record
 
     records = tuple(mapper(prepared, (*runs, *held_out)))
-    return records[: len(runs)], records[len(runs) :], assumed
+    return records[: len(runs)], records[len(runs) :]
 
 
 def adapting(mapper: Mapper) -> Adapt:

@@ -23,10 +23,8 @@ class Driven(NamedTuple):
     samples: int  # of the drive in a row
     law: Vector  # `model.drive_law.law_vector`
     first_integral_rad_s: float  # at the first row
-    reference_rad: Vector  # n · samples: the mean of what it may have followed
-    reference_variance: Vector  # n [rad²]: of the one at a row
     references_rad: Matrix  # n · samples × 3: what it may have followed (`references_between`)
-    timing: Matrix  # n × 3: how likely each is behind each row
+    reference_variance: Vector  # n [rad²]: of the one at a row
     command_variance: Vector  # n [A²]: of the mean of the commands over a row
     integral_sd_A: float  # of what the integral commands at the start
     integral_variance: Vector  # n [A²]: of what a row adds to the error of that
@@ -55,11 +53,10 @@ def _samples(period_s: float, sample_time_s: float) -> int:
     return samples if fits and math.isclose(samples * sample_time_s, period_s, rel_tol=1e-3) else 0
 
 
-def driven(run: Run, lost: Mask, rig: Rig, noise_A: float, timing: Matrix | None = None) -> Driven:
+def driven(run: Run, lost: Mask, rig: Rig, noise_A: float) -> Driven:
     """Return what is known of a run's drive; `lost` rows tell nothing of its reference.
 
-    `timing`: how likely the drive followed each of `references_between` (n × 3); equally likely by default. ValueError
-    where a row isn't 1, 2 or 4 samples of the drive.
+    ValueError where a row isn't 1, 2 or 4 samples of the drive.
     """
     drive, columns = rig.require_drive(), run.columns
     reference, encoder, current = (columns[name] for name in ("theta_m_ref_rad", "theta_m_rad", "current_A"))
@@ -69,9 +66,6 @@ def driven(run: Run, lost: Mask, rig: Rig, noise_A: float, timing: Matrix | None
         raise ValueError(f"rows every {period_s} s are no 1, 2 or 4 samples of {drive.sample_time_s} s")
     law = law_vector(drive)
     began = first_integral(law, (reference, encoder, current), samples, noise_A)
-    timing = np.full((count, 3), 1.0 / 3.0) if timing is None else timing
-    tried = references_between(reference, samples)
-    mean = np.sum(np.repeat(timing, samples, axis=0) * tried, axis=1)
     # A lost row's reference is on the line between its neighbours, give or take the way of a row.
     variance = np.where(lost, np.gradient(reference) ** 2 / 3.0, 0.0)
     # A drive without counts reads its angle finer than it is recorded, and its integral adds up what is lost there.
@@ -89,10 +83,8 @@ def driven(run: Run, lost: Mask, rig: Rig, noise_A: float, timing: Matrix | None
         samples,
         law,
         began.value_rad_s,
-        mean,
+        references_between(reference, samples),
         variance,
-        tried,
-        timing,
         command_variance,
         integral_sd_A,
         integral_variance,
@@ -108,6 +100,12 @@ def references_between(reference_rad: Vector, samples: int) -> Matrix:
     ahead = np.repeat(np.append(reference_rad[1:], reference_rad[-1]), samples)
     ahead[::samples] = reference_rad
     return np.column_stack((np.repeat(reference_rad, samples), on_lines(reference_rad, samples), ahead))
+
+
+def mean_reference(references_rad: Matrix, timing: Matrix) -> Vector:
+    """Return the mean of what a drive may have followed (n · samples), `timing` (n × 3) being how likely each is."""
+    samples = references_rad.shape[0] // timing.shape[0]
+    return np.asarray(np.sum(np.repeat(timing, samples, axis=0) * references_rad, axis=1))
 
 
 class FirstIntegral(NamedTuple):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.preparation.command import driven
+from hil_forceps.diagnosis.preparation.command import driven, mean_reference
 from hil_forceps.diagnosis.preparation.contact import contact
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
@@ -103,6 +103,11 @@ class Record:
         undecided = undecided_switching(self.series.encoder_rad.size)
         return replace(self, series=self.series._replace(friction_level_N_m=levels, switching=undecided))
 
+    def with_timing(self, timing: Matrix) -> "Record":
+        """Return the record where the drive follows references between rows as `timing` says (n × 3)."""
+        reference_rad = mean_reference(self.series.references_rad, timing)
+        return replace(self, series=self.series._replace(reference_rad=reference_rad, timing=timing))
+
     def with_less_load_noise(self, share: float) -> "Record":
         """Return the record with a share of the variance by which the load wanders; its breaks and jumps stay."""
         variance = self.series.load_slope_variance
@@ -117,8 +122,8 @@ class Record:
         )
 
 
-def record_of(even: EvenRun, rig: Rig, noise: Noise, timing: Matrix | None = None) -> Record:
-    """Return a run with equally spaced rows as a record; `timing`: of its references (`command.driven`)."""
+def record_of(even: EvenRun, rig: Rig, noise: Noise) -> Record:
+    """Return a run with equally spaced rows as a record; any reference between rows is equally likely."""
     run, lost = even.run, even.lost
     columns, plant = run.columns, rig.plant()
     time_s, encoder = columns["time_s"], columns["theta_m_rad"]
@@ -126,7 +131,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, timing: Matrix | None = Non
     period_s = float(time_s[-1] - time_s[0]) / (n - 1)
     missing = np.full(n, np.nan)
     jaw, load = columns.get("theta_j_rad", missing), columns.get("tau_w_N_m", missing)
-    drive, current = driven(run, lost, rig, float(noise.deviation[2]), timing), columns["current_A"]
+    drive, current = driven(run, lost, rig, float(noise.deviation[2])), columns["current_A"]
     torque = plant.torque_constant_N_m_per_A * drive.span_A
     told, told_noise, grasped = load, noise, np.zeros(n, dtype=np.bool_)
     by_stretch = not np.isfinite(load).any() and bool(np.isfinite(jaw).all())
@@ -159,6 +164,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, timing: Matrix | None = Non
     edge = np.where(dwells, step * math.sqrt(DWELL_ROWS / 12.0), edge_sd)
     speed = float(np.std(np.diff(encoder))) / period_s
     state, variance = _start(encoder, jaw, load, prior, period_s, ratio, step)
+    timing = np.full((n, 3), 1.0 / 3.0)
     states = STATES if drive.samples > 1 else LAW_STATES if lost.any() else RECORDED_STATES
     variance[COMMAND_ERROR if states == RECORDED_STATES else INTEGRAL_ERROR] = drive.integral_sd_A**2
     variance[JAW_NOISE], variance[LOAD_NOISE], variance[CURRENT_NOISE] = np.where(
@@ -182,10 +188,10 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise, timing: Matrix | None = Non
         drive.law,
         drive.first_integral_rad_s,
         float(current[0]),
-        drive.reference_rad,
+        mean_reference(drive.references_rad, timing),
         drive.reference_variance,
         drive.references_rad,
-        drive.timing,
+        timing,
         drive.command_variance,
         drive.integral_variance,
         may_stick(encoder, step, 1),

@@ -15,16 +15,19 @@ from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
     COMMANDS_BETWEEN,
     COUNT_ERROR,
+    COUPLED,
+    CURRENT,
     CURRENT_NOISE,
     DERIVATIVE_ERROR,
     INTEGRAL_ERROR,
     LAW_STATES,
     MADE_BETWEEN,
-    NOT_LOOKED_AT,
+    NOT_CONDITIONED,
     THETA_M,
     Between,
     Series,
 )
+from hil_forceps.diagnosis.state_space.measurement import white_variance
 from hil_forceps.diagnosis.state_space.unseen_counts import (
     UNKNOWN,
     Samples,
@@ -39,7 +42,6 @@ from hil_forceps.model.drive_law import SHARE
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-_COUPLED = COMMAND_ERROR + 1
 _ALIKE = 1e-3  # of a deviation: the angles behind a row hang together, and one direction says all of it
 
 
@@ -97,10 +99,10 @@ def collapse(
     mean, found = np.zeros(UNKNOWN), np.zeros((UNKNOWN, UNKNOWN))
     if is_open(v):
         if shows_counts(v):
-            out.open_variance[row] = unseen_counts(v, mean, found, out.timing[row])
+            out.prior_variance[row] = unseen_counts(v, mean, found, out.timing[row])
         else:
             expected_counts(v, mean, found)
-            out.open_variance[row] = NOT_LOOKED_AT
+            out.prior_variance[row] = NOT_CONDITIONED
         out.directions[row, 0] = ways[1] / root
         out.directions[row, 1] = (ways[last] - shared * ways[1] / root) * share
         _mixed(first, second, mean, found, x, covariance)
@@ -131,10 +133,10 @@ def _mixed(first: Vector, second: Vector, mean: Vector, found: Matrix, x: Vector
 @kernel
 def _ways(f: Matrix, samples: int) -> Matrix:
     """Return how the angle at each sample behind a row follows from the state at the row (samples × 9)."""
-    ways = np.zeros((samples, _COUPLED))
+    ways = np.zeros((samples, COUPLED))
     ways[0, THETA_M] = 1.0
     for sample in range(1, samples):
-        for j in range(_COUPLED):
+        for j in range(COUPLED):
             ways[sample, j] = _times(ways[sample - 1], f[:, j])
     return ways
 
@@ -151,7 +153,7 @@ def _along(covariance: Matrix, way: Vector) -> Vector:
 @inlined
 def _times(way: Vector, column: Vector) -> float:
     total = 0.0
-    for j in range(_COUPLED):
+    for j in range(COUPLED):
         total += way[j] * column[j]
     return total
 
@@ -159,13 +161,13 @@ def _times(way: Vector, column: Vector) -> float:
 @kernel
 def _current_deviation(p: Physics, d: Series, covariance: Matrix) -> float:
     """Return the deviation of the next row's current where all counts are known."""
+    coloured = d.noise_variance[2] * (1.0 - d.noise_correlation[2] ** 2) if d.noise_correlation[2] != 0.0 else 0.0
     gain = 1.0 + p.current_gain_relative_error
     kept = (1.0 - d.law[SHARE]) ** (d.samples - 1)
     variance = covariance[INTEGRAL_ERROR, INTEGRAL_ERROR] + kept * kept * covariance[DERIVATIVE_ERROR, DERIVATIVE_ERROR]
     variance += 2.0 * kept * covariance[INTEGRAL_ERROR, DERIVATIVE_ERROR]
-    white = d.noise_variance[2] * (1.0 if d.noise_correlation[2] == 0.0 else 1.01 - d.noise_correlation[2] ** 2)
     variance = gain * gain * max(variance, 0.0) + max(covariance[CURRENT_NOISE, CURRENT_NOISE], 0.0)
-    return math.sqrt(variance + white + d.resolution[2] ** 2 / 12.0)
+    return math.sqrt(variance + coloured + white_variance(d, CURRENT) + d.resolution[2] ** 2 / 12.0)
 
 
 @inlined
@@ -175,7 +177,7 @@ def answered(b: Between, row: int, shift_rad: float | Vector, x: Vector | Matrix
     `shift_rad`: by which the encoder shows another angle of the same state. Many changes have a column each.
     """
     first, second = b.directions[row, 0, THETA_M] * shift_rad, b.directions[row, 1, THETA_M] * shift_rad
-    for j in range(_COUPLED):
+    for j in range(COUPLED):
         first = first + b.directions[row, 0, j] * x[j]
         second = second + b.directions[row, 1, j] * x[j]
     for i in range(LAW_STATES):

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
+    COUPLED,
     CURRENT_NOISE,
     FRICTION_M,
     INTEGRAL_ERROR,
@@ -22,8 +23,6 @@ from hil_forceps.diagnosis.state_space.layout import (
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-
-_COUPLED = COMMAND_ERROR + 1  # states that plant and load a row on depend on come first
 
 
 @kernel
@@ -51,7 +50,7 @@ def _carried(f: Matrix, x: Vector, i: int, kept: Vector) -> float:
     """Return entry i of F x."""
     if i <= LOAD:
         total = 0.0
-        for m in range(_COUPLED):
+        for m in range(COUPLED):
             total += f[i, m] * x[m]
         return total
     value: float = kept[i] * x[i]

@@ -7,7 +7,7 @@ What a drive counts between rows, see `between_rows.py`.
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,10 @@ from hil_forceps.model.drive_law import ERROR_FIRST, KD, KI, KP, SAMPLE_TIME, SH
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Errors = TypeVar("Errors", float, Vector)
 
 REACH = 4.0  # deviations: 6e-5 of a normal distribution lies beyond
-_OF = (THETA_M, INTEGRAL_ERROR, DERIVATIVE_ERROR, COUNT_ERROR)
-_ERRORS = (COUNT_ERROR, INTEGRAL_ERROR, DERIVATIVE_ERROR, COMMAND_ERROR)
+_ERRORS = (INTEGRAL_ERROR, DERIVATIVE_ERROR, COUNT_ERROR, COMMAND_ERROR)  # as `law_errors` returns them
 _ROOT_2 = math.sqrt(2.0)
 _ROOT_2_PI = math.sqrt(2.0 * math.pi)
 
@@ -65,17 +65,28 @@ def expected_count(angle_rad: float, deviation_rad: float, quantum_rad: float) -
 
 
 @inlined
+def law_errors(
+    law: Vector, integral: Errors, derivative: Errors, before: Errors, error: Errors, count: Errors
+) -> tuple[Errors, Errors, Errors, Errors]:
+    """Return errors of the law behind a sample: of integral [A], derivative [A], count [rad] and command [A].
+
+    `before`: of the last count; `error` and `count`: of this sample's control error and count [rad]. Vectors hold many.
+    """
+    summed = integral + law[KI] * law[SAMPLE_TIME] * error
+    used = summed if law[ERROR_FIRST] != 0.0 else 1.0 * integral
+    filtered = (1.0 - law[SHARE]) * derivative - law[KD] * law[SHARE] / law[SAMPLE_TIME] * (count - before)
+    return summed, filtered, count, law[KP] * error + used + filtered
+
+
+@inlined
 def sampled(law: Vector, count: float | Vector, reacts: bool, x: Vector | Matrix) -> None:
     """Carry the law's part of the state, or of changes of it, over a sample of the drive; many have a column each.
 
     `count`: what the count differs by from the one that the law was given; `reacts`: its command is within its limit.
     """
-    rate = law[KD] * law[SHARE] / law[SAMPLE_TIME]
-    integral = x[INTEGRAL_ERROR] - law[KI] * law[SAMPLE_TIME] * count
-    used = integral if law[ERROR_FIRST] != 0.0 else 1.0 * x[INTEGRAL_ERROR]
-    x[DERIVATIVE_ERROR] = (1.0 - law[SHARE]) * x[DERIVATIVE_ERROR] - rate * (count - x[COUNT_ERROR])
-    x[COMMAND_ERROR] = (used + x[DERIVATIVE_ERROR] - law[KP] * count) * (1.0 if reacts else 0.0)
-    x[INTEGRAL_ERROR], x[COUNT_ERROR] = integral, count
+    after = law_errors(law, x[INTEGRAL_ERROR], x[DERIVATIVE_ERROR], x[COUNT_ERROR], -1.0 * count, count)
+    x[INTEGRAL_ERROR], x[DERIVATIVE_ERROR], x[COUNT_ERROR] = after[0], after[1], after[2]
+    x[COMMAND_ERROR] = after[3] * (1.0 if reacts else 0.0)
 
 
 @kernel
@@ -83,30 +94,25 @@ def sampled_covariance(
     law: Vector, slope: float, count_variance: float, reference_variance: float, reacts: bool, covariance: Matrix
 ) -> None:
     """Replace a covariance by that after a sample of the drive; the variances are of what comes by chance [rad²]."""
-    acts = 1.0 if reacts else 0.0
-    pull, rate = law[KI] * law[SAMPLE_TIME], law[KD] * law[SHARE] / law[SAMPLE_TIME]
-    at_once, kept = law[KP] + law[ERROR_FIRST] * pull, 1.0 - law[SHARE]
-    # Each new error by the old angle, integral, derivative and count; by chance of the new count; of the reference.
-    by = (
-        (slope, 0.0, 0.0, 0.0),
-        (-slope * pull, 1.0, 0.0, 0.0),
-        (-slope * rate, 0.0, kept, rate),
-        (-slope * acts * (at_once + rate), acts, acts * kept, acts * rate),
-    )
-    by_count = (1.0, -pull, -rate, -acts * (at_once + rate))
-    by_reference = (0.0, pull, 0.0, acts * at_once)
-    old, block = np.empty((4, covariance.shape[0])), np.empty((4, 4))
-    for k in range(4):
-        old[k] = covariance[_OF[k]]
-    new = np.empty_like(old)
+    acts = (1.0, 1.0, 1.0, 1.0 if reacts else 0.0)
+    by_integral = law_errors(law, 1.0, 0.0, 0.0, 0.0, 0.0)
+    by_derivative = law_errors(law, 0.0, 1.0, 0.0, 0.0, 0.0)
+    by_before = law_errors(law, 0.0, 0.0, 1.0, 0.0, 0.0)
+    by_count = law_errors(law, 0.0, 0.0, 0.0, -1.0, 1.0)
+    by_reference = law_errors(law, 0.0, 0.0, 0.0, 1.0, 0.0)
+    new, block = np.empty((4, covariance.shape[0])), np.empty((4, 4))
     for i in range(4):
-        new[i] = by[i][0] * old[0] + by[i][1] * old[1] + by[i][2] * old[2] + by[i][3] * old[3]
+        new[i] = slope * by_count[i] * covariance[THETA_M] + by_integral[i] * covariance[INTEGRAL_ERROR]
+        new[i] += by_derivative[i] * covariance[DERIVATIVE_ERROR] + by_before[i] * covariance[COUNT_ERROR]
+        new[i] *= acts[i]
     for i in range(4):
         for m in range(4):
-            block[i, m] = by_count[i] * by_count[m] * count_variance
-            block[i, m] += by_reference[i] * by_reference[m] * reference_variance
-            for k in range(4):
-                block[i, m] += new[i, _OF[k]] * by[m][k]
+            by_chance = (
+                by_count[i] * by_count[m] * count_variance + by_reference[i] * by_reference[m] * reference_variance
+            )
+            block[i, m] = slope * by_count[m] * new[i, THETA_M] + by_integral[m] * new[i, INTEGRAL_ERROR]
+            block[i, m] += by_derivative[m] * new[i, DERIVATIVE_ERROR] + by_before[m] * new[i, COUNT_ERROR]
+            block[i, m] = acts[m] * (block[i, m] + acts[i] * by_chance)
     for i in range(4):
         covariance[_ERRORS[i]], covariance[:, _ERRORS[i]] = new[i], new[i]
     for i in range(4):

@@ -16,7 +16,7 @@ from hil_forceps.diagnosis.state_space.covariance import disturbed, moved
 from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
-    COMMAND_ERROR,
+    COUPLED,
     COURSE,
     CURRENT_BEFORE,
     ELASTIC_SLOPE,
@@ -209,7 +209,7 @@ def filter_run(plants: Regimes, d: Series) -> Filtered:
         np.zeros(n),
         np.zeros(n * d.samples, dtype=np.bool_),
         Between(
-            np.zeros((between, 2, COMMAND_ERROR + 1), dtype=np.float32),
+            np.zeros((between, 2, COUPLED), dtype=np.float32),
             np.zeros((between, 2, LAW_STATES), dtype=np.float32),
             np.zeros((between, 2, MADE_BETWEEN), dtype=np.float32),
             np.zeros((between, 3)),

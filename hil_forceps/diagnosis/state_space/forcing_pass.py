@@ -7,6 +7,7 @@ from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     COMMAND_ERROR,
+    COUPLED,
     CURRENT,
     CURRENT_NOISE,
     ENCODER,
@@ -35,7 +36,6 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 COLUMNS_AT_ONCE = 32  # to spare memory
-_COUPLED = COMMAND_ERROR + 1
 
 
 @kernel
@@ -101,7 +101,7 @@ def _carried(f: Matrix, x: Matrix, motor: Vector, jaw: Vector, period_s: float, 
         for m in range(count):
             # Friction brakes, and so does a load: a torque is what takes from them.
             after[i, m] = -by_motor * motor[m] - by_jaw * jaw[m]
-        for j in range(_COUPLED):
+        for j in range(COUPLED):
             per = f[i, j]
             for m in range(count):
                 after[i, m] += per * x[j, m]

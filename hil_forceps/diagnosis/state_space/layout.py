@@ -14,6 +14,7 @@ THETA_M, OMEGA_M, THETA_J, OMEGA_J = 0, 1, 2, 3
 LOAD, LOAD_SLOPE = 4, 5  # τ_w [N m], and its slope [N m/s]
 FRICTION_M, FRICTION_J = 6, 7  # of dry friction from its mean [N m], where a mass may stick; 0 where it slides
 COMMAND_ERROR = 8  # of the current that the drive commands [A], from what is computed of recorded counts
+COUPLED = COMMAND_ERROR + 1  # states that plant and load a row on depend on come first
 JAW_ZERO = 9  # of the jaw sensor [rad]
 LOAD_NOISE, JAW_NOISE, CURRENT_NOISE = 10, 11, 12  # coloured noise of the sensors
 RECORDED_STATES = 13  # where rows show all that the drive counted: `COMMAND_ERROR` is its integral's, for all of a run
@@ -25,7 +26,7 @@ LAW_STATES = 16  # where rows are lost
 BETWEEN = 16
 COMMANDS_BETWEEN = 3
 MADE_BETWEEN = COMMANDS_BETWEEN + 3
-NOT_LOOKED_AT = -1.0  # a current that doesn't show what was counted before it
+NOT_CONDITIONED = -1.0  # in place of a variance: the next row's current hasn't been used to tell the counts before it
 STATES = BETWEEN + MADE_BETWEEN
 PLANT_STATES = 4
 # Measurements.
@@ -64,16 +65,16 @@ class Series(NamedTuple):
     encoder_rad: Vector  # n, NaN where lost
     jaw_rad: Vector  # n, NaN where not measured
     load_N_m: Vector  # n, NaN where not measured
-    current_A: Vector  # n
-    states: int  # how many of `STATES` there are
+    current_A: Vector  # n, NaN where lost
+    states: int  # RECORDED_STATES, LAW_STATES or STATES: how many the filter follows
     samples: int  # of the drive in a row
     law: Vector  # of the drive (`model.drive_law.law_vector`)
     first_integral_rad_s: float  # of the drive's law, at the first row
     first_current_A: float
-    reference_rad: Vector  # n · samples: the mean of what the drive may have followed
+    reference_rad: Vector  # n · samples: the mean of `references_rad` by `timing`
     reference_variance: Vector  # n [rad²]: of the one at a row; 0 but where rows are lost
     references_rad: Matrix  # n · samples × 3: what the drive may have followed
-    timing: Matrix  # n × 3: how likely it followed each, behind each row
+    timing: Matrix  # n × 3: how likely it followed each, from each row to the next
     command_variance: Vector  # n [A²]: of the mean of the commands over a row
     integral_variance: Vector  # n [A²]: of what a row adds to the error of the integral
     friction_free_m: Mask  # n: from row k to k + 1 the motor may stick
@@ -89,18 +90,18 @@ class Series(NamedTuple):
     noise_correlation: Vector  # 3, from row to row; 0: white
     resolution: Vector  # 3: steps of values that are coarser than the noise; a value is an interval then
     speed_variance: Vector  # 2 [(rad/s)²]: what the integration of a row leaves, motor and jaw
-    first_state: Vector  # STATES
-    first_variance: Vector  # STATES
+    first_state: Vector  # states
+    first_variance: Vector  # states
 
 
 class Between(NamedTuple):
     """What a pass found of the drive's samples between rows; n is 0 where there are none."""
 
-    directions: NDArray[np.float32]  # n × 2 × 9: of the state, whose deviations the counts hang on, as of 1
+    directions: NDArray[np.float32]  # n × 2 × COUPLED: of the state; along each, the counts hang on a unit normal value
     pull: NDArray[np.float32]  # n × 2 × LAW_STATES: how the state is moved against a change along each
     made: NDArray[np.float32]  # n × 2 × MADE_BETWEEN: what the counts make of a change along each
     timing: Matrix  # n × 3: how likely each reference was, given the next row's current
-    open_variance: Vector  # n [A²]: of the last command, before the next row's current was looked at; or NOT_LOOKED_AT
+    prior_variance: Vector  # n [A²]: of the last command, before the next row's current told of it; or NOT_CONDITIONED
 
 
 class Filtered(NamedTuple):
@@ -111,9 +112,9 @@ class Filtered(NamedTuple):
     log_likelihood: Matrix
     gain: NDArray[np.float32]  # n × CHANNELS × states: how a measurement moves the state, per change of it
     course: Matrix  # n × COURSE
-    variance: Matrix  # n × STATES: of the state behind the measurements
+    variance: Matrix  # n × states: of the state behind the measurements
     command_A: Vector  # n · samples, one behind the other: the first of row k acts from row k on
-    count_slope: Vector  # n · samples: how the drive's count follows the angle, on the mean; 0 where it is known
+    count_slope: Vector  # n: how the drive's count at a row follows the angle, on the mean; 0 where it is known
     reacts: Mask  # n · samples: the drive's command is within its limit
     between: Between
     doubtful: NDArray[np.int64]  # n, as in `Switching`

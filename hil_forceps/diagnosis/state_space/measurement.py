@@ -31,6 +31,8 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+WHITE_SHARE = 0.01  # of coloured noise
+
 
 @inlined
 def predicted(p: Physics, channel: int, x: Vector, current_A: float, before_A: float, period_s: float) -> float:
@@ -85,6 +87,16 @@ def direction(channel: int, covariance: Matrix, out: Vector) -> float:
 
 
 @inlined
+def white_variance(d: Series, channel: int) -> float:
+    """Return the variance of what is white of a sensor's noise.
+
+    Of coloured noise it is a hundredth: the filter's division needs some.
+    """
+    white: float = d.noise_variance[channel - 1] * (1.0 if d.noise_correlation[channel - 1] == 0.0 else WHITE_SHARE)
+    return white
+
+
+@inlined
 def evidence(d: Series, channel: int, row: int, shown: float, variance: float) -> tuple[float, float, float]:
     """Return log likelihood of a measurement, its score in what was predicted, and its information about that."""
     value = measured(d, channel, row)
@@ -94,9 +106,7 @@ def evidence(d: Series, channel: int, row: int, shown: float, variance: float) -
             half = 0.5 * d.count_rad
             return interval_likelihood(value - half, value + half, shown, math.sqrt(total))
     else:
-        # What is white of coloured noise is a hundredth of its variance: the filter's division needs some.
-        white = 1.0 if d.noise_correlation[channel - 1] == 0.0 else 0.01
-        total = max(0.0, variance) + white * d.noise_variance[channel - 1]
+        total = max(0.0, variance) + white_variance(d, channel)
         half = 0.5 * d.resolution[channel - 1]
         if half > 0.0:
             return interval_likelihood(value - half, value + half, shown, math.sqrt(total))

@@ -17,6 +17,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
     CHANNELS,
     COMMAND_ERROR,
+    COUPLED,
     CURRENT,
     CURRENT_BEFORE,
     CURRENT_NOISE,
@@ -57,8 +58,6 @@ from hil_forceps.model.composition import Physics, encoder_rad
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-
-_COUPLED = COMMAND_ERROR + 1
 
 
 @inlined
@@ -168,7 +167,7 @@ def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector)
     """Fill `after` with a change of the state a row on."""
     for i in range(PLANT_STATES):
         total = 0.0
-        for j in range(_COUPLED):
+        for j in range(COUPLED):
             total += f[i, j] * x[j]
         after[i] = total
     for i in range(PLANT_STATES, x.size):

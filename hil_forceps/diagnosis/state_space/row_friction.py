@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.state_space.covariance import disturbed, forgotten, freed, moved, spread
 from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import CURRENT, ENCODER, FRICTION_J, FRICTION_M, OMEGA_J, OMEGA_M, Series
-from hil_forceps.diagnosis.state_space.measurement import corrected, direction, measured
+from hil_forceps.diagnosis.state_space.measurement import corrected, direction, measured, white_variance
 from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
@@ -90,7 +90,7 @@ def sliding_deviations(p: Physics, d: Series, f: Matrix, jump: Matrix, kept: Vec
             variance = direction(channel, covariance, along)
             noise = d.count_rad**2 / 12.0 + d.encoder_variance[usual_row]
             if channel != ENCODER:
-                noise = d.noise_variance[channel - 1] * (1.0 if d.noise_correlation[channel - 1] == 0.0 else 0.01)
+                noise = white_variance(d, channel)
             information = 1.0 / (variance + noise)
             corrected(x, covariance, along, 0.0, information)
         settled[0], settled[1] = math.sqrt(covariance[OMEGA_M, OMEGA_M]), math.sqrt(covariance[OMEGA_J, OMEGA_J])

@@ -21,7 +21,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     LOAD,
     LOAD_CELL,
     LOAD_SLOPE,
-    NOT_LOOKED_AT,
+    NOT_CONDITIONED,
     RECORDED_STATES,
     Filtered,
     Series,
@@ -34,6 +34,7 @@ from hil_forceps.diagnosis.state_space.measurement import (
     evidence,
     measured,
     predicted,
+    white_variance,
 )
 from hil_forceps.model.composition import Physics
 
@@ -144,19 +145,19 @@ def _current_between(
     by it, they fit it too well.
     """
     gain, last = 1.0 + p.current_gain_relative_error, BETWEEN + d.samples - 2
-    open_variance = out.between.open_variance[row - 1] if row > 0 else 0.0
-    looked_at = open_variance != NOT_LOOKED_AT
-    # The covariance of the state and what is shown, and of that with what counts have made apart.
-    shown, apart = np.empty(d.states), np.empty(d.states)
+    prior_variance = out.between.prior_variance[row - 1] if row > 0 else 0.0
+    conditioned = prior_variance != NOT_CONDITIONED
+    # The covariance of the state with what is shown, and with the part of it that unseen counts made.
+    shown, by_counts = np.empty(d.states), np.empty(d.states)
     for i in range(d.states):
         shown[i] = gain * covariance[i, COMMAND_ERROR] + covariance[i, CURRENT_NOISE]
-        apart[i] = gain * covariance[i, last]
+        by_counts[i] = gain * covariance[i, last]
     variance = gain * shown[COMMAND_ERROR] + shown[CURRENT_NOISE]
-    along[:] = shown - apart if looked_at else shown
-    white = d.noise_variance[2] * (1.0 if d.noise_correlation[2] == 0.0 else 0.01) + d.resolution[2] ** 2 / 12.0
-    told = variance - gain * (2.0 * shown[last] - apart[last]) if looked_at else variance
+    along[:] = shown - by_counts if conditioned else shown
+    white = white_variance(d, CURRENT) + d.resolution[2] ** 2 / 12.0
+    told = variance - gain * (2.0 * shown[last] - by_counts[last]) if conditioned else variance
     total, error = max(0.0, told) + white, d.current_A[row] - shown_A
-    if not looked_at or open_variance < SURE_SHARE * total:
+    if not conditioned or prior_variance < SURE_SHARE * total:
         out.weight[row, CURRENT], out.residual[row, CURRENT] = 1.0 / math.sqrt(total), error / math.sqrt(total)
         out.log_likelihood[row, CURRENT] = -0.5 * (error * error / total + math.log(total))
     for i in range(d.states):

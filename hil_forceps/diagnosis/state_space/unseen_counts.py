@@ -16,10 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.drive_sample import expected_count
+from hil_forceps.diagnosis.state_space.drive_sample import expected_count, law_errors
 from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import COMMANDS_BETWEEN, MADE_BETWEEN
-from hil_forceps.model.drive_law import ERROR_FIRST, KD, KI, KP, SAMPLE_TIME, SHARE
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -29,7 +28,7 @@ ANGLES, SPEEDS = np.linspace(-4.0, 4.0, 25), np.linspace(-3.0, 3.0, 5)  # moment
 FAR = 4.5  # deviations: an edge of a count further away is not met
 MOST_MISFIT = 100.0  # χ²: a blow to the current sensor is no proof of a count
 LEAST_TIMING = 0.01  # of a reference's share, below which it isn't tried
-SHOWS = 0.5  # of the current's deviation: commands one count apart that differ by less are not told apart by it
+SHOWS = 0.5  # of the current's deviation: two values so far apart beside its noise are a normal distribution to 1 %
 SAME_REFERENCE = 0.05  # of the current's deviation: references that differ by less are one
 UNKNOWN = 2 + MADE_BETWEEN  # both directions, and what is made of them
 MEAN_REFERENCE = -1
@@ -76,7 +75,7 @@ def is_open(v: Samples) -> bool:
 @inlined
 def _same_references(v: Samples) -> bool:
     """Tell whether only one reference is worth trying."""
-    same, per_rad = True, v.law[KP] + v.law[KI] * v.law[SAMPLE_TIME]
+    same, per_rad = True, law_errors(v.law, 0.0, 0.0, 0.0, 1.0, 0.0)[3]
     for kind in range(3):
         far_A = np.max(np.abs(v.references_rad[:, kind])) * per_rad
         same = same and (v.timing[kind] < LEAST_TIMING or far_A <= SAME_REFERENCE * v.deviation_A)
@@ -91,8 +90,8 @@ def shows_counts(v: Samples) -> bool:
 
 @kernel
 def count_current_A(law: Vector, quantum_rad: float) -> float:
-    """Return what one count more makes of the command at once."""
-    at_once: float = law[KP] + law[KI] * law[SAMPLE_TIME] + law[KD] * law[SHARE] / law[SAMPLE_TIME]
+    """Return by how much one count less raises the command at once."""
+    at_once: float = law_errors(law, 0.0, 0.0, 0.0, 1.0, -1.0)[3]
     return at_once * quantum_rad
 
 
@@ -105,12 +104,12 @@ def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
     for sample in range(1, v.samples):
         deviation = math.hypot(v.spread_rad[sample, 0], v.spread_rad[sample, 1])
         count = expected_count(v.angles_rad[sample], deviation, v.quantum_rad)
-        law = _nothing_yet()
+        after = (0.0, 0.0, 0.0, 0.0)
         for other in range(1, v.samples):
             one = 1.0 if other == sample else 0.0
-            law = _law_sample(v.law, law, -one, one)
-            made[sample, 1 + other] = law[3]
-        _at_end(law, made[sample])
+            after = law_errors(v.law, after[0], after[1], after[2], -one, one)
+            made[sample, 1 + other] = after[3]
+        _at_end(after, made[sample])
         mean += (count.mean_rad - v.counts_rad[sample]) * made[sample]
         for i in range(2, UNKNOWN):
             for a in range(2):
@@ -126,7 +125,7 @@ def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
 @inlined
 def _made(v: Samples, kind: int, first: float, second: float, out: Vector) -> None:
     """Fill `out` with what a point of the distribution makes beyond the nominal course; `kind` −1: mean references."""
-    law = _nothing_yet()
+    after = (0.0, 0.0, 0.0, 0.0)
     out[0], out[1] = first, second
     for sample in range(1, v.samples):
         angle = v.angles_rad[sample] + v.spread_rad[sample, 0] * first + v.spread_rad[sample, 1] * second
@@ -136,32 +135,16 @@ def _made(v: Samples, kind: int, first: float, second: float, out: Vector) -> No
             angle = math.floor(angle / v.quantum_rad + 0.5) * v.quantum_rad
         count = angle - v.counts_rad[sample]
         error = (0.0 if kind == MEAN_REFERENCE else v.references_rad[sample, kind]) - count
-        law = _law_sample(v.law, law, error, count)
-        out[1 + sample] = law[3]
-    _at_end(law, out)
+        after = law_errors(v.law, after[0], after[1], after[2], error, count)
+        out[1 + sample] = after[3]
+    _at_end(after, out)
 
 
 @inlined
-def _nothing_yet() -> tuple[float, float, float, float]:
-    return 0.0, 0.0, 0.0, 0.0
-
-
-@inlined
-def _law_sample(
-    law: Vector, before: tuple[float, float, float, float], error: float, count: float
-) -> tuple[float, float, float, float]:
-    """Return what a sample makes of errors beyond the nominal ones: integral, derivative, count, command."""
-    integral = before[0] + law[KI] * law[SAMPLE_TIME] * error
-    used = integral if law[ERROR_FIRST] != 0.0 else before[0]
-    rate = law[KD] * law[SHARE] / law[SAMPLE_TIME]
-    derivative = (1.0 - law[SHARE]) * before[1] - rate * (count - before[2])
-    return integral, derivative, count, law[KP] * error + used + derivative
-
-
-@inlined
-def _at_end(law: tuple[float, float, float, float], out: Vector) -> None:
+def _at_end(after: tuple[float, float, float, float], out: Vector) -> None:
+    """Fill in integral, derivative and count behind the last sample."""
     for i in range(3):
-        out[2 + COMMANDS_BETWEEN + i] = law[i]
+        out[2 + COMMANDS_BETWEEN + i] = after[i]
 
 
 @inlined

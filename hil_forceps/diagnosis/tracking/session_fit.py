@@ -29,6 +29,7 @@ from hil_forceps.diagnosis.state_space.passes import Passed
 from hil_forceps.diagnosis.tracking.likelihood import Measured, by_likelihood
 from hil_forceps.diagnosis.validation.conclusion import even_runs
 from hil_forceps.diagnosis.validation.rows import require_rows
+from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
@@ -90,7 +91,8 @@ def _without_loads(parameters: Sequence[Measured], runs: Sequence[Run]) -> tuple
 def fit_even(even: Sequence[EvenRun], rig: Rig) -> Fit:
     """Return the fit of the known parameters to runs of a drive whose law is known."""
     noise = sensor_noise([each.run for each in even], rig)
-    records, _, theta = records_of(even, [], rig, noise, map)
+    records, _ = records_of(even, [], rig, noise, map)
+    theta = parameters.vector(rig)
     free = known_of(rig, records)
     parts = _parts(even)
     theta = fit(records, theta, free, map).passes.theta if parts is None else _start(parts, rig, noise, theta)
@@ -116,7 +118,7 @@ def _parts(even: Sequence[EvenRun]) -> list[EvenRun] | None:
 
 
 def _start(parts: Sequence[EvenRun], rig: Rig, noise: Noise, theta: Vector) -> Vector:
-    records, _, _ = records_of(parts, [], rig, noise, map)
+    records, _ = records_of(parts, [], rig, noise, map)
     return fit(records, theta, known_of(rig, records), map).passes.theta
 
 

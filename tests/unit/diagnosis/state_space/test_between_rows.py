@@ -78,7 +78,7 @@ def told(rig: Rig, run: Run) -> tuple[Record, Passed]:
     even, plants = EvenRun.whole(run), regimes(parameters.vector(rig))
     record = record_of(even, rig, NOISE)
     for turn in range(2):
-        record = record_of(even, rig, NOISE, reference_timing(pass_one(record, plants), first=turn == 0))
+        record = record.with_timing(reference_timing(pass_one(record, plants), first=turn == 0))
     return record, pass_one(record, plants)
 
 
