@@ -46,6 +46,7 @@ for _name, _path, _help in (
     ("fmu", "fmu", "Write plant or estimator as an FMU for Simulink, Dymola, OpenModelica and others."),
     ("init", "init", "Write a first rig file from motor, drive, encoder and pulleys, with their sources."),
     ("schema", "schema", "Print the JSON schema of rig or bench files, for editors."),
+    ("docs", "docs", "List the pages of the documents, or print one."),
     ("open", "open_", "Open the newest report of a folder in the browser."),
     ("check", "drives.check", "Look for settings of a rig that don't go together, before anything is connected."),
     ("doctor", "drives.doctor", "Look at machine, line, rig and drive before motion; each check with its remedy."),

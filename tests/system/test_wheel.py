@@ -86,6 +86,7 @@ def test_command_works(installed: Path) -> None:
     assert "--serial-pty" in call(command, "drive", "--help", folder=installed)
     decoded = call(command, "decode", "081#CDCC2C0000000003", folder=installed)
     assert "theta_m_rad=1.0995575" in decoded
+    assert call(command, "docs", "docs/rig-file.md", folder=installed).startswith("# The rig file\n")
 
 
 @pytest.mark.long

@@ -34,6 +34,7 @@ COMMANDS = (
     "explain",
     "init",
     "schema",
+    "docs",
     "open",
     "check",
     "scan",

@@ -30,6 +30,7 @@ COMMANDS = (
     "explain",
     "init",
     "schema",
+    "docs",
     "open",
     "check",
     "doctor",
