@@ -93,12 +93,12 @@ WORLD = Side(
     "EffectNumbers",
     '"""Numbers of all effects, and the sums over them at each place where they act.\n\n'
     'Written by tools/compose_effects.py from the files in `virtual_bus/effects`; not to be edited.\n"""\n\n'
-    "from typing import NamedTuple\n\n{imports}\nfrom virtual_bus.kernel import kernel\n"
+    "from typing import NamedTuple\n\n{imports}\nfrom virtual_bus.kernel import subroutine\n"
     "from virtual_bus.plant.plant import TruthParameters\n",
     {"r_m": "p.motor_pulley_radius_m", "r_j": "p.jaw_pulley_radius_m"},
     (),
     "p: TruthParameters, e: EffectNumbers",
-    "kernel",
+    "subroutine",
     (
         Port(
             "motor_friction_N_m",

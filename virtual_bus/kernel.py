@@ -1,6 +1,8 @@
 """The compiler of the world's kernels."""
 
-from hil_forceps.rig.kernel import kernel_compiler
+from hil_forceps.rig.kernel import kernel_compiler, subroutine
+
+__all__ = ["kernel", "subroutine"]
 
 kernel = kernel_compiler(
     (

@@ -15,7 +15,7 @@ from virtual_bus.effects.composition import EffectNumbers, encoder_angle
 from virtual_bus.effects.motion import advance_with_effects, unpacked
 from virtual_bus.effects.physics import Environment, jaw_load, tension_of
 from virtual_bus.effects.start import STATE, check_step, rest_with_effects
-from virtual_bus.kernel import kernel
+from virtual_bus.kernel import kernel, subroutine
 from virtual_bus.plant.load import LoadProfile, load_at, segment_of
 from virtual_bus.plant.plant import TruthParameters
 from virtual_bus.plant.position_loop import LoopParameters
@@ -43,7 +43,7 @@ def counted(angle: float, quantum: float) -> float:
     return count * quantum
 
 
-@kernel
+@subroutine
 def law_step(memory: NDArray[np.float64], error_rad: float, theta_enc: float, law: LoopParameters) -> float:
     """One sample of the drive's law, i_ref in A; `memory`: integral, last θ_enc, filtered speed."""
     integral = memory[0] + error_rad * law.sample_time_s

@@ -1,6 +1,8 @@
 """The compiler of the estimators' kernels."""
 
-from hil_forceps.rig.kernel import kernel_compiler
+from hil_forceps.rig.kernel import inlined, kernel_compiler, subroutine
+
+__all__ = ["inlined", "kernel", "subroutine"]
 
 _SOURCES = (
     "hil_forceps/effects",
@@ -10,4 +12,3 @@ _SOURCES = (
 )
 
 kernel = kernel_compiler(_SOURCES)
-inlined = kernel_compiler(_SOURCES, inline=True)

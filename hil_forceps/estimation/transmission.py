@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.estimation.kernel import kernel
+from hil_forceps.estimation.kernel import kernel, subroutine
 
 Vector = NDArray[np.float64]
 State = NDArray[np.float64]
@@ -142,7 +142,7 @@ def _fill(state: State, c: Vector, row: Vector) -> float:
     return free
 
 
-@kernel
+@subroutine
 def _powers(row: Vector, at: int, x: float, count: int, factor: float) -> int:
     value = factor
     for n in range(count):
@@ -151,7 +151,7 @@ def _powers(row: Vector, at: int, x: float, count: int, factor: float) -> int:
     return at + count
 
 
-@kernel
+@subroutine
 def _with_estimates(state: State, c: Vector) -> State:
     row = np.empty(TERMS)
     free = _fill(state, c, row)

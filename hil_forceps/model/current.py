@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.model.kernel import inlined, subroutine
 
 _SERIES_BELOW = 1e-3  # below: the series, whose first term left out is 1e-9 of the result
 
@@ -21,7 +21,7 @@ class CurrentStep(NamedTuple):
     arrival_end: float
 
 
-@kernel
+@subroutine
 def _decay(a: float) -> tuple[float, float, float]:
     """Return mean, slope and end of exp(−a τ), τ from 0 to 1."""
     if a < _SERIES_BELOW:
@@ -31,7 +31,7 @@ def _decay(a: float) -> tuple[float, float, float]:
     return mean, 12.0 * ((1.0 - end * (1.0 + a)) / (a * a) - 0.5 * mean), end
 
 
-@kernel
+@subroutine
 def current_step(step_s: float, steps: int, delay_s: float, lag_s: float) -> CurrentStep:
     """Prepare for a dead time and a time constant, `steps` steps a sample of the drive."""
     samples = delay_s / (step_s * steps)

@@ -19,7 +19,7 @@ from hil_forceps.model.composition import (
     motor_viscosity_N_m_s_per_rad,
     relative_torque,
 )
-from hil_forceps.model.kernel import kernel
+from hil_forceps.model.kernel import kernel, subroutine
 from hil_forceps.model.parameters import Vector
 from hil_forceps.model.physics import (
     dead_zone,
@@ -129,7 +129,7 @@ def _slip(
     return end
 
 
-@kernel
+@subroutine
 def _jaw_speed(
     p: Physics,
     theta_p: float,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.model.composition import Physics
-from hil_forceps.model.kernel import kernel
+from hil_forceps.model.kernel import subroutine
 from hil_forceps.model.two_inertia import expm
 
 Gains = NDArray[np.float64]
@@ -23,7 +23,7 @@ VISCOSITY, STIFFNESS, DAMPING = 28, 29, 30  # of the plant that the row is for
 SIZE = 31
 
 
-@kernel
+@subroutine
 def fill_gains(
     row: Gains,
     r_m: float,
@@ -64,7 +64,7 @@ def fill_gains(
     row[VISCOSITY], row[STIFFNESS], row[DAMPING] = D_m, k, c
 
 
-@kernel
+@subroutine
 def fill_all(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
     """Fill the table (4×`SIZE`): a step and a piece of it, taut and slack."""
     for base, length in ((0, step_s), (SHORT, step_s / PIECES)):
@@ -94,7 +94,7 @@ def fill_all(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
         )
 
 
-@kernel
+@subroutine
 def fill_multiples(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
     """Fill a table (n×`SIZE`) with the responses over one step, two, and so on, the wire taut."""
     for k in range(gains.shape[0]):

@@ -43,7 +43,7 @@ from hil_forceps.model.gains import (
     VISCOSITY,
     Gains,
 )
-from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.model.kernel import inlined, subroutine
 from hil_forceps.model.physics import (
     Kind,
     State,
@@ -493,7 +493,7 @@ def _one_step(
     return full_step(p, kind, g, base, inertia, kept, x, d)
 
 
-@kernel
+@subroutine
 def _in_pieces(
     p: Physics, kind: Kind, g: Gains, inertia: tuple[float, float], kept: float, x: State, d: Drive
 ) -> State:

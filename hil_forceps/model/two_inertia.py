@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.model.kernel import kernel
+from hil_forceps.model.kernel import kernel, subroutine
 from hil_forceps.rig.plant import PlantParameters
 
 Matrix = NDArray[np.float64]
@@ -37,7 +37,7 @@ def continuous(plant: PlantParameters) -> tuple[Matrix, Matrix]:
     return a, b
 
 
-@kernel
+@subroutine
 def multiply(left: Matrix, right: Matrix) -> Matrix:
     """Return the product of two small matrices (plain loops: no BLAS call, the same bits everywhere)."""
     rows, inner, columns = left.shape[0], left.shape[1], right.shape[1]
@@ -51,7 +51,7 @@ def multiply(left: Matrix, right: Matrix) -> Matrix:
     return product
 
 
-@kernel
+@subroutine
 def halvings(matrix: Matrix) -> int:
     """Return how often `matrix` is halved until `taylor_exponential` is exact to rounding (0 for what isn't finite)."""
     norm = 0.0
@@ -67,7 +67,7 @@ def halvings(matrix: Matrix) -> int:
     return count
 
 
-@kernel
+@subroutine
 def taylor_exponential(matrix: Matrix) -> Matrix:
     """Return exp(matrix) for a matrix whose norm is at most 1/2 (Horner form of the Taylor series)."""
     n = matrix.shape[0]

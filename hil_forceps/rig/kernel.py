@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, Protocol, TypeVar
 
 import numba
+from numba.extending import register_jitable
 
 from hil_forceps.rig.errors import UserError
 
@@ -28,12 +29,12 @@ class Compiler(Protocol):
         """Compile on the first call."""
 
 
-def kernel_compiler(sources: Sequence[str], root: Path = _ROOT, *, inline: bool = False) -> Compiler:
+def kernel_compiler(sources: Sequence[str], root: Path = _ROOT) -> Compiler:
     """Return the decorator for kernels built from `sources`, files and folders relative to `root`.
 
     Division by zero gives inf or NaN as in numpy instead of raising, so a kernel never raises on data: what isn't
     finite travels on to the gate. Kernels release the GIL. No fast-math: the same inputs give the same bits, in a loop
-    or one step at a time. `inline`: every call of it is replaced by its code, for small pieces of an inner loop.
+    or one step at a time.
     """
     folder = str(_cache_base(root) / f"kernels-{fingerprint(sources, root)}")
 
@@ -42,8 +43,7 @@ def kernel_compiler(sources: Sequence[str], root: Path = _ROOT, *, inline: bool 
         config: Any = numba.config
         before, config.CACHE_DIR = config.CACHE_DIR, folder
         try:
-            decorator = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=inline)
-            compiled: Callable[_P, _R] = decorator(function)
+            compiled: Callable[_P, _R] = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
         finally:
             config.CACHE_DIR = before
         return compiled
@@ -51,9 +51,31 @@ def kernel_compiler(sources: Sequence[str], root: Path = _ROOT, *, inline: bool 
     return compiler
 
 
+# An entry from Python takes as long to compile as a function itself. Those below have none: called from there they are
+# plain Python.
+_WITHIN_KERNELS: Any = {"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function for the kernels that call it."""
+    decorator: Any = register_jitable(**_WITHIN_KERNELS)
+    callee: Callable[_P, _R] = decorator(function)
+    return callee
+
+
+def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Have every kernel that calls a function hold its code: for small pieces of an inner loop."""
+    decorator: Any = register_jitable(forceinline=True, **_WITHIN_KERNELS)
+    callee: Callable[_P, _R] = decorator(function)
+    return callee
+
+
 def fingerprint(sources: Sequence[str], root: Path = _ROOT) -> str:
-    """Return a short name for the text of `sources`; FileNotFoundError when one is not there."""
-    digest = hashlib.blake2b(digest_size=8)
+    """Return a short name for the text of `sources` and of this file, which says how they are compiled.
+
+    FileNotFoundError when one is not there.
+    """
+    digest = hashlib.blake2b(Path(__file__).read_bytes(), digest_size=8)
     for source in sources:
         path = root / source
         for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from virtual_bus.kernel import kernel
+from virtual_bus.kernel import kernel, subroutine
 
 FD_HEAD_BITS: Final = 17
 FD_EXTENSION_BITS: Final = 19  # more of an extended FD frame: 18 of the id, SRR
@@ -48,7 +48,7 @@ def _byte_tables() -> tuple[NDArray[np.int16], NDArray[np.int16]]:
 _STUFFING, _CRC15 = _byte_tables()
 
 
-@kernel
+@subroutine
 def _push_bytes(word: int, count: int, last: int, run: int, stuffed: int, crc: int) -> tuple[int, int, int, int]:
     """Do as `_push` for `count` bytes, not at the very beginning of a frame."""
     for shift in range(8 * count - 8, -1, -8):
@@ -75,7 +75,7 @@ def fd_head(arbitration_id: int, is_extended: bool) -> tuple[int, int]:
     return arbitration_id << 5 | 0b00101, FD_HEAD_BITS  # RRS 0, IDE 0, FDF 1, res 0, BRS 1
 
 
-@kernel
+@subroutine
 def _stuff_bits_behind_head(length: int, data: int, last: int, run: int, stuffed: int, crc: int) -> int:
     """Return the stuff bits of a classical frame, those of its head included, which left things as they are here."""
     last, run, stuffed, crc = _push_bytes(data, length, last, run, stuffed, crc)

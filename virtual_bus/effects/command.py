@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from virtual_bus.effects.composition import EffectNumbers
-from virtual_bus.kernel import kernel
+from virtual_bus.kernel import kernel, subroutine
 
 
 class Queue(NamedTuple):
@@ -24,7 +24,7 @@ def empty_queue(delay_s: float, sample_time_s: float) -> Queue:
     return Queue(np.zeros(3, dtype=np.int64), np.zeros(room, dtype=np.int64), np.zeros(room))
 
 
-@kernel
+@subroutine
 def acting_command(command_A: float, e: EffectNumbers) -> float:
     """Return what the amplifier makes of a command: dead zone, then its limit; A."""
     if command_A > e.amplifier_deadband_half_width_A:

@@ -19,30 +19,30 @@ from virtual_bus.effects.motor import (
     viscous_drift,
 )
 from virtual_bus.effects.wire import pulley_eccentricity, spool_radius_change, transmission_curve
-from virtual_bus.kernel import kernel
+from virtual_bus.kernel import subroutine
 from virtual_bus.plant.plant import TruthParameters
 
-_stribeck_friction__motor_friction_N_m = kernel(stribeck_friction.motor_friction_N_m)
-_load_dependent_friction__motor_friction_N_m = kernel(load_dependent_friction.motor_friction_N_m)
-_coulomb_asymmetry__motor_friction_N_m = kernel(coulomb_asymmetry.motor_friction_N_m)
-_film_friction__motor_friction_N_m = kernel(film_friction.motor_friction_N_m)
-_viscous_asymmetry__motor_drag_N_m = kernel(viscous_asymmetry.motor_drag_N_m)
-_cogging__motor_torque_N_m = kernel(cogging.motor_torque_N_m)
-_torque_ripple__relative_torque = kernel(torque_ripple.relative_torque)
-_torque_constant_drift__relative_torque_constant = kernel(torque_constant_drift.relative_torque_constant)
-_viscous_drift__relative_viscosity = kernel(viscous_drift.relative_viscosity)
-_pulley_eccentricity__wound_m = kernel(pulley_eccentricity.wound_m)
-_spool_radius_change__wound_m = kernel(spool_radius_change.wound_m)
-_pulley_eccentricity__radius_m = kernel(pulley_eccentricity.radius_m)
-_spool_radius_change__radius_m = kernel(spool_radius_change.radius_m)
-_transmission_curve__taken_m = kernel(transmission_curve.taken_m)
-_transmission_curve__lever_m = kernel(transmission_curve.lever_m)
-_jaw_gravity__jaw_load_N_m = kernel(jaw_gravity.jaw_load_N_m)
-_jaw_coupling__jaw_load_N_m = kernel(jaw_coupling.jaw_load_N_m)
-_jaw_viscous_friction__jaw_load_N_m = kernel(jaw_viscous_friction.jaw_load_N_m)
-_jaw_position_friction__jaw_friction_N_m = kernel(jaw_position_friction.jaw_friction_N_m)
-_encoder_eccentricity__encoder_error_rad = kernel(encoder_eccentricity.encoder_error_rad)
-_encoder_scale__encoder_error_rad = kernel(encoder_scale.encoder_error_rad)
+_stribeck_friction__motor_friction_N_m = subroutine(stribeck_friction.motor_friction_N_m)
+_load_dependent_friction__motor_friction_N_m = subroutine(load_dependent_friction.motor_friction_N_m)
+_coulomb_asymmetry__motor_friction_N_m = subroutine(coulomb_asymmetry.motor_friction_N_m)
+_film_friction__motor_friction_N_m = subroutine(film_friction.motor_friction_N_m)
+_viscous_asymmetry__motor_drag_N_m = subroutine(viscous_asymmetry.motor_drag_N_m)
+_cogging__motor_torque_N_m = subroutine(cogging.motor_torque_N_m)
+_torque_ripple__relative_torque = subroutine(torque_ripple.relative_torque)
+_torque_constant_drift__relative_torque_constant = subroutine(torque_constant_drift.relative_torque_constant)
+_viscous_drift__relative_viscosity = subroutine(viscous_drift.relative_viscosity)
+_pulley_eccentricity__wound_m = subroutine(pulley_eccentricity.wound_m)
+_spool_radius_change__wound_m = subroutine(spool_radius_change.wound_m)
+_pulley_eccentricity__radius_m = subroutine(pulley_eccentricity.radius_m)
+_spool_radius_change__radius_m = subroutine(spool_radius_change.radius_m)
+_transmission_curve__taken_m = subroutine(transmission_curve.taken_m)
+_transmission_curve__lever_m = subroutine(transmission_curve.lever_m)
+_jaw_gravity__jaw_load_N_m = subroutine(jaw_gravity.jaw_load_N_m)
+_jaw_coupling__jaw_load_N_m = subroutine(jaw_coupling.jaw_load_N_m)
+_jaw_viscous_friction__jaw_load_N_m = subroutine(jaw_viscous_friction.jaw_load_N_m)
+_jaw_position_friction__jaw_friction_N_m = subroutine(jaw_position_friction.jaw_friction_N_m)
+_encoder_eccentricity__encoder_error_rad = subroutine(encoder_eccentricity.encoder_error_rad)
+_encoder_scale__encoder_error_rad = subroutine(encoder_scale.encoder_error_rad)
 
 
 class EffectNumbers(NamedTuple):
@@ -108,7 +108,7 @@ class EffectNumbers(NamedTuple):
     jaw_viscous_friction_viscosity_N_m_s_per_rad: float
 
 
-@kernel
+@subroutine
 def motor_friction_N_m(
     p: TruthParameters, e: EffectNumbers, side: float, omega_m_rad_per_s: float, tension_N: float
 ) -> float:
@@ -127,7 +127,7 @@ def motor_friction_N_m(
     return total
 
 
-@kernel
+@subroutine
 def motor_drag_N_m(p: TruthParameters, e: EffectNumbers, omega_m_rad_per_s: float) -> float:
     """Return what else brakes the motor at a speed."""
     total = 0.0
@@ -135,7 +135,7 @@ def motor_drag_N_m(p: TruthParameters, e: EffectNumbers, omega_m_rad_per_s: floa
     return total
 
 
-@kernel
+@subroutine
 def motor_torque_N_m(p: TruthParameters, e: EffectNumbers, theta_m_rad: float) -> float:
     """Return the torque on the motor that comes without current."""
     total = 0.0
@@ -143,7 +143,7 @@ def motor_torque_N_m(p: TruthParameters, e: EffectNumbers, theta_m_rad: float) -
     return total
 
 
-@kernel
+@subroutine
 def relative_torque(p: TruthParameters, e: EffectNumbers, theta_m_rad: float) -> float:
     """Return the relative change of the motor's torque with its angle."""
     total = 0.0
@@ -153,7 +153,7 @@ def relative_torque(p: TruthParameters, e: EffectNumbers, theta_m_rad: float) ->
     return total
 
 
-@kernel
+@subroutine
 def relative_torque_constant(p: TruthParameters, e: EffectNumbers, time_s: float) -> float:
     """Return the relative change of K_t at a time."""
     total = 0.0
@@ -163,7 +163,7 @@ def relative_torque_constant(p: TruthParameters, e: EffectNumbers, time_s: float
     return total
 
 
-@kernel
+@subroutine
 def relative_viscosity(p: TruthParameters, e: EffectNumbers, time_s: float) -> float:
     """Return the relative change of the motor's viscous friction."""
     total = 0.0
@@ -173,7 +173,7 @@ def relative_viscosity(p: TruthParameters, e: EffectNumbers, time_s: float) -> f
     return total
 
 
-@kernel
+@subroutine
 def wound_m(p: TruthParameters, e: EffectNumbers, theta_p_rad: float) -> float:
     """Return the wire wound up from angle 0 on."""
     total = p.motor_pulley_radius_m * theta_p_rad
@@ -184,7 +184,7 @@ def wound_m(p: TruthParameters, e: EffectNumbers, theta_p_rad: float) -> float:
     return total
 
 
-@kernel
+@subroutine
 def radius_m(p: TruthParameters, e: EffectNumbers, theta_p_rad: float) -> float:
     """Return the effective radius of the motor pulley."""
     total = p.motor_pulley_radius_m
@@ -195,7 +195,7 @@ def radius_m(p: TruthParameters, e: EffectNumbers, theta_p_rad: float) -> float:
     return total
 
 
-@kernel
+@subroutine
 def taken_m(p: TruthParameters, e: EffectNumbers, theta_j_rad: float) -> float:
     """Return the wire that the jaw has taken."""
     total = p.jaw_pulley_radius_m * theta_j_rad
@@ -205,7 +205,7 @@ def taken_m(p: TruthParameters, e: EffectNumbers, theta_j_rad: float) -> float:
     return total
 
 
-@kernel
+@subroutine
 def lever_m(p: TruthParameters, e: EffectNumbers, theta_j_rad: float) -> float:
     """Return the lever at which the wire pulls the jaw."""
     total = p.jaw_pulley_radius_m
@@ -215,7 +215,7 @@ def lever_m(p: TruthParameters, e: EffectNumbers, theta_j_rad: float) -> float:
     return total
 
 
-@kernel
+@subroutine
 def jaw_load_N_m(p: TruthParameters, e: EffectNumbers, theta_j_rad: float, omega_j_rad_per_s: float) -> float:
     """Return what acts on the jaw beside τ_w."""
     total = 0.0
@@ -225,7 +225,7 @@ def jaw_load_N_m(p: TruthParameters, e: EffectNumbers, theta_j_rad: float, omega
     return total
 
 
-@kernel
+@subroutine
 def jaw_friction_N_m(p: TruthParameters, e: EffectNumbers, theta_j_rad: float) -> float:
     """Return the jaw's dry friction, as long as it is any."""
     total = p.jaw_coulomb_N_m
@@ -235,7 +235,7 @@ def jaw_friction_N_m(p: TruthParameters, e: EffectNumbers, theta_j_rad: float) -
     return total
 
 
-@kernel
+@subroutine
 def encoder_angle(e: EffectNumbers, theta_m_rad: float) -> float:
     """Return θ_enc before it is counted."""
     total = theta_m_rad

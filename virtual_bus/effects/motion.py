@@ -26,7 +26,7 @@ from virtual_bus.effects.physics import (
     slipped,
     tension_of,
 )
-from virtual_bus.kernel import kernel
+from virtual_bus.kernel import kernel, subroutine
 from virtual_bus.plant.load import load_at, segment_of
 from virtual_bus.plant.plant import TruthParameters
 
@@ -34,7 +34,7 @@ MAX_EVENTS = 4  # of friction in one step; a body that changes its mind more oft
 ROOT_ITERATIONS = 4
 
 
-@kernel
+@subroutine
 def side_of(drive_N_m: float, forward_N_m: float, backward_N_m: float) -> float:
     """Return where a body at rest goes under a torque: ±1, or 0 while friction holds it; without friction it's free."""
     if drive_N_m > forward_N_m or forward_N_m + backward_N_m == 0.0:
@@ -44,7 +44,7 @@ def side_of(drive_N_m: float, forward_N_m: float, backward_N_m: float) -> float:
     return 0.0
 
 
-@kernel
+@subroutine
 def released(
     m: Motion,
     memory: Memory,
@@ -83,7 +83,7 @@ def released(
     )  # fmt: skip
 
 
-@kernel
+@subroutine
 def remembered(m: Motion, memory: Memory, side_m: float, side_j: float, p: TruthParameters, e: EffectNumbers) -> Memory:
     """Return the memory at the end of a way."""
     behind = behind_at(m, memory, e)
@@ -100,13 +100,13 @@ def remembered(m: Motion, memory: Memory, side_m: float, side_j: float, p: Truth
     return Memory(m.theta_m, m.theta_j, x, presliding, hysteresis, side_m, side_j, behind, loaded, gripped)
 
 
-@kernel
+@subroutine
 def forward_speed(m: Motion, memory: Memory, first: bool) -> float:
     """Return the speed of the motor (`first`) or jaw to the side on which friction brakes it."""
     return memory.side_m * m.omega_m if first else memory.side_j * m.omega_j
 
 
-@kernel
+@subroutine
 def has_friction(m: Motion, memory: Memory, first: bool, p: TruthParameters, e: EffectNumbers) -> bool:
     """Whether dry friction acts on the motor (`first`) or jaw near standstill, to either side."""
     if not first:
@@ -115,7 +115,7 @@ def has_friction(m: Motion, memory: Memory, first: bool, p: TruthParameters, e: 
     return motor_friction_N_m(p, e, 1.0, 0.0, tension) + motor_friction_N_m(p, e, -1.0, 0.0, tension) > 0.0
 
 
-@kernel
+@subroutine
 def time_to_rest(
     m: Motion,
     memory: Memory,
@@ -143,7 +143,7 @@ def time_to_rest(
     return (low * speed_high - high * speed_low) / (speed_high - speed_low)
 
 
-@kernel
+@subroutine
 def glide(
     m: Motion,
     memory: Memory,
@@ -190,7 +190,7 @@ def between(left: float, left_rate: float, right: float, right_rate: float, shar
     return left + share * rise + bend
 
 
-@kernel
+@subroutine
 def fill_taps(
     taps: NDArray[np.float64],
     tap_ns: NDArray[np.int64],

@@ -22,7 +22,7 @@ from virtual_bus.effects.composition import (
     taken_m,
     wound_m,
 )
-from virtual_bus.kernel import kernel
+from virtual_bus.kernel import kernel, subroutine
 from virtual_bus.plant.plant import TruthParameters
 
 
@@ -69,7 +69,7 @@ class Inputs(NamedTuple):
     time_s: float
 
 
-@kernel
+@subroutine
 def current_at(u: Inputs, offset_s: float) -> float:
     """Return the true current after a part of the segment: its target, or on the way there with the lag."""
     if u.lag_s == 0.0:
@@ -77,7 +77,7 @@ def current_at(u: Inputs, offset_s: float) -> float:
     return u.target_A + (u.start_A - u.target_A) * math.exp(-offset_s / u.lag_s)
 
 
-@kernel
+@subroutine
 def dead_zone(value: float, half_width: float) -> float:
     """Return what lies beyond ±half_width."""
     if value > half_width:
@@ -87,7 +87,7 @@ def dead_zone(value: float, half_width: float) -> float:
     return 0.0
 
 
-@kernel
+@subroutine
 def slipped(z: float, way: float, length: float) -> float:
     """Return the state of a Dahl element after a way of one direction: the solution of z' = (1 − z sgn)/length."""
     if way == 0.0:
@@ -105,7 +105,7 @@ def played(behind: float, way: float, play: float) -> float:
     return -play if behind < -play else behind
 
 
-@kernel
+@subroutine
 def behind_at(m: Motion, memory: Memory, e: EffectNumbers) -> float:
     """Return by how much the pulley is behind the motor, rad."""
     return (
@@ -141,7 +141,7 @@ def tension_of(m: Motion, memory: Memory, p: TruthParameters, e: EffectNumbers) 
     return force
 
 
-@kernel
+@subroutine
 def motor_drive(
     m: Motion, memory: Memory, current_A: float, time_s: float, tension: float, p: TruthParameters, e: EffectNumbers
 ) -> float:
@@ -160,7 +160,7 @@ def motor_drive(
     return torque - radius_m(p, e, m.theta_m - behind_at(m, memory, e)) * tension
 
 
-@kernel
+@subroutine
 def jaw_load(theta_j: float, load_N_m: float, env: Environment) -> float:
     """Return τ_w in N m: what the profile says, and the spring."""
     if env.stiffness_N_m_per_rad > 0.0 and theta_j > env.angle_rad:
@@ -168,7 +168,7 @@ def jaw_load(theta_j: float, load_N_m: float, env: Environment) -> float:
     return load_N_m
 
 
-@kernel
+@subroutine
 def jaw_drive(
     theta_j: float,
     omega_j: float,
@@ -187,7 +187,7 @@ def jaw_drive(
     return lever_m(p, e, theta_j) * tension - held - jaw_load(theta_j, load_N_m, env)
 
 
-@kernel
+@subroutine
 def jaw_level(theta_j: float, p: TruthParameters, e: EffectNumbers) -> float:
     """Return the jaw's dry friction, N m."""
     return max(0.0, jaw_friction_N_m(p, e, theta_j))
@@ -227,7 +227,7 @@ def shifted(m: Motion, rate: Motion, time_s: float) -> Motion:
     )
 
 
-@kernel
+@subroutine
 def runge_kutta(
     m: Motion,
     memory: Memory,

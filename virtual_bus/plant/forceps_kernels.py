@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A
-from virtual_bus.kernel import kernel
+from virtual_bus.kernel import kernel, subroutine
 from virtual_bus.plant.load import load_at, segment_of
 from virtual_bus.plant.plant import TruthParameters, advance, elongation
 from virtual_bus.plant.position_loop import LoopParameters, LoopState, loop_step
@@ -32,19 +32,19 @@ class Truth(NamedTuple):
     current_A: float
 
 
-@kernel
+@subroutine
 def unpacked_plant(v: NDArray[np.float64]) -> TruthParameters:
     """Give an array the names of `TruthParameters`, in its order."""
     return TruthParameters(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9], v[10])
 
 
-@kernel
+@subroutine
 def unpacked_loop(v: NDArray[np.float64]) -> LoopParameters:
     """Give an array the names of `LoopParameters`, in its order."""
     return LoopParameters(v[0], v[1], v[2], v[3], v[4], v[5])
 
 
-@kernel
+@subroutine
 def unpacked_sensors(v: NDArray[np.float64]) -> SensorParameters:
     """Give an array the names of `SensorParameters`, in its order."""
     return SensorParameters(v[0], v[1], v[2], v[3])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.rig.plant import PlantParameters
-from virtual_bus.kernel import kernel
+from virtual_bus.kernel import kernel, subroutine
 from virtual_bus.plant.friction import coulomb_torque, smoothing_speed
 from virtual_bus.plant.load import load_at, segment_of
 
@@ -115,7 +115,7 @@ def jaw_friction(state: PlantState, p: TruthParameters) -> float:
     return coulomb_torque(state.omega_j, p.jaw_coulomb_N_m, p.jaw_smoothing_rad_per_s)
 
 
-@kernel
+@subroutine
 def state_rate(state: PlantState, p: TruthParameters, current_A: float, tau_w_N_m: float) -> PlantState:
     """Time derivative of the state, (1) and (2); the interference torque τ_int of (1) is nought here."""
     tension = wire_tension(elongation(state.theta_m, state.theta_j, p), p)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_protocol.scales import ANGLE_LSB_RAD
-from virtual_bus.kernel import kernel
+from virtual_bus.kernel import kernel, subroutine
 
 
 class LoopParameters(NamedTuple):
@@ -34,7 +34,7 @@ def idle_loop(theta_raw: int) -> NDArray[np.float64]:
     return np.array([0.0, 0.0, float(theta_raw)])
 
 
-@kernel
+@subroutine
 def speed_filter_gain(p: LoopParameters) -> float:
     """Gain of the one-pole filter per sample: the exact discrete form of a pole at the cutoff, 1 − e^(−2π f_c T)."""
     return -math.expm1(-2.0 * math.pi * p.derivative_cutoff_Hz * p.sample_time_s)

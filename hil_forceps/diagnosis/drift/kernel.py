@@ -2,4 +2,4 @@
 
 from hil_forceps.rig.kernel import kernel_compiler
 
-kernel = kernel_compiler(("hil_forceps/diagnosis/drift", "hil_forceps/rig/kernel.py"))
+kernel = kernel_compiler(("hil_forceps/diagnosis/drift",))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.kernel import kernel, subroutine
 
 Vector = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def load_pass(
     return log_likelihood
 
 
-@kernel
+@subroutine
 def _backward(
     mean: NDArray[np.float64],
     cov: NDArray[np.float64],

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.model.composition import (
     Physics,
     backward_friction_N_m,
@@ -66,7 +66,7 @@ class Acting(NamedTuple):
     friction_j_N_m: float
 
 
-@kernel
+@subroutine
 def stepper(p: Physics, period_s: float, samples: int) -> Stepper:
     """Prepare for a plant, a period of the rows, and samples of the drive in it."""
     step_s = period_s / STEPS
@@ -146,7 +146,7 @@ def _one(
     return refined_step(p, kind, s.gains, s.inertia, s.kept, x, d)
 
 
-@kernel
+@subroutine
 def friction_at_rest_N_m(p: Physics) -> float:
     """Return the most that the motor's dry friction holds, without the wire's tension."""
     sided = max(forward_friction_N_m(p), backward_friction_N_m(p))
@@ -207,7 +207,7 @@ class Steppers(NamedTuple):
     stepper: Stepper
 
 
-@kernel
+@subroutine
 def steppers(plants: Regimes, period_s: float, samples: int) -> Steppers:
     """Prepare for all regimes."""
     kinds = (kind_of(plants[0]), kind_of(plants[1]), kind_of(plants[2]), kind_of(plants[3]))

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
     COMMAND_ERROR,
@@ -45,7 +45,7 @@ Matrix = NDArray[np.float64]
 _ALIKE = 1e-3  # of a deviation: the angles behind a row hang together, and one direction says all of it
 
 
-@kernel
+@subroutine
 def collapse(
     p: Physics,
     d: Series,
@@ -113,7 +113,7 @@ def collapse(
     return mean[2:]
 
 
-@kernel
+@subroutine
 def _mixed(first: Vector, second: Vector, mean: Vector, found: Matrix, x: Vector, covariance: Matrix) -> None:
     """Replace what state and covariance have of two directions by their moments, and add what counts make of them."""
     for i in range(LAW_STATES):
@@ -130,7 +130,7 @@ def _mixed(first: Vector, second: Vector, mean: Vector, found: Matrix, x: Vector
     covariance[BETWEEN:, BETWEEN:] = found[2:, 2:]
 
 
-@kernel
+@subroutine
 def _ways(f: Matrix, samples: int) -> Matrix:
     """Return how the angle at each sample behind a row follows from the state at the row (samples × 9)."""
     ways = np.zeros((samples, COUPLED))
@@ -141,7 +141,7 @@ def _ways(f: Matrix, samples: int) -> Matrix:
     return ways
 
 
-@kernel
+@subroutine
 def _along(covariance: Matrix, way: Vector) -> Vector:
     """Return the covariance of each state and what follows from the state along `way`."""
     along = np.zeros(covariance.shape[0])
@@ -158,7 +158,7 @@ def _times(way: Vector, column: Vector) -> float:
     return total
 
 
-@kernel
+@subroutine
 def _current_deviation(p: Physics, d: Series, covariance: Matrix) -> float:
     """Return the deviation of the next row's current where all counts are known."""
     coloured = d.noise_variance[2] * (1.0 - d.noise_correlation[2] ** 2) if d.noise_correlation[2] != 0.0 else 0.0

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
     COUPLED,
@@ -25,7 +25,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 
-@kernel
+@subroutine
 def moved(f: Matrix, covariance: Matrix, kept: Vector, work: Matrix) -> None:
     """Replace a covariance by F P Fᵀ; `kept`: how much of each state beyond the plant's is kept meanwhile."""
     if covariance.shape[0] == RECORDED_STATES:  # of a size that the compiler knows, in half the time
@@ -45,7 +45,7 @@ def _moved(f: Matrix, covariance: Matrix, kept: Vector, work: Matrix, states: in
             covariance[j, i] = covariance[i, j]
 
 
-@kernel
+@subroutine
 def _carried(f: Matrix, x: Vector, i: int, kept: Vector) -> float:
     """Return entry i of F x."""
     if i <= LOAD:
@@ -86,7 +86,7 @@ def disturbed(covariance: Matrix, d: Series, row: int, f: Matrix, jump: Matrix, 
             covariance[states[channel], states[channel]] += d.noise_variance[channel] * (1.0 - kept * kept)
 
 
-@kernel
+@subroutine
 def forgotten(covariance: Matrix, state: int) -> None:
     """Take a state as known: nothing is left open of it."""
     covariance[state, :] = 0.0

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
     COUNT_ERROR,
@@ -89,7 +89,7 @@ def sampled(law: Vector, count: float | Vector, reacts: bool, x: Vector | Matrix
     x[COMMAND_ERROR] = after[3] * (1.0 if reacts else 0.0)
 
 
-@kernel
+@subroutine
 def sampled_covariance(
     law: Vector, slope: float, count_variance: float, reference_variance: float, reacts: bool, covariance: Matrix
 ) -> None:

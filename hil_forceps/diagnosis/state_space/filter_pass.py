@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.state_space.advance import Regimes, Steppers, advance_in, steppers
 from hil_forceps.diagnosis.state_space.between_rows import collapse
 from hil_forceps.diagnosis.state_space.covariance import disturbed, moved
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     COUPLED,
@@ -65,7 +65,7 @@ class Linear(NamedTuple):
     kept_sample: Vector
 
 
-@kernel
+@subroutine
 def _linear(p: Physics, d: Series) -> Linear:
     sample_s = d.period_s / d.samples
     return Linear(
@@ -151,7 +151,7 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
         x[THETA_J], x[OMEGA_J] = plant.theta_j_rad, plant.omega_j_rad_per_s
 
 
-@kernel
+@subroutine
 def _look_ahead(
     plants: Regimes,
     d: Series,
@@ -187,7 +187,7 @@ def _look_ahead(
     return drive, made, elastic_slope, f, f_sample
 
 
-@kernel
+@subroutine
 def _note_prediction(course: Matrix, row: int, x: Vector, current_A: float, before_A: float) -> None:
     course[row, PREDICTED_THETA_M], course[row, PREDICTED_OMEGA_M] = x[THETA_M], x[OMEGA_M]
     course[row, PREDICTED_THETA_J], course[row, PREDICTED_OMEGA_J] = x[THETA_J], x[OMEGA_J]

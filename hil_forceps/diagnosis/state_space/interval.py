@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.kernel import subroutine
 
 _ROOT_HALF = math.sqrt(0.5)
 _ROOT_2PI = math.sqrt(2.0 * math.pi)
@@ -18,7 +18,7 @@ _REACH = 20.0  # exp(−20) of the density at the nearer edge: what lies beyond 
 _NODES, _WEIGHTS = (tuple(v) for v in np.polynomial.legendre.leggauss(12))  # 1e-5 of the result over that reach
 
 
-@kernel
+@subroutine
 def interval_likelihood(low: float, high: float, mean: float, deviation: float) -> tuple[float, float, float]:
     """Return log P(low < x < high), its slope in the mean, and minus its curvature, for x ~ N(mean, deviation²)."""
     a, b = (low - mean) / deviation, (high - mean) / deviation
@@ -41,7 +41,7 @@ def interval_likelihood(low: float, high: float, mean: float, deviation: float) 
     return log_p, sign * score / deviation, max(0.0, min(1.0, information)) / (deviation * deviation)
 
 
-@kernel
+@subroutine
 def _by_quadrature(a: float, width: float) -> tuple[float, float, float]:
     """Return the same in deviations, by moments of the density behind the nearer edge, exp(−a t − t²/2) at a + t."""
     reach = min(width, _REACH / max(a, 1.0))

@@ -1,8 +1,9 @@
 """The compiler of the filter's kernels."""
 
-from hil_forceps.rig.kernel import kernel_compiler
+from hil_forceps.rig.kernel import inlined, kernel_compiler, subroutine
+
+__all__ = ["inlined", "kernel", "subroutine"]
 
 _SOURCES = ("hil_forceps/effects", "hil_forceps/model", "hil_forceps/diagnosis/state_space", "hil_forceps/rig/plant.py")
 
 kernel = kernel_compiler(_SOURCES)
-inlined = kernel_compiler(_SOURCES, inline=True)

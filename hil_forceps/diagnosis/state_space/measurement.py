@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.interval import interval_likelihood
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
     CURRENT_NOISE,
@@ -66,7 +66,7 @@ def measured(d: Series, channel: int, row: int) -> float:
     return value
 
 
-@kernel
+@subroutine
 def direction(channel: int, covariance: Matrix, out: Vector) -> float:
     """Fill `out` with the covariance of the state and what a channel shows; return the variance of the latter."""
     first, second, third = THETA_M, THETA_M, THETA_M
@@ -114,7 +114,7 @@ def evidence(d: Series, channel: int, row: int, shown: float, variance: float) -
     return -0.5 * (error * error / total + math.log(total)), error / total, 1.0 / total
 
 
-@kernel
+@subroutine
 def current_direction(covariance: Matrix, gain: float, out: Vector) -> float:
     """Fill `out` as `direction` does for the measured current: the error of the command, and the sensor's noise."""
     out[:] = gain * covariance[:, COMMAND_ERROR] + covariance[:, CURRENT_NOISE]
@@ -122,7 +122,7 @@ def current_direction(covariance: Matrix, gain: float, out: Vector) -> float:
     return variance
 
 
-@kernel
+@subroutine
 def corrected(x: Vector, covariance: Matrix, along: Vector, score: float, information: float) -> None:
     """Change state and covariance by a measurement."""
     if x.size == RECORDED_STATES:  # of a size that the compiler knows, in half the time
@@ -141,7 +141,7 @@ def _corrected(x: Vector, covariance: Matrix, along: Vector, score: float, infor
             covariance[j, i] = covariance[i, j]
 
 
-@kernel
+@subroutine
 def corrected_but(
     considered: Flags,
     x: Vector,

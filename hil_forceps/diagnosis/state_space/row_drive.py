@@ -9,7 +9,7 @@ from hil_forceps.diagnosis.state_space.advance import Regimes, Steppers, advance
 from hil_forceps.diagnosis.state_space.between_rows import added
 from hil_forceps.diagnosis.state_space.covariance import forgotten
 from hil_forceps.diagnosis.state_space.drive_sample import Count, expected_count, sampled, sampled_covariance
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
     COMMAND_ERROR,
@@ -61,7 +61,7 @@ def first_sample(
     return drive
 
 
-@kernel
+@subroutine
 def nominal_row(
     plants: Regimes,
     d: Series,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.covariance import spread
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
     CHANNELS,
@@ -126,7 +126,7 @@ def take_measurements(
     return surprise
 
 
-@kernel
+@subroutine
 def _current_between(
     p: Physics,
     d: Series,

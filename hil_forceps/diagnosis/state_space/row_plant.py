@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.advance import Acting, expected_friction_j_N_m, expected_friction_m_N_m
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     CURRENT_NOISE,
     FRICTION_J,
@@ -30,7 +30,7 @@ Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-@kernel
+@subroutine
 def noise_kept(d: Series, samples: int) -> Vector:
     """Return how much of each state beyond the plant's is kept over so many samples of the drive."""
     kept, share = np.ones(d.states), samples / d.samples
@@ -40,7 +40,7 @@ def noise_kept(d: Series, samples: int) -> Vector:
     return kept
 
 
-@kernel
+@subroutine
 def first_plant(d: Series) -> State:
     """Return the plant at the first row: wire and friction remember nothing."""
     x = d.first_state

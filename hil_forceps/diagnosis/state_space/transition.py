@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import kernel
+from hil_forceps.diagnosis.state_space.kernel import subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
     FRICTION_J,
@@ -42,7 +42,7 @@ _INSTANTS = 16  # at which a jump may be, for its mean effect: the midpoint rule
 FRICTION_MEMORY_S = 3e-3  # of dry friction where a mass may stick  # tuned: 0.5 to 20 ms tried on holds
 
 
-@kernel
+@subroutine
 def transition(p: Physics, period_s: float, stiff: bool) -> Matrix:
     """Return F (STATES²): the state a row on for a change of the state; wire taut (`stiff`) or slack."""
     g = np.empty(SIZE)
@@ -78,13 +78,13 @@ def transition(p: Physics, period_s: float, stiff: bool) -> Matrix:
     return f
 
 
-@kernel
+@subroutine
 def friction_kept(period_s: float) -> float:
     """Return how much of a friction torque is kept over a row where a mass may stick."""
     return math.exp(-period_s / FRICTION_MEMORY_S)
 
 
-@kernel
+@subroutine
 def jump_covariance(p: Physics, period_s: float) -> Matrix:
     """Return the second moment (STATES²) of what a unit jump of the load does, anywhere within a row."""
     total = np.zeros((STATES, STATES))
@@ -97,7 +97,7 @@ def jump_covariance(p: Physics, period_s: float) -> Matrix:
     return total
 
 
-@kernel
+@subroutine
 def stiffened(f: Matrix, stiffness: float, period_s: float, out: Matrix) -> None:
     """Fill `out` with F where the load answers to the jaw's angle: evenly over a row, by what the jaw moves."""
     out[:] = f
@@ -109,7 +109,7 @@ def stiffened(f: Matrix, stiffness: float, period_s: float, out: Matrix) -> None
         out[LOAD, j] += period_s * moved
 
 
-@kernel
+@subroutine
 def elastic_share(f: Matrix, stiffness: float, period_s: float) -> float:
     """Return the slope of an elastic load per angle by which the jaw would move without it."""
     share: float = stiffness / period_s / (1.0 - f[THETA_J, LOAD_SLOPE] * stiffness / period_s)

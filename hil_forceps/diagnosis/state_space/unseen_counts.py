@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.drive_sample import expected_count, law_errors
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import COMMANDS_BETWEEN, MADE_BETWEEN
 
 Vector = NDArray[np.float64]
@@ -61,7 +61,7 @@ class Samples(NamedTuple):
     deviation_A: float  # of that
 
 
-@kernel
+@subroutine
 def is_open(v: Samples) -> bool:
     """Tell whether anything of them is open: a count, or a reference."""
     open_ = not _same_references(v)
@@ -82,20 +82,20 @@ def _same_references(v: Samples) -> bool:
     return same
 
 
-@kernel
+@subroutine
 def shows_counts(v: Samples) -> bool:
     """Tell whether the next current shows which of two neighbouring counts there was, or which reference."""
     return count_current_A(v.law, v.quantum_rad) > SHOWS * v.deviation_A or not _same_references(v)
 
 
-@kernel
+@subroutine
 def count_current_A(law: Vector, quantum_rad: float) -> float:
     """Return by how much one count less raises the command at once."""
     at_once: float = law_errors(law, 0.0, 0.0, 0.0, 1.0, -1.0)[3]
     return at_once * quantum_rad
 
 
-@kernel
+@subroutine
 def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
     """Fill mean and covariance of both directions and of what counts make, whatever the next current is."""
     made = np.zeros((v.samples, UNKNOWN))
@@ -156,7 +156,7 @@ def _fits(v: Samples, command_A: float) -> float:
     return math.exp(-0.5 * min(misfit * misfit, MOST_MISFIT))
 
 
-@kernel
+@subroutine
 def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) -> float:
     """Fill mean and covariance of both directions and of what counts make (`UNKNOWN`), given the next current.
 

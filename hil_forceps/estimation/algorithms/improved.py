@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.estimation.algorithms.rfob import observe, sign
 from hil_forceps.estimation.interface import Algorithm, Estimator, State, estimator_of_kernels
-from hil_forceps.estimation.kernel import kernel
+from hil_forceps.estimation.kernel import kernel, subroutine
 from hil_forceps.model.two_inertia import total_inertia_kg_m2, wire_mode_squared
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.schema import Rig
@@ -52,14 +52,14 @@ def constants(plant: PlantParameters, corner_rad_per_s: float, *, as_published: 
     )
 
 
-@kernel
+@subroutine
 def _elongation(c: NDArray[np.float64], known_N_m: float, tau_ex_N_m: float, jaw_friction_N_m: float) -> float:
     """Return x̂ = (B + C τ̂_ex)/A, (13)."""
     b = c[_RM] / c[_IM] * known_N_m + c[_RJ] / c[_IJ] * jaw_friction_N_m
     return float((b + c[_RJ] * c[_RJ] / (c[_RM] * c[_IJ]) * tau_ex_N_m) / c[_A])
 
 
-@kernel
+@subroutine
 def _run_published(x_hat: float, x: float, v: float, alpha: float, a: float, dt_s: float) -> tuple[float, float, float]:
     """Return x_n, ẋ_n and α after a sample: (15), (17), (19), twice with h = T/2."""
     h = 0.5 * dt_s
@@ -72,7 +72,7 @@ def _run_published(x_hat: float, x: float, v: float, alpha: float, a: float, dt_
     return x, v, alpha
 
 
-@kernel
+@subroutine
 def _run_stable(x_hat: float, x: float, v: float, alpha: float, a: float, dt_s: float) -> tuple[float, float, float]:
     """Return x_n, ẋ_n and α after a sample, by symplectic Euler."""
     if dt_s > _LONGEST_GAP_S:

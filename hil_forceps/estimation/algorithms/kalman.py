@@ -49,7 +49,7 @@ from hil_forceps.estimation.algorithms.kalman_model import (
     stretch,
 )
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Algorithm, Estimator, State, estimator_of_kernels
-from hil_forceps.estimation.kernel import kernel
+from hil_forceps.estimation.kernel import kernel, subroutine
 from hil_forceps.estimation.wire import WIRE_ANGLE_RAD, WIRE_CURRENT_A
 from hil_forceps.model.two_inertia import Matrix
 from hil_forceps.rig.schema import Rig
@@ -93,7 +93,7 @@ def mix(mixed: Vector, to_stay: float, stay: Vector, to_join: float, join: Vecto
             mixed[at] = to_stay * stay[at] + to_join * join[at] + spread
 
 
-@kernel
+@subroutine
 def _predict(
     after: Vector,
     hypothesis: Vector,
@@ -128,7 +128,7 @@ def _predict(
             after[5 + 5 * j + i] = variance
 
 
-@kernel
+@subroutine
 def _correct(after: Vector, predicted: Vector, theta_m_rad: float, angle_var: float) -> tuple[float, float]:
     """Write to `after` the hypothesis with the angle seen; return how far off that was in variances, and its log."""
     innovation = theta_m_rad - predicted[ANGLE_M]
@@ -150,7 +150,7 @@ def _correct(after: Vector, predicted: Vector, theta_m_rad: float, angle_var: fl
     return off, -0.5 * (off + math.log(variance))
 
 
-@kernel
+@subroutine
 def _stretches(dt_s: float, c: Constants) -> tuple[float, Matrix, Matrix]:
     """Return what part of an interval lies before the hold of its torque, that stretch, and the one after it.
 
@@ -165,7 +165,7 @@ def _stretches(dt_s: float, c: Constants) -> tuple[float, Matrix, Matrix]:
     return lead_s / dt_s, lead, held_stretch(c)
 
 
-@kernel
+@subroutine
 def _advance(
     predicted: Vector,
     hypothesis: Vector,
@@ -259,7 +259,7 @@ def _age(
     return (to_quiet - from_quiet, to_fresh, to_settling - from_settling), new / to_fresh
 
 
-@kernel
+@subroutine
 def _weigh(weights: tuple[float, float, float], logs: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return the weights after each hypothesis has foretold a sample this well; they sum to 1, none is 0."""
     best = max(logs[0], logs[1], logs[2])

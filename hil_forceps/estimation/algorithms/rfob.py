@@ -7,7 +7,7 @@ inputs held over the interval, whatever its length.
 
 import math
 
-from hil_forceps.estimation.kernel import kernel
+from hil_forceps.estimation.kernel import kernel, subroutine
 
 
 @kernel
@@ -20,7 +20,7 @@ def sign(velocity: float) -> float:
     return velocity * 0.0
 
 
-@kernel
+@subroutine
 def observe(
     low_pass_N_m: float,
     known_torque_N_m: float,
