@@ -8,12 +8,17 @@ import math
 
 import numpy as np
 
-from hil_forceps.diagnosis.state_space.kernel import subroutine
+from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 
 _ROOT_HALF = math.sqrt(0.5)
 _ROOT_2PI = math.sqrt(2.0 * math.pi)
 _TAIL = 2.0  # deviations: beyond, differences of the normal distribution lose digits
 _NARROW = 0.5  # deviations: so do those of edges as near
+# Behind a count the density is flatter than a normal one, and the next count tells less than its information. With
+# these shares of it innovations are white, to a tenth of the χ² of their correlation: of simulated tracks, predicted to
+# 0.09 to 0.5 of a count, with 0.1 to 3.4 counts a row (decision 0009).
+_OVERSTATED_PER_DEVIATION = 1.0 / 80.0
+_MOST_OVERSTATED = 0.15
 _REACH = 20.0  # exp(−20) of the density at the nearer edge: what lies beyond has no say
 _NODES, _WEIGHTS = (tuple(v) for v in np.polynomial.legendre.leggauss(12))  # 1e-5 of the result over that reach
 
@@ -39,6 +44,12 @@ def interval_likelihood(low: float, high: float, mean: float, deviation: float) 
         log_p = math.log(p)
     # A truncated normal's variance is no less than 0 and no more than it was; rounding may say otherwise.
     return log_p, sign * score / deviation, max(0.0, min(1.0, information)) / (deviation * deviation)
+
+
+@inlined
+def share_kept(width: float) -> float:
+    """Return which share of an interval's information lessens the variance; `width`: of the interval, in deviations."""
+    return 1.0 - min(_MOST_OVERSTATED, width * _OVERSTATED_PER_DEVIATION)
 
 
 @subroutine

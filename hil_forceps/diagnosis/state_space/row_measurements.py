@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.covariance import spread
+from hil_forceps.diagnosis.state_space.interval import share_kept
 from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
@@ -115,10 +116,13 @@ def take_measurements(
         out.log_likelihood[row, channel] = log_likelihood
         for i in range(d.states):
             out.gain[row, channel, i] = along[i] * information
+        taken = information
+        if channel == ENCODER and d.count_rad > 0.0:
+            taken *= share_kept(d.count_rad / math.sqrt(max(0.0, variance) + d.encoder_variance[row]))
         if _considered(d, row, channel, sticks, calm, considered):
-            corrected_but(considered, x, covariance, along, score, information, out.gain[row, channel])
+            corrected_but(considered, x, covariance, along, score, taken, out.gain[row, channel])
         else:
-            corrected(x, covariance, along, score, information)
+            corrected(x, covariance, along, score, taken)
         if channel == CURRENT and abs(residual) > SURPRISE:
             error_A = residual / root / (1.0 + p.current_gain_relative_error)
             spread(covariance, f, FRICTION_M, (p.K_t * error_A) ** 2)
