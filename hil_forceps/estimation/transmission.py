@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.estimation.kernel import kernel, subroutine
+from hil_forceps.estimation.kernel import kernel, returning_arrays, subroutine
 
 Vector = NDArray[np.float64]
 State = NDArray[np.float64]
@@ -151,7 +151,7 @@ def _powers(row: Vector, at: int, x: float, count: int, factor: float) -> int:
     return at + count
 
 
-@subroutine
+@returning_arrays
 def _with_estimates(state: State, c: Vector) -> State:
     row = np.empty(TERMS)
     free = _fill(state, c, row)

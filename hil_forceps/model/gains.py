@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.model.composition import Physics
-from hil_forceps.model.kernel import subroutine
+from hil_forceps.model.kernel import subroutine, with_work_arrays
 from hil_forceps.model.two_inertia import expm
 
 Gains = NDArray[np.float64]
@@ -23,7 +23,7 @@ VISCOSITY, STIFFNESS, DAMPING = 28, 29, 30  # of the plant that the row is for
 SIZE = 31
 
 
-@subroutine
+@with_work_arrays
 def fill_gains(
     row: Gains,
     r_m: float,

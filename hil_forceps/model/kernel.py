@@ -1,8 +1,8 @@
 """The compiler of the model's kernels."""
 
-from hil_forceps.rig.kernel import inlined, kernel_compiler, subroutine
+from hil_forceps.rig.kernel import inlined, kernel_compiler, returning_arrays, subroutine, with_work_arrays
 
-__all__ = ["inlined", "kernel", "subroutine"]
+__all__ = ["inlined", "kernel", "returning_arrays", "subroutine", "with_work_arrays"]
 
 _SOURCES = ("hil_forceps/effects", "hil_forceps/model", "hil_forceps/rig/plant.py")
 

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.model.kernel import kernel, subroutine
+from hil_forceps.model.kernel import kernel, returning_arrays, subroutine
 from hil_forceps.rig.plant import PlantParameters
 
 Matrix = NDArray[np.float64]
@@ -37,7 +37,7 @@ def continuous(plant: PlantParameters) -> tuple[Matrix, Matrix]:
     return a, b
 
 
-@subroutine
+@returning_arrays
 def multiply(left: Matrix, right: Matrix) -> Matrix:
     """Return the product of two small matrices (plain loops: no BLAS call, the same bits everywhere)."""
     rows, inner, columns = left.shape[0], left.shape[1], right.shape[1]
@@ -67,7 +67,7 @@ def halvings(matrix: Matrix) -> int:
     return count
 
 
-@subroutine
+@returning_arrays
 def taylor_exponential(matrix: Matrix) -> Matrix:
     """Return exp(matrix) for a matrix whose norm is at most 1/2 (Horner form of the Taylor series)."""
     n = matrix.shape[0]

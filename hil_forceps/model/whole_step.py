@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.model.composition import Physics, backward_friction_N_m, forward_friction_N_m, motor_friction_N_m
 from hil_forceps.model.gains import JAW_SPEED, MOTOR_SPEED, Gains
-from hil_forceps.model.kernel import inlined, subroutine
+from hil_forceps.model.kernel import inlined, returning_arrays
 from hil_forceps.model.physics import Kind, State, Wire, grip_N_m, grips, jaw_level_N_m, rub_N_m, slid, slide
 from hil_forceps.model.step import (
     Drive,
@@ -77,7 +77,7 @@ def _even(kind: Kind, steps: int) -> bool:
     return kind.plain or steps % 2 == 0
 
 
-@subroutine
+@returning_arrays
 def decays(p: Physics, steps: int, step_s: float) -> NDArray[np.float64]:
     """Return what creep keeps over one step, over two, and so on."""
     kept = np.empty(steps)

@@ -51,23 +51,48 @@ def kernel_compiler(sources: Sequence[str], root: Path = _ROOT) -> Compiler:
     return compiler
 
 
-# An entry from Python takes as long to compile as a function itself. Those below have none: called from there they are
-# plain Python.
-_WITHIN_KERNELS: Any = {"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+# An entry from Python takes as long to compile as a function itself, so those below have none: called from there they
+# are plain Python. And numba counts references to each array that a function is given, in tuples too: atomic operations
+# that took two thirds of the time of the diagnosis's filter. What makes no array needs no counts, and hands none on.
+_WITHIN_KERNELS: Any = {
+    "nogil": True,
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+
+
+def _within_kernels(function: Callable[_P, _R], **options: bool) -> Callable[_P, _R]:
+    callee: Callable[_P, _R] = register_jitable(**_WITHIN_KERNELS, **options)(function)
+    return callee
 
 
 def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function for the kernels that call it."""
-    decorator: Any = register_jitable(**_WITHIN_KERNELS)
-    callee: Callable[_P, _R] = decorator(function)
-    return callee
+    """Compile a function for the kernels that call it; it makes no array."""
+    return _within_kernels(function, _nrt=False)
+
+
+def with_work_arrays(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function for the kernels that call it; it makes arrays for its own use and returns none of them."""
+    return _within_kernels(function, _nrt=True)
+
+
+def returning_arrays(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function for the kernels that call it; what it returns holds arrays that it made.
+
+    A subroutine can't call it, for nobody would free them; that doesn't compile.
+    """
+    return _within_kernels(function)
+
+
+def as_its_caller(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function of numbers, for which it makes no array, or of arrays, for which it does: as its caller is."""
+    return _within_kernels(function, forceinline=True)
 
 
 def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Have every kernel that calls a function hold its code: for small pieces of an inner loop."""
-    decorator: Any = register_jitable(forceinline=True, **_WITHIN_KERNELS)
-    callee: Callable[_P, _R] = decorator(function)
-    return callee
+    """Have every kernel that calls a function hold its code, for small pieces of an inner loop; it makes no array."""
+    return _within_kernels(function, forceinline=True, _nrt=False)
 
 
 def fingerprint(sources: Sequence[str], root: Path = _ROOT) -> str:

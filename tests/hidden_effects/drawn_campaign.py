@@ -27,6 +27,7 @@ from hil_forceps.rig import Rig
 from tests.hidden_effects.drawn_cases import KINDS, Drawn, draw, make
 
 Outcome = dict[str, Any]
+SURE = 0.95  # of a confidence
 STICKING = 0.1  # share of the load's torque from which friction counts as much
 
 
@@ -111,18 +112,23 @@ def counts(records: Iterable[Outcome]) -> list[str]:
         here = [r for r in single if low <= r["size"] < high]
         row(f"{name}: named first, or the truth in the set", here, [_found(r) for r in here])
     for low, name in ((20.0, "d ≥ 20"), (8.0, "d ≥ 8")):
-        here = [r for r in single if min(r.get("shows", {"": 0.0}).values(), default=0.0) >= low]
+        here = [r for r in single if _shows(r) >= low]
         row(f"{name} in the case's own runs: the same", here, [_found(r) for r in here])
     for kind in ("pair", "triple"):
-        here = [r for r in done if r["kind"] == kind]
-        row(
-            f"{kind}: all named and nothing else",
-            here,
-            [sorted(r.get("named", [])) == sorted(r["effects"]) for r in here],
-        )
+        for low, name in ((0.0, kind), (8.0, f"{kind}, each d ≥ 8 in the case's own runs")):
+            here = [r for r in done if r["kind"] == kind and _shows(r) >= low]
+            row(f"{name}: all named and nothing else", here, [_all_named(r) for r in here])
+            row(f"{name}: or the truth in the set", here, [_all_named(r) or _found(r) for r in here])
     here = [r for r in done if r["kind"] == "deleted"]
     row("deleted: unnamed", here, [r.get("verdict") == "unnamed" for r in here])
     quiet = [r for r in done if r["kind"] in {"none", "shift"} and r.get("verdict") in {"consistent", "parameters"}]
+    named = [
+        (r, c, e in r["effects"])
+        for r in done
+        for e, c in zip(r.get("named", []), r.get("confidence", []), strict=True)
+    ]
+    sure = [(r, right) for r, confidence, right in named if confidence >= SURE and r["kind"] != "deleted"]
+    row(f"named with confidence ≥ {SURE}: right", [r for r, _ in sure], [right for _, right in sure])
     pairs = [(r, inside) for r in quiet for inside in r["inside"].values()]
     row("known parameters within 95 %", [r for r, _ in pairs], [inside for _, inside in pairs])
     if walls := [r["wall_s"] for r in done if "wall_s" in r]:
@@ -134,6 +140,15 @@ def counts(records: Iterable[Outcome]) -> list[str]:
 def _found(record: Outcome) -> bool:
     truth = sorted(record["effects"])
     return record.get("verdict") == "effects" and any(sorted(ids) == truth for ids in record["sets"])
+
+
+def _all_named(record: Outcome) -> bool:
+    return sorted(record.get("named", [])) == sorted(record["effects"])
+
+
+def _shows(record: Outcome) -> float:
+    """Return d of the effect that shows least in the case's own runs; 0 where that isn't known."""
+    return min(record.get("shows", {}).values(), default=0.0)
 
 
 def share(good: int, count: int) -> str:

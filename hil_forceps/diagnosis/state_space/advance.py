@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
+from hil_forceps.diagnosis.state_space.kernel import inlined, returning_arrays, subroutine
 from hil_forceps.model.composition import (
     Physics,
     backward_friction_N_m,
@@ -58,15 +58,14 @@ class Acting(NamedTuple):
     """What acts on the plant over a row."""
 
     time_s: float
-    commands_A: Vector  # of the drive
-    first: int  # place of the row's first among them
+    first: int  # place of the row's first command among all
     load_N_m: float
     load_slope_N_m_per_s: float
     friction_m_N_m: float
     friction_j_N_m: float
 
 
-@subroutine
+@returning_arrays
 def stepper(p: Physics, period_s: float, samples: int) -> Stepper:
     """Prepare for a plant, a period of the rows, and samples of the drive in it."""
     step_s = period_s / STEPS
@@ -91,12 +90,12 @@ def acting_command(p: Physics, command_A: float) -> float:
 
 
 @inlined
-def advance(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, sample: int) -> State:
+def advance(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, commands_A: Vector, sample: int) -> State:
     """Return the plant's state a sample of the drive on, by its place in the row."""
     steps = STEPS // s.samples
     at = a.first + sample - s.current.whole_samples
-    new = acting_command(p, a.commands_A[max(at, 0)])
-    old = acting_command(p, a.commands_A[max(at - 1, 0)])
+    new = acting_command(p, commands_A[max(at, 0)])
+    old = acting_command(p, commands_A[max(at - 1, 0)])
     return _over_sample(p, kind, s, x, a, sample * steps, steps, old, new)
 
 
@@ -207,7 +206,7 @@ class Steppers(NamedTuple):
     stepper: Stepper
 
 
-@subroutine
+@returning_arrays
 def steppers(plants: Regimes, period_s: float, samples: int) -> Steppers:
     """Prepare for all regimes."""
     kinds = (kind_of(plants[0]), kind_of(plants[1]), kind_of(plants[2]), kind_of(plants[3]))
@@ -216,8 +215,15 @@ def steppers(plants: Regimes, period_s: float, samples: int) -> Steppers:
 
 @inlined
 def advance_in(
-    plants: Regimes, s: Steppers, motor_free: bool, jaw_free: bool, x: State, a: Acting, sample: int
+    plants: Regimes,
+    s: Steppers,
+    motor_free: bool,
+    jaw_free: bool,
+    x: State,
+    a: Acting,
+    commands_A: Vector,
+    sample: int,
 ) -> State:
     """Return the plant's state a sample of the drive on in the regime that holds."""
     regime = (1 if motor_free else 0) + (2 if jaw_free else 0)
-    return advance(plants[regime], s.kinds[regime], s.stepper, x, a, sample)
+    return advance(plants[regime], s.kinds[regime], s.stepper, x, a, commands_A, sample)

@@ -9,7 +9,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
+from hil_forceps.diagnosis.state_space.kernel import (
+    as_its_caller,
+    inlined,
+    returning_arrays,
+    subroutine,
+    with_work_arrays,
+)
 from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
     COMMAND_ERROR,
@@ -45,7 +51,7 @@ Matrix = NDArray[np.float64]
 _ALIKE = 1e-3  # of a deviation: the angles behind a row hang together, and one direction says all of it
 
 
-@subroutine
+@with_work_arrays
 def collapse(
     p: Physics,
     d: Series,
@@ -57,9 +63,10 @@ def collapse(
     edge_variance: float,
     x: Vector,
     covariance: Matrix,
+    made: Vector,
     out: Between,
-) -> Vector:
-    """Change state and covariance by what is told of the counts behind a row; return what these make, on the mean.
+) -> None:
+    """Change state and covariance by what is told of the counts behind a row; fill `made` by these, on the mean.
 
     `f`: F of a sample of the drive; `counts_rad` and `angles_rad`: of the nominal course, and `shown_A` what the next
     row's current is beyond it. `out`: the row's part is filled.
@@ -74,7 +81,7 @@ def collapse(
     first /= root
     shared = _times(ways[last], first)
     rest = math.sqrt(max(_times(ways[last], second) + edge_variance - shared * shared, 0.0))
-    share = 1.0 / rest if rest > _ALIKE * root else 0.0
+    share = 1.0 / rest if last > 1 and rest > _ALIKE * root else 0.0
     second = (second - shared * first) * share
     spread_rad = np.zeros((d.samples, 2))
     for sample in range(1, d.samples):
@@ -110,7 +117,7 @@ def collapse(
             out.made[row, a] = found[a, 2:]
             out.pull[row, a] = (first if a == 0 else second)[:LAW_STATES]
             out.pull[row, a] -= found[0, a] * first[:LAW_STATES] + found[1, a] * second[:LAW_STATES]
-    return mean[2:]
+    made[:] = mean[2:]
 
 
 @subroutine
@@ -127,10 +134,12 @@ def _mixed(first: Vector, second: Vector, mean: Vector, found: Matrix, x: Vector
         for k in range(MADE_BETWEEN):
             covariance[i, BETWEEN + k] = first[i] * found[0, 2 + k] + second[i] * found[1, 2 + k]
             covariance[BETWEEN + k, i] = covariance[i, BETWEEN + k]
-    covariance[BETWEEN:, BETWEEN:] = found[2:, 2:]
+    for i in range(MADE_BETWEEN):
+        for j in range(MADE_BETWEEN):
+            covariance[BETWEEN + i, BETWEEN + j] = found[2 + i, 2 + j]
 
 
-@subroutine
+@returning_arrays
 def _ways(f: Matrix, samples: int) -> Matrix:
     """Return how the angle at each sample behind a row follows from the state at the row (samples × 9)."""
     ways = np.zeros((samples, COUPLED))
@@ -141,7 +150,7 @@ def _ways(f: Matrix, samples: int) -> Matrix:
     return ways
 
 
-@subroutine
+@returning_arrays
 def _along(covariance: Matrix, way: Vector) -> Vector:
     """Return the covariance of each state and what follows from the state along `way`."""
     along = np.zeros(covariance.shape[0])
@@ -170,7 +179,7 @@ def _current_deviation(p: Physics, d: Series, covariance: Matrix) -> float:
     return math.sqrt(variance + coloured + white_variance(d, CURRENT) + d.resolution[2] ** 2 / 12.0)
 
 
-@inlined
+@as_its_caller
 def answered(b: Between, row: int, shift_rad: float | Vector, x: Vector | Matrix) -> None:
     """Carry a change of the state over what is told of the counts behind a row; fill what these make of it.
 
@@ -186,7 +195,7 @@ def answered(b: Between, row: int, shift_rad: float | Vector, x: Vector | Matrix
         x[BETWEEN + k] = b.made[row, 0, k] * first + b.made[row, 1, k] * second
 
 
-@inlined
+@as_its_caller
 def ended(x: Vector | Matrix) -> None:
     """Let a change of what counts make go on in the drive's law behind the last sample."""
     x[INTEGRAL_ERROR] += x[BETWEEN + COMMANDS_BETWEEN]

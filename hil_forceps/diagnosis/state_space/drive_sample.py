@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
+from hil_forceps.diagnosis.state_space.kernel import as_its_caller, inlined, with_work_arrays
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
     COUNT_ERROR,
@@ -64,7 +64,7 @@ def expected_count(angle_rad: float, deviation_rad: float, quantum_rad: float) -
     return Count((nearest + mean) * quantum_rad, slope, max(0.0, variance))
 
 
-@inlined
+@as_its_caller
 def law_errors(
     law: Vector, integral: Errors, derivative: Errors, before: Errors, error: Errors, count: Errors
 ) -> tuple[Errors, Errors, Errors, Errors]:
@@ -78,7 +78,7 @@ def law_errors(
     return summed, filtered, count, law[KP] * error + used + filtered
 
 
-@inlined
+@as_its_caller
 def sampled(law: Vector, count: float | Vector, reacts: bool, x: Vector | Matrix) -> None:
     """Carry the law's part of the state, or of changes of it, over a sample of the drive; many have a column each.
 
@@ -89,7 +89,7 @@ def sampled(law: Vector, count: float | Vector, reacts: bool, x: Vector | Matrix
     x[COMMAND_ERROR] = after[3] * (1.0 if reacts else 0.0)
 
 
-@subroutine
+@with_work_arrays
 def sampled_covariance(
     law: Vector, slope: float, count_variance: float, reference_variance: float, reacts: bool, covariance: Matrix
 ) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.state_space.advance import Regimes, Steppers, advance_in, steppers
 from hil_forceps.diagnosis.state_space.between_rows import collapse
 from hil_forceps.diagnosis.state_space.covariance import disturbed, moved
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel, subroutine
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel, returning_arrays, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     COUPLED,
@@ -39,12 +39,13 @@ from hil_forceps.diagnosis.state_space.layout import (
     Between,
     Filtered,
     Series,
+    Work,
 )
 from hil_forceps.diagnosis.state_space.row_drive import end_of_row, first_sample, next_current, next_sample, nominal_row
 from hil_forceps.diagnosis.state_space.row_friction import begin_friction, open_friction, sliding_deviations
 from hil_forceps.diagnosis.state_space.row_measurements import sticks_at, take_measurements
 from hil_forceps.diagnosis.state_space.row_plant import acting_on, beginning, first_plant, is_slack, noise_kept
-from hil_forceps.diagnosis.state_space.transition import elastic_share, jump_covariance, stiffened, transition
+from hil_forceps.diagnosis.state_space.transition import copied, elastic_share, jump_covariance, stiffened, transition
 from hil_forceps.model.composition import Physics
 from hil_forceps.model.drive_law import DriveState
 from hil_forceps.model.physics import State
@@ -65,7 +66,23 @@ class Linear(NamedTuple):
     kept_sample: Vector
 
 
-@subroutine
+@returning_arrays
+def _work(d: Series, f: Matrix) -> Work:
+    n = d.states
+    return Work(
+        np.empty((n, n)),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+        np.zeros(d.samples),
+        np.zeros(d.samples),
+        np.zeros(MADE_BETWEEN),
+        np.empty_like(f),
+        np.empty_like(f),
+    )
+
+
+@returning_arrays
 def _linear(p: Physics, d: Series) -> Linear:
     sample_s = d.period_s / d.samples
     return Linear(
@@ -79,7 +96,7 @@ def _linear(p: Physics, d: Series) -> Linear:
     )
 
 
-@inlined
+@returning_arrays
 def _transitions(linear: Linear, slack: bool) -> tuple[Matrix, Matrix]:
     """Return F over a row, and over a sample of the drive."""
     if slack:
@@ -98,11 +115,11 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
     """Fill `out`."""
     p = plants[0]
     s, linear = steppers(plants, d.period_s, d.samples), _linear(p, d)
-    x, covariance, work = d.first_state.copy(), np.diag(d.first_variance), np.empty((d.states, d.states))
+    x, covariance, work = d.first_state.copy(), np.diag(d.first_variance), _work(d, linear.taut)
     for mass in range(2):
         covariance[FRICTION_M + mass, FRICTION_M + mass] = d.friction_level_N_m[mass] ** 2
     plant, drive = first_plant(d), DriveState(d.first_integral_rad_s, math.nan, 0.0, d.first_current_A)
-    edge_variance, nothing_made = d.encoder_variance.min(), np.zeros(MADE_BETWEEN)
+    edge_variance = d.encoder_variance.min()
     before_A = plant.current_A
     was = (True, True)
     considered, calm_rows = np.zeros(d.states, dtype=np.bool_), 0
@@ -114,7 +131,7 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
         calm = calm_rows > d.fading_rows
         now_A = plant.current_A
         surprised = take_measurements(
-            p, d, row, now_A, before_A, x, covariance, linear.taut, sticks, calm, considered, out
+            p, d, row, now_A, before_A, x, covariance, linear.taut, sticks, calm, considered, work, out
         )
         out.surprised[row] = d.switching.surprised[row] if d.switching.given else surprised
         if out.surprised[row]:
@@ -126,21 +143,22 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
         before_A = now_A
         f, f_sample = _transitions(linear, is_slack(p, x))
         drive = first_sample(p, d, row, edge_variance, drive, x, covariance, out)
-        elastic_slope, made = 0.0, nothing_made
+        elastic_slope = 0.0
         if d.contact_stiffness[row] > 0.0 or d.samples > 1:
-            drive, made, elastic_slope, f, f_sample = _look_ahead(
-                plants, d, s, row, was, f, f_sample, edge_variance, plant, drive, x, covariance, out
+            drive, elastic_slope = _look_ahead(
+                plants, d, s, row, was, f, f_sample, edge_variance, plant, drive, x, covariance, work, out
             )
+            f, f_sample = work.f, work.f_sample
         out.course[row, ELASTIC_SLOPE] = elastic_slope
         plant = beginning(plant, x)
-        acting = acting_on(p, d, row, x, out.variance[row], out.command_A, elastic_slope)
+        acting = acting_on(p, d, row, x, out.variance[row], elastic_slope)
         for sample in range(d.samples):
             if sample > 0:
-                next_sample(d, row, sample, made, x, covariance, out)
-            plant = advance_in(plants, s, was[0], was[1], plant, acting, sample)
-            moved(f_sample, covariance, linear.kept_sample, work)
+                next_sample(d, row, sample, work.made, x, covariance, out)
+            plant = advance_in(plants, s, was[0], was[1], plant, acting, out.command_A, sample)
+            moved(f_sample, covariance, linear.kept_sample, work.covariance)
         if d.samples > 1:
-            end_of_row(made, x, covariance)
+            end_of_row(work.made, x, covariance)
         disturbed(covariance, d, row, f, linear.jump, p.K_t)
         now, ahead = out.variance[row], (plant.omega_m_rad_per_s, plant.omega_j_rad_per_s)
         out.doubtful[row] = open_friction(d, row, was, x, ahead, now, usual, f, linear.kept[FRICTION_M], covariance)
@@ -165,26 +183,42 @@ def _look_ahead(
     drive: DriveState,
     x: Vector,
     covariance: Matrix,
+    work: Work,
     out: Filtered,
-) -> tuple[DriveState, Vector, float, Matrix, Matrix]:
-    """Return what a first try of the row tells: the drive behind it, what unseen counts make, and the load's slope.
+) -> tuple[DriveState, float]:
+    """Return what a first try of the row tells: the drive behind it, and the slope of the load that the jaw touches.
 
-    The slope is that of what the jaw touches; last come `f` and `f_sample`, stiffened by it. What is told of the counts
-    is in state and covariance then.
+    In `work` are F, stiffened by that load, and what unseen counts make. What is told of the counts is in state and
+    covariance then.
     """
-    p, stiffness, elastic_slope, made = plants[0], d.contact_stiffness[row], 0.0, np.zeros(MADE_BETWEEN)
-    counts_rad, angles_rad, begin = np.zeros(d.samples), np.zeros(d.samples), beginning(plant, x)
-    there, drive = nominal_row(plants, d, s, row, free, begin, drive, x, counts_rad, angles_rad, out)
+    p, stiffness, elastic_slope = plants[0], d.contact_stiffness[row], 0.0
+    begin = beginning(plant, x)
+    there, drive = nominal_row(plants, d, s, row, free, begin, drive, x, work.counts_rad, work.angles_rad, out)
     if stiffness > 0.0:
         elastic_slope = elastic_share(f, stiffness, d.period_s) * (there.theta_j_rad - x[THETA_J])
-        f, f_sample = f.copy(), f_sample.copy()
-        stiffened(f.copy(), stiffness, d.period_s, f)
-        stiffened(f_sample.copy(), stiffness, d.period_s / d.samples, f_sample)
+        stiffened(f, stiffness, d.period_s, work.f)
+        stiffened(f_sample, stiffness, d.period_s / d.samples, work.f_sample)
+    else:
+        copied(f, work.f)
+        copied(f_sample, work.f_sample)
     if d.samples > 1:
         shown_A = next_current(p, d, row, x) - there.current_A
-        made = collapse(p, d, row, f_sample, counts_rad, angles_rad, shown_A, edge_variance, x, covariance, out.between)
+        collapse(
+            p,
+            d,
+            row,
+            work.f_sample,
+            work.counts_rad,
+            work.angles_rad,
+            shown_A,
+            edge_variance,
+            x,
+            covariance,
+            work.made,
+            out.between,
+        )
         _note_state(row, x, covariance, out)
-    return drive, made, elastic_slope, f, f_sample
+    return drive, elastic_slope
 
 
 @subroutine

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import kernel, with_work_arrays
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     COMMAND_ERROR,
@@ -27,7 +27,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Filtered,
     Series,
 )
-from hil_forceps.diagnosis.state_space.response_pass import answer_of_contact, sample_answer
+from hil_forceps.diagnosis.state_space.response_pass import answers_of_contact, sample_answers
 from hil_forceps.diagnosis.state_space.row_plant import end_friction, is_slack, noise_kept
 from hil_forceps.diagnosis.state_space.transition import transition
 from hil_forceps.model.composition import Physics
@@ -72,13 +72,13 @@ def forcing_pass(
         f = slack if is_slack(p, filtered.course[row]) else taut
         for sample in range(d.samples):
             if d.states > RECORDED_STATES:
-                sample_answer(d, filtered, row, sample, shown[row, ENCODER], x)
+                sample_answers(d, filtered, row, sample, shown[row, ENCODER], x)
             _carried(f, x, motor[row], jaw[row], sample_s, kept, after)
-            answer_of_contact(f, d.contact_stiffness[row], sample_s, x[THETA_J], after)
+            answers_of_contact(f, d.contact_stiffness[row], sample_s, x[THETA_J], after)
             x, after = after, x
 
 
-@inlined
+@with_work_arrays
 def _shown(channel: int, gain: float, x: Matrix, out: Vector) -> None:
     """Fill `out` with what a channel shows of changes of the state."""
     for m in range(out.size):
@@ -92,7 +92,7 @@ def _shown(channel: int, gain: float, x: Matrix, out: Vector) -> None:
             out[m] = x[THETA_M, m]
 
 
-@inlined
+@with_work_arrays
 def _carried(f: Matrix, x: Matrix, motor: Vector, jaw: Vector, period_s: float, kept: Vector, after: Matrix) -> None:
     """Fill `after` with changes of the state a row on."""
     count = motor.size

@@ -121,6 +121,20 @@ class Filtered(NamedTuple):
     surprised: Mask  # n
 
 
+class Work(NamedTuple):
+    """Arrays that each row is worked out in; made once for a run."""
+
+    covariance: Matrix  # states²
+    along: Vector  # states: the covariance of the state and what a channel shows
+    shown: Vector  # states
+    by_counts: Vector  # states
+    counts_rad: Vector  # samples
+    angles_rad: Vector  # samples
+    made: Vector  # MADE_BETWEEN
+    f: Matrix
+    f_sample: Matrix
+
+
 def undecided_switching(rows: int) -> Switching:
     """Return a switching that leaves all to the pass."""
     return Switching(False, np.zeros(rows, dtype=np.int64), np.zeros(rows, dtype=np.bool_))

@@ -74,15 +74,18 @@ def direction(channel: int, covariance: Matrix, out: Vector) -> float:
         first, second, third = THETA_J, JAW_ZERO, JAW_NOISE
     elif channel == LOAD_CELL:
         first, second, third = LOAD, LOAD_NOISE, LOAD_NOISE
-    if channel == ENCODER:
-        out[:] = covariance[:, first]
-        variance: float = out[first]
-    elif channel == LOAD_CELL:
-        out[:] = covariance[:, first] + covariance[:, second]
-        variance = out[first] + out[second]
-    else:
-        out[:] = covariance[:, first] + covariance[:, second] + covariance[:, third]
-        variance = out[first] + out[second] + out[third]
+    for i in range(out.size):
+        value = covariance[i, first]
+        if channel != ENCODER:
+            value += covariance[i, second]
+        if channel == JAW:
+            value += covariance[i, third]
+        out[i] = value
+    variance: float = out[first]
+    if channel != ENCODER:
+        variance += out[second]
+    if channel == JAW:
+        variance += out[third]
     return variance
 
 
@@ -117,7 +120,8 @@ def evidence(d: Series, channel: int, row: int, shown: float, variance: float) -
 @subroutine
 def current_direction(covariance: Matrix, gain: float, out: Vector) -> float:
     """Fill `out` as `direction` does for the measured current: the error of the command, and the sensor's noise."""
-    out[:] = gain * covariance[:, COMMAND_ERROR] + covariance[:, CURRENT_NOISE]
+    for i in range(out.size):
+        out[i] = gain * covariance[i, COMMAND_ERROR] + covariance[i, CURRENT_NOISE]
     variance: float = gain * out[COMMAND_ERROR] + out[CURRENT_NOISE]
     return variance
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.state_space.advance import Regimes, advance_in, steppers
 from hil_forceps.diagnosis.state_space.between_rows import answered, ended
 from hil_forceps.diagnosis.state_space.drive_sample import sampled
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import as_its_caller, inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
     CHANNELS,
@@ -121,25 +121,25 @@ def response_pass(
         before_A = plant.current_A
         free_m, free_j = d.friction_free_m[row], d.friction_free_j[row]
         end_friction(d, row, x)
-        acting = acting_on(p, d, row, at, filtered.variance[row], filtered.command_A, at[ELASTIC_SLOPE])
+        acting = acting_on(p, d, row, at, filtered.variance[row], at[ELASTIC_SLOPE])
         f, there, plant = slack if is_slack(base, at) else taut, course[row + 1], beginning(plant, at)
         shift = per * (encoder_rad(p, at[THETA_M]) - encoder_rad(base, at[THETA_M]))
         for sample in range(d.samples):
             if d.states > RECORDED_STATES:
-                sample_answer(d, filtered, row, sample, shift, x)
-            plant = advance_in(plants, s, free_m, free_j, plant, acting, sample)
+                _sample_answer(d, filtered, row, sample, shift, x)
+            plant = advance_in(plants, s, free_m, free_j, plant, acting, filtered.command_A, sample)
             _carried(f, x, after, sample_s, kept)
             if sample == d.samples - 1:
                 after[THETA_M] += per * (plant.theta_m_rad - there[PREDICTED_THETA_M])
                 after[OMEGA_M] += per * (plant.omega_m_rad_per_s - there[PREDICTED_OMEGA_M])
                 after[THETA_J] += per * (plant.theta_j_rad - there[PREDICTED_THETA_J])
                 after[OMEGA_J] += per * (plant.omega_j_rad_per_s - there[PREDICTED_OMEGA_J])
-            answer_of_contact(f, d.contact_stiffness[row], sample_s, x[THETA_J], after)
+            _answer_of_contact(f, d.contact_stiffness[row], sample_s, x[THETA_J], after)
             x[:] = after
 
 
-@inlined
-def sample_answer(
+@as_its_caller
+def sample_answers(
     d: Series, filtered: Filtered, row: int, sample: int, shift_rad: float | Vector, x: Vector | Matrix
 ) -> None:
     """Carry a change of the state over a sample of the drive; many changes have a column each.
@@ -163,6 +163,12 @@ def sample_answer(
 
 
 @inlined
+def _sample_answer(d: Series, filtered: Filtered, row: int, sample: int, shift_rad: float, x: Vector) -> None:
+    """Carry one change of the state over a sample of the drive: numbers, for which no array is made."""
+    sample_answers(d, filtered, row, sample, shift_rad, x)
+
+
+@inlined
 def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector) -> None:
     """Fill `after` with a change of the state a row on."""
     for i in range(PLANT_STATES):
@@ -175,8 +181,8 @@ def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector)
     after[LOAD] += period_s * x[LOAD_SLOPE]
 
 
-@inlined
-def answer_of_contact(f: Matrix, stiffness: float, period_s: float, before_rad: float | Vector, after: Vector) -> None:
+@as_its_caller
+def answers_of_contact(f: Matrix, stiffness: float, period_s: float, before_rad: float | Vector, after: Vector) -> None:
     """Add to a change of the state a row on what a load that answers to the jaw's angle makes of it.
 
     `before_rad`: the jaw's change at the row before; many changes at once have a column each.
@@ -186,6 +192,12 @@ def answer_of_contact(f: Matrix, stiffness: float, period_s: float, before_rad: 
         for i in range(PLANT_STATES):
             after[i] += f[i, LOAD_SLOPE] * slope
         after[LOAD] += period_s * slope
+
+
+@inlined
+def _answer_of_contact(f: Matrix, stiffness: float, period_s: float, before_rad: float, after: Vector) -> None:
+    """Add what such a load makes of one change of the state: numbers, for which no array is made."""
+    answers_of_contact(f, stiffness, period_s, before_rad, after)
 
 
 def response_run(plants: Regimes, base: Physics, d: Series, f: Filtered, per: float) -> Matrix:

@@ -80,7 +80,7 @@ def nominal_row(
     Commands go to `out`, counts and encoder's angles at each sample to `counts_rad` and `angles_rad`.
     """
     p, first, derivative = plants[0], row * d.samples, x[DERIVATIVE_ERROR] if d.states > RECORDED_STATES else 0.0
-    acting = acting_on(p, d, row, x, out.variance[row], out.command_A, 0.0)
+    acting = acting_on(p, d, row, x, out.variance[row], 0.0)
     for sample in range(d.samples):
         at = first + sample
         if sample > 0:
@@ -91,7 +91,7 @@ def nominal_row(
             derivative *= 1.0 - d.law[SHARE]
             error_A = x[INTEGRAL_ERROR] + derivative if out.reacts[at] else 0.0
             out.command_A[at] = drive.current_A + error_A
-        plant = advance_in(plants, s, free[0], free[1], plant, acting, sample)
+        plant = advance_in(plants, s, free[0], free[1], plant, acting, out.command_A, sample)
     return plant, drive
 
 

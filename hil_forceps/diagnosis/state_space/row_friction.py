@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.covariance import disturbed, forgotten, freed, moved, spread
-from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
+from hil_forceps.diagnosis.state_space.kernel import inlined, returning_arrays
 from hil_forceps.diagnosis.state_space.layout import CURRENT, ENCODER, FRICTION_J, FRICTION_M, OMEGA_J, OMEGA_M, Series
 from hil_forceps.diagnosis.state_space.measurement import corrected, direction, measured, white_variance
 from hil_forceps.model.composition import Physics
@@ -74,7 +74,7 @@ def open_friction(
     return doubtful
 
 
-@subroutine
+@returning_arrays
 def sliding_deviations(p: Physics, d: Series, f: Matrix, jump: Matrix, kept: Vector) -> Vector:
     """Return the deviations of both speeds that the filter settles at while both masses slide.
 

@@ -26,6 +26,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     RECORDED_STATES,
     Filtered,
     Series,
+    Work,
 )
 from hil_forceps.diagnosis.state_space.measurement import (
     corrected,
@@ -86,13 +87,14 @@ def take_measurements(
     sticks: bool,
     calm: bool,
     considered: Flags,
+    work: Work,
     out: Filtered,
 ) -> bool:
     """Take a row's measurements in, one after the other; tell whether one of them was a surprise.
 
     A current that was not commanded leaves open how much of it drove the motor since the row before.
     """
-    along = np.empty(d.states)
+    along = work.along
     surprise = False
     for place in range(CHANNELS):
         channel = (place + CURRENT) % CHANNELS  # the current first: what else moved the motor, is known by it
@@ -101,7 +103,7 @@ def take_measurements(
         shown = predicted(p, channel, x, now_A, before_A, d.period_s)
         if channel == CURRENT and d.states > LAW_STATES:
             _considered(d, row, channel, sticks, calm, considered)
-            _current_between(p, d, row, shown, considered, x, covariance, along, out)
+            _current_between(p, d, row, shown, considered, x, covariance, work, out)
             continue
         if channel == CURRENT:
             variance = current_direction(covariance, 1.0 + p.current_gain_relative_error, along)
@@ -139,7 +141,7 @@ def _current_between(
     considered: Flags,
     x: Vector,
     covariance: Matrix,
-    along: Vector,
+    work: Work,
     out: Filtered,
 ) -> None:
     """Take in the current of a drive that samples between rows.
@@ -152,12 +154,13 @@ def _current_between(
     prior_variance = out.between.prior_variance[row - 1] if row > 0 else 0.0
     conditioned = prior_variance != NOT_CONDITIONED
     # The covariance of the state with what is shown, and with the part of it that unseen counts made.
-    shown, by_counts = np.empty(d.states), np.empty(d.states)
+    along, shown, by_counts = work.along, work.shown, work.by_counts
     for i in range(d.states):
         shown[i] = gain * covariance[i, COMMAND_ERROR] + covariance[i, CURRENT_NOISE]
         by_counts[i] = gain * covariance[i, last]
     variance = gain * shown[COMMAND_ERROR] + shown[CURRENT_NOISE]
-    along[:] = shown - by_counts if conditioned else shown
+    for i in range(d.states):
+        along[i] = shown[i] - by_counts[i] if conditioned else shown[i]
     white = white_variance(d, CURRENT) + d.resolution[2] ** 2 / 12.0
     told = variance - gain * (2.0 * shown[last] - by_counts[last]) if conditioned else variance
     total, error = max(0.0, told) + white, d.current_A[row] - shown_A

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.advance import Acting, expected_friction_j_N_m, expected_friction_m_N_m
-from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
+from hil_forceps.diagnosis.state_space.kernel import inlined, returning_arrays, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     CURRENT_NOISE,
     FRICTION_J,
@@ -30,7 +30,7 @@ Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-@subroutine
+@returning_arrays
 def noise_kept(d: Series, samples: int) -> Vector:
     """Return how much of each state beyond the plant's is kept over so many samples of the drive."""
     kept, share = np.ones(d.states), samples / d.samples
@@ -67,14 +67,12 @@ def friction_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector) ->
 
 
 @inlined
-def acting_on(
-    p: Physics, d: Series, row: int, x: Vector, variance: Vector, command_A: Vector, elastic_slope: float
-) -> Acting:
+def acting_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector, elastic_slope: float) -> Acting:
     """Return what acts from a row to the next; `x` and `variance`: of the filter's state there."""
     friction = friction_on(p, d, row, x, variance)
     load_slope = x[LOAD_SLOPE] + elastic_slope
     time_s = d.begin_s + row * d.period_s
-    return Acting(time_s, command_A, row * d.samples, x[LOAD], load_slope, friction[0], friction[1])
+    return Acting(time_s, row * d.samples, x[LOAD], load_slope, friction[0], friction[1])
 
 
 @inlined

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import subroutine
+from hil_forceps.diagnosis.state_space.kernel import inlined, returning_arrays, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
     FRICTION_J,
@@ -42,7 +42,7 @@ _INSTANTS = 16  # at which a jump may be, for its mean effect: the midpoint rule
 FRICTION_MEMORY_S = 3e-3  # of dry friction where a mass may stick  # tuned: 0.5 to 20 ms tried on holds
 
 
-@subroutine
+@returning_arrays
 def transition(p: Physics, period_s: float, stiff: bool) -> Matrix:
     """Return F (STATES²): the state a row on for a change of the state; wire taut (`stiff`) or slack."""
     g = np.empty(SIZE)
@@ -73,7 +73,7 @@ def transition(p: Physics, period_s: float, stiff: bool) -> Matrix:
         f[i, FRICTION_J] = -g[at + JAW_MEAN]
         f[i, COMMAND_ERROR] = p.K_t * g[at + MOTOR_MEAN]
     for i in range(STATES):
-        f[i, i] += 1.0 if i not in {OMEGA_M, OMEGA_J} else 0.0
+        f[i, i] += 0.0 if i in (OMEGA_M, OMEGA_J) else 1.0
     f[LOAD, LOAD_SLOPE] = period_s
     return f
 
@@ -84,7 +84,7 @@ def friction_kept(period_s: float) -> float:
     return math.exp(-period_s / FRICTION_MEMORY_S)
 
 
-@subroutine
+@returning_arrays
 def jump_covariance(p: Physics, period_s: float) -> Matrix:
     """Return the second moment (STATES²) of what a unit jump of the load does, anywhere within a row."""
     total = np.zeros((STATES, STATES))
@@ -97,10 +97,18 @@ def jump_covariance(p: Physics, period_s: float) -> Matrix:
     return total
 
 
+@inlined
+def copied(a: Matrix, out: Matrix) -> None:
+    """Fill a matrix with another: an assignment of slices would make an array between them."""
+    for i in range(a.shape[0]):
+        for j in range(a.shape[1]):
+            out[i, j] = a[i, j]
+
+
 @subroutine
 def stiffened(f: Matrix, stiffness: float, period_s: float, out: Matrix) -> None:
     """Fill `out` with F where the load answers to the jaw's angle: evenly over a row, by what the jaw moves."""
-    out[:] = f
+    copied(f, out)
     per = elastic_share(f, stiffness, period_s)
     for j in range(STATES):
         moved = per * (f[THETA_J, j] - (1.0 if j == THETA_J else 0.0))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.drive_sample import expected_count, law_errors
-from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
+from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine, with_work_arrays
 from hil_forceps.diagnosis.state_space.layout import COMMANDS_BETWEEN, MADE_BETWEEN
 
 Vector = NDArray[np.float64]
@@ -43,6 +43,7 @@ def _grid() -> Matrix:
 
 
 GRID = _grid()
+LINE = np.column_stack((ANGLES, np.zeros_like(ANGLES), np.exp(-0.5 * ANGLES**2) / np.exp(-0.5 * ANGLES**2).sum()))
 
 
 class Samples(NamedTuple):
@@ -77,9 +78,20 @@ def _same_references(v: Samples) -> bool:
     """Tell whether only one reference is worth trying."""
     same, per_rad = True, law_errors(v.law, 0.0, 0.0, 0.0, 1.0, 0.0)[3]
     for kind in range(3):
-        far_A = np.max(np.abs(v.references_rad[:, kind])) * per_rad
-        same = same and (v.timing[kind] < LEAST_TIMING or far_A <= SAME_REFERENCE * v.deviation_A)
+        far_rad = 0.0
+        for sample in range(v.samples):
+            far_rad = max(far_rad, abs(v.references_rad[sample, kind]))
+        same = same and (v.timing[kind] < LEAST_TIMING or far_rad * per_rad <= SAME_REFERENCE * v.deviation_A)
     return same
+
+
+@inlined
+def _is_along_one(v: Samples) -> bool:
+    """Tell whether no angle hangs on the second direction."""
+    one = True
+    for sample in range(1, v.samples):
+        one = one and v.spread_rad[sample, 1] == 0.0
+    return one
 
 
 @subroutine
@@ -95,7 +107,7 @@ def count_current_A(law: Vector, quantum_rad: float) -> float:
     return at_once * quantum_rad
 
 
-@subroutine
+@with_work_arrays
 def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
     """Fill mean and covariance of both directions and of what counts make, whatever the next current is."""
     made = np.zeros((v.samples, UNKNOWN))
@@ -156,22 +168,25 @@ def _fits(v: Samples, command_A: float) -> float:
     return math.exp(-0.5 * min(misfit * misfit, MOST_MISFIT))
 
 
-@subroutine
+@with_work_arrays
 def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) -> float:
     """Fill mean and covariance of both directions and of what counts make (`UNKNOWN`), given the next current.
+
+    Where no angle hangs on the second direction, the first alone is tried, and the second's variance is 0.
 
     `timing` (3) is filled with how likely each reference was, given it too. Returned is the variance [A²] of the last
     command before the current is looked at.
     """
     one, shares, same = np.zeros(UNKNOWN), np.zeros(3), _same_references(v)
+    points = LINE if _is_along_one(v) else GRID
     command, square = 0.0, 0.0
     for kind in range(1 if same else 3):
         share = 1.0 if same else v.timing[kind]
         if share < LEAST_TIMING:
             continue
-        for at in range(GRID.shape[0]):
-            _made(v, MEAN_REFERENCE if same else kind, GRID[at, 0], GRID[at, 1], one)
-            weight = GRID[at, 2] * share
+        for at in range(points.shape[0]):
+            _made(v, MEAN_REFERENCE if same else kind, points[at, 0], points[at, 1], one)
+            weight = points[at, 2] * share
             command += weight * one[v.samples]
             square += weight * one[v.samples] ** 2
             weight *= _fits(v, one[v.samples])

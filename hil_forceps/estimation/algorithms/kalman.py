@@ -49,7 +49,7 @@ from hil_forceps.estimation.algorithms.kalman_model import (
     stretch,
 )
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Algorithm, Estimator, State, estimator_of_kernels
-from hil_forceps.estimation.kernel import kernel, subroutine
+from hil_forceps.estimation.kernel import kernel, returning_arrays, subroutine, with_work_arrays
 from hil_forceps.estimation.wire import WIRE_ANGLE_RAD, WIRE_CURRENT_A
 from hil_forceps.model.two_inertia import Matrix
 from hil_forceps.rig.schema import Rig
@@ -150,7 +150,7 @@ def _correct(after: Vector, predicted: Vector, theta_m_rad: float, angle_var: fl
     return off, -0.5 * (off + math.log(variance))
 
 
-@subroutine
+@returning_arrays
 def _stretches(dt_s: float, c: Constants) -> tuple[float, Matrix, Matrix]:
     """Return what part of an interval lies before the hold of its torque, that stretch, and the one after it.
 
@@ -165,7 +165,7 @@ def _stretches(dt_s: float, c: Constants) -> tuple[float, Matrix, Matrix]:
     return lead_s / dt_s, lead, held_stretch(c)
 
 
-@subroutine
+@with_work_arrays
 def _advance(
     predicted: Vector,
     hypothesis: Vector,

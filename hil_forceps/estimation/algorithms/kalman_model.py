@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.estimation.kernel import kernel, subroutine
+from hil_forceps.estimation.kernel import kernel, returning_arrays
 from hil_forceps.model.two_inertia import (
     Matrix,
     continuous,
@@ -140,7 +140,7 @@ def balanced_rates(plant: PlantParameters, wire_damping_N_s_per_m: float = 0.0) 
     return rates * units[None, :] / units[:, None], units
 
 
-@subroutine
+@returning_arrays
 def lead_stretch(c: Constants) -> Matrix:
     """Return the stretch from the last sample to where the drive began to hold the torque of this one."""
     return c[_LEAD:_HELD].reshape((5, 11))
