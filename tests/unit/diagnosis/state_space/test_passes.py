@@ -1,5 +1,8 @@
 """Evidence of a pass: Huber's loss, what a pass decides and hands on, and torques that need no step of the model."""
 
+from typing import Any
+
+import numba.core.runtime
 import numpy as np
 import pytest
 
@@ -7,10 +10,15 @@ from hil_forceps.diagnosis.evidence import HUBER, Direction, Passes, Wave, pass_
 from hil_forceps.diagnosis.hypotheses.places import places_of
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
 from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.filter_pass import filter_run
 from hil_forceps.diagnosis.state_space.passes import Matrix, Passed
+from hil_forceps.diagnosis.state_space.response_pass import response_run
 from hil_forceps.model import parameters
 from tests.hidden_effects.generator import RIG
 from tests.unit.diagnosis.simulated_runs import POOL, STICKING, records_of, runs_of
+
+
+RUNTIME: Any = numba.core.runtime  # it has no types
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +63,25 @@ def test_what_does_not_count_has_no_influence(sticking: Passes) -> None:
     run = sticking.runs[0]
     assert not run.influence[~run.counts].any()
     assert (run.influence[run.counts] > 0.0).all()
+
+
+def test_arrays_of_a_pass_are_freed_once(sticking: Passes) -> None:
+    """Most of its functions count no references to arrays: one too many is never freed, one too few is freed twice."""
+    run, theta = sticking.runs[0], sticking.theta
+    further = theta * np.where(np.arange(theta.size) == 0, 1.0 + 1e-4, 1.0)
+    RUNTIME._nrt_python.memsys_enable_stats()
+    try:
+        filter_run(sticking.plants, run.series)
+        before = RUNTIME.rtsys.get_allocation_stats()
+        for _ in range(3):
+            filtered = filter_run(sticking.plants, run.series)
+            response_run(regimes(further), sticking.plants.sliding, run.series, filtered, 1.0)
+            run.curves(sticking.plants, [("motor", np.ones(run.series.encoder_rad.size))])
+        after = RUNTIME.rtsys.get_allocation_stats()
+    finally:
+        RUNTIME._nrt_python.memsys_disable_stats()
+    assert after.mi_alloc > before.mi_alloc
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free
 
 
 def test_a_pass_that_is_given_its_own_decisions_is_the_same(sticking: Passes) -> None:
