@@ -17,7 +17,6 @@ from hil_forceps.model import parameters
 from tests.hidden_effects.generator import RIG
 from tests.unit.diagnosis.simulated_runs import POOL, STICKING, records_of, runs_of
 
-
 RUNTIME: Any = numba.core.runtime  # it has no types
 
 
