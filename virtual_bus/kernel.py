@@ -1,8 +1,8 @@
 """The compiler of the world's kernels."""
 
-from hil_forceps.rig.kernel import kernel_compiler, returning_arrays, subroutine, with_work_arrays
+from hil_forceps.rig.kernel import kernel_compiler, subroutine
 
-__all__ = ["kernel", "returning_arrays", "subroutine", "with_work_arrays"]
+__all__ = ["kernel", "subroutine"]
 
 kernel = kernel_compiler(
     (

@@ -19,7 +19,8 @@ EXIT_INTERRUPTED = 130
 # Commands share their work among threads or processes of their own, and BLAS's beside them would only fight for the
 # cores: a diagnosis takes up to three times as long. Read when numpy is loaded, later than this.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# Kernels are as fast as at level 3, and compile in three quarters of the time. Read when numba is loaded.
+# Optimised at level 2, kernels are as fast as at 3, numba's own, and compile in three quarters of the time.
+# Read when numba is loaded.
 os.environ.setdefault("NUMBA_OPT", "2")
 
 app = App(

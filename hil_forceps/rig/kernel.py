@@ -51,9 +51,11 @@ def kernel_compiler(sources: Sequence[str], root: Path = _ROOT) -> Compiler:
     return compiler
 
 
-# An entry from Python takes as long to compile as a function itself, so those below have none: called from there they
-# are plain Python. And numba counts references to each array that a function is given, in tuples too: atomic operations
-# that took two thirds of the time of the diagnosis's filter. What makes no array needs no counts, and hands none on.
+# The decorators below are for what only kernels call. An entry from Python takes as long to compile as the function
+# itself, so these have none; called from Python they are plain Python. And numba counts references to each array that a
+# function is given, in tuples too: atomic operations, more than half of the time of the diagnosis's filter. So what
+# makes no array is compiled without counting (`_nrt=False`). It must neither return an array nor get one from what it
+# calls.
 _WITHIN_KERNELS: Any = {
     "nogil": True,
     "error_model": "numpy",
@@ -78,15 +80,18 @@ def with_work_arrays(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def returning_arrays(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function for the kernels that call it; what it returns holds arrays that it made.
+    """Compile a function for the kernels that call it; what it returns is an array, or holds some.
 
-    A subroutine can't call it, for nobody would free them; that doesn't compile.
+    What counts no references must not call it, for nobody would free them.
     """
     return _within_kernels(function)
 
 
 def as_its_caller(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function of numbers, for which it makes no array, or of arrays, for which it does: as its caller is."""
+    """Have every kernel that calls a function hold its code; given arrays it makes more of them, given numbers none.
+
+    It counts references where its caller does. What counts none can call it with numbers only.
+    """
     return _within_kernels(function, forceinline=True)
 
 

@@ -27,7 +27,7 @@ from hil_forceps.rig import Rig
 from tests.hidden_effects.drawn_cases import KINDS, Drawn, draw, make
 
 Outcome = dict[str, Any]
-SURE = 0.95  # of a confidence
+SURE = 0.95  # a confidence from which on a cause counts as surely named
 STICKING = 0.1  # share of the load's torque from which friction counts as much
 
 

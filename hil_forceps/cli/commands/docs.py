@@ -1,11 +1,11 @@
 """`hil-forceps docs`: the pages that messages name, where only the package is installed."""
 
-import difflib
 import sys
 from pathlib import Path
 from typing import NamedTuple
 
 from hil_forceps.rig.errors import UserError
+from hil_forceps.rig.problems import nearest
 
 PACKAGE = Path(__file__).parents[2]
 # A wheel brings the pages along within the package; in a checkout they are beside it.
@@ -60,6 +60,6 @@ def _chosen(wanted: str, found: list[Page]) -> Page:
     by_name = {page.name: page for page in found}
     if name in by_name:
         return by_name[name]
-    near = difflib.get_close_matches(name, by_name, 1)
-    remedy = f"did you mean {near[0]}?" if near else "`hil-forceps docs` lists all"
+    near = nearest(name, by_name)
+    remedy = f"did you mean {near}?" if near else "`hil-forceps docs` lists all"
     raise UserError(f"{wanted}: is no page; {remedy}")

@@ -81,6 +81,7 @@ def collapse(
     first /= root
     shared = _times(ways[last], first)
     rest = math.sqrt(max(_times(ways[last], second) + edge_variance - shared * shared, 0.0))
+    # Of one sample behind the row there is one angle, and one direction.
     share = 1.0 / rest if last > 1 and rest > _ALIKE * root else 0.0
     second = (second - shared * first) * share
     spread_rad = np.zeros((d.samples, 2))

@@ -45,7 +45,7 @@ from hil_forceps.diagnosis.state_space.row_drive import end_of_row, first_sample
 from hil_forceps.diagnosis.state_space.row_friction import begin_friction, open_friction, sliding_deviations
 from hil_forceps.diagnosis.state_space.row_measurements import sticks_at, take_measurements
 from hil_forceps.diagnosis.state_space.row_plant import acting_on, beginning, first_plant, is_slack, noise_kept
-from hil_forceps.diagnosis.state_space.transition import copied, elastic_share, jump_covariance, stiffened, transition
+from hil_forceps.diagnosis.state_space.transition import elastic_share, jump_covariance, stiffened, transition
 from hil_forceps.model.composition import Physics
 from hil_forceps.model.drive_law import DriveState
 from hil_forceps.model.physics import State
@@ -104,6 +104,14 @@ def _transitions(linear: Linear, slack: bool) -> tuple[Matrix, Matrix]:
     return linear.taut, linear.taut_sample
 
 
+@returning_arrays
+def _beside_contact(stiffness: float, work: Work, f: Matrix, f_sample: Matrix) -> tuple[Matrix, Matrix]:
+    """Return the same two where the jaw touches something of this stiffness, 0 for none."""
+    if stiffness > 0.0:
+        return work.f, work.f_sample
+    return f, f_sample
+
+
 @inlined
 def _note_state(row: int, x: Vector, covariance: Matrix, out: Filtered) -> None:
     for i in range(x.size):
@@ -148,7 +156,7 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
             drive, elastic_slope = _look_ahead(
                 plants, d, s, row, was, f, f_sample, edge_variance, plant, drive, x, covariance, work, out
             )
-            f, f_sample = work.f, work.f_sample
+            f, f_sample = _beside_contact(d.contact_stiffness[row], work, f, f_sample)
         out.course[row, ELASTIC_SLOPE] = elastic_slope
         plant = beginning(plant, x)
         acting = acting_on(p, d, row, x, out.variance[row], elastic_slope)
@@ -188,8 +196,8 @@ def _look_ahead(
 ) -> tuple[DriveState, float]:
     """Return what a first try of the row tells: the drive behind it, and the slope of the load that the jaw touches.
 
-    In `work` are F, stiffened by that load, and what unseen counts make. What is told of the counts is in state and
-    covariance then.
+    In `work` are what unseen counts make and, where the jaw touches something, F stiffened by it. What is told of the
+    counts is in state and covariance then.
     """
     p, stiffness, elastic_slope = plants[0], d.contact_stiffness[row], 0.0
     begin = beginning(plant, x)
@@ -198,16 +206,14 @@ def _look_ahead(
         elastic_slope = elastic_share(f, stiffness, d.period_s) * (there.theta_j_rad - x[THETA_J])
         stiffened(f, stiffness, d.period_s, work.f)
         stiffened(f_sample, stiffness, d.period_s / d.samples, work.f_sample)
-    else:
-        copied(f, work.f)
-        copied(f_sample, work.f_sample)
+        f_sample = work.f_sample
     if d.samples > 1:
         shown_A = next_current(p, d, row, x) - there.current_A
         collapse(
             p,
             d,
             row,
-            work.f_sample,
+            f_sample,
             work.counts_rad,
             work.angles_rad,
             shown_A,

@@ -122,17 +122,17 @@ class Filtered(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Arrays that each row is worked out in; made once for a run."""
+    """Arrays that each row is worked out in; made once for a run, for most of what fills them can make none."""
 
     covariance: Matrix  # states²
     along: Vector  # states: the covariance of the state and what a channel shows
-    shown: Vector  # states
-    by_counts: Vector  # states
-    counts_rad: Vector  # samples
-    angles_rad: Vector  # samples
-    made: Vector  # MADE_BETWEEN
-    f: Matrix
-    f_sample: Matrix
+    shown: Vector  # states: that of the state and a current between rows, ...
+    by_counts: Vector  # states: ... and the part of it that unseen counts made
+    counts_rad: Vector  # samples: of the nominal course behind the row
+    angles_rad: Vector  # samples: of the encoder there
+    made: Vector  # MADE_BETWEEN: what counts between this row and the next make, on the mean
+    f: Matrix  # F over a row, stiffened by what the jaw touches
+    f_sample: Matrix  # F over a sample of the drive, likewise
 
 
 def undecided_switching(rows: int) -> Switching:

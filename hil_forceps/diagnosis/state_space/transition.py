@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, returning_arrays, subroutine
+from hil_forceps.diagnosis.state_space.kernel import returning_arrays, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
     FRICTION_J,
@@ -97,18 +97,12 @@ def jump_covariance(p: Physics, period_s: float) -> Matrix:
     return total
 
 
-@inlined
-def copied(a: Matrix, out: Matrix) -> None:
-    """Fill a matrix with another: an assignment of slices would make an array between them."""
-    for i in range(a.shape[0]):
-        for j in range(a.shape[1]):
-            out[i, j] = a[i, j]
-
-
 @subroutine
 def stiffened(f: Matrix, stiffness: float, period_s: float, out: Matrix) -> None:
     """Fill `out` with F where the load answers to the jaw's angle: evenly over a row, by what the jaw moves."""
-    copied(f, out)
+    for i in range(STATES):
+        for j in range(STATES):
+            out[i, j] = f[i, j]
     per = elastic_share(f, stiffness, period_s)
     for j in range(STATES):
         moved = per * (f[THETA_J, j] - (1.0 if j == THETA_J else 0.0))

@@ -34,16 +34,15 @@ UNKNOWN = 2 + MADE_BETWEEN  # both directions, and what is made of them
 MEAN_REFERENCE = -1
 
 
-def _grid() -> Matrix:
+def _grid(angles: Vector, speeds: Vector) -> Matrix:
     """Return points of two independent normal deviations, and the share of each (m × 3): the trapezoidal rule."""
-    first, second = (axis.ravel() for axis in np.meshgrid(ANGLES, SPEEDS, indexing="ij"))
+    first, second = (axis.ravel() for axis in np.meshgrid(angles, speeds, indexing="ij"))
     near = first**2 + second**2 < REACH**2
     share = np.exp(-0.5 * (first[near] ** 2 + second[near] ** 2))
     return np.column_stack((first[near], second[near], share / share.sum()))
 
 
-GRID = _grid()
-LINE = np.column_stack((ANGLES, np.zeros_like(ANGLES), np.exp(-0.5 * ANGLES**2) / np.exp(-0.5 * ANGLES**2).sum()))
+GRID, LINE = _grid(ANGLES, SPEEDS), _grid(ANGLES, np.zeros(1))
 
 
 class Samples(NamedTuple):
@@ -83,15 +82,6 @@ def _same_references(v: Samples) -> bool:
             far_rad = max(far_rad, abs(v.references_rad[sample, kind]))
         same = same and (v.timing[kind] < LEAST_TIMING or far_rad * per_rad <= SAME_REFERENCE * v.deviation_A)
     return same
-
-
-@inlined
-def _is_along_one(v: Samples) -> bool:
-    """Tell whether no angle hangs on the second direction."""
-    one = True
-    for sample in range(1, v.samples):
-        one = one and v.spread_rad[sample, 1] == 0.0
-    return one
 
 
 @subroutine
@@ -172,13 +162,14 @@ def _fits(v: Samples, command_A: float) -> float:
 def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) -> float:
     """Fill mean and covariance of both directions and of what counts make (`UNKNOWN`), given the next current.
 
-    Where no angle hangs on the second direction, the first alone is tried, and the second's variance is 0.
+    Where the last angle, and so none, hangs on the second direction, the first alone is tried; the second's variance
+    is 0 then.
 
     `timing` (3) is filled with how likely each reference was, given it too. Returned is the variance [A²] of the last
     command before the current is looked at.
     """
     one, shares, same = np.zeros(UNKNOWN), np.zeros(3), _same_references(v)
-    points = LINE if _is_along_one(v) else GRID
+    points = LINE if v.spread_rad[v.samples - 1, 1] == 0.0 else GRID
     command, square = 0.0, 0.0
     for kind in range(1 if same else 3):
         share = 1.0 if same else v.timing[kind]

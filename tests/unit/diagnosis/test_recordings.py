@@ -73,6 +73,8 @@ def test_a_spent_budget_says_what_was_not_looked_at(
     assert told["next_experiment"] is None
     # Not on a terminal: a line before anything is computed, and one for each step.
     lines = capsys.readouterr().err.splitlines()
+    first_s, last_s = (int(line.split()[0]) for line in (lines[0], lines[-1]))
+    assert first_s <= max(2, last_s // 10)  # on a machine that is busy all of it takes longer
     assert "fitting" not in lines[0]
     assert any("fitting the known parameters" in line for line in lines[1:])
 

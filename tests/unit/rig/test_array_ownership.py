@@ -1,10 +1,11 @@
 """Who owns an array within kernels: what counts no references hands no array on, for that would be freed twice.
 
-numba can't tell. So the annotations are read: of `subroutine` and `inlined`, which count none.
+numba can't tell. So annotations are read: of `subroutine` and `inlined`, which count none. `as_its_caller` isn't looked
+at: given arrays it makes some, and that doesn't compile where references aren't counted.
 """
 
 import ast
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,14 +28,14 @@ class Function(NamedTuple):
         return {n.id for n in ast.walk(self.node.returns or ast.Constant(None)) if isinstance(n, ast.Name)}
 
 
-def _trees() -> Iterator[tuple[Path, ast.Module]]:
-    for package in ("hil_forceps", "virtual_bus"):
-        for path in (ROOT / package).rglob("*.py"):
-            yield path, ast.parse(path.read_text(encoding="utf-8"))
+@cache
+def _trees() -> tuple[tuple[Path, ast.Module], ...]:
+    paths = [path for package in ("hil_forceps", "virtual_bus") for path in (ROOT / package).rglob("*.py")]
+    return tuple((path, ast.parse(path.read_text(encoding="utf-8"))) for path in paths)
 
 
 def _holders() -> set[str]:
-    """Return names of tuples that hold arrays, by themselves or by others."""
+    """Return names of arrays, and of tuples that hold any, by themselves or by others."""
     fields = {
         node.name: {n.id for item in node.body for n in ast.walk(item) if isinstance(n, ast.Name)}
         for _, tree in _trees()
