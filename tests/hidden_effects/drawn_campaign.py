@@ -89,7 +89,7 @@ def shows(found: Identified, effect_id: str, values: Mapping[str, float]) -> flo
     largest = 0.0
     for place in step.places:
         if place.effect_id == effect_id and place.stop - place.first == len(place.amplitudes):
-            sizes = np.array([values[name] / unit for name, unit in place.amplitudes.items()])
+            sizes = np.array([values.get(name, 0.0) / unit for name, unit in place.amplitudes.items()])
             information = step.tested.information[place.first : place.stop]
             largest = max(largest, float(np.sqrt(sizes**2 @ information)))
     return largest

@@ -9,8 +9,9 @@ from scipy import stats
 
 from hil_forceps.diagnosis.error_rates import SETS_WITHOUT_TRUTH
 from hil_forceps.diagnosis.evidence import Mapper, Passes, gram, pass_all
+from hil_forceps.diagnosis.hypotheses.harmonic_profile import likelier_harmonic
 from hil_forceps.diagnosis.hypotheses.harmonics import telling_harmonics
-from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
+from hil_forceps.diagnosis.hypotheses.places import WAVES, Place, estimate, places_of
 from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Prior, Tested, score_test
 from hil_forceps.diagnosis.hypotheses.shortlist import Start, best_starts
 from hil_forceps.diagnosis.inference.dispersion import Weigh, scatter_between
@@ -136,8 +137,8 @@ def search(s: Search, theta: Vector) -> Found:
             break  # what joined took the place of what it had joined beside, and that the place of it
         rivals = (thinned, *(c for c in joined[1:] if c.gain > joined[0].gain - SET_DROP))
         seen.add(frozenset(thinned.effects))
-        explained += thinned.gain
-        s, best = _beside(s, thinned)
+        s, best = _beside(s, _with_likeliest_harmonics(s, thinned))
+        explained += best.gain
     if len(best.effects) > 1 and not s.spent():
         s.progress("exchanging entries for their nearest rivals")
         before = best.gain
@@ -217,21 +218,45 @@ def _refitted(s: Search, model: Candidate, start: Start) -> Candidate:
         passes = pass_all(s.runs, with_effect(theta, place.effect_id, new), s.mapper)
         starts.append((passes, [*(e for e in model.effects if e != place.effect_id), place.effect_id]))
         if penalised(passes, base.free, base.passes) > penalised(base.passes, base.free, passes):
-            return _fitted(s, model, *starts[-1])
-    return _fitted(s, model, *starts[0])
+            return _fitted(s, model, *starts[-1], added=1)
+    return _fitted(s, model, *starts[0], added=1)
 
 
-def _fitted(s: Search, model: Candidate, start: Passes, effects: Sequence[str]) -> Candidate:
-    """Return the fit of a model with `effects` from a start that holds them; its gain is that above `model`."""
+def _fitted(s: Search, model: Candidate, start: Passes, effects: Sequence[str], *, added: int) -> Candidate:
+    """Return the fit of a model with `effects` from a start that holds them; its gain is that above `model`.
+
+    `added`: how many entries it has more than `model`. Each parameter costs, but for one of each entry: that one's cost
+    is the threshold.
+    """
     free = list(s.known)
     for effect_id in effects:
         free += effect_parameters(effect_id, values_of(start.theta, effect_id))
     found = fit_from(s.runs, start, free, s.mapper)
     base = model.fit
     gain = 2.0 * (penalised(found.passes, found.free, base.passes) - penalised(base.passes, base.free, found.passes))
-    cost = COST_PER_COLUMN * (len(free) - len(base.free) - 1)
+    cost = COST_PER_COLUMN * (len(free) - len(base.free) - added)
     worth = s.weigh(gain - cost, scatter_between(base.passes, found.passes)) if s.weigh else gain - cost
     return Candidate(tuple(effects), found, gain - cost, worth)
+
+
+def _with_likeliest_harmonics(s: Search, model: Candidate) -> Candidate:
+    """Return a model with each harmonic that is likelier beside all that has joined; behind a gear it stays.
+
+    A harmonic is no parameter that is fitted, so as many are: no cost is due.
+    """
+    for effect_id in model.effects:
+        if s.geared or effect_id not in WAVES:
+            continue
+        start = likelier_harmonic(model.fit, effect_id, s.mapper)
+        if start is None:
+            continue
+        others = [f for f in model.fit.free if f.name.rsplit(".", 1)[1] not in start.place.amplitudes]
+        theta = moved(model.fit.passes.theta, others, start.shifts)
+        theta = with_effect(theta, effect_id, start_of(effect_id, estimate(start.place, start.sizes.tolist())))
+        changed = _fitted(s, model, pass_all(s.runs, theta, s.mapper), model.effects, added=0)
+        if changed.gain > 0.0:
+            model = changed._replace(gain=model.gain + changed.gain)
+    return model
 
 
 def _exchanged(
@@ -254,7 +279,7 @@ def _exchanged(
                 continue
             theta = without_effect(best.fit.passes.theta, step.joined)
             theta = with_effect(theta, effect_id, values_of(other.fit.passes.theta, effect_id))
-            found = _fitted(s, best, pass_all(s.runs, theta, s.mapper), effects)
+            found = _fitted(s, best, pass_all(s.runs, theta, s.mapper), effects, added=0)
             every[frozenset(effects)] = found._replace(gain=best.gain + found.gain)
     ranked = _ranked(list(every.values()), s.tied_share)
     kept = tuple(c for c in ranked if c.gain > ranked[0].gain - SET_DROP)
@@ -279,7 +304,7 @@ def _thinned(s: Search, model: Candidate, threshold: float) -> Candidate:
         if wald(model.fit, weakest) >= threshold:
             break
         start = pass_all(s.runs, without_effect(model.fit.passes.theta, weakest), s.mapper)
-        fewer = _fitted(s, model, start, [e for e in model.effects if e != weakest])
+        fewer = _fitted(s, model, start, [e for e in model.effects if e != weakest], added=-1)
         if fewer.gain < -threshold:
             break  # a size of none lies further off than its deviation here says
         model = fewer._replace(gain=model.gain + fewer.gain)

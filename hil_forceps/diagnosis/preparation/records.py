@@ -38,7 +38,6 @@ from hil_forceps.diagnosis.state_space.layout import (
 from hil_forceps.diagnosis.state_space.passes import Passed, pass_one
 from hil_forceps.model import parameters
 from hil_forceps.model.composition import Physics
-from hil_forceps.model.physics import jaw_level_N_m
 from hil_forceps.model.two_inertia import poles_per_s
 from hil_forceps.rig import Rig
 
@@ -70,6 +69,7 @@ class Record:
     dwelling: Mask  # n: the encoder dwells
     load_open_sd_N_m: float  # what is left open of the load
     load_course_N_m: Vector  # n: smoothed
+    jaw_course_rad: Vector  # n: likewise
     least_slope_variance: float  # [(N m/s)²]: what the equations leave open, as a wandering load
     settling_rows: int
     command_span_A: float
@@ -95,11 +95,9 @@ class Record:
         Where it is less than the load leaves open, it is no other than an error of the load, and rows where a mass may
         stick are evidence as any. Models that are compared must be so by records with the same friction.
         """
-        motor, jaw = friction_at_rest_N_m(p), jaw_level_N_m(p, 0.0)
-        levels = (
-            motor if motor > self.load_open_sd_N_m * p.r_m / p.r_j else 0.0,
-            jaw if jaw > self.load_open_sd_N_m else 0.0,
-        )
+        levels = np.empty((self.load_course_N_m.size, 2))
+        friction_at_rest_N_m(p, self.load_course_N_m / p.r_j, self.jaw_course_rad, levels)
+        levels[levels <= self.load_open_sd_N_m * np.array([p.r_m / p.r_j, 1.0])] = 0.0
         undecided = undecided_switching(self.series.encoder_rad.size)
         return replace(self, series=self.series._replace(friction_level_N_m=levels, switching=undecided))
 
@@ -197,7 +195,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise) -> Record:
         may_stick(encoder, step, 1),
         jaw_free,
         fading,
-        (0.0, 0.0),
+        np.zeros((n, 2)),
         stiffness,
         prior.slope_variance,
         prior.jump_variance,
@@ -217,6 +215,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise) -> Record:
         dwells,
         prior.open_sd_N_m,
         prior.course_N_m,
+        jaw_smooth,
         least,
         min(n // 4, max(5, round(SETTLING_S / period_s))),
         drive.span_A,

@@ -1,7 +1,9 @@
 """Deviation and colour of the sensors' noise, from fourth differences of what is measured: no model of the plant.
 
 A fourth difference over s rows takes away all that is slow. Of first-order autoregressive noise of variance σ² and
-correlation ρ from row to row it has the variance σ² (70 − 112 ρˢ + 56 ρ²ˢ − 16 ρ³ˢ + 2 ρ⁴ˢ); two spacings give both.
+correlation ρ from row to row it has the variance σ² (70 − 112 ρˢ + 56 ρ²ˢ − 16 ρ³ˢ + 2 ρ⁴ˢ); two spacings give both. A
+third, between them, tells such noise from motion: what noise loses of its correlation grows with s at once, what a
+motion adds grows late, with s⁸ at first. A loop that hunts over a coarse count moves the jaw that fast.
 Variances are taken from medians, so that breaks of a load and the ringing behind them have no say, and only where the
 motor hardly accelerates.
 """
@@ -24,7 +26,7 @@ from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
 
-NEAR, FAR = 1, 12  # rows between the values of a difference
+NEAR, MIDDLE, FAR = 1, 2, 12  # rows between the values of a difference
 BINOMIAL = (1.0, -4.0, 6.0, -4.0, 1.0)
 MEDIAN_OF_SQUARE = 0.4549364  # of a unit Gaussian: median of χ² with one degree of freedom
 CHANCE = 5.0  # deviations of the ratio of both variances: white noise seems coloured less often than 1 in 10⁶
@@ -81,16 +83,17 @@ def _current_beside_law(run: Run, rig: Rig) -> Vector | None:
 
 def autoregressive_noise(told: Sequence[tuple[Run, Vector]]) -> tuple[float, float]:
     """Return deviation and correlation from row to row; the correlation is 0 where the noise is white to chance."""
-    near, far = (_difference_variance(told, spacing) for spacing in (NEAR, FAR))
+    near, middle, far = (_difference_variance(told, spacing) for spacing in (NEAR, MIDDLE, FAR))
     if near <= 0.0:
         return 0.0, 0.0
     rows = QUIET_SHARE * sum(values.size for _, values in told)
-    ratio = far / near
     # A variance from the median of n squares is known to 2.3/√n, and to twice that where neighbours hang together.
-    if ratio < 1.0 + CHANCE * np.sqrt(2.0) * 4.6 / np.sqrt(rows):
+    by_chance = CHANCE * np.sqrt(2.0) * 4.6 / np.sqrt(rows)
+    if far / near < 1.0 + by_chance:
         return float(np.sqrt(near / 70.0)), 0.0
-    correlation = _correlation(ratio)
-    if correlation < LEAST_CORRELATED:
+    correlation = _correlation(far / near)
+    is_motion = middle / near < _share(correlation, MIDDLE) / _share(correlation, NEAR) - by_chance
+    if correlation < LEAST_CORRELATED or is_motion:
         return float(np.sqrt(near / 70.0)), 0.0
     return float(np.sqrt(near / _share(correlation, NEAR))), correlation
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, returning_arrays, subroutine
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel, returning_arrays
 from hil_forceps.model.composition import (
     Physics,
     backward_friction_N_m,
@@ -145,11 +145,13 @@ def _one(
     return refined_step(p, kind, s.gains, s.inertia, s.kept, x, d)
 
 
-@subroutine
-def friction_at_rest_N_m(p: Physics) -> float:
-    """Return the most that the motor's dry friction holds, without the wire's tension."""
+@kernel
+def friction_at_rest_N_m(p: Physics, tension_N: Vector, theta_j_rad: Vector, out: Matrix) -> None:
+    """Fill `out` (n × 2) with the most that the dry friction of motor and jaw holds, row by row."""
     sided = max(forward_friction_N_m(p), backward_friction_N_m(p))
-    return motor_friction_N_m(p, 0.0, 0.0) + p.film_friction_level_N_m + sided
+    for row in range(out.shape[0]):
+        out[row, 0] = motor_friction_N_m(p, 0.0, tension_N[row]) + p.film_friction_level_N_m + sided
+        out[row, 1] = jaw_level_N_m(p, theta_j_rad[row])
 
 
 @inlined

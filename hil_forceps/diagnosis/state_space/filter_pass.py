@@ -125,7 +125,7 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
     s, linear = steppers(plants, d.period_s, d.samples), _linear(p, d)
     x, covariance, work = d.first_state.copy(), np.diag(d.first_variance), _work(d, linear.taut)
     for mass in range(2):
-        covariance[FRICTION_M + mass, FRICTION_M + mass] = d.friction_level_N_m[mass] ** 2
+        covariance[FRICTION_M + mass, FRICTION_M + mass] = d.friction_level_N_m[0, mass] ** 2
     plant, drive = first_plant(d), DriveState(d.first_integral_rad_s, math.nan, 0.0, d.first_current_A)
     edge_variance = d.encoder_variance.min()
     before_A = plant.current_A

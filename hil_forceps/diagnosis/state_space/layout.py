@@ -80,7 +80,7 @@ class Series(NamedTuple):
     friction_free_m: Mask  # n: from row k to k + 1 the motor may stick
     friction_free_j: Mask  # n
     fading_rows: int  # over which the wire's slowest mode dies away
-    friction_level_N_m: tuple[float, float]  # motor, jaw: of what wanders there; 0: less than the load leaves open
+    friction_level_N_m: Matrix  # n × 2, motor and jaw: of what wanders there; 0: less than the load leaves open
     contact_stiffness: Vector  # n [N m/rad]: how the load answers to the jaw's angle from row k to k + 1
     load_slope_variance: Vector  # n [(N m/s)²]: of the change of slope at row k
     load_jump_variance: Vector  # n [(N m)²]: of a jump between row k and k + 1

@@ -188,9 +188,8 @@ def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
     """
     counts = f.log_likelihood != 0.0
     held = f.doubtful > 0
-    for level, free in zip(d.friction_level_N_m, (d.friction_free_m, d.friction_free_j), strict=True):
-        if level > 0.0:
-            held = held | free
+    for mass, free in enumerate((d.friction_free_m, d.friction_free_j)):
+        held = held | (free & (d.friction_level_N_m[:, mass] > 0.0))
     # What friction did is Gaussian by name only, until the wire's slowest mode has died away. And a mass breaks away
     # when the load has just moved in that direction. The filter's load lags behind, so it is biased there at first.
     left_out = _and_rows_behind(held, max(d.fading_rows, load_memory_rows(d)))

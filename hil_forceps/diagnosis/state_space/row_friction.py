@@ -58,7 +58,7 @@ def open_friction(
     """
     doubtful = 0
     for mass in range(2):
-        level = d.friction_level_N_m[mass]
+        level = d.friction_level_N_m[row, mass]
         column, speed = (FRICTION_M, OMEGA_M) if mass == 0 else (FRICTION_J, OMEGA_J)
         if free[mass]:
             freed(covariance, column, level, kept)

@@ -51,11 +51,15 @@ SURE_SHARE = 0.01  # of the variance of a current: what counts leave open of it 
 @inlined
 def sticks_at(d: Series, row: int, doubtful: bool) -> bool:
     """Tell whether dry friction may hold a mass, or did so a row before."""
-    level_m, level_j = d.friction_level_N_m
     before = max(row - 1, 0)
-    motor = d.friction_free_m[row] or d.friction_free_m[before]
-    jaw = d.friction_free_j[row] or d.friction_free_j[before]
-    return doubtful or (motor and level_m > 0.0) or (jaw and level_j > 0.0)
+    return doubtful or _may_hold(d, row) or _may_hold(d, before)
+
+
+@inlined
+def _may_hold(d: Series, row: int) -> bool:
+    motor: bool = d.friction_free_m[row] and d.friction_level_N_m[row, 0] > 0.0
+    jaw: bool = d.friction_free_j[row] and d.friction_level_N_m[row, 1] > 0.0
+    return motor or jaw
 
 
 @inlined

@@ -1,11 +1,14 @@
 """Deviation, colour and resolution of the sensors' noise, from the data alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.preparation.resolution import resolution_of
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
+from tests.hidden_effects.drawn_cases import draw, make
 from tests.hidden_effects.generator import COLOURED, RIG, WHITE, NoiseKind, generate
 from tests.hidden_effects.generator_scenarios import SCENARIOS
 
@@ -30,6 +33,15 @@ def test_coloured_noise_is_told_from_white() -> None:
     assert noise.correlation == pytest.approx(np.full(3, COLOURED.correlation), abs=0.06)
     driving = noise.deviation**2 * (1.0 - noise.correlation**2)  # what is new in each row: all that a filter sees of it
     assert driving == pytest.approx(TRUE**2 * (1.0 - COLOURED.correlation**2), rel=0.15)
+
+
+def test_a_loop_that_hunts_over_a_coarse_count_does_not_colour_the_jaw_sensor() -> None:
+    hunting = replace(draw("pair", 9700, usual=True), kind="none", effects=())
+    assert (hunting.counts, hunting.law) == (2048, "PI")
+    case = make(hunting)
+    noise = sensor_noise(case.fit, case.assumed)
+    assert noise.deviation[0] == pytest.approx(TRUE[0], rel=0.05)
+    assert not noise.correlation.any()
 
 
 def test_steps_of_a_converter_are_found_and_are_no_noise() -> None:
