@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
+from hil_forceps.diagnosis.hypotheses.candidate import Adapt, Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
-from hil_forceps.diagnosis.hypotheses.search import Adapt, Found, Search, search
+from hil_forceps.diagnosis.hypotheses.search import Found, search
 from hil_forceps.diagnosis.inference.dispersion import Weigh, by_student_t, over_dispersion
 from hil_forceps.diagnosis.inference.fit import Fit
 from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
@@ -91,6 +92,7 @@ def identify(
         INEXACT_SHARE,
         tied_share=0.0,
         geared=False,
+        friction_decides=True,
         most_effects=MOST_EFFECTS,
         weigh=weigh,
     )

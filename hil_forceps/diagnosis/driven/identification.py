@@ -13,8 +13,9 @@ from hil_forceps.diagnosis.driven.rows import driven_rows
 from hil_forceps.diagnosis.driven.runs import driven_runs
 from hil_forceps.diagnosis.driven.starting_values import K_T, completed
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
+from hil_forceps.diagnosis.hypotheses.candidate import Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
-from hil_forceps.diagnosis.hypotheses.search import Search, fit_known, search
+from hil_forceps.diagnosis.hypotheses.search import fit_known, search
 from hil_forceps.diagnosis.identification import LIKE_A_LOAD, Identified
 from hil_forceps.diagnosis.inference.fit import Fit
 from hil_forceps.diagnosis.inference.parameters import Free, known, known_parameters
@@ -81,6 +82,7 @@ def prepared(
         LEAST_SHARE,
         tied_share=LEAST_SHARE,  # a further parameter is to gain no less than a further entry
         geared=True,
+        friction_decides=False,
         most_effects=MOST_EFFECTS,
         weigh=None,
     )

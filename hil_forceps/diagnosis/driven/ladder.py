@@ -7,7 +7,7 @@ import numpy as np
 from hil_forceps.diagnosis.driven.passed import DrivenRun
 from hil_forceps.diagnosis.driven.play import play
 from hil_forceps.diagnosis.evidence import Mapper
-from hil_forceps.diagnosis.hypotheses.search import Candidate
+from hil_forceps.diagnosis.hypotheses.candidate import Candidate
 from hil_forceps.diagnosis.inference.fit import Fit, fit
 from hil_forceps.diagnosis.inference.parameters import without_effect
 from hil_forceps.diagnosis.result import Estimate, Rung

@@ -5,22 +5,23 @@ likely then, and is worse by far beside the whole model.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.evidence import Gram, Mapper, Wave, gram
 from hil_forceps.diagnosis.hypotheses.entries import HARMONIC
-from hil_forceps.diagnosis.hypotheses.places import HARMONICS, WAVES, Place
+from hil_forceps.diagnosis.hypotheses.places import HARMONICS, WAVES, Place, estimate
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, score_test
-from hil_forceps.diagnosis.hypotheses.shortlist import Start
-from hil_forceps.diagnosis.inference.fit import Fit, directions_of
-from hil_forceps.diagnosis.inference.parameters import values_of
+from hil_forceps.diagnosis.inference.fit import Fit, directions_of, moved
+from hil_forceps.diagnosis.inference.parameters import start_of, values_of, with_effect
 from hil_forceps.rig.catalogue import effect
 
+Vector = NDArray[np.float64]
 
-def likelier_harmonic(model: Fit, effect_id: str, mapper: Mapper) -> Start | None:
-    """Return another harmonic that explains more than an effect's own in a model; None where there is none.
 
-    The effect is linear in its amplitudes: with them at zero, the residuals r are r − J a, and each harmonic is scored
-    on these. `Start.shifts` are of the parameters beside the amplitudes, in the order of the model.
+def likelier_harmonic(model: Fit, effect_id: str, mapper: Mapper) -> Vector | None:
+    """Return parameters with another harmonic that explains more than an effect's own in a model; None where none does.
+
+    The effect is linear in its amplitudes a: without it the residuals are r − J a, and harmonics are scored on these.
     """
     passes, theta = model.passes, model.passes.theta
     amplitudes = [p.name for p in effect(effect_id).parameters if p.neutral is not None]
@@ -46,4 +47,5 @@ def likelier_harmonic(model: Fit, effect_id: str, mapper: Mapper) -> Start | Non
     best = int(np.argmax(tested.gains))
     if harmonics[best] == values_of(theta, effect_id)[HARMONIC]:
         return None
-    return Start(places[best], tested.sizes[best], tested.shifts[best], float(tested.gains[best]))
+    changed = moved(theta, others, tested.shifts[best])
+    return with_effect(changed, effect_id, start_of(effect_id, estimate(places[best], tested.sizes[best].tolist())))

@@ -70,6 +70,7 @@ class Record:
     load_open_sd_N_m: float  # what is left open of the load
     load_course_N_m: Vector  # n: smoothed
     jaw_course_rad: Vector  # n: likewise
+    step_rad: float  # of the encoder, or what is taken for one where it is ideal
     least_slope_variance: float  # [(N m/s)²]: what the equations leave open, as a wandering load
     settling_rows: int
     command_span_A: float
@@ -96,7 +97,8 @@ class Record:
         stick are evidence as any. Models that are compared must be so by records with the same friction.
         """
         levels = np.empty((self.load_course_N_m.size, 2))
-        friction_at_rest_N_m(p, self.load_course_N_m / p.r_j, self.jaw_course_rad, levels)
+        resolved = (self.step_rad, self.step_rad * p.r_m / p.r_j)
+        friction_at_rest_N_m(p, self.load_course_N_m / p.r_j, self.jaw_course_rad, resolved, levels)
         levels[levels <= self.load_open_sd_N_m * np.array([p.r_m / p.r_j, 1.0])] = 0.0
         undecided = undecided_switching(self.series.encoder_rad.size)
         return replace(self, series=self.series._replace(friction_level_N_m=levels, switching=undecided))
@@ -216,6 +218,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise) -> Record:
         prior.open_sd_N_m,
         prior.course_N_m,
         jaw_smooth,
+        step,
         least,
         min(n // 4, max(5, round(SETTLING_S / period_s))),
         drive.span_A,

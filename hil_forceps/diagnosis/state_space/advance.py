@@ -25,6 +25,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 STEPS = 4  # of a row
+SURE_DEVIATIONS = 6.0  # of a command, to its limit: 1 in 10⁹ are beyond
 _ROOT_2 = math.sqrt(2.0)
 # What switches off all effects that are part of what holds a body at rest.
 _DRY = {
@@ -90,6 +91,15 @@ def acting_command(p: Physics, command_A: float) -> float:
 
 
 @inlined
+def passing_share(p: Physics, command_A: float, deviation_A: float) -> float:
+    """Return how likely the amplifier passes on an error of a command that is known to ± `deviation_A`."""
+    low, high, size = p.amplifier_deadband_half_width_A, p.current_saturation_limit_A, abs(command_A)
+    if low == 0.0 and size + SURE_DEVIATIONS * deviation_A < high:
+        return 1.0
+    return forward_share(size - low, deviation_A) - forward_share(size - high, deviation_A)
+
+
+@inlined
 def advance(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, commands_A: Vector, sample: int) -> State:
     """Return the plant's state a sample of the drive on, by its place in the row."""
     steps = STEPS // s.samples
@@ -146,12 +156,25 @@ def _one(
 
 
 @kernel
-def friction_at_rest_N_m(p: Physics, tension_N: Vector, theta_j_rad: Vector, out: Matrix) -> None:
-    """Fill `out` (n × 2) with the most that the dry friction of motor and jaw holds, row by row."""
-    sided = max(forward_friction_N_m(p), backward_friction_N_m(p))
+def friction_at_rest_N_m(
+    p: Physics, tension_N: Vector, theta_j_rad: Vector, resolved_rad: tuple[float, float], out: Matrix
+) -> None:
+    """Fill `out` (n × 2) with the most that the dry friction of motor and jaw holds, row by row.
+
+    Friction that builds up over less than `resolved_rad` (motor, jaw) is as dry as any: nobody sees how far it has.
+    """
+    motor = p.film_friction_level_N_m + max(forward_friction_N_m(p), backward_friction_N_m(p))
+    motor_mu, jaw, jaw_mu = 0.0, 0.0, 0.0
+    if p.presliding_friction_angle_rad < resolved_rad[0]:
+        motor += p.presliding_friction_level_N_m
+    if p.loaded_presliding_angle_rad < resolved_rad[0]:
+        motor_mu = p.loaded_presliding_mu
+    if p.jaw_presliding_angle_rad < resolved_rad[1]:
+        jaw, jaw_mu = p.jaw_presliding_level_N_m, p.jaw_presliding_mu
     for row in range(out.shape[0]):
-        out[row, 0] = motor_friction_N_m(p, 0.0, tension_N[row]) + p.film_friction_level_N_m + sided
-        out[row, 1] = jaw_level_N_m(p, theta_j_rad[row])
+        tension = abs(tension_N[row])
+        out[row, 0] = motor_friction_N_m(p, 0.0, tension) + motor + motor_mu * p.r_m * tension
+        out[row, 1] = jaw_level_N_m(p, theta_j_rad[row]) + jaw + jaw_mu * p.r_j * tension
 
 
 @inlined

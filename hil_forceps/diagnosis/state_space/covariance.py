@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
-    COUPLED,
     CURRENT_NOISE,
     FRICTION_M,
     INTEGRAL_ERROR,
@@ -26,31 +25,35 @@ Matrix = NDArray[np.float64]
 
 
 @subroutine
-def moved(f: Matrix, covariance: Matrix, kept: Vector, work: Matrix) -> None:
-    """Replace a covariance by F P Fᵀ; `kept`: how much of each state beyond the plant's is kept meanwhile."""
+def moved(f: Matrix, covariance: Matrix, kept: Vector, current_slope: float, work: Matrix) -> None:
+    """Replace a covariance by F P Fᵀ.
+
+    `kept`: how much of each state beyond the plant's is kept meanwhile; `current_slope`: how the current follows an
+    error of the command.
+    """
     if covariance.shape[0] == RECORDED_STATES:  # of a size that the compiler knows, in half the time
-        _moved(f, covariance, kept, work, RECORDED_STATES)
+        _moved(f, covariance, kept, current_slope, work, RECORDED_STATES)
     else:
-        _moved(f, covariance, kept, work, covariance.shape[0])
+        _moved(f, covariance, kept, current_slope, work, covariance.shape[0])
 
 
 @inlined
-def _moved(f: Matrix, covariance: Matrix, kept: Vector, work: Matrix, states: int) -> None:
+def _moved(f: Matrix, covariance: Matrix, kept: Vector, current_slope: float, work: Matrix, states: int) -> None:
     for j in range(states):
         for i in range(states):
-            work[i, j] = _carried(f, covariance[j], i, kept)
+            work[i, j] = _carried(f, covariance[j], i, kept, current_slope)
     for i in range(states):
         for j in range(i, states):
-            covariance[i, j] = _carried(f, work[i], j, kept)
+            covariance[i, j] = _carried(f, work[i], j, kept, current_slope)
             covariance[j, i] = covariance[i, j]
 
 
 @subroutine
-def _carried(f: Matrix, x: Vector, i: int, kept: Vector) -> float:
+def _carried(f: Matrix, x: Vector, i: int, kept: Vector, current_slope: float) -> float:
     """Return entry i of F x."""
     if i <= LOAD:
-        total = 0.0
-        for m in range(COUPLED):
+        total: float = current_slope * f[i, COMMAND_ERROR] * x[COMMAND_ERROR]
+        for m in range(COMMAND_ERROR):  # the last of those that are coupled
             total += f[i, m] * x[m]
         return total
     value: float = kept[i] * x[i]

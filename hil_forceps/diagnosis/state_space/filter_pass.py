@@ -41,7 +41,14 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
     Work,
 )
-from hil_forceps.diagnosis.state_space.row_drive import end_of_row, first_sample, next_current, next_sample, nominal_row
+from hil_forceps.diagnosis.state_space.row_drive import (
+    end_of_row,
+    first_sample,
+    next_current,
+    next_sample,
+    nominal_row,
+    note_current_slope,
+)
 from hil_forceps.diagnosis.state_space.row_friction import begin_friction, open_friction, sliding_deviations
 from hil_forceps.diagnosis.state_space.row_measurements import sticks_at, take_measurements
 from hil_forceps.diagnosis.state_space.row_plant import acting_on, beginning, first_plant, is_slack, noise_kept
@@ -163,8 +170,11 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
         for sample in range(d.samples):
             if sample > 0:
                 next_sample(d, row, sample, work.made, x, covariance, out)
+            note_current_slope(p, row * d.samples + sample, covariance, out)
             plant = advance_in(plants, s, was[0], was[1], plant, acting, out.command_A, sample)
-            moved(f_sample, covariance, linear.kept_sample, work.covariance)
+            moved(
+                f_sample, covariance, linear.kept_sample, out.current_slope[row * d.samples + sample], work.covariance
+            )
         if d.samples > 1:
             end_of_row(work.made, x, covariance)
         disturbed(covariance, d, row, f, linear.jump, p.K_t)
@@ -248,6 +258,7 @@ def filter_run(plants: Regimes, d: Series) -> Filtered:
         np.zeros(n * d.samples),
         np.zeros(n),
         np.zeros(n * d.samples, dtype=np.bool_),
+        np.ones(n * d.samples),
         Between(
             np.zeros((between, 2, COUPLED), dtype=np.float32),
             np.zeros((between, 2, LAW_STATES), dtype=np.float32),

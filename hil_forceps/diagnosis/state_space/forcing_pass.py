@@ -28,6 +28,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
 )
 from hil_forceps.diagnosis.state_space.response_pass import answers_of_contact, sample_answers
+from hil_forceps.diagnosis.state_space.row_drive import slope_before
 from hil_forceps.diagnosis.state_space.row_plant import end_friction, is_slack, noise_kept
 from hil_forceps.diagnosis.state_space.transition import transition
 from hil_forceps.model.composition import Physics
@@ -59,7 +60,7 @@ def forcing_pass(
     for row in range(d.encoder_rad.size):
         for place in range(CHANNELS):
             channel = (place + CURRENT) % CHANNELS
-            _shown(channel, 1.0 + p.current_gain_relative_error, x, change)
+            _shown(channel, (1.0 + p.current_gain_relative_error) * slope_before(d, row, filtered), x, change)
             for m in range(count):
                 change[m] += shown[row, channel, m]
                 out[row, channel, m] = -filtered.weight[row, channel] * change[m]
@@ -73,7 +74,8 @@ def forcing_pass(
         for sample in range(d.samples):
             if d.states > RECORDED_STATES:
                 sample_answers(d, filtered, row, sample, shown[row, ENCODER], x)
-            _carried(f, x, motor[row], jaw[row], sample_s, kept, after)
+            slope = filtered.current_slope[row * d.samples + sample]
+            _carried(f, x, motor[row], jaw[row], sample_s, kept, slope, after)
             answers_of_contact(f, d.contact_stiffness[row], sample_s, x[THETA_J], after)
             x, after = after, x
 
@@ -93,8 +95,17 @@ def _shown(channel: int, gain: float, x: Matrix, out: Vector) -> None:
 
 
 @with_work_arrays
-def _carried(f: Matrix, x: Matrix, motor: Vector, jaw: Vector, period_s: float, kept: Vector, after: Matrix) -> None:
-    """Fill `after` with changes of the state a row on."""
+def _carried(
+    f: Matrix,
+    x: Matrix,
+    motor: Vector,
+    jaw: Vector,
+    period_s: float,
+    kept: Vector,
+    current_slope: float,
+    after: Matrix,
+) -> None:
+    """Fill `after` with changes of the state a row on; `current_slope` as in `Filtered`."""
     count = motor.size
     for i in range(PLANT_STATES):
         by_motor, by_jaw = f[i, FRICTION_M], f[i, FRICTION_J]
@@ -102,7 +113,7 @@ def _carried(f: Matrix, x: Matrix, motor: Vector, jaw: Vector, period_s: float, 
             # Friction brakes, and so does a load: a torque is what takes from them.
             after[i, m] = -by_motor * motor[m] - by_jaw * jaw[m]
         for j in range(COUPLED):
-            per = f[i, j]
+            per = f[i, j] * (current_slope if j == COMMAND_ERROR else 1.0)
             for m in range(count):
                 after[i, m] += per * x[j, m]
     for i in range(PLANT_STATES, x.shape[0]):

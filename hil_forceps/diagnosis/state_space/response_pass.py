@@ -17,7 +17,6 @@ from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
     CHANNELS,
     COMMAND_ERROR,
-    COUPLED,
     CURRENT,
     CURRENT_BEFORE,
     CURRENT_NOISE,
@@ -45,6 +44,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Filtered,
     Series,
 )
+from hil_forceps.diagnosis.state_space.row_drive import slope_before
 from hil_forceps.diagnosis.state_space.row_plant import (
     acting_on,
     beginning,
@@ -107,12 +107,12 @@ def response_pass(
     x, after = np.zeros(d.states), np.zeros(d.states)
     before_A = plant.current_A
     for row in range(d.encoder_rad.size):
-        at = course[row]
+        at, gain = course[row], (1.0 + base.current_gain_relative_error) * slope_before(d, row, filtered)
         for place in range(CHANNELS):
             channel = (place + CURRENT) % CHANNELS
             change = _shown(p, channel, at, plant.current_A, before_A, d.period_s)
             change -= _shown(base, channel, at, at[PREDICTED_CURRENT], at[CURRENT_BEFORE], d.period_s)
-            change = change * per + _change_shown(channel, 1.0 + base.current_gain_relative_error, x)
+            change = change * per + _change_shown(channel, gain, x)
             out[row, channel] = -change * filtered.weight[row, channel]
             for i in range(d.states):
                 x[i] -= filtered.gain[row, channel, i] * change
@@ -128,7 +128,7 @@ def response_pass(
             if d.states > RECORDED_STATES:
                 _sample_answer(d, filtered, row, sample, shift, x)
             plant = advance_in(plants, s, free_m, free_j, plant, acting, filtered.command_A, sample)
-            _carried(f, x, after, sample_s, kept)
+            _carried(f, x, after, sample_s, kept, filtered.current_slope[row * d.samples + sample])
             if sample == d.samples - 1:
                 after[THETA_M] += per * (plant.theta_m_rad - there[PREDICTED_THETA_M])
                 after[OMEGA_M] += per * (plant.omega_m_rad_per_s - there[PREDICTED_OMEGA_M])
@@ -169,11 +169,11 @@ def _sample_answer(d: Series, filtered: Filtered, row: int, sample: int, shift_r
 
 
 @inlined
-def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector) -> None:
-    """Fill `after` with a change of the state a row on."""
+def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector, current_slope: float) -> None:
+    """Fill `after` with a change of the state a row on; `current_slope` as in `Filtered`."""
     for i in range(PLANT_STATES):
-        total = 0.0
-        for j in range(COUPLED):
+        total = current_slope * f[i, COMMAND_ERROR] * x[COMMAND_ERROR]
+        for j in range(COMMAND_ERROR):  # the last of those that are coupled
             total += f[i, j] * x[j]
         after[i] = total
     for i in range(PLANT_STATES, x.size):

@@ -94,6 +94,6 @@ def sliding_deviations(p: Physics, d: Series, f: Matrix, jump: Matrix, kept: Vec
             information = 1.0 / (variance + noise)
             corrected(x, covariance, along, 0.0, information)
         settled[0], settled[1] = math.sqrt(covariance[OMEGA_M, OMEGA_M]), math.sqrt(covariance[OMEGA_J, OMEGA_J])
-        moved(f, covariance, kept, work)
+        moved(f, covariance, kept, 1.0, work)
         disturbed(covariance, d, usual_row, f, jump, p.K_t)
     return settled

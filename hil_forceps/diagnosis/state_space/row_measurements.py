@@ -38,6 +38,7 @@ from hil_forceps.diagnosis.state_space.measurement import (
     predicted,
     white_variance,
 )
+from hil_forceps.diagnosis.state_space.row_drive import slope_before
 from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
@@ -110,7 +111,8 @@ def take_measurements(
             _current_between(p, d, row, shown, considered, x, covariance, work, out)
             continue
         if channel == CURRENT:
-            variance = current_direction(covariance, 1.0 + p.current_gain_relative_error, along)
+            gain = (1.0 + p.current_gain_relative_error) * slope_before(d, row, out)
+            variance = current_direction(covariance, gain, along)
         else:
             variance = direction(channel, covariance, along)
         log_likelihood, score, information = evidence(d, channel, row, shown, variance)
@@ -154,7 +156,8 @@ def _current_between(
     its derivative, the noise of the sensor. It is evidence of the parameters where counts are known without it: chosen
     by it, they fit it too well.
     """
-    gain, last = 1.0 + p.current_gain_relative_error, BETWEEN + d.samples - 2
+    gain = (1.0 + p.current_gain_relative_error) * slope_before(d, row, out)
+    last = BETWEEN + d.samples - 2
     prior_variance = out.between.prior_variance[row - 1] if row > 0 else 0.0
     conditioned = prior_variance != NOT_CONDITIONED
     # The covariance of the state with what is shown, and with the part of it that unseen counts made.

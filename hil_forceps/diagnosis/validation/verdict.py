@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEFT_OVER_CHANCE, UNEXPLAINED_SHARE
-from hil_forceps.diagnosis.hypotheses.search import Step
+from hil_forceps.diagnosis.hypotheses.candidate import Step
 from hil_forceps.diagnosis.identification import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, inverted
 from hil_forceps.diagnosis.inference.parameters import Free, known

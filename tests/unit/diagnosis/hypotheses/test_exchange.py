@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.evidence import Passes
-from hil_forceps.diagnosis.hypotheses import score_test
+from hil_forceps.diagnosis.hypotheses import exchange, score_test
 from hil_forceps.diagnosis.hypotheses import search as searching
-from hil_forceps.diagnosis.hypotheses.search import Candidate, Search, Step
+from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, Step
 from hil_forceps.diagnosis.hypotheses.shortlist import best_starts
 from hil_forceps.diagnosis.inference.fit import Fit
 from hil_forceps.diagnosis.inference.parameters import Free
@@ -30,6 +30,7 @@ SEARCH = Search(
     least_share=0.0,
     tied_share=0.0,
     geared=False,
+    friction_decides=False,
     most_effects=6,
     weigh=None,
 )
@@ -44,13 +45,15 @@ def fitting(monkeypatch: pytest.MonkeyPatch, gains: Mapping[frozenset[str], floa
     """Let a refit gain what `gains` says of its effects; return those that were asked for."""
     asked = []
 
-    def fitted(_: Search, __: Candidate, ___: Passes, effects: Sequence[str]) -> Candidate:
+    def fitted(_: Search, __: Candidate, ___: Passes, effects: Sequence[str], *, added: int) -> Candidate:
+        del added
         asked.append(frozenset(effects))
         return candidate(effects, gains[frozenset(effects)])
 
-    monkeypatch.setattr(searching, "_fitted", fitted)
-    monkeypatch.setattr(searching, "pass_all", lambda *_: FIT.passes)
-    monkeypatch.setattr(searching, "_beside", lambda s, model: (s, model))
+    for module in (searching, exchange):
+        monkeypatch.setattr(module, "fitted", fitted)
+        monkeypatch.setattr(module, "pass_all", lambda *_: FIT.passes)
+        monkeypatch.setattr(module, "beside", lambda s, model: (s, model))
     return asked
 
 
@@ -68,7 +71,7 @@ BEST = candidate(["wire_creep", "cogging"], 80.0)
 
 def test_what_was_near_and_is_likelier_beside_a_later_entry_takes_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = fitting(monkeypatch, {frozenset({"wire_hysteresis", "cogging"}): 5.0})
-    best, rivals = searching._exchanged(SEARCH, BEST, (BEST,), STEPS)
+    best, rivals = exchange.exchanged(SEARCH, BEST, (BEST,), STEPS)
     assert best.effects == ("wire_hysteresis", "cogging")
     assert [c.effects for c in rivals] == [("wire_hysteresis", "cogging"), ("wire_creep", "cogging")]
     assert rivals[0].gain == 85.0
@@ -77,7 +80,7 @@ def test_what_was_near_and_is_likelier_beside_a_later_entry_takes_its_place(monk
 
 def test_what_is_less_likely_by_far_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
     fitting(monkeypatch, {frozenset({"wire_hysteresis", "cogging"}): -40.0})
-    best, rivals = searching._exchanged(SEARCH, BEST, (BEST,), STEPS)
+    best, rivals = exchange.exchanged(SEARCH, BEST, (BEST,), STEPS)
     assert best is BEST
     assert rivals == (BEST,)
 
@@ -103,10 +106,34 @@ def test_of_models_that_are_hardly_apart_the_one_with_fewest_parameters_is_first
     more = Candidate(("loaded_presliding",), free(10), 1000.0)
     fewer = Candidate(("load_dependent_friction",), free(9), 1000.0 - behind)
     far = Candidate(("cogging",), free(2), 500.0)
-    ranked = searching._ranked([far, fewer, more], 0.01)
-    assert ranked[0].effects == (first,)
-    assert len(ranked) == 3
-    assert ranked[-1] is far
+    order = exchange.ranked([far, fewer, more], 0.01)
+    assert order[0].effects == (first,)
+    assert len(order) == 3
+    assert order[-1] is far
+
+
+def test_a_rival_with_more_dry_friction_is_compared_on_runs_adapted_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the best model, which has none, rows where a mass sticks are evidence; beside the rival they aren't."""
+    smooth, dry = candidate(["loaded_presliding"], 102.0), candidate(["load_dependent_friction"], 100.0)
+    step = Step((), (), TESTED, (smooth, dry), "loaded_presliding")
+    adapted = SEARCH._replace(runs=("adapted",), friction_decides=True)
+    seen: list[tuple[object, ...]] = []
+
+    def fitted(s: Search, __: Candidate, ___: Passes, effects: Sequence[str], *, added: int) -> Candidate:
+        del added
+        seen.append(tuple(s.runs))
+        return candidate(effects, 7.0 if s.runs else -2.0)
+
+    monkeypatch.setattr(exchange, "fitted", fitted)
+    monkeypatch.setattr(exchange, "pass_all", lambda *_: FIT.passes)
+    monkeypatch.setattr(exchange, "beside", lambda _, model: (adapted, model))
+    monkeypatch.setattr(exchange, "fit", lambda *_: FIT)
+    best, rivals = exchange.exchanged(SEARCH._replace(friction_decides=True), smooth, (smooth, dry), (step,))
+    assert seen == [(), ("adapted",)]
+    assert best.effects == ("load_dependent_friction",)
+    assert [c.gain for c in rivals] == [109.0, 102.0]
+    exchange.exchanged(SEARCH, smooth, (smooth, dry), (step,))
+    assert len(seen) == 2  # where friction decides nothing, both were compared when they joined
 
 
 def test_an_empty_catalogue_has_nothing_to_refit() -> None:

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 import pytest
 
-from hil_forceps.diagnosis.hypotheses.search import Found, Search, search
+from hil_forceps.diagnosis.hypotheses.candidate import Search
+from hil_forceps.diagnosis.hypotheses.search import Found, search
 from hil_forceps.diagnosis.identification import INEXACT_SHARE, adapting
 from hil_forceps.diagnosis.inference.dispersion import over_dispersion
 from hil_forceps.diagnosis.inference.parameters import values_of
@@ -32,6 +33,7 @@ def found_in(rig: Rig, effects: Mapping[str, Mapping[str, float]], kinds: tuple[
         INEXACT_SHARE,
         tied_share=0.0,
         geared=False,
+        friction_decides=True,
         most_effects=6,
         weigh=over_dispersion,
     )

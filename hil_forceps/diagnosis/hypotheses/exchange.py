@@ -1,0 +1,97 @@
+"""What was less likely alone may be likelier beside what joined later: exchanges of entries, and of harmonics."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from hil_forceps.diagnosis.error_rates import SETS_WITHOUT_TRUTH
+from hil_forceps.diagnosis.evidence import pass_all
+from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, Step, beside, fitted, with_runs
+from hil_forceps.diagnosis.hypotheses.harmonic_profile import likelier_harmonic
+from hil_forceps.diagnosis.hypotheses.places import WAVES
+from hil_forceps.diagnosis.inference.fit import fit
+from hil_forceps.diagnosis.inference.parameters import values_of, with_effect, without_effect
+from hil_forceps.rig.catalogue import EFFECT_IDS, effect
+
+Vector = NDArray[np.float64]
+
+EXCHANGES = 3  # of an entry that joined, for others tried at that step
+EXCHANGE_SHARE = 0.7  # of the gain with which it joined: what gained less was no near rival
+# Of twice the log likelihood, 8.9: models within it are kept. Models δ deviations apart part by N(δ², 4δ²), so the true
+# one falls behind another by more than D with Φ(−√D) at most, whatever δ, and behind any of the catalogue with
+# `SETS_WITHOUT_TRUTH`.
+SET_DROP = float(stats.norm.isf(SETS_WITHOUT_TRUTH / len(EFFECT_IDS)) ** 2)
+
+
+def ranked(models: Sequence[Candidate], tied_share: float) -> list[Candidate]:
+    """Return models by their gain; but first, of those that are taken for as good as the best, the simplest."""
+    order = sorted(models, key=lambda c: -c.gain)
+    near = [c for c in order if c.gain > (1.0 - tied_share) * order[0].gain]
+    near.sort(key=lambda c: len(c.fit.free))
+    return near[:1] + [c for c in order if c is not near[0]] if near else order
+
+
+def with_likeliest_harmonics(s: Search, model: Candidate) -> Candidate:
+    """Return a model with each harmonic that is likelier beside all that has joined; behind a gear it stays.
+
+    A harmonic is no parameter that is fitted, so as many are: no cost is due.
+    """
+    for effect_id in model.effects:
+        if s.geared or effect_id not in WAVES:
+            continue
+        theta = likelier_harmonic(model.fit, effect_id, s.mapper)
+        if theta is None:
+            continue
+        changed = fitted(s, model, pass_all(s.runs, theta, s.mapper), model.effects, added=0)
+        if changed.gain > 0.0:
+            model = changed._replace(gain=model.gain + changed.gain)
+    return model
+
+
+def exchanged(
+    s: Search, best: Candidate, rivals: tuple[Candidate, ...], steps: Sequence[Step]
+) -> tuple[Candidate, tuple[Candidate, ...]]:
+    """Return the best model and its rivals, with entries exchanged that were near when another joined.
+
+    What was less likely alone may be likelier beside what joined later.
+    """
+    every = {frozenset(c.effects): c for c in (*rivals, best)}
+    for step in steps:
+        if step.joined not in best.effects:
+            continue
+        joined = max(c.gain for c in step.tried if c.effects[-1] == step.joined)
+        near = [c for c in step.tried if c.gain > EXCHANGE_SHARE * joined and c.effects[-1] not in best.effects]
+        for other in sorted(near, key=lambda c: -c.gain)[:EXCHANGES]:
+            effect_id = other.effects[-1]
+            effects = [effect_id if e == step.joined else e for e in best.effects]
+            is_compared = frozenset(effects) in every and not (s.friction_decides and _has_more_friction(effects, best))
+            if is_compared or s.spent():
+                continue
+            theta = without_effect(best.fit.passes.theta, step.joined)
+            theta = with_effect(theta, effect_id, values_of(other.fit.passes.theta, effect_id))
+            found = _instead(s, best, theta, effects)
+            every[frozenset(effects)] = found._replace(gain=best.gain + found.gain)
+    order = ranked(list(every.values()), s.tied_share)
+    kept = tuple(c for c in order if c.gain > order[0].gain - SET_DROP)
+    return (best, kept) if order[0] is best else (beside(s, with_runs(s, order[0]))[1], kept)
+
+
+def _instead(s: Search, best: Candidate, theta: Vector, effects: Sequence[str]) -> Candidate:
+    """Return the fit of a rival from `theta` on; its gain is that above `best`, on runs that suit both.
+
+    Where a mass may stick is no evidence, and a model without dry friction does not know of it. So runs are adapted to
+    the one that has more.
+    """
+    found = fitted(s, best, pass_all(s.runs, theta, s.mapper), effects, added=0)
+    if not (s.friction_decides and _has_more_friction(effects, best)):
+        return found
+    s, found = beside(s, found)
+    there = best._replace(fit=fit(s.runs, best.fit.passes.theta, best.fit.free, s.mapper))
+    return fitted(s, there, found.fit.passes, effects, added=0)
+
+
+def _has_more_friction(effects: Sequence[str], than: Candidate) -> bool:
+    """Tell whether a model has dry friction that another lacks."""
+    return any(effect(e).dry_friction_of is not None for e in set(effects) - set(than.effects))
