@@ -34,7 +34,8 @@ class Glossary(NamedTuple):
 
 def glossary_of(page: str) -> Glossary:
     """Read the tables: those below `## Symbols` have symbols, all others have terms."""
-    symbols, terms = [], []
+    symbols: list[str] = []
+    terms: list[str] = []
     for section in page.split("\n## ")[1:]:
         title, _, text = section.partition("\n")
         rows = [line.split(" | ")[0].removeprefix("| ") for line in text.splitlines() if line.startswith("| ")]
