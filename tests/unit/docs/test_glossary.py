@@ -19,8 +19,8 @@ HOUSE_WORDS = (
     "effect", "entry", "estimator", "extended rig", "fault campaign", "floor", "fresh", "gate", "held out",
     "hidden effect", "host", "innovation", "instrument", "invariant", "kernel", "lack of fit", "ladder", "latch",
     "law", "line", "live page", "load", "native", "paper", "peer", "plant", "profile", "promise", "recording",
-    "reference", "rig", "rig file", "run", "runaway", "sample", "service", "session", "setpoint", "shift", "stamp",
-    "stroke", "target", "tick", "verdict", "virtual time", "wire", "world", "zero",
+    "reference", "rig", "rig file", "run", "runaway", "sample", "scenario", "service", "session", "setpoint", "shift", "stamp",
+    "stroke", "target", "tick", "usual runs", "verdict", "virtual time", "wire", "world", "zero",
 )  # fmt: skip
 _CODE = re.compile(r"^```.*?^```|^ {4,}\S[^\n]*$|`[^`\n]+`", re.MULTILINE | re.DOTALL)
 
