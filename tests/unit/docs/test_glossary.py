@@ -1,9 +1,11 @@
-"""docs/glossary.md has every house word that the documents use, and no entry that they don't use."""
+"""docs/glossary.md has every house word that the documents and `--help` use, and no entry that they don't use."""
 
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
+
+from tools.site.cli_page import page as help_of_all_commands
 
 DOCS = Path(__file__).parents[3] / "docs"
 GLOSSARY = DOCS / "glossary.md"
@@ -19,8 +21,8 @@ HOUSE_WORDS = (
     "effect", "entry", "estimator", "extended rig", "fault campaign", "floor", "fresh", "gate", "held out",
     "hidden effect", "host", "innovation", "instrument", "invariant", "kernel", "lack of fit", "ladder", "latch",
     "law", "line", "live page", "load", "native", "paper", "peer", "plant", "profile", "promise", "recording",
-    "reference", "rig", "rig file", "run", "runaway", "sample", "scenario", "service", "session", "setpoint", "shift", "stamp",
-    "stroke", "target", "tick", "usual runs", "verdict", "virtual time", "wire", "world", "zero",
+    "reference", "rig", "rig file", "run", "runaway", "sample", "scenario", "service", "session", "setpoint", "shift",
+    "stamp", "stroke", "target", "tick", "usual runs", "verdict", "virtual time", "wire", "world", "zero",
 )  # fmt: skip
 _CODE = re.compile(r"^```.*?^```|^ {4,}\S[^\n]*$|`[^`\n]+`", re.MULTILINE | re.DOTALL)
 
@@ -63,7 +65,7 @@ def unused(glossary: Glossary, text: str) -> Iterator[str]:
 
 
 def test_house_words_are_defined_and_entries_are_used() -> None:
-    text = "\n\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    text = "\n\n".join([*(page.read_text(encoding="utf-8") for page in PAGES), help_of_all_commands()])
     glossary = glossary_of(GLOSSARY.read_text(encoding="utf-8"))
     assert list(undefined(HOUSE_WORDS, glossary, _CODE.sub("", text))) == []
     assert list(unused(glossary, text)) == []
