@@ -74,7 +74,7 @@ def apart(found: Identified) -> float:
     return gain["pulley_eccentricity"] + 2.0 - gain["spool_radius_change"]
 
 
-@pytest.mark.xfail(reason="the filter's foresight: d of 41 is predicted, 25 is achieved (decisions/0009)")
+@pytest.mark.xfail(reason="the filter's foresight: d of 41 is predicted, 25 is achieved (decisions/0028)")
 @pytest.mark.long
 @pytest.mark.timeout(900)
 def test_the_experiment_separates_as_predicted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ _TAIL = 2.0  # deviations: beyond, differences of the normal distribution lose d
 _NARROW = 0.5  # deviations: so do those of edges as near
 # Behind a count the density is flatter than a normal one, and the next count tells less than its information. With
 # these shares of it the innovations of simulated tracks are nearly white: predicted to 0.09 to 0.5 of a count, with
-# 0.1 to 3.4 counts a row, their correlations are at most 0.02. Narrower ones gain less (decision 0009).
+# 0.1 to 3.4 counts a row, their correlations are at most 0.02. Narrower ones gain less (decision 0026).
 _OVERSTATED_PER_DEVIATION = 1.0 / 80.0
 _MOST_OVERSTATED = 0.15
 _REACH = 20.0  # exp(−20) of the density at the nearer edge: what lies beyond has no say
