@@ -86,13 +86,21 @@ def shows(found: Identified, effect_id: str, values: Mapping[str, float]) -> flo
     0 for an effect without amplitudes of its own.
     """
     step = found.found.steps[0]
+    places = [p for p in step.places if p.effect_id == effect_id and p.stop - p.first == len(p.amplitudes) > 0]
+    if not places:
+        return 0.0
+    nearest = min(_apart(p.shape, values) for p in places)
     largest = 0.0
-    for place in step.places:
-        if place.effect_id == effect_id and place.stop - place.first == len(place.amplitudes):
+    for place in places:
+        if _apart(place.shape, values) == nearest:
             sizes = np.array([values.get(name, 0.0) / unit for name, unit in place.amplitudes.items()])
-            information = step.tested.information[place.first : place.stop]
-            largest = max(largest, float(np.sqrt(sizes**2 @ information)))
+            largest = max(largest, float(np.sqrt(sizes**2 @ step.tested.information[place.first : place.stop])))
     return largest
+
+
+def _apart(shape: Mapping[str, float], values: Mapping[str, float]) -> float:
+    """Return how far a shape (a harmonic, a time constant) is from that of an effect, as a logarithm."""
+    return sum(abs(float(np.log(value / values[name]))) for name, value in shape.items() if values.get(name, 0.0) > 0.0)
 
 
 def counts(records: Iterable[Outcome]) -> list[str]:
