@@ -12,7 +12,7 @@ from virtual_bus.drive import SimulatedDrive
 from virtual_bus.realtime import process
 from virtual_bus.realtime.transports import CanTransport, open_can
 
-CONFIGS = Path(__file__).resolve().parents[3] / "configs"
+CONFIGS = Path(__file__).resolve().parents[4] / "configs"
 RIG = CONFIGS / "paper.yaml"
 ODRIVE = CONFIGS / "drives" / "odrive.yaml"
 
