@@ -18,8 +18,8 @@ from websockets.typing import Origin
 from hil_forceps.live.history import MAX_BACKLOG_S
 from hil_forceps.live.view import LiveOptions, live_view
 from hil_forceps.rig.errors import UserError
-from tests.system.browser import Tab, browser, find_browser
-from tests.system.live_producer import HOSTILE, Produced, described, produced
+from tests.system.live.browser import Tab, browser, find_browser
+from tests.system.live.live_producer import HOSTILE, Produced, described, produced
 
 pytestmark = [pytest.mark.realtime, pytest.mark.alone, pytest.mark.slow]
 

@@ -15,7 +15,7 @@ from hil_forceps.cli import main as cli
 
 pytestmark = [pytest.mark.realtime, pytest.mark.alone, pytest.mark.slow]
 
-RIG = Path(__file__).resolve().parents[2] / "configs" / "drives" / "dynamixel.yaml"
+RIG = Path(__file__).resolve().parents[3] / "configs" / "drives" / "dynamixel.yaml"
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from hil_forceps.data.recording.reader import Recording, read_recording
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 
-PAPER = Path(__file__).resolve().parents[2] / "configs" / "paper.yaml"
+PAPER = Path(__file__).resolve().parents[3] / "configs" / "paper.yaml"
 ATTEMPTS = 3  # at 1 kHz: a machine that stalls for 20 ms meets the watchdog, and that is no fault of the bench
 
 # Fixtures of conftest.py; what they hand out is described there.

@@ -17,12 +17,12 @@ from websockets.asyncio.client import connect as connect_async
 
 from hil_forceps.bridge.statistics import StampMap
 from hil_forceps.data.recording.reader import Recording, read_recording
-from tests.system.browser import Tab, browser, find_browser
-from tests.system.test_live_page import EXPECT
+from tests.system.live.browser import Tab, browser, find_browser
+from tests.system.live.test_live_page import EXPECT
 
 pytestmark = [pytest.mark.realtime, pytest.mark.alone, pytest.mark.slow]
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PAPER = ROOT / "configs" / "paper.yaml"
 
 # Fixtures of conftest.py; what they hand out is described there.

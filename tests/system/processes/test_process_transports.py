@@ -26,7 +26,7 @@ from virtual_bus.realtime.transports import Transport, open_can
 
 pytestmark = [pytest.mark.realtime, pytest.mark.alone, pytest.mark.slow]
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 RIG = ROOT / "configs" / "paper.yaml"
 GROUP = "239.74.163.77"
 PERIOD_NS = 1_000_000

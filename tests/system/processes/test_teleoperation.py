@@ -27,7 +27,7 @@ from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 EXAMPLE = ROOT / "docs" / "examples" / "teleoperate.py"
 PAPER = ROOT / "configs" / "paper.yaml"
 TOKEN = b"0123456789abcdef-and-more"
