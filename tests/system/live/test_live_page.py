@@ -31,8 +31,10 @@ ROWS = "live.store.streams[0].rows"
 def tab() -> Iterator[Tab]:
     path = find_browser()
     if path is None:
-        assert not os.environ.get(EXPECT), "no browser, and this machine must have one: tools/install_browser.sh"
-        pytest.skip("NO BROWSER HERE, THE LIVE PAGE IS NOT TESTED: run tools/install_browser.sh")
+        assert not os.environ.get(EXPECT), (
+            "no browser, and this machine must have one: tools/installation/install_browser.sh"
+        )
+        pytest.skip("NO BROWSER HERE, THE LIVE PAGE IS NOT TESTED: run tools/installation/install_browser.sh")
     with browser(path) as opened:
         opened.size(1280, 800)
         yield opened

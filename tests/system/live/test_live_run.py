@@ -41,8 +41,10 @@ def address_of(command: Any) -> str:
 def browser_path() -> str:
     path = find_browser()
     if path is None:
-        assert not os.environ.get(EXPECT), "no browser, and this machine must have one: tools/install_browser.sh"
-        pytest.skip("NO BROWSER HERE, THE LIVE PAGE IS NOT TESTED: run tools/install_browser.sh")
+        assert not os.environ.get(EXPECT), (
+            "no browser, and this machine must have one: tools/installation/install_browser.sh"
+        )
+        pytest.skip("NO BROWSER HERE, THE LIVE PAGE IS NOT TESTED: run tools/installation/install_browser.sh")
     return path
 
 

@@ -3,7 +3,7 @@
 import json
 
 from hil_forceps.bridge.live_topics import TOPICS
-from tools.foxglove_layout import TARGET, main
+from tools.generation.foxglove_layout import TARGET, main
 
 
 def test_it_is_up_to_date() -> None:

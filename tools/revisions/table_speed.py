@@ -1,6 +1,6 @@
 """Time of reading a CSV of 117 MB, here and in another tree of this project; each twice, in turn, a process each.
 
-Usage: python tools/table_speed.py OTHER_TREE
+Usage: python tools/revisions/table_speed.py OTHER_TREE
 """
 
 import csv
@@ -34,7 +34,7 @@ def main(other: str) -> None:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(("time_s", *COLUMNS))
             writer.writerows(table.tolist())
-        here = str(Path(__file__).resolve().parent.parent)
+        here = str(Path(__file__).resolve().parents[2])
         for tree in (other, here, other, here):
             told = subprocess.run(
                 [sys.executable, "-c", READ, path], cwd=tree, capture_output=True, text=True, check=True

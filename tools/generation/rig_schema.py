@@ -1,4 +1,4 @@
-"""Write the JSON schemas of rig and bench files: `python tools/rig_schema.py`, with `--check` to compare only.
+"""Write the JSON schemas of rig and bench files; with `--check` only compare.
 
 Each goes to docs/schema/, to be linked to, and into the package, where written rigs find it.
 """
@@ -10,7 +10,7 @@ from typing import get_args
 
 from hil_forceps.rig.json_schema import Kind, schema
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = (ROOT / "docs" / "schema", ROOT / "hil_forceps" / "rig" / "schemas")
 
 
@@ -26,7 +26,7 @@ def main(arguments: list[str]) -> int:
             elif not path.is_file() or path.read_text(encoding="utf-8") != text:
                 stale.append(path)
     for path in stale:
-        print(f"{path} is out of date; run python tools/rig_schema.py")
+        print(f"{path} is out of date; run python tools/generation/rig_schema.py")
     return 1 if stale else 0
 
 

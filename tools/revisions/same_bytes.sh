@@ -3,9 +3,9 @@
 # working tree, and compares every file that they write: recordings, bus logs, summaries, diagnoses, figures, and what
 # they print. What a clock measured is left out. Some 5 minutes.
 #
-# usage: tools/same_bytes.sh REVISION [python]
+# usage: tools/revisions/same_bytes.sh REVISION [python]
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 tree=$PWD
 base=$(git rev-parse --short "$1^{commit}")
 python=${2:-$tree/.venv/bin/python}

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Install what the emulated targets need: cross-compiler, QEMU, clang. Fast when all is there, and safe to run again.
-#   tools/install_targets.sh           install what is missing; needs root, or sudo without a password
-#   tools/install_targets.sh --check   only say what is missing
+#   tools/installation/install_targets.sh           install what is missing; needs root, or sudo without a password
+#   tools/installation/install_targets.sh --check   only say what is missing
 # Exit code 1 when something is missing at the end. Debian and Ubuntu.
 set -u
 

@@ -1,9 +1,9 @@
 #!/bin/sh
 # Look all locked dependencies up in a database of vulnerabilities, by pip-audit in an environment of its own.
-# Usage: tools/audit.sh [more for pip-audit, as --vulnerability-service osv]
+# Usage: tools/release/audit.sh [more for pip-audit, as --vulnerability-service osv]
 # Exit code 0: none known; 1: some are, listed; 2: could not be asked (no network, no database). Not part of `make test`.
 set -u
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 venv=build/audit
 wanted="pip-audit==2.10.0"
 answer=build/audit-answer.json
@@ -24,4 +24,4 @@ if [ ! -s "$answer" ]; then
     echo "audit: could not be asked; the database of vulnerabilities can't be reached, or its answer isn't one" >&2
     exit 2
 fi
-"$venv/bin/python" tools/audit_answer.py "$answer"
+"$venv/bin/python" tools/release/audit_answer.py "$answer"

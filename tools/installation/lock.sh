@@ -3,7 +3,7 @@
 # version pinned, every file by its hash.
 # Needs `uv` (pip install uv). Run it when a dependency changes, never by hand.
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 compile() {
     uv pip compile pyproject.toml --universal --python-version 3.11 \
         --no-emit-index-url --no-header --no-annotate --generate-hashes --quiet "$@"

@@ -1,4 +1,4 @@
-"""Write docs/rig-file.md from the schema: `python tools/rig_file_doc.py`, with `--check` to compare only."""
+"""Write docs/rig-file.md from the schema: `python tools/documents/rig_file_doc.py`, with `--check` to compare only."""
 
 import sys
 from collections.abc import Iterator
@@ -17,9 +17,9 @@ from hil_forceps.rig.quantities import Parameter, Quantity
 from hil_forceps.rig.schema import Rig
 from hil_forceps.rig.sections import IDEAL
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 TARGET = ROOT / "docs" / "rig-file.md"
-TEMPLATE = ROOT / "tools" / "rig_file_doc.template.md"
+TEMPLATE = ROOT / "tools" / "documents" / "rig_file_doc.template.md"
 BROKEN = ROOT / "tests" / "unit" / "rig" / "broken_rigs"
 SHOWN_ERRORS = ("many_at_once", "values_in_other_units", "missing_key", "unclosed_brace")
 
@@ -29,7 +29,7 @@ def main(arguments: list[str]) -> int:
     page = render()
     if arguments == ["--check"]:
         if TARGET.read_text(encoding="utf-8") != page:
-            print(f"{TARGET} is out of date; run python tools/rig_file_doc.py")
+            print(f"{TARGET} is out of date; run python tools/documents/rig_file_doc.py")
             return 1
         return 0
     TARGET.write_text(page, encoding="utf-8")

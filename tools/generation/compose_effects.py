@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from hil_forceps.rig.catalogue import EFFECTS, MODULES, Effect
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 class Port(NamedTuple):
@@ -51,7 +51,7 @@ MODEL = Side(
     "hil_forceps/model/composition.py",
     "Physics",
     '"""The plant\'s numbers, and the sums over all effects at each place where they act.\n\n'
-    'Written by tools/compose_effects.py from the files in `hil_forceps/effects`; not to be edited.\n"""\n\n'
+    'Written by tools/generation/compose_effects.py from the files in `hil_forceps/effects`; not to be edited.\n"""\n\n'
     "from typing import NamedTuple\n\n{imports}\nfrom hil_forceps.model.kernel import inlined\n",
     {name: f"p.{name}" for name in ("r_m", "r_j", "I_m", "I_j", "D_m", "k", "K_t")},
     ("r_m", "r_j", "I_m", "I_j", "D_m", "motor_coulomb", "jaw_coulomb", "k", "K_t"),
@@ -92,7 +92,7 @@ WORLD = Side(
     "virtual_bus/effects/composition.py",
     "EffectNumbers",
     '"""Numbers of all effects, and the sums over them at each place where they act.\n\n'
-    'Written by tools/compose_effects.py from the files in `virtual_bus/effects`; not to be edited.\n"""\n\n'
+    'Written by tools/generation/compose_effects.py from the files in `virtual_bus/effects`; not to be edited.\n"""\n\n'
     "from typing import NamedTuple\n\n{imports}\nfrom virtual_bus.kernel import subroutine\n"
     "from virtual_bus.plant.plant import TruthParameters\n",
     {"r_m": "p.motor_pulley_radius_m", "r_j": "p.jaw_pulley_radius_m"},

@@ -1,8 +1,8 @@
 """Say which targets ran, and how it went.
 
-python -m tools.target_table [--root DIR] [--markdown FILE]: prints a row for each target; exit code 1 when one has no
-outcome, failed, or could not run where HIL_FORCEPS_EXPECT_TARGETS wants it. --markdown also writes figures and the
-matrix of targets and requirements, between the marks where the file has them. Where the outcomes come from:
+python -m tools.targets.target_table [--root DIR] [--markdown FILE]: prints a row for each target; exit code 1 when one
+has no outcome, failed, or could not run where HIL_FORCEPS_EXPECT_TARGETS wants it. --markdown also writes figures and
+the matrix of targets and requirements, between the marks where the file has them. Where the outcomes come from:
 tests/targets/record.py.
 """
 

@@ -1,8 +1,8 @@
 #!/bin/sh
-# Creates .venv from the lock files. Usage: tools/install.sh [VENV [run]]; PYTHON chooses the interpreter.
+# Creates .venv from the lock files. Usage: tools/installation/install.sh [VENV [run]]; PYTHON chooses the interpreter.
 # `run`: what the commands need, without what developing does; later the rest is added to it.
 set -eu
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 venv=${1:-.venv}
 part=${2:-dev}
 python=${PYTHON:-python3}
@@ -42,7 +42,7 @@ if [ "$part" != run ]; then
     echo "install: adding what developing takes, from requirements.lock" >&2
     add requirements.lock
     "$venv/bin/python" -m pip check --disable-pip-version-check >&2 || {
-        echo "install: requirements.lock lacks what pyproject.toml asks for; run: tools/lock.sh" >&2
+        echo "install: requirements.lock lacks what pyproject.toml asks for; run: tools/installation/lock.sh" >&2
         exit 2
     }
     echo "$wanted" >"$venv/.installed-dev"

@@ -1,7 +1,7 @@
 """Lines for people out of pip-audit's JSON: what is known of which package, and the version that mends it.
 
-Usage: python tools/audit_answer.py FILE. Exit code 0: none known; 1: some are; 2: the file is no such answer, or
-doesn't tell of every package.
+Usage: python tools/release/audit_answer.py FILE. Exit code 0: none known; 1: some are; 2: the file is no such answer,
+or doesn't tell of every package.
 """
 
 import json

@@ -1,6 +1,6 @@
 """Which mutants of the gate survived its tests, and whether docs/safety-gate.md explains each; behind `mutmut run`.
 
-    python -m tools.gate_survivors
+    python -m tools.mutation.gate_survivors
 
 Exit code 1 where one is not explained: its changed line has to stand there, in backquotes.
 """
@@ -10,7 +10,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-PAGE = Path(__file__).parents[1] / "docs" / "safety-gate.md"
+PAGE = Path(__file__).parents[2] / "docs" / "safety-gate.md"
 FOUND = ("killed", "timeout", "caught by type check", "segfault")  # what counts as found by the tests
 
 

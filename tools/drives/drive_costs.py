@@ -1,6 +1,6 @@
 """What a drive's protocol costs: simulation 2 of the paper through every profile, against the truth of the world.
 
-python -m tools.drive_costs [--out DIR]: prints a table and writes it to DIR/drive-costs.md, with a figure. The
+python -m tools.drives.drive_costs [--out DIR]: prints a table and writes it to DIR/drive-costs.md, with a figure. The
 forceps, the encoder (but for a Dynamixel's), the noise and the drive's position loop are the same behind each. A sample
 is held against what the world was at the instant when it came to the host, so the time that it took counts as an error.
 """
@@ -27,13 +27,13 @@ from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.registry import machine_for, sample_period_s
 from hil_forceps.report.style import house_style
 from hil_forceps.rig import Rig, load_rig
-from tools import drive_rates
+from tools.drives import drive_rates
 from virtual_bus.bus.bit_timing import BitTiming, frame_bits
 from virtual_bus.bus.half_duplex import BITS_PER_BYTE
 from virtual_bus.drives.registry import SERIAL_LINES
 from virtual_bus.interface import VirtualForcepsBus
 
-CONFIGS = Path(__file__).parents[1] / "configs"
+CONFIGS = Path(__file__).parents[2] / "configs"
 RIGS = {
     "native": CONFIGS / "realistic.yaml",
     "odrive": CONFIGS / "drives" / "odrive.yaml",
@@ -60,7 +60,7 @@ class Cost(NamedTuple):
     age_us: float | None
     bits_per_s: float
     bus_share: float
-    computed_Hz: float  # the largest rate of the host's loop, by `tools.drive_rates`
+    computed_Hz: float  # the largest rate of the host's loop, by `tools.drives.drive_rates`
     tried_Hz: float | None
 
 

@@ -1,7 +1,7 @@
 """Break the reference firmware in small ways and see whether its tests notice.
 
-python tools/firmware_mutants.py [--sample N] [--seed S]: prints each mutant that survives, and the share that does not.
-A survivor is a missing test or a change without effect; look at each.
+python tools/mutation/firmware_mutants.py [--sample N] [--seed S]: prints each mutant that survives, and the share that
+does not. A survivor is a missing test or a change without effect; look at each.
 """
 
 import argparse
@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 CORE = ROOT / "firmware_protocol" / "c"
 TESTS = (
     *(f"tests/unit/firmware/test_{name}.py" for name in ("drive", "node", "codec", "loop")),

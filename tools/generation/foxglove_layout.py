@@ -8,7 +8,7 @@ from typing import Any
 
 from hil_forceps.bridge.live_topics import LANES, PANELS
 
-TARGET = Path(__file__).resolve().parent.parent / "docs" / "foxglove-layout.json"
+TARGET = Path(__file__).resolve().parents[2] / "docs" / "foxglove-layout.json"
 
 
 def main(arguments: list[str]) -> int:
@@ -16,7 +16,7 @@ def main(arguments: list[str]) -> int:
     text = json.dumps(layout(), indent=2, ensure_ascii=False) + "\n"
     if arguments == ["--check"]:
         if not TARGET.exists() or TARGET.read_text(encoding="utf-8") != text:
-            print(f"{TARGET} is out of date; run python -m tools.foxglove_layout")
+            print(f"{TARGET} is out of date; run python -m tools.generation.foxglove_layout")
             return 1
         return 0
     TARGET.write_text(text, encoding="utf-8")

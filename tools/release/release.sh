@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # Makes a release: version, changelog, wheel, a try of the wheel in an empty environment, commit and tag. Pushes nothing.
 #
-# usage: tools/release.sh VERSION
+# usage: tools/release/release.sh VERSION
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$0")/../.."
 version=${1:-}
-[[ $version =~ ^[0-9]+\.[0-9]+\.[0-9]+$ ]] || { echo "release: usage: tools/release.sh MAJOR.MINOR.PATCH" >&2; exit 2; }
+[[ $version =~ ^[0-9]+\.[0-9]+\.[0-9]+$ ]] || { echo "release: usage: tools/release/release.sh MAJOR.MINOR.PATCH" >&2; exit 2; }
 [ -z "$(git status --porcelain)" ] || { echo "release: the working tree has changes; commit or stash them" >&2; exit 2; }
 if git rev-parse --quiet --verify "refs/tags/v$version" >/dev/null; then
     echo "release: the tag v$version is there already" >&2

@@ -1,6 +1,7 @@
 """Runs a command where SocketCAN is: vcan0 and vcan1, both for CAN FD, up, in a network namespace of their own.
 
-    tools/socketcan.py [--where auto|native|uml] [--time auto|real|virtual] [--writable FOLDER] [--limit S] -- COMMAND
+    tools/targets/socketcan.py [--where auto|native|uml] [--time auto|real|virtual] [--writable FOLDER] [--limit S]
+        -- COMMAND
 
 Natively where this kernel has CAN and we are root or may sudo; else in User-Mode Linux, which needs no rights and
 installs nothing. There the host's files are read-only, so the same Python runs inside, and only FOLDER can be written

@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # it is run as a file
-from tools.layer_drawing import drawing
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # it is run as a file
+from tools.documents.layer_drawing import drawing
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 TARGET = ROOT / "docs" / "architecture.md"
 DRAWING = ROOT / "docs" / "images" / "layers.svg"
-TEMPLATE = ROOT / "tools" / "architecture_doc.template.md"
+TEMPLATE = ROOT / "tools" / "documents" / "architecture_doc.template.md"
 
 
 def main(arguments: list[str]) -> int:
@@ -24,7 +24,7 @@ def main(arguments: list[str]) -> int:
     stale = [path for path, text in wanted.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
     if arguments == ["--check"]:
         for path in stale:
-            print(f"{path} is out of date; run python tools/architecture_doc.py")
+            print(f"{path} is out of date; run python tools/documents/architecture_doc.py")
         return 1 if stale else 0
     for path in stale:
         path.write_text(wanted[path], encoding="utf-8")
