@@ -24,8 +24,8 @@ from firmware_protocol.conformance.fuzz_source import (
     random_packet,
     require,
 )
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
-from firmware_protocol.drive_parameters import ParameterStore
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.parameter_values import ParameterStore
 from firmware_protocol.messages import DriveState, HostHeartbeat, ParamOp, ParamRequest
 from firmware_protocol.parameters import BY_INDEX, DICTIONARY, Access, Index
 from firmware_protocol.serial_framing import SerialReader, encode_serial

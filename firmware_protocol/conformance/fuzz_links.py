@@ -14,10 +14,10 @@ from firmware_protocol.conformance.fuzz_source import (
     random_frame,
     require,
 )
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
-from firmware_protocol.samples import MAX_PENDING, MAX_QUEUE
+from firmware_protocol.host.machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.samples import MAX_PENDING, MAX_QUEUE
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 
 CONNECT_MS: Final = 2000

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from firmware_protocol.samples import RawSample
+from firmware_protocol.host.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, ANGLE_MODULUS, CURRENT_LSB_A
 from hil_forceps.bench.assembly import make_pipeline, settings_of
 from hil_forceps.bridge.pipeline import Pipeline

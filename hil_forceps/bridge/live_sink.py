@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from firmware_protocol.samples import RawBench, RawSample
+from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, BENCH_TORQUE_LSB_N_M, CURRENT_LSB_A
 from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.axis import Axis

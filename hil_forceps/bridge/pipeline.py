@@ -23,7 +23,7 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 from firmware_protocol.frames import make
-from firmware_protocol.host_machine import RawSample
+from firmware_protocol.host.machine import RawSample
 from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_from_rad
 from hil_forceps.bridge.gate_tally import GateTally

@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from firmware_protocol.drive_config import DriveConfig
+from firmware_protocol.drive.config import DriveConfig
 from firmware_protocol.frames import arbitration_id
-from firmware_protocol.host_machine import HostConfig, HostMachine
+from firmware_protocol.host.machine import HostConfig, HostMachine
 from firmware_protocol.messages import Function
 from hil_forceps.drives.cia402.profile import PROFILE as CIA402
 from hil_forceps.drives.dynamixel.profile import PROFILE as DYNAMIXEL

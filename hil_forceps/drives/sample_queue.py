@@ -2,8 +2,8 @@
 
 from typing import Final
 
+from firmware_protocol.host.samples import RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
 from hil_forceps.drives.port import SEQUENCE_MASK
 

@@ -8,7 +8,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_protocol.samples import RawSample
+from firmware_protocol.host.samples import RawSample
 from hil_forceps.bench.assembly import Settings, make_pipeline, metadata
 from hil_forceps.bench.session import SessionResult
 from hil_forceps.bridge.axis import Axis

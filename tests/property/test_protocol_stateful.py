@@ -9,11 +9,11 @@ from hypothesis import Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.samples import MAX_PENDING, MAX_QUEUE
 from firmware_protocol.messages import DriveState, FaultReason
-from firmware_protocol.samples import MAX_PENDING, MAX_QUEUE
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 
 NODE, SERIAL = 1, 0x5F0C_0000_0001

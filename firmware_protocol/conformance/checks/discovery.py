@@ -5,7 +5,7 @@ from firmware_protocol.conformance.findings import expect, require
 from firmware_protocol.conformance.port import MS
 from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import IDENTITY_NS, Session
-from firmware_protocol.discovery import identity_delay_us
+from firmware_protocol.drive.discovery import identity_delay_us
 from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, Frame, arbitration_id
 from firmware_protocol.messages import Function, Identity, ParamOp
 from firmware_protocol.parameters import Index

@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 from firmware_protocol.conformance.findings import Inconclusive, Violation
 from firmware_protocol.conformance.port import Margins
 from firmware_protocol.frames import Frame
+from firmware_protocol.host.samples import RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_from_rad
 from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.drive_conformance.bounds import Bounds, narrowed

@@ -8,8 +8,8 @@ import numpy as np
 
 from firmware_protocol import scales
 from firmware_protocol.codec import Decoder
+from firmware_protocol.host.samples import RawBench, RawSample, SampleAssembler
 from firmware_protocol.messages import BenchSensor, DriveState, FdFeedback, Feedback, Message, Setpoint, Timing
-from firmware_protocol.samples import RawBench, RawSample, SampleAssembler
 from hil_forceps.data.readers.bus_frames import MAX_BUSES, of_bus, read_frames
 from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame
 from hil_forceps.data.readers.bus_logs.candump import RECORD_AGAIN

@@ -19,7 +19,7 @@ import pytest
 import serial
 
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.machine import HostConfig, HostMachine, HostPhase
 from firmware_protocol.messages import DriveState
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 from virtual_bus.realtime.transports import Transport, open_can

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from firmware_protocol.codec import Decoder
-from firmware_protocol.host_machine import HostConfig, HostMachine
+from firmware_protocol.host.machine import HostConfig, HostMachine
 from firmware_protocol.messages import Control, DriveState, FaultReason, HostHeartbeat
 from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.live_sink import LiveSink

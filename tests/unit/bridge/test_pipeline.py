@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from firmware_protocol.host.samples import RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A
 from hil_forceps.bridge.pipeline import PEAK_SPEED, VERDICT_NAMES, Approach, Pipeline, Verdict
 from hil_forceps.control.gate import Gate

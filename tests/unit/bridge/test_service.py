@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from firmware_protocol import codec
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame, split_id
-from firmware_protocol.host_machine import HostConfig, HostMachine
+from firmware_protocol.host.machine import HostConfig, HostMachine
 from firmware_protocol.messages import BenchSensor, DriveState, FaultReason, Function, Identity, Setpoint
 from firmware_protocol.scales import ANGLE_LSB_RAD
 from hil_forceps.bridge.axis import Axis

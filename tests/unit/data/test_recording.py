@@ -15,8 +15,8 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
+from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD
 from hil_forceps.data.recording import writer as recording_writer
 from hil_forceps.data.recording.format import BENCH, FORMAT_VERSION, MESSAGE_HEAD, REFERENCE, SAMPLE, TOPICS

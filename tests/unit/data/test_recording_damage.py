@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
+from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawBench, RawSample
 from hil_forceps.data.recording.mcap_file import Chunk
 from hil_forceps.data.recording.reader import Recording, parse_recording
 from hil_forceps.data.recording.salvage import all_messages, gaps, salvage

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from firmware_protocol.host_machine import HostConfig, HostMachine
+from firmware_protocol.host.machine import HostConfig, HostMachine
 from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_RAD
 from hil_forceps.bridge.axis import Axis

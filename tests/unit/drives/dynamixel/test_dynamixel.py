@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol.frames import Frame
+from firmware_protocol.host.samples import RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives.dynamixel import packets as wire

@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_protocol import codec
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame, arbitration_id
 from firmware_protocol.golden.scenarios import Script
 from firmware_protocol.messages import (

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from firmware_protocol.drive_config import DriveConfig
+from firmware_protocol.drive.config import DriveConfig
 from firmware_protocol.messages import ParamOp
 from firmware_protocol.parameters import BY_INDEX, INT32_MAX, judge_write
 

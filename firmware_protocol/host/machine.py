@@ -9,8 +9,9 @@ from typing import Any, Final
 
 from firmware_protocol import codec
 from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, Frame, arbitration_id
-from firmware_protocol.host_config import HostConfig
-from firmware_protocol.host_heartbeat import HostHeartbeatSource
+from firmware_protocol.host.config import HostConfig
+from firmware_protocol.host.heartbeat import HostHeartbeatSource
+from firmware_protocol.host.samples import RawBench, RawSample, SampleAssembler
 from firmware_protocol.messages import (
     PROTOCOL_MAJOR,
     PROTOCOL_MINOR,
@@ -27,7 +28,6 @@ from firmware_protocol.messages import (
     ParamResponse,
     fault_words,
 )
-from firmware_protocol.samples import RawBench, RawSample, SampleAssembler
 from firmware_protocol.states import HOST_COMMANDS, HOST_TRANSITIONS, MAX_ADVANCE, HostEvent, HostPhase
 
 __all__ = ["HostConfig", "HostMachine", "HostPhase", "RawBench", "RawSample"]

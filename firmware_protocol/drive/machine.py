@@ -10,9 +10,9 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from firmware_protocol import codec
-from firmware_protocol.discovery import identity_delay_us
-from firmware_protocol.drive_config import DriveConfig
-from firmware_protocol.drive_parameters import ParameterStore
+from firmware_protocol.drive.config import DriveConfig
+from firmware_protocol.drive.discovery import identity_delay_us
+from firmware_protocol.drive.parameter_values import ParameterStore
 from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, Frame, arbitration_id
 from firmware_protocol.messages import (
     PROTOCOL_MAJOR,

@@ -5,8 +5,8 @@ from dataclasses import fields
 import pytest
 
 from firmware_protocol import codec
-from firmware_protocol.discovery import MAX_DELAY_US, identity_delay_us
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.discovery import MAX_DELAY_US, identity_delay_us
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import MAX_NODE, Frame
 from firmware_protocol.golden.scenarios import Script
 from firmware_protocol.messages import (

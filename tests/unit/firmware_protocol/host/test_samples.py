@@ -2,8 +2,8 @@
 
 import pytest
 
+from firmware_protocol.host.samples import MAX_PENDING, MAX_QUEUE, RawBench, RawSample, SampleAssembler
 from firmware_protocol.messages import BenchSensor, FdFeedback, Feedback, Timing
-from firmware_protocol.samples import MAX_PENDING, MAX_QUEUE, RawBench, RawSample, SampleAssembler
 
 TURN = 1 << 32
 

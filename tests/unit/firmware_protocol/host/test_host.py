@@ -6,7 +6,7 @@ import pytest
 
 from firmware_protocol import codec
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.machine import HostConfig, HostMachine, HostPhase
 from firmware_protocol.messages import (
     BenchSensor,
     Discover,
