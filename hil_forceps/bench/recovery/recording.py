@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil_forceps.bench.restored_samples import samples_of_log, still_missing
+from hil_forceps.bench.recovery.restored_samples import samples_of_log, still_missing
 from hil_forceps.data.recording.container import settings_bytes
 from hil_forceps.data.recording.format import (
     FAULT_NAME,

@@ -14,7 +14,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from hil_forceps.bench.kernel import kernel
+from hil_forceps.bench.direct.kernel import kernel
 from hil_forceps.control.compensator import motor_reference_rad
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Compiled
 from hil_forceps.estimation.kernel_function import KernelFunction

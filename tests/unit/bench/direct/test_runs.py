@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil_forceps.bench import run_ahead
 from hil_forceps.bench.assembly import Rigs, rigs_for
-from hil_forceps.bench.direct import STOP_CHECK_SAMPLES, DirectRun, run_direct
+from hil_forceps.bench.direct import run_ahead
+from hil_forceps.bench.direct.runs import STOP_CHECK_SAMPLES, DirectRun, run_direct
 from hil_forceps.bench.execute import rig_for
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.rig import load_rig
 from virtual_bus.direct import DirectWorld
 
-CONFIGS = Path(__file__).parents[3] / "configs"
+CONFIGS = Path(__file__).parents[4] / "configs"
 PERIOD_S = 1e-4
 DURATION_S = 0.15
 

@@ -8,7 +8,7 @@ kernel = kernel_compiler(
         "hil_forceps/model",
         "hil_forceps/estimation",
         "hil_forceps/control/compensator.py",
-        "hil_forceps/bench/run_ahead.py",
+        "hil_forceps/bench/direct/run_ahead.py",
         "hil_forceps/rig/plant.py",
     )
 )

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.bench.assembly import Rigs, gate_for
+from hil_forceps.bench.direct.run_ahead import CURRENT, REQUESTED, THETA_M, Ahead, CompiledWorld, Law
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import judge
-from hil_forceps.bench.run_ahead import CURRENT, REQUESTED, THETA_M, Ahead, CompiledWorld, Law
 from hil_forceps.bench.summary import RunRecord
 from hil_forceps.control.compensator import motor_reference_rad
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
