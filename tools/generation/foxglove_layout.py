@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hil_forceps.bridge.live_topics import LANES, PANELS
+from hil_forceps.bridge.live.topics import LANES, PANELS
 
 TARGET = Path(__file__).resolve().parents[2] / "docs" / "foxglove-layout.json"
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from hil_forceps.bench.explanation.events import MIN_UNHEARD, Event, unheard_references
 from hil_forceps.bench.explanation.evidence import Evidence
-from hil_forceps.bridge.flight_recorder import BEFORE_NS
+from hil_forceps.bridge.logs.flight_recorder import BEFORE_NS
 from hil_forceps.bridge.pipeline import Verdict
 from hil_forceps.bridge.results import AS_MEANT
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.bench.assembly import settings_of
 from hil_forceps.bench.fault_file import ended_of, fault_path
-from hil_forceps.bridge.flight_recorder import FAULT_FORMAT
+from hil_forceps.bridge.logs.flight_recorder import FAULT_FORMAT
 from hil_forceps.bridge.pipeline import VERDICT_NAMES
 from hil_forceps.bridge.results import AS_MEANT
 from hil_forceps.control.gate.trip import WORDS as GATE_CHECKS

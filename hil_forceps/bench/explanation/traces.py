@@ -3,7 +3,7 @@
 import numpy as np
 
 from hil_forceps.bench.explanation.evidence import Evidence
-from hil_forceps.bridge.flight_recorder import BEFORE_NS
+from hil_forceps.bridge.logs.flight_recorder import BEFORE_NS
 from hil_forceps.report.bench.fault import FaultTraces
 
 

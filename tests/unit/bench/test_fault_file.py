@@ -9,7 +9,7 @@ import pytest
 from firmware_protocol.messages import DriveState, FaultReason
 from hil_forceps.bench.fault_file import fault_path
 from hil_forceps.bridge.course import Course
-from hil_forceps.bridge.flight_recorder import BEFORE_NS
+from hil_forceps.bridge.logs.flight_recorder import BEFORE_NS
 from hil_forceps.bridge.results import StopReason
 from hil_forceps.bridge.service import Service
 from hil_forceps.cli import main as cli

@@ -2,7 +2,7 @@
 
 import json
 
-from hil_forceps.bridge.live_topics import TOPICS
+from hil_forceps.bridge.live.topics import TOPICS
 from tools.generation.foxglove_layout import TARGET, main
 
 

@@ -7,8 +7,8 @@ import can
 import pytest
 
 from firmware_protocol.frames import Frame
-from hil_forceps.bridge import bus_log
-from hil_forceps.bridge.bus_log import (
+from hil_forceps.bridge.logs import bus_log
+from hil_forceps.bridge.logs.bus_log import (
     BATCH_ENTRIES,
     BusLog,
     CandumpLines,

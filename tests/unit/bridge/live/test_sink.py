@@ -12,8 +12,8 @@ from firmware_protocol.codec import Decoder
 from firmware_protocol.host.machine import HostConfig, HostMachine
 from firmware_protocol.messages import Control, DriveState, FaultReason, HostHeartbeat
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.live_sink import LiveSink
-from hil_forceps.bridge.live_topics import BENCH_TOPIC, REFERENCE_TOPIC, SAMPLE_TOPIC, STAGES, TICK_TOPIC, TOPICS
+from hil_forceps.bridge.live.sink import LiveSink
+from hil_forceps.bridge.live.topics import BENCH_TOPIC, REFERENCE_TOPIC, SAMPLE_TOPIC, STAGES, TICK_TOPIC, TOPICS
 from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Stage, StopReason

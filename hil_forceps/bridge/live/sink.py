@@ -12,7 +12,7 @@ from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, BENCH_TORQUE_LSB_N_M, CURRENT_LSB_A
 from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.live_topics import BENCH_TOPIC, REFERENCE_TOPIC, SAMPLE_TOPIC, STAGES, TICK_TOPIC, TOPICS
+from hil_forceps.bridge.live.topics import BENCH_TOPIC, REFERENCE_TOPIC, SAMPLE_TOPIC, STAGES, TICK_TOPIC, TOPICS
 from hil_forceps.bridge.results import Stage
 from hil_forceps.data.recording.writer import Reference
 from hil_forceps.estimation.interface import Estimate, Sample
