@@ -19,9 +19,9 @@ from hil_forceps.bench.assembly import settings_of
 from hil_forceps.bench.explanation.evidence import read_evidence
 from hil_forceps.bench.explanation.story import story_of, text_of
 from hil_forceps.bench.recovery.recording import recover, sound_file
-from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame
-from hil_forceps.data.readers.bus_run import read_bus_log
+from hil_forceps.data.readers.bus_logs.frames import read_frames
+from hil_forceps.data.readers.bus_logs.run import read_bus_log
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.readers.tables.mapping import load_map
 from hil_forceps.data.recording.reader import parse_recording

@@ -22,7 +22,7 @@ from hil_forceps.bridge.clocks import VirtualClock
 from hil_forceps.bridge.links.adapters import Connection
 from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
-from hil_forceps.data.readers.bus_frames import read_frames
+from hil_forceps.data.readers.bus_logs.frames import read_frames
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.registry import machine_for, sample_period_s
 from hil_forceps.report.style import house_style

@@ -16,7 +16,7 @@ from hil_forceps.bench.assembly import make_pipeline, settings_of
 from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.bridge.replay import RecordedReference
 from hil_forceps.bridge.statistics import STAMP_PERIOD_NS
-from hil_forceps.data.readers.bus_run import HeardDrive, heard_drives
+from hil_forceps.data.readers.bus_logs.run import HeardDrive, heard_drives
 from hil_forceps.data.recording.format import CDR_HEAD, MESSAGE_OPCODE, SAMPLE
 from hil_forceps.data.recording.reader import Recording, Table
 from hil_forceps.data.recording.salvage import Gap, Message

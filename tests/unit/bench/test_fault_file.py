@@ -15,7 +15,7 @@ from hil_forceps.bridge.service import Service
 from hil_forceps.cli import main as cli
 from hil_forceps.cli.commands.runs import run_checks
 from hil_forceps.control.gate import GateTrip
-from hil_forceps.data.readers.bus_frames import read_frames
+from hil_forceps.data.readers.bus_logs.frames import read_frames
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.data.strict_json import parse_json
 

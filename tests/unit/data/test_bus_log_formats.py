@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol.frames import Frame
-from hil_forceps.data.readers.bus_frames import read_frames
 from hil_forceps.data.readers.bus_logs.account import FD_LENGTHS, Account, LoggedFrame
+from hil_forceps.data.readers.bus_logs.frames import read_frames
 from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.run import Run

@@ -14,8 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from hil_forceps.data.readers import csv_table, mat_file
+from hil_forceps.data.readers import csv_table
 from hil_forceps.data.readers.csv_table import write_csv
+from hil_forceps.data.readers.matlab import mat_file
 from hil_forceps.data.readers.parquet_table import read_parquet, write_parquet
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.readers.tables import packed

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil_forceps.data.readers import surgical_files
-from hil_forceps.data.readers.surgical_tool import CHANNELS, iter_surgical_tool, read_surgical_tool
+from hil_forceps.data.readers.surgical_tool import files as surgical_files
+from hil_forceps.data.readers.surgical_tool.reader import CHANNELS, iter_surgical_tool, read_surgical_tool
 from hil_forceps.rig import UserError
 
 HEADER = "%This header is wrong: right spindle, 9.9 Hz, milliseconds\n%a,b,c\n"

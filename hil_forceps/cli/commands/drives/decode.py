@@ -15,9 +15,9 @@ from firmware_protocol import scales
 from firmware_protocol.codec import Decoder
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import Control, DriveState, FaultReason, Message, ParamOp
-from hil_forceps.data.readers.bus_frames import LOG_SUFFIXES, of_bus, read_frames
 from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame, show
 from hil_forceps.data.readers.bus_logs.candump import parse_entry
+from hil_forceps.data.readers.bus_logs.frames import LOG_SUFFIXES, of_bus, read_frames
 from hil_forceps.drives.framing import NATIVE, Framing
 from hil_forceps.drives.profile import Decoded
 from hil_forceps.drives.registry import PROFILES

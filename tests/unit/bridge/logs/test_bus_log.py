@@ -18,7 +18,7 @@ from hil_forceps.bridge.logs.bus_log import (
     open_bus_log,
 )
 from hil_forceps.bridge.ports import SendResult
-from hil_forceps.data.readers.bus_frames import read_frames
+from hil_forceps.data.readers.bus_logs.frames import read_frames
 from hil_forceps.data.recording.writer import FLUSH_NS, RECENT_NS
 from hil_forceps.rig.errors import UserError
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from firmware_protocol.frames import Frame
 from hil_forceps.bridge.logs.bus_log import open_bus_log
-from hil_forceps.data.readers.bus_frames import read_frames
+from hil_forceps.data.readers.bus_logs.frames import read_frames
 from hil_forceps.drives.dynamixel import packets as wire
 from hil_forceps.drives.dynamixel.packets import Reader, encode
 from hil_forceps.drives.dynamixel.profile import decode

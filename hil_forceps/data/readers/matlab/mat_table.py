@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.data.readers import emps
 from hil_forceps.data.readers.containers.content import vector, vectors, without_group
 from hil_forceps.data.readers.format import Format, Request
-from hil_forceps.data.readers.mat_file import MAGIC, parse_mat
+from hil_forceps.data.readers.matlab import emps
+from hil_forceps.data.readers.matlab.mat_file import MAGIC, parse_mat
 from hil_forceps.data.readers.tables.columns import Header, Use
 from hil_forceps.data.readers.tables.mapping import map_beside
 from hil_forceps.data.readers.tables.named_columns import read_named

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.data.readers.cut_text import whole_lines
 from hil_forceps.data.readers.format import Format, Request
-from hil_forceps.data.readers.surgical_files import MAX_FILE_BYTES, Member, open_data_set
+from hil_forceps.data.readers.surgical_tool.files import MAX_FILE_BYTES, Member, open_data_set
 from hil_forceps.data.run import Column, Run, bad_row
 from hil_forceps.rig.errors import UserError
 

@@ -69,7 +69,7 @@ def of_bus(path: Path, frames: Iterable[LoggedFrame], bus: str | None) -> Iterat
 
 def _as_runs(kind: str) -> Callable[[Request], list[Run]]:
     def read(request: Request) -> list[Run]:
-        from hil_forceps.data.readers.bus_run import read_bus_log  # noqa: PLC0415 - the protocol, for bus logs only
+        from hil_forceps.data.readers.bus_logs.run import read_bus_log  # noqa: PLC0415 - the protocol, for bus logs only
 
         return read_bus_log(request.path, kind, request.choice)
 

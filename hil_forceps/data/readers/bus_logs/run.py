@@ -10,9 +10,9 @@ from firmware_protocol import scales
 from firmware_protocol.codec import Decoder
 from firmware_protocol.host.samples import RawBench, RawSample, SampleAssembler
 from firmware_protocol.messages import BenchSensor, DriveState, FdFeedback, Feedback, Message, Setpoint, Timing
-from hil_forceps.data.readers.bus_frames import MAX_BUSES, of_bus, read_frames
 from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame
 from hil_forceps.data.readers.bus_logs.candump import RECORD_AGAIN
+from hil_forceps.data.readers.bus_logs.frames import MAX_BUSES, of_bus, read_frames
 from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.recording.reader import Recording
 from hil_forceps.data.recording.writer import Outcome
