@@ -24,7 +24,7 @@ from hil_forceps.data.recording.writer import Recorder, RecordingReport, open_re
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.registry import current_limit_A
-from hil_forceps.drives.runaway import RunawayWatch
+from hil_forceps.drives.supervision.runaway import RunawayWatch
 from hil_forceps.live.view import View
 from hil_forceps.rig import Rig
 

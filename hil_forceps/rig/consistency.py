@@ -215,7 +215,7 @@ BENCH_RULES: Rules = (
     (("bench.plant_step_s", "bench.direct_sample_times_s"), _step_divides_direct),
     (("bench.plant_step_s", *_PLANT), _step_against_plant),
 )
-# Of the project's own protocol; what holds for those of makers is in hil_forceps/drives/lint.py.
+# Of the project's own protocol; what holds for those of makers is in hil_forceps/drives/compatibility/lint.py.
 NATIVE_RULES: Rules = (
     (("drive.current_limit_A",), _wire_current),
     ((*_BUS, "bench.host_period_s", *_FEEDBACK), _bus_load),

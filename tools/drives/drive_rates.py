@@ -17,7 +17,7 @@ from hil_forceps.bridge.clocks import VirtualClock
 from hil_forceps.bridge.links.adapters import Connection
 from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
-from hil_forceps.drives.lint import findings
+from hil_forceps.drives.compatibility.lint import findings
 from hil_forceps.drives.promises import damage
 from hil_forceps.drives.registry import bus_load, machine_for, maker_profile, sample_period_s
 from hil_forceps.rig import Rig

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from hil_forceps.bridge.doctor.check import Check, Verdict, unknown
 from hil_forceps.bridge.ports import Clock
-from hil_forceps.drives.lint import FEWEST_PERIODS
+from hil_forceps.drives.compatibility.lint import FEWEST_PERIODS
 
 MEASURE_S: Final = 1.0
 # What the kernel turns the clock by, at most, while it disciplines it (MAXFREQ, 500 ppm); more is a step.

@@ -13,9 +13,9 @@ from hil_forceps.bridge.drive_conformance.line import Line
 from hil_forceps.bridge.drive_conformance.loop import NO_TORQUE, UNDER_TORQUE, Loop, Seen
 from hil_forceps.bridge.drive_conformance.measures import Measure
 from hil_forceps.bridge.results import ServiceConfig
-from hil_forceps.drives.direction import NOISE_MARGIN, STEP_SHARE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
+from hil_forceps.drives.supervision.direction import NOISE_MARGIN, STEP_SHARE
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import MotorDriver
 

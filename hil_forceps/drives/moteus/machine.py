@@ -31,10 +31,10 @@ from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue
-from hil_forceps.drives.answer_count import AnswerCount
 from hil_forceps.drives.moteus import messages as wire
 from hil_forceps.drives.moteus.messages import Mode
 from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
+from hil_forceps.drives.supervision.answer_count import AnswerCount
 from hil_forceps.drives.transitions import COMMON, P
 
 IDENTIFY_EVERY_NS: Final = 10_000_000  # a bus where nobody acknowledges repeats each frame by itself

@@ -3,7 +3,7 @@
 from collections import deque
 from typing import Final
 
-from hil_forceps.drives.answer_count import AnswerCount
+from hil_forceps.drives.supervision.answer_count import AnswerCount
 
 TAGS: Final = 256
 MAX_PENDING: Final = 64

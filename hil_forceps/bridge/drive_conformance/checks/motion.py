@@ -12,7 +12,7 @@ from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.drive_conformance.loop import Certain, Seen
 from hil_forceps.bridge.drive_conformance.registry import Need, check
 from hil_forceps.bridge.drive_conformance.session import Session
-from hil_forceps.drives.direction import Direction, DirectionProbe
+from hil_forceps.drives.supervision.direction import Direction, DirectionProbe
 
 HOLD_NS: Final = 500 * MS
 STEP_NS: Final = 500 * MS  # ten times what the reference takes

@@ -16,14 +16,14 @@ from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A
 from hil_forceps.cli import main as cli
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.registry import current_limit_A
-from hil_forceps.drives.runaway import SAMPLES, RunawayWatch
+from hil_forceps.drives.supervision.runaway import SAMPLES, RunawayWatch
 from hil_forceps.rig import load_rig
 from virtual_bus.drive import forceps_of
 from virtual_bus.drives.registry import SIMULATED_DRIVES
 from virtual_bus.plant.load import LoadProfile, paper_load, piecewise_linear
 from virtual_bus.plant.sensors import Reading
 
-CONFIGS = Path(__file__).parents[3] / "configs"
+CONFIGS = Path(__file__).parents[4] / "configs"
 RIG = load_rig(CONFIGS / "drives" / "odrive.yaml")
 LIMIT_A = 1.0
 # What the motor holds at its limit, at the jaw.

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil_forceps.drives.direction import Direction, DirectionProbe
 from hil_forceps.drives.promises import Promises, damage
+from hil_forceps.drives.supervision.direction import Direction, DirectionProbe
 
 STEP_RAD, NOISE_RAD = math.radians(1.0), 4.0e-4
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from hil_forceps.cli import main as cli
-from hil_forceps.drives.lint import findings
+from hil_forceps.drives.compatibility.lint import findings
 from hil_forceps.rig import load_rig
 
-CONFIGS = Path(__file__).parents[3] / "configs"
+CONFIGS = Path(__file__).parents[4] / "configs"
 RIGS = {path.stem: load_rig(path) for path in sorted((CONFIGS / "drives").glob("*.yaml"))}
 # 4096 counts a turn, of every servo of the series: the angle is as coarse as it is.
 NOTED = {"dynamixel": ["encoder.counts_per_rev"]}

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from hil_forceps.drives.lint import MAX_BUS_LOAD
+from hil_forceps.drives.compatibility.lint import MAX_BUS_LOAD
 from hil_forceps.drives.profile import Finding
 from hil_forceps.drives.registry import PROFILES, bus_load, ids_in_common, shared_load
 from hil_forceps.rig import Rig
