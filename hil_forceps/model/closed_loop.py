@@ -14,13 +14,13 @@ from hil_forceps.model import drive_law
 from hil_forceps.model.composition import Physics, encoder_rad, motor_viscosity_N_m_s_per_rad, wound_m
 from hil_forceps.model.current import CurrentStep, current_over, current_step
 from hil_forceps.model.drive_law import DriveState, drive_sample, law_current, law_vector, quantise
-from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, Gains, fill_all, fill_multiples
 from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.model.linear.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, Gains, fill_all, fill_multiples
 from hil_forceps.model.parameters import Vector
 from hil_forceps.model.physics import Kind, State, dead_zone, followed, kind_of, paid_angle, torque_constant, wire
 from hil_forceps.model.sensors import late, late_load
-from hil_forceps.model.step import Drive, plain_step, refined_step
-from hil_forceps.model.whole_step import decays, suits, whole_step
+from hil_forceps.model.step.single_step import Drive, plain_step, refined_step
+from hil_forceps.model.step.whole_step import decays, suits, whole_step
 
 __all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", "law_vector", "rest", "simulate"]
 

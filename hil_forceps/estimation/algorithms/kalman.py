@@ -51,7 +51,7 @@ from hil_forceps.estimation.algorithms.kalman_model import (
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Algorithm, Estimator, State, estimator_of_kernels
 from hil_forceps.estimation.kernel import kernel, returning_arrays, subroutine, with_work_arrays
 from hil_forceps.estimation.wire import WIRE_ANGLE_RAD, WIRE_CURRENT_A
-from hil_forceps.model.two_inertia import Matrix
+from hil_forceps.model.linear.two_inertia import Matrix
 from hil_forceps.rig.schema import Rig
 
 Vector = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.estimation.kernel import kernel, returning_arrays
-from hil_forceps.model.two_inertia import (
+from hil_forceps.model.linear.two_inertia import (
     Matrix,
     continuous,
     halvings,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from hil_forceps.model import two_inertia as model
+from hil_forceps.model.linear import two_inertia as model
 from hil_forceps.rig.plant import PlantParameters
 
 PAPER = PlantParameters(2.0e-3, 1.4e-3, 3.18e-8, 6.85e-8, 1.16e-4, 4.62e-7, 4.62e-9, 2.6e4, 1.35e-2)

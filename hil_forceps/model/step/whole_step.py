@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.model.composition import Physics, backward_friction_N_m, forward_friction_N_m, motor_friction_N_m
-from hil_forceps.model.gains import JAW_SPEED, MOTOR_SPEED, Gains
 from hil_forceps.model.kernel import inlined, returning_arrays
+from hil_forceps.model.linear.gains import JAW_SPEED, MOTOR_SPEED, Gains
 from hil_forceps.model.physics import Kind, State, Wire, grip_N_m, grips, jaw_level_N_m, rub_N_m, slid, slide
-from hil_forceps.model.step import (
+from hil_forceps.model.step.single_step import (
     Drive,
     Motion,
     Torques,

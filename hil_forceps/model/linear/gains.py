@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.model.composition import Physics
 from hil_forceps.model.kernel import subroutine, with_work_arrays
-from hil_forceps.model.two_inertia import expm
+from hil_forceps.model.linear.two_inertia import expm
 
 Gains = NDArray[np.float64]
 

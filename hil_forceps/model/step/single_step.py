@@ -21,8 +21,8 @@ from hil_forceps.model.composition import (
     motor_torque_N_m,
     relative_torque,
 )
-from hil_forceps.model.friction import STOPPED, STUCK, Levels, Response, friction
-from hil_forceps.model.gains import (
+from hil_forceps.model.kernel import inlined, subroutine
+from hil_forceps.model.linear.gains import (
     DAMPING,
     FROM_JAW,
     FROM_MOTOR,
@@ -43,7 +43,6 @@ from hil_forceps.model.gains import (
     VISCOSITY,
     Gains,
 )
-from hil_forceps.model.kernel import inlined, subroutine
 from hil_forceps.model.physics import (
     Kind,
     State,
@@ -58,6 +57,7 @@ from hil_forceps.model.physics import (
     slide,
     wire,
 )
+from hil_forceps.model.step.friction import STOPPED, STUCK, Levels, Response, friction
 
 _STRIBECK_REACH = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
 _MIN_FILM_REACH = 0.3  # of the film's speed: below it a step may want pieces, and up to where the film is stiff
