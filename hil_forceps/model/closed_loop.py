@@ -19,7 +19,9 @@ from hil_forceps.model.linear.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY,
 from hil_forceps.model.parameters import Vector
 from hil_forceps.model.physics import Kind, State, dead_zone, followed, kind_of, paid_angle, torque_constant, wire
 from hil_forceps.model.sensors import late, late_load
-from hil_forceps.model.step.single_step import Drive, plain_step, refined_step
+from hil_forceps.model.step.motion import Drive
+from hil_forceps.model.step.refinement import refined_step
+from hil_forceps.model.step.single_step import plain_step
 from hil_forceps.model.step.whole_step import decays, suits, whole_step
 
 __all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", "law_vector", "rest", "simulate"]

@@ -15,19 +15,8 @@ from hil_forceps.model.composition import Physics, backward_friction_N_m, forwar
 from hil_forceps.model.kernel import inlined, returning_arrays
 from hil_forceps.model.linear.gains import JAW_SPEED, MOTOR_SPEED, Gains
 from hil_forceps.model.physics import Kind, State, Wire, grip_N_m, grips, jaw_level_N_m, rub_N_m, slid, slide
-from hil_forceps.model.step.single_step import (
-    Drive,
-    Motion,
-    Torques,
-    added,
-    excess_of,
-    free_motion,
-    linear_tension_N,
-    nothing_else,
-    remembered,
-    row_of,
-    wire_at_ends,
-)
+from hil_forceps.model.step.effects import excess_of, linear_tension_N, nothing_else, remembered, wire_at_ends
+from hil_forceps.model.step.motion import Drive, Motion, Torques, added, free_motion, row_of
 
 # Of the motor's friction where it is quick, dry and viscous; of each other torque as far as it is felt at the motor:
 _MAX_CHANGE_SHARE = 0.2  # what a torque may change by over the step, ...

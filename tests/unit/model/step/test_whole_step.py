@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from hil_forceps.model.composition import Physics, motor_viscosity_N_m_s_per_rad
 from hil_forceps.model.linear.gains import PIECES, SHORT, SIZE, fill_all, fill_multiples
 from hil_forceps.model.physics import Kind, State, kind_of, torque_constant
-from hil_forceps.model.step.single_step import Drive, refined_step
+from hil_forceps.model.step.motion import Drive
+from hil_forceps.model.step.refinement import refined_step
 from hil_forceps.model.step.whole_step import decays, suits, whole_step
 from hil_forceps.rig.catalogue import EFFECTS, effect
 from tests.unit.model.test_closed_loop import theta_of
