@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path as FilePath
 
-from hil_forceps.rig import consistency
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.problems import Path, Problem
 from hil_forceps.rig.schema import Rig, validate
+from hil_forceps.rig.validation import consistency
+from hil_forceps.rig.validation.problems import Path, Problem
 from hil_forceps.rig.yaml_loader import MAX_BYTES, Document, Mark, load_document, render
 
 

@@ -16,7 +16,14 @@ from pydantic import (
 from pydantic_core import CoreSchema, core_schema
 
 from hil_forceps.rig import units
-from hil_forceps.rig.problems import Problem, problems_error, remedy_for_text, show_number, show_value, text_error
+from hil_forceps.rig.validation.problems import (
+    Problem,
+    problems_error,
+    remedy_for_text,
+    show_number,
+    show_value,
+    text_error,
+)
 
 RELATIVE_SD = 0.1
 UNKNOWN = "unknown"

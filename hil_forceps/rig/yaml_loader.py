@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 import yaml
 
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.problems import Path, Problem, show_path, show_value
+from hil_forceps.rig.validation.problems import Path, Problem, show_path, show_value
 
 MAX_BYTES = 64 * 1024
 MAX_DEPTH = 8

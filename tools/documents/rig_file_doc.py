@@ -8,14 +8,15 @@ from typing import Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from hil_forceps.rig import UserError, catalogue, consistency, load_rig, units
+from hil_forceps.rig import UserError, catalogue, load_rig, units
 from hil_forceps.rig.catalogue import EFFECTS, Effect
 from hil_forceps.rig.effects import quantity_of as effect_quantity
 from hil_forceps.rig.json_schema import quantity_of
-from hil_forceps.rig.problems import show_number
 from hil_forceps.rig.quantities import Parameter, Quantity
 from hil_forceps.rig.schema import Rig
 from hil_forceps.rig.sections import IDEAL
+from hil_forceps.rig.validation import consistency
+from hil_forceps.rig.validation.problems import show_number
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGET = ROOT / "docs" / "rig-file.md"

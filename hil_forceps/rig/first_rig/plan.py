@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
-from hil_forceps.rig.consistency import WIRE_CURRENT_A
 from hil_forceps.rig.first_rig.answers import Answers
 from hil_forceps.rig.first_rig.mini_cheetah import own_firmware
 from hil_forceps.rig.first_rig.position_loop import STEPS_S, inertia_at_pulley, loop_entries, plant_step_s
 from hil_forceps.rig.presets import Fact
+from hil_forceps.rig.validation.consistency import WIRE_CURRENT_A
 
 # What nobody knows yet: bounds as wide as `configs/surgical_tool_unknown.yaml` has them, and what the paper's forceps
 # has (Table I), for a simulation.

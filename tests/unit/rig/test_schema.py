@@ -11,9 +11,9 @@ import pytest
 from firmware_protocol.frames import MAX_NODE
 from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
 from hil_forceps.rig import Parameter, Rig, UserError, dump_rig, load_rig, parse_rig
-from hil_forceps.rig.consistency import WIRE_CURRENT_A
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.sections import MAX_ENCODER_COUNTS, MAX_NODE_ID
+from hil_forceps.rig.validation.consistency import WIRE_CURRENT_A
 
 ROOT = Path(__file__).parents[3]
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))

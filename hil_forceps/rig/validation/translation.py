@@ -8,8 +8,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from hil_forceps.rig import units
-from hil_forceps.rig.problems import PROBLEMS_ERROR, Path, Problem, nearest, remedy_for_text, show_value
 from hil_forceps.rig.quantities import Parameter, Quantity
+from hil_forceps.rig.validation.problems import PROBLEMS_ERROR, Path, Problem, nearest, remedy_for_text, show_value
 
 _SECTION = ("a mapping of keys", "write `key: value` lines under it")
 _WANTED = {

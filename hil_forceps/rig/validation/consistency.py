@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from hil_forceps.rig.problems import Path, Problem, show_number
 from hil_forceps.rig.quantities import UNKNOWN
+from hil_forceps.rig.validation.problems import Path, Problem, show_number
 
 Values = Mapping[str, Any]
 
