@@ -29,10 +29,10 @@ from hil_forceps.diagnosis.result import (
     Trend,
     Verdict,
 )
-from hil_forceps.report.diagnosis import figures as diagnosis_figures
 from hil_forceps.report.diagnosis import sections as diagnosis_sections
-from hil_forceps.report.diagnosis.evidence import STATE_COLORS, ladder_figure
-from hil_forceps.report.diagnosis.figures import panels
+from hil_forceps.report.diagnosis.figures import captions as diagnosis_figures
+from hil_forceps.report.diagnosis.figures.captions import panels
+from hil_forceps.report.diagnosis.figures.evidence import STATE_COLORS, ladder_figure
 from hil_forceps.report.diagnosis.files import begun, draughtsman, write_figures, write_report
 from hil_forceps.report.diagnosis.ladder import ladder_section
 from hil_forceps.report.style import house_style

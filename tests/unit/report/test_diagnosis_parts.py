@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hil_forceps.diagnosis.result import Diagnosis, Estimate, RunEvidence
-from hil_forceps.report.diagnosis.bins import binned, edges_of, smoothed, spectrum, strided
+from hil_forceps.report.diagnosis.figures.bins import binned, edges_of, smoothed, spectrum, strided
+from hil_forceps.report.diagnosis.figures.view import channels, telling_run, telling_window
 from hil_forceps.report.diagnosis.names import parameter_words, quantity, scale_for
-from hil_forceps.report.diagnosis.view import channels, telling_run, telling_window
 from hil_forceps.report.diagnosis.words import equation, number, percent, unit_words, with_interval
 
 

@@ -5,14 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hil_forceps.diagnosis.result import Diagnosis, RunEvidence
-from hil_forceps.report.diagnosis.layout import Panels, legend, letters, panels
-from hil_forceps.report.diagnosis.names import (
-    Scale,
-    plain,
-    quantity,
-    scale_for,
-)
-from hil_forceps.report.diagnosis.view import (
+from hil_forceps.report.diagnosis.figures.layout import Panels, legend, letters, panels
+from hil_forceps.report.diagnosis.figures.view import (
     BASELINE,
     EXTENDED,
     FLOOR,
@@ -24,6 +18,12 @@ from hil_forceps.report.diagnosis.view import (
     simulated,
     stages,
     telling_window,
+)
+from hil_forceps.report.diagnosis.names import (
+    Scale,
+    plain,
+    quantity,
+    scale_for,
 )
 from hil_forceps.report.style import (
     REFERENCE,

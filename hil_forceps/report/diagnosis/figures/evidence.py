@@ -11,10 +11,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from hil_forceps.diagnosis.result import Candidate, Diagnosis, Gain
+from hil_forceps.report.diagnosis.figures.layout import LETTERS, legend, letters, panels
+from hil_forceps.report.diagnosis.figures.view import BASELINE, EXTENDED, FLOOR
 from hil_forceps.report.diagnosis.ladder import label, noise_floor
-from hil_forceps.report.diagnosis.layout import LETTERS, legend, letters, panels
 from hil_forceps.report.diagnosis.names import parameter_words, quantity, scale_for
-from hil_forceps.report.diagnosis.view import BASELINE, EXTENDED, FLOOR
 from hil_forceps.report.style import (
     DOUBLE_COLUMN,
     INK,

@@ -9,14 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from hil_forceps.diagnosis.result import Diagnosis, RunEvidence
-from hil_forceps.report.diagnosis.bins import MAX_ROWS, Binned, binned, edges_of, smoothed, spectrum, strided
-from hil_forceps.report.diagnosis.layout import legend, letters, panels
-from hil_forceps.report.diagnosis.names import (
-    axis_label,
-    quantity,
-    scale_for,
-)
-from hil_forceps.report.diagnosis.view import (
+from hil_forceps.report.diagnosis.figures.bins import MAX_ROWS, Binned, binned, edges_of, smoothed, spectrum, strided
+from hil_forceps.report.diagnosis.figures.layout import legend, letters, panels
+from hil_forceps.report.diagnosis.figures.view import (
     FLOOR,
     LOOKS,
     MEASURED,
@@ -26,6 +21,11 @@ from hil_forceps.report.diagnosis.view import (
     simulated,
     stages,
     telling_window,
+)
+from hil_forceps.report.diagnosis.names import (
+    axis_label,
+    quantity,
+    scale_for,
 )
 from hil_forceps.report.style import REFERENCE, Look, house_style
 from hil_forceps.report.traces import Array

@@ -11,27 +11,22 @@ from matplotlib.figure import Figure
 
 from hil_forceps.diagnosis.error_rates import FALSE_ALARMS
 from hil_forceps.diagnosis.result import Diagnosis, RunEvidence
-from hil_forceps.report.diagnosis.evidence import (
+from hil_forceps.report.diagnosis.figures.evidence import (
     balances_figure,
     candidates_figure,
     gain_figure,
     ladder_figure,
     shifts_figure,
 )
-from hil_forceps.report.diagnosis.names import quantity
-from hil_forceps.report.diagnosis.residuals import loops_figure, spectra_figure, variables_figure
-from hil_forceps.report.diagnosis.traces import (
+from hil_forceps.report.diagnosis.figures.residuals import loops_figure, spectra_figure, variables_figure
+from hil_forceps.report.diagnosis.figures.traces import (
     estimated_in,
     estimates_figure,
     residual_time_figure,
     traces_figure,
 )
-from hil_forceps.report.diagnosis.view import (
-    LOOKS,
-    channels,
-    stages,
-    telling_run,
-)
+from hil_forceps.report.diagnosis.figures.view import LOOKS, channels, stages, telling_run
+from hil_forceps.report.diagnosis.names import quantity
 from hil_forceps.report.diagnosis.words import percent
 from hil_forceps.report.style import house_style
 
