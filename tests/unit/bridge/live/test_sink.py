@@ -22,7 +22,7 @@ from hil_forceps.control.gate import Gate
 from hil_forceps.data.recording.reader import parse_recording
 from hil_forceps.data.recording.writer import Recorder
 from hil_forceps.live.channel import Operator, Reader, Writer, size_bytes
-from tests.unit.bridge.test_service import LIMITS, MS, NODE, PLANT, START_JAW_RAD, World, estimator, safe
+from tests.unit.bridge.world import LIMITS, MS, NODE, PLANT, START_JAW_RAD, World, estimator, safe
 
 
 class Kept(io.BytesIO):
