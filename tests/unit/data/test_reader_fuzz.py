@@ -13,8 +13,9 @@ from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame
 from hil_forceps.data.readers.tables import text_table
 from hil_forceps.data.readers.tables.blocks import Block
 from hil_forceps.rig.errors import UserError
-from tests.reader_fuzz import campaign, fuzzers
-from tests.reader_fuzz.fuzzers import FUZZERS, FoundError
+from tests.reader_fuzz import campaign, logs
+from tests.reader_fuzz.checks import FoundError
+from tests.reader_fuzz.fuzzers import FUZZERS
 
 INPUTS = 150
 FEW_INPUTS = 6  # of containers: each is read by a process of its own
@@ -100,7 +101,7 @@ def uncounted(path: Path, account: Account) -> Iterator[LoggedFrame]:
 def test_a_broken_log_reader_is_found(
     name: str, broken: Callable[..., Any], told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fuzzers, "read_frames", broken)
+    monkeypatch.setattr(logs, "read_frames", broken)
     monkeypatch.setattr(campaign, "HANG_S", 0.5)
     with pytest.raises((FoundError, ValueError), match=told):
         campaign.fuzz(name, FUZZERS[name], 2000, 0, shrink=False)
