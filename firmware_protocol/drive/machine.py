@@ -32,7 +32,7 @@ from firmware_protocol.messages import (
 )
 from firmware_protocol.parameters import Index
 from firmware_protocol.scales import ANGLE_MODULUS, unwrap, wrap_int32
-from firmware_protocol.states import DRIVE_REASONS, DRIVE_TRANSITIONS, MAX_ADVANCE, DriveEvent
+from firmware_protocol.states import DRIVE_REASONS, DRIVE_TRANSITIONS, MAX_SEQUENCE_ADVANCE, DriveEvent
 
 __all__ = ["DriveConfig", "DriveMachine"]
 
@@ -194,14 +194,14 @@ class DriveMachine:
         if state is not _OPERATIONAL and state is not _ARMED:
             return self._drop("not_enabled")
         age = (self._sequence - message.sample_sequence) & 0xFF
-        if self._sequence < 0 or age > MAX_ADVANCE:
+        if self._sequence < 0 or age > MAX_SEQUENCE_ADVANCE:
             return self._drop("sample_future")
         if age > self._max_sample_age:
             return self._drop("sample_old")
         if state is _ARMED:
             return 1
         advance = (message.sequence - self._setpoint_sequence) & 0xFF
-        return advance if 1 <= advance <= MAX_ADVANCE else self._drop("setpoint_stale")
+        return advance if 1 <= advance <= MAX_SEQUENCE_ADVANCE else self._drop("setpoint_stale")
 
     def _judge_reference(self, reference: int, advance: int, theta_m_raw: int) -> DriveEvent:
         if not self._theta_min_raw <= reference <= self._theta_max_raw:
@@ -215,7 +215,7 @@ class DriveMachine:
         return _REFERENCE
 
     def _on_host_heartbeat(self, message: HostHeartbeat, now_us: int, _: int) -> list[Frame]:
-        if self._host_present and not 1 <= (message.sequence - self._host_sequence) & 0xFF <= MAX_ADVANCE:
+        if self._host_present and not 1 <= (message.sequence - self._host_sequence) & 0xFF <= MAX_SEQUENCE_ADVANCE:
             self._drop("heartbeat_stale")
             return []
         self._host_present = True

@@ -28,12 +28,12 @@ from firmware_protocol.messages import (
     ParamResponse,
     fault_words,
 )
-from firmware_protocol.states import HOST_COMMANDS, HOST_TRANSITIONS, MAX_ADVANCE, HostEvent, HostPhase
+from firmware_protocol.states import HOST_COMMANDS, HOST_TRANSITIONS, MAX_SEQUENCE_ADVANCE, HostEvent, HostPhase
 
 __all__ = ["HostConfig", "HostMachine", "HostPhase", "RawBench", "RawSample"]
 
 STREAM_SILENCE_NS: Final = 50_000_000  # samples are the better witness of the state until they have been away so long
-MAX_RESPONSES: Final = 64
+MAX_QUEUED_RESPONSES: Final = 64
 
 HOST_COUNTERS: Final = (
     "not_for_us",
@@ -288,7 +288,7 @@ class HostMachine:
     def _on_drive_heartbeat(self, message: DriveHeartbeat, now_ns: int) -> None:
         last = self._drive_heartbeat
         if last is not None:
-            if not 1 <= (message.sequence - last.sequence) & 0xFF <= MAX_ADVANCE:
+            if not 1 <= (message.sequence - last.sequence) & 0xFF <= MAX_SEQUENCE_ADVANCE:
                 self.counters["stale_heartbeat"] += 1
                 return
             self.counters["lost_setpoints"] += (message.setpoints_lost - last.setpoints_lost) & 0xFF
@@ -330,7 +330,7 @@ class HostMachine:
     def _on_response(self, message: ParamResponse, now_ns: int) -> None:
         self._heard_ns = now_ns
         self._responses.append(message)
-        if len(self._responses) > MAX_RESPONSES:
+        if len(self._responses) > MAX_QUEUED_RESPONSES:
             del self._responses[0]
             self.counters["responses_overflow"] += 1
 

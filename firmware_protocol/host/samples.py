@@ -5,11 +5,11 @@ from typing import Final, NamedTuple, TypeVar
 from firmware_protocol.frames import make
 from firmware_protocol.messages import BenchSensor, DriveState, FdFeedback, Feedback, Timing
 from firmware_protocol.scales import STAMP_LSB_NS
-from firmware_protocol.states import MAX_ADVANCE
+from firmware_protocol.states import MAX_SEQUENCE_ADVANCE
 
-MAX_PENDING: Final = 8  # halves of one kind that wait for their partners
+MAX_PENDING_HALVES: Final = 8  # halves of one kind that wait for their partners
 MAX_STAMP_GAP_US: Final = 60_000_000  # further apart, and the stamps are not of one run of the drive
-MAX_QUEUE: Final = 4096
+MAX_QUEUED_SAMPLES: Final = 4096  # and as many readings of the bench
 
 SAMPLE_COUNTERS: Final = (
     "samples",
@@ -110,19 +110,19 @@ class SampleAssembler:
     def on_bench(self, message: BenchSensor, now_ns: int) -> None:
         """Take one bench reading, unless it is old."""
         last = self._bench_sequence
-        if last is not None and not 1 <= (message.sequence - last) & 0xFF <= MAX_ADVANCE:
+        if last is not None and not 1 <= (message.sequence - last) & 0xFF <= MAX_SEQUENCE_ADVANCE:
             self._counters["stale_bench"] += 1
             return
         self._bench_sequence = message.sequence
         self._counters["bench_samples"] += 1
         self._bench.append(make(RawBench, (message.sequence, message.theta_j, message.tau_w, now_ns)))
-        if len(self._bench) > MAX_QUEUE:
+        if len(self._bench) > MAX_QUEUED_SAMPLES:
             del self._bench[0]
             self._counters["bench_overflow"] += 1
 
     def _is_old(self, sequence: int) -> bool:
         newest = self.newest
-        return newest is not None and not 1 <= (sequence - newest[0]) & 0xFF <= MAX_ADVANCE
+        return newest is not None and not 1 <= (sequence - newest[0]) & 0xFF <= MAX_SEQUENCE_ADVANCE
 
     def _keep(self, pending: dict[int, _Half], half: _Half) -> None:
         """Let a half wait. An old one must not: 256 samples on, it would pair with a stranger."""
@@ -130,7 +130,7 @@ class SampleAssembler:
             self._counters["stale_feedback"] += 1
             return
         pending[half.sequence] = half
-        if len(pending) > MAX_PENDING:
+        if len(pending) > MAX_PENDING_HALVES:
             del pending[next(iter(pending))]
             self._counters["unpaired"] += 1
 
@@ -160,7 +160,7 @@ class SampleAssembler:
         self.newest = sample
         self._counters["samples"] += 1
         self._queue.append(sample)
-        if len(self._queue) > MAX_QUEUE:
+        if len(self._queue) > MAX_QUEUED_SAMPLES:
             del self._queue[0]
             self._counters["samples_overflow"] += 1
         if self._feedback or self._timing:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_protocol.host.samples import MAX_PENDING, MAX_QUEUE, RawBench, RawSample, SampleAssembler
+from firmware_protocol.host.samples import MAX_PENDING_HALVES, MAX_QUEUED_SAMPLES, RawBench, RawSample, SampleAssembler
 from firmware_protocol.messages import BenchSensor, FdFeedback, Feedback, Timing
 
 TURN = 1 << 32
@@ -120,12 +120,12 @@ def test_pending_halves_are_bounded() -> None:
     wire = Wire()
     for n in range(1, 51):
         wire.feedback(n)
-    assert wire.counted() == {"unpaired": 50 - MAX_PENDING}
-    assert wire.timing(50 - MAX_PENDING) is None
-    assert wire.timing(51 - MAX_PENDING) is not None
+    assert wire.counted() == {"unpaired": 50 - MAX_PENDING_HALVES}
+    assert wire.timing(50 - MAX_PENDING_HALVES) is None
+    assert wire.timing(51 - MAX_PENDING_HALVES) is not None
     assert wire.timing(50) is not None
     assert wire.counters["unpaired"] == 50 - 2 + 1  # the halves without a partner, and the lone TIMING
-    assert wire.numbers() == [51 - MAX_PENDING, 50]
+    assert wire.numbers() == [51 - MAX_PENDING_HALVES, 50]
 
 
 @pytest.mark.parametrize("direction", [1, -1])
@@ -173,14 +173,14 @@ def test_unknown_states_are_no_samples(state: int, known: bool) -> None:
 
 def test_queues_are_bounded_and_keep_the_newest() -> None:
     wire = Wire()
-    for n in range(1, MAX_QUEUE + 4):
+    for n in range(1, MAX_QUEUED_SAMPLES + 4):
         wire.whole(n)
         wire.assembler.on_bench(BenchSensor(1, n, -n, n & 0xFF), n)
     assert wire.counters["samples_overflow"] == wire.counters["bench_overflow"] == 3
-    assert wire.numbers() == list(range(4, MAX_QUEUE + 4))
+    assert wire.numbers() == list(range(4, MAX_QUEUED_SAMPLES + 4))
     bench = wire.assembler.take_bench()
     assert bench[0] == RawBench(4, 4, -4, 4)
-    assert len(bench) == MAX_QUEUE
+    assert len(bench) == MAX_QUEUED_SAMPLES
     assert wire.assembler.take_bench() == []
 
 
