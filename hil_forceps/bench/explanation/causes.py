@@ -12,7 +12,7 @@ import numpy as np
 
 from hil_forceps.bench.explanation.events import MIN_UNHEARD, Event, unheard_references
 from hil_forceps.bench.explanation.evidence import Evidence
-from hil_forceps.bridge.logs.flight_recorder import BEFORE_NS
+from hil_forceps.bridge.logs.flight_recorder import RECORDED_BEFORE_FAULT_NS
 from hil_forceps.bridge.pipeline import Verdict
 from hil_forceps.bridge.results import AS_MEANT
 
@@ -164,7 +164,7 @@ def _seen(evidence: Evidence, events: list[Event]) -> Iterator[Cause]:
     unheard = unheard_references(evidence)
     if evidence.profile == "native" and unheard is not None and unheard[0] >= MIN_UNHEARD and len(evidence.samples):
         newest_ns = int(evidence.samples["received_ns"][-1])
-        if newest_ns >= evidence.ended_ns - BEFORE_NS and evidence.reason == "drive_fault":
+        if newest_ns >= evidence.ended_ns - RECORDED_BEFORE_FAULT_NS and evidence.reason == "drive_fault":
             yield Cause(
                 f"{unheard[0]} references left this host, and the drive's samples show none of them",
                 "the way from host to drive: bus load, arbitration ids of others, the adapter's sending",

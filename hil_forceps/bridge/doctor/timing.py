@@ -8,10 +8,10 @@ from hil_forceps.bridge.doctor.check import Check, Verdict, unknown
 from hil_forceps.bridge.ports import Clock
 from hil_forceps.drives.compatibility.lint import FEWEST_PERIODS
 
-MEASURE_S: Final = 1.0
+MEASURED_TIME_S: Final = 1.0
 # What the kernel turns the clock by, at most, while it disciplines it (MAXFREQ, 500 ppm); more is a step.
-MAX_SLEW: Final = 500e-6
-READING_S: Final = 1e-4  # between the readings of both clocks, where the process is interrupted
+MAX_CLOCK_SLEW_s_per_s: Final = 500e-6
+MAX_READING_GAP_S: Final = 1e-4  # between the readings of both clocks, where the process is interrupted
 _P99: Final = 0.99
 
 
@@ -23,7 +23,7 @@ class Lateness(NamedTuple):
     lasted_s: float
 
 
-def measure(clock: Clock, wall_ns: Callable[[], int], period_s: float, duration_s: float = MEASURE_S) -> Lateness:
+def measure(clock: Clock, wall_ns: Callable[[], int], period_s: float, duration_s: float = MEASURED_TIME_S) -> Lateness:
     """Sleep to due times as the service does, and note how late each wake-up is."""
     period_ns = round(period_s * 1e9)
     begin_ns, begin_wall_ns = clock.now_ns(), wall_ns()
@@ -58,7 +58,7 @@ def _wake_up(late_s: Sequence[float], period_s: float) -> Check:
 
 def _steps(measured: Lateness) -> Check:
     name, what = "timing.clock_steps", "whether the wall clock stepped meanwhile"
-    allowed_s = MAX_SLEW * measured.lasted_s + READING_S
+    allowed_s = MAX_CLOCK_SLEW_s_per_s * measured.lasted_s + MAX_READING_GAP_S
     text = f"{measured.step_s * 1e3:+.3f} ms in {measured.lasted_s:.2g} s"
     if abs(measured.step_s) <= allowed_s:
         return Check(name, what, Verdict.OK, text, "", measured.step_s * 1e3, "ms")

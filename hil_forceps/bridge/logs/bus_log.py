@@ -33,7 +33,7 @@ CHANNEL: Final = "can0"  # what candump's format wants to call the bus; there is
 BLF_CHANNEL: Final = 1
 NO_DATE: Final = "Thu Jan  1 00:00:00.000 am 1970"
 _EXTENDED: Final = 1 << 29  # above the highest bit of an id
-_MAX_HEADS: Final = 4096
+_MAX_KEPT_HEADS: Final = 4096
 
 Arrivals = Sequence[tuple[int, Frame]]
 Batch = list[tuple[bool, Arrivals]]  # received or sent, and what; it must not change any more
@@ -64,7 +64,7 @@ class CandumpLines:
     """Frames as lines of `candump -L`: (seconds) channel id#data direction."""
 
     def __init__(self) -> None:
-        self._heads: dict[int, str] = {}  # by id with `_EXTENDED`, FD ids negative; at most `_MAX_HEADS`
+        self._heads: dict[int, str] = {}  # by id with `_EXTENDED`, FD ids negative; at most `_MAX_KEPT_HEADS`
         self._last_s = 0.0
 
     def of(self, batch: Batch, begin_ns: int) -> str:
@@ -88,7 +88,7 @@ class CandumpLines:
         identifier, flags = (key, "#") if key >= 0 else (~key, "##1")  # 1: bit-rate switch
         shown = f"{identifier ^ _EXTENDED:08X}" if identifier & _EXTENDED else f"{identifier:03X}"
         head = f") {CHANNEL} {shown}{flags}"
-        if len(self._heads) >= _MAX_HEADS:  # a flood of foreign ids
+        if len(self._heads) >= _MAX_KEPT_HEADS:  # a flood of foreign ids
             self._heads.clear()
         self._heads[key] = head
         return head

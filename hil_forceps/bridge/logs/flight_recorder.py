@@ -18,7 +18,7 @@ from hil_forceps.data.recording.reader import Table, tables_of
 from hil_forceps.data.recording.writer import Outcome
 
 FAULT_FORMAT = 1
-BEFORE_NS = 1_000_000_000
+RECORDED_BEFORE_FAULT_NS = 1_000_000_000
 
 Stages = Sequence[tuple[int, str]]  # when each stage began
 
@@ -39,7 +39,7 @@ def last_second(reason: FaultReason, stages: Stages, recent: Recent, more: Mappi
     `log_begin_ns`. What isn't finite is null.
     """
     tables = tables_of(recent.messages, first_counts=False)
-    begin_ns = reason.time_ns - BEFORE_NS
+    begin_ns = reason.time_ns - RECORDED_BEFORE_FAULT_NS
     content: dict[str, Any] = {
         "format": FAULT_FORMAT,
         **reason._asdict(),

@@ -185,7 +185,7 @@ def test_time_in_a_log_never_goes_back(tmp_path: Path) -> None:
 
 def test_a_flood_of_ids_does_not_grow_the_writer() -> None:
     lines = CandumpLines()
-    for k in range(3 * bus_log._MAX_HEADS):
+    for k in range(3 * bus_log._MAX_KEPT_HEADS):
         said = lines.of([(True, [(k, Frame(k, b"", is_extended=True))])], 0)
-        assert len(lines._heads) <= bus_log._MAX_HEADS
-    assert said.split()[2] == f"{3 * bus_log._MAX_HEADS - 1:08X}#"
+        assert len(lines._heads) <= bus_log._MAX_KEPT_HEADS
+    assert said.split()[2] == f"{3 * bus_log._MAX_KEPT_HEADS - 1:08X}#"
