@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from hil_forceps.bridge.doctor.check import Check, Verdict, unknown
 from hil_forceps.bridge.ports import Clock
-from hil_forceps.drives.compatibility.lint import FEWEST_PERIODS
+from hil_forceps.drives.compatibility.lint import MIN_WATCHDOG_PERIODS
 
 MEASURED_TIME_S: Final = 1.0
 # What the kernel turns the clock by, at most, while it disciplines it (MAXFREQ, 500 ppm); more is a step.
@@ -73,16 +73,17 @@ def watchdog(watchdog_s: float | None, whose: str, period_s: float, worst_late_s
     if watchdog_s is None:
         return unknown(name, what, "neither the drive nor the rig tells its time")
     text = f"{watchdog_s * 1e3:g} ms {whose}, {watchdog_s / period_s:.1f} periods"
-    least_s = FEWEST_PERIODS * period_s
+    least_s = MIN_WATCHDOG_PERIODS * period_s
     if watchdog_s <= 0.0:
         text = f"off {whose}: nothing stops the motor where this program or the bus fails"
         return Check(name, what, Verdict.FAIL, text, f"set it to {least_s * 1e3:g} ms or more", 0.0, "ms")
     if watchdog_s < least_s:
-        text += f": one late tick stops the motor; {FEWEST_PERIODS} at least"
+        text += f": one late tick stops the motor; {MIN_WATCHDOG_PERIODS} at least"
         remedy = f"set the watchdog to {least_s * 1e3:g} ms or more, or bench.host_period_s shorter"
         return Check(name, what, Verdict.FAIL, text, remedy, watchdog_s * 1e3, "ms")
     if watchdog_s < least_s + worst_late_s:
-        text += f"; less than {FEWEST_PERIODS} behind a wake-up as late as the worst here ({worst_late_s * 1e3:.2g} ms)"
+        worst = f"as late as the worst here ({worst_late_s * 1e3:.2g} ms)"
+        text += f"; less than {MIN_WATCHDOG_PERIODS} behind a wake-up {worst}"
         remedy = "see timing.wake_up; or a longer watchdog"
         return Check(name, what, Verdict.WARN, text, remedy, watchdog_s * 1e3, "ms")
     return Check(name, what, Verdict.OK, text, "", watchdog_s * 1e3, "ms")

@@ -15,7 +15,7 @@ from hil_forceps.bridge.drive_conformance.measures import Measure
 from hil_forceps.bridge.results import ServiceConfig
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
-from hil_forceps.drives.supervision.direction import NOISE_MARGIN, STEP_SHARE
+from hil_forceps.drives.supervision.direction import MIN_WAY_NOISE_RATIO, MIN_WAY_SHARE
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import MotorDriver
 
@@ -169,7 +169,10 @@ class Session(Loop):
         self._require_within_limits()
         if moves:
             self.step_sign()
-        visible = max(STEP_SHARE * self.bounds.step_rad, NOISE_MARGIN * self.noise_rad) <= self.bounds.step_rad / 2.0
+        visible = (
+            max(MIN_WAY_SHARE * self.bounds.step_rad, MIN_WAY_NOISE_RATIO * self.noise_rad)
+            <= self.bounds.step_rad / 2.0
+        )
         require(not moves or visible, f"the angle's noise of {self.noise_rad:.2g} rad hides a step of 1 deg")
 
     def _require_within_limits(self) -> None:

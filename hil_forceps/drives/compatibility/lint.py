@@ -14,10 +14,10 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import Limits
 
-FEWEST_PERIODS = 3  # of the host, within a watchdog's time: one late tick must not stop the motor
-LONGEST_WATCHDOG_S = 0.5  # a motor that goes on for longer behind a dead host
-SLOWEST_S = 2.5  # half a period of the paper's pulses: a reference that is slower never makes up for one
-WINDOW_S = 0.25  # over which the gate bounds the travel
+MIN_WATCHDOG_PERIODS = 3  # of the host, within a watchdog's time: one late tick must not stop the motor
+MAX_WATCHDOG_S = 0.5  # a motor that goes on for longer behind a dead host
+MAX_CORRECTION_TIME_S = 2.5  # half a period of the paper's pulses: a reference that is slower never makes up for one
+TRAVEL_WINDOW_S = 0.25  # over which the gate bounds the travel
 MAX_BUS_LOAD, HIGH_BUS_LOAD = 0.9, 0.6
 
 
@@ -55,9 +55,9 @@ def _narrow(rig: Rig) -> Iterator[Finding]:
     way_rad = tension_N / plant.wire_stiffness_N_per_m / plant.motor_pulley_radius_m
     step = _times_s(limits, ANGLE_LSB_RAD)
     for key, time_s in _times_s(limits, way_rad).items():
-        if time_s > SLOWEST_S:
+        if time_s > MAX_CORRECTION_TIME_S:
             told = f"is {getattr(limits, key):g}: the reference takes {time_s:.3g} s to make up for {load}; raise it"
-            yield Finding("problem" if step[key] > SLOWEST_S else "note", f"limits.{key}", told)
+            yield Finding("problem" if step[key] > MAX_CORRECTION_TIME_S else "note", f"limits.{key}", told)
     N_per_A = plant.torque_constant_N_m_per_A / plant.motor_pulley_radius_m
     for key, limit, needed, least, unit in (
         ("tension_max_N", limits.tension_max_N, tension_N, N_per_A * CURRENT_LSB_A, "N"),
@@ -80,7 +80,7 @@ def _times_s(limits: Limits, way_rad: float) -> dict[str, float]:
     if limits.jerk_max_rad_per_s3 is not None:
         times_s["jerk_max_rad_per_s3"] = math.cbrt(32.0 * way_rad / limits.jerk_max_rad_per_s3)
     if limits.window_travel_max_rad is not None:
-        times_s["window_travel_max_rad"] = WINDOW_S * way_rad / limits.window_travel_max_rad
+        times_s["window_travel_max_rad"] = TRAVEL_WINDOW_S * way_rad / limits.window_travel_max_rad
     return times_s
 
 
@@ -99,14 +99,14 @@ def _watchdog(rig: Rig) -> Iterator[Finding]:
     key, watchdog_s, period_s = "motor_driver.watchdog_s", rig.motor_driver.watchdog_s, rig.bench.host_period_s
     if watchdog_s == 0.0:
         yield Finding("problem", key, "is 0: nothing stops the motor where this program or the bus fails")
-    elif watchdog_s < FEWEST_PERIODS * period_s:
+    elif watchdog_s < MIN_WATCHDOG_PERIODS * period_s:
         yield Finding(
             "problem",
             key,
             f"is {watchdog_s:g} s, {watchdog_s / period_s:.1f} periods of the host: one late tick stops the motor; at "
-            f"least {FEWEST_PERIODS * period_s:g} s",
+            f"least {MIN_WATCHDOG_PERIODS * period_s:g} s",
         )
-    elif watchdog_s > LONGEST_WATCHDOG_S:
+    elif watchdog_s > MAX_WATCHDOG_S:
         yield Finding("note", key, f"is {watchdog_s:g} s: the motor goes on for so long behind a host that failed")
 
 

@@ -39,7 +39,8 @@ from hil_forceps.drives.transitions import COMMON, P
 
 IDENTIFY_EVERY_NS: Final = 10_000_000  # a bus where nobody acknowledges repeats each frame by itself
 FLIGHT_NS: Final = 10_000_000  # for a stop to arrive and be obeyed, and for answers from before it to have come
-STALE_MS: Final = 50  # a millisecond counter that is less behind is of a late answer, else of another start
+# A millisecond counter that is less behind is of a late answer, else of another start.
+MAX_COUNTER_STEP_BACK_MS: Final = 50
 _HALF32, _MASK32 = 1 << 31, (1 << 32) - 1
 _PREPARING: Final = frozenset({Mode.ENABLING, Mode.CALIBRATING, Mode.CALIBRATION_COMPLETE})
 _LATCHED: Final = frozenset({Mode.FAULT, Mode.TIMEOUT})
@@ -231,7 +232,7 @@ class Moteus:
         if self._feedback is None:
             return True
         step_ms = (feedback.milliseconds - self._feedback.milliseconds + _HALF32 & _MASK32) - _HALF32
-        if step_ms < -STALE_MS:
+        if step_ms < -MAX_COUNTER_STEP_BACK_MS:
             self.counters["restarts"] += 1
             self.drive_state = None
             self._fire("gone")

@@ -2,8 +2,8 @@
 
 from typing import Final
 
-MOST_MORE: Final = 10  # answers than questions; of two drives with one id each answers
-MOST_LOST: Final = 64  # that are made up for: more, and lost answers would hide those that are too many
+MAX_EXCESS_ANSWERS: Final = 10  # over the questions; of two drives with one id each answers
+MAX_EXCUSED_LOST_ANSWERS: Final = 64  # that are made up for: more, and lost answers would hide those that are too many
 
 
 class AnswerCount:
@@ -14,7 +14,7 @@ class AnswerCount:
 
     def ask(self) -> None:
         """Note a question."""
-        self._more = max(self._more - 1, -MOST_LOST)
+        self._more = max(self._more - 1, -MAX_EXCUSED_LOST_ANSWERS)
 
     def answer(self) -> None:
         """Note an answer, whole or not."""
@@ -23,4 +23,4 @@ class AnswerCount:
     @property
     def is_too_high(self) -> bool:
         """Whether more was answered than one drive does."""
-        return self._more >= MOST_MORE
+        return self._more >= MAX_EXCESS_ANSWERS

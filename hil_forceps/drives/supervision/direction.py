@@ -11,8 +11,8 @@ import math
 from enum import Enum
 from typing import Final
 
-STEP_SHARE: Final = 0.25  # of the step, that the angle has to go for a word
-NOISE_MARGIN: Final = 4.0  # times the angle's range at rest, below which nothing is said
+MIN_WAY_SHARE: Final = 0.25  # of the step, that the angle has to go for a word
+MIN_WAY_NOISE_RATIO: Final = 4.0  # over the angle's range at rest, below which nothing is said
 
 
 class Direction(Enum):
@@ -28,7 +28,7 @@ class DirectionProbe:
 
     def __init__(self, step_rad: float, noise_rad: float) -> None:
         """`step_rad`: how far the reference will go at most. ValueError where noise would hide that."""
-        self.needed_rad = max(STEP_SHARE * step_rad, NOISE_MARGIN * noise_rad)
+        self.needed_rad = max(MIN_WAY_SHARE * step_rad, MIN_WAY_NOISE_RATIO * noise_rad)
         if not (0.0 < self.needed_rad <= 0.5 * step_rad and math.isfinite(step_rad)):
             raise ValueError(f"a step of {step_rad} rad can't be told from {noise_rad} rad of noise")
         self.direction = Direction.UNDECIDED

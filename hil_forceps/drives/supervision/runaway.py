@@ -13,10 +13,10 @@ a bound on the load decides, and that is the current limit.
 import math
 from typing import Final
 
-LIMIT_SHARE: Final = 0.9  # of the current limit: drives tell a little less where they are at it
-SAMPLES: Final = 3  # in a row
-LEAST_RAD: Final = math.radians(1.0)  # off the reference
-SLOWING: Final = 0.98  # of the way of the sample before: a motor that is braked goes less
+MIN_CURRENT_LIMIT_SHARE: Final = 0.9  # of the current limit: drives tell a little less where they are at it
+SAMPLES_IN_A_ROW: Final = 3
+MIN_ERROR_RAD: Final = math.radians(1.0)  # off the reference
+MIN_WAY_RATIO: Final = 0.98  # of the way of the sample before: a motor that is braked goes less
 
 
 class RunawayWatch:
@@ -28,7 +28,7 @@ class RunawayWatch:
             raise ValueError(f"a current limit of {current_limit_A} A is none")
         self.is_running_away = False
         self.off_rad = 0.0  # when that was seen
-        self._enough_A = LIMIT_SHARE * current_limit_A
+        self._enough_A = MIN_CURRENT_LIMIT_SHARE * current_limit_A
         self._before_rad = math.nan
         self._way_rad = 0.0  # of the sample before
         self._count = 0
@@ -36,10 +36,10 @@ class RunawayWatch:
     def see(self, theta_m_rad: float, current_A: float, reference_rad: float) -> bool:
         """Take a sample; a reference that isn't finite is none yet."""
         way_rad, off_rad = theta_m_rad - self._before_rad, theta_m_rad - reference_rad
-        is_away = abs(current_A) >= self._enough_A and abs(off_rad) >= LEAST_RAD and way_rad * off_rad > 0.0
-        if is_away and abs(way_rad) >= SLOWING * abs(self._way_rad):
+        is_away = abs(current_A) >= self._enough_A and abs(off_rad) >= MIN_ERROR_RAD and way_rad * off_rad > 0.0
+        if is_away and abs(way_rad) >= MIN_WAY_RATIO * abs(self._way_rad):
             self._count += 1
-            if self._count >= SAMPLES and not self.is_running_away:
+            if self._count >= SAMPLES_IN_A_ROW and not self.is_running_away:
                 self.is_running_away, self.off_rad = True, off_rad
         else:
             self._count = 0

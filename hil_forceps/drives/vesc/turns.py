@@ -8,7 +8,7 @@ the bound itself comes to half a turn, the turns can't be counted any more.
 import math
 from typing import Final, NamedTuple
 
-_HALF: Final = 0.5
+_HALF_TURN_REV: Final = 0.5
 SLACK_PERIODS: Final = 2
 _SLACK_COUNTS: Final = 2
 
@@ -50,13 +50,13 @@ class Turns:
 
     def is_lost(self, at_ns: int) -> bool:
         """Tell whether the turns can't be counted any more."""
-        return self.reach_rev(at_ns) >= _HALF
+        return self.reach_rev(at_ns) >= _HALF_TURN_REV
 
     def follow(self, within_rev: float, at_ns: int) -> float | None:
         """Return the angle; None where it is further away than the motor can have come."""
         if self.angle_rev is None or self.is_lost(at_ns):
             return None
-        step_rev = (within_rev - self.angle_rev + _HALF) % 1.0 - _HALF
+        step_rev = (within_rev - self.angle_rev + _HALF_TURN_REV) % 1.0 - _HALF_TURN_REV
         if abs(step_rev) > self.reach_rev(at_ns):
             return None
         self.start(self.angle_rev + step_rev, at_ns)

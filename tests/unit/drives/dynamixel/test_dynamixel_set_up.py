@@ -5,7 +5,7 @@ import pytest
 from firmware_protocol.frames import Frame
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives.dynamixel.machine import (
-    TRIES,
+    MAX_TRIES,
 )
 from tests.unit.drives.dynamixel.bench import (
     MS,
@@ -96,7 +96,7 @@ def test_a_servo_that_stops_answering_in_the_set_up_is_refused() -> None:
     bench.to_servo = lambda frame: [frame] if frame.data[0] in {PING, SYNC_WRITE} else []
     bench.until(HostPhase.REFUSED, 400)
     assert "does not answer requests for Torque Enable (64)" in bench.drive.refusal
-    assert bench.drive.counters["unanswered"] == TRIES
+    assert bench.drive.counters["unanswered"] == MAX_TRIES
 
 
 def test_an_adapter_that_holds_answers_back_is_refused_with_the_remedy() -> None:

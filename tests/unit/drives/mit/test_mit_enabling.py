@@ -56,7 +56,7 @@ def test_it_enters_without_gains_at_the_measured_angle_and_gains_begin_where_it_
         assert enter == ENTER
         assert codes(command)[2:4] == (0, 0)
         assert abs(codes(command).position - POSITION) <= 1
-    held = wire.code_of(2.0 * math.pi * 1000 / ANGLE_LSB_PER_REV, -12.5, 12.5, wire.POSITION_CODES)
+    held = wire.code_of(2.0 * math.pi * 1000 / ANGLE_LSB_PER_REV, -12.5, 12.5, wire.MAX_POSITION_CODE)
     first = [frames[0] for frames in sent[len(entering) : len(entering) + FIRST_REFERENCES]]
     assert {codes(frame).position for frame in first} == {held}
     assert {codes(frame)[2:4] for frame in first} == {(82, 819)}  # 10 of 500 and 1 of 5

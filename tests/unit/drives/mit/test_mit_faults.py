@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState
 from firmware_protocol.states import HostPhase
-from hil_forceps.drives.mit.exchange import MAX_IN_FLIGHT
+from hil_forceps.drives.mit.exchange import MAX_FRAMES_IN_FLIGHT
 from hil_forceps.drives.mit.machine import TRANSITIONS, Mit, MitConfig
 from hil_forceps.drives.mit.messages import Special
 from tests.unit.drives.mit.bench import (
@@ -86,10 +86,10 @@ def test_two_drives_with_one_id_are_refused() -> None:
 
 def test_answers_that_nobody_asked_for_are_no_samples() -> None:
     drive = running()
-    for n in range(MAX_IN_FLIGHT + 5):
+    for n in range(MAX_FRAMES_IN_FLIGHT + 5):
         drive.receive(answer(), 56 * MS + n)
     assert drive.take_samples() == []
-    assert drive.counters["unasked"] == MAX_IN_FLIGHT + 5
+    assert drive.counters["unasked"] == MAX_FRAMES_IN_FLIGHT + 5
 
 
 @pytest.mark.parametrize(

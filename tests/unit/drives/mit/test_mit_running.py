@@ -61,7 +61,7 @@ def test_a_host_that_was_late_is_no_silence() -> None:
     assert drive.phase.name == "RUNNING"
 
 
-@pytest.mark.parametrize("code", [0, wire.POSITION_CODES])
+@pytest.mark.parametrize("code", [0, wire.MAX_POSITION_CODE])
 def test_an_angle_at_the_end_of_its_field_is_none(code: int) -> None:
     drive = running()
     ticks(drive, 56, 1, answers=lambda _: answer(code))
@@ -95,10 +95,10 @@ def test_gear_sign_and_zero_are_those_of_the_rig(ratio: float) -> None:
     drive = running(config)
     raw = 1 << 20
     sent = codes(ticks(drive, 56, 1, raw=raw)[0][0])
-    asked_rad = wire.value_of(sent.position, -12.5, 12.5, wire.POSITION_CODES)
-    assert asked_rad == pytest.approx(2.0 * math.pi * (0.3 + ratio / 16.0), abs=12.5 / wire.POSITION_CODES)
+    asked_rad = wire.value_of(sent.position, -12.5, 12.5, wire.MAX_POSITION_CODE)
+    assert asked_rad == pytest.approx(2.0 * math.pi * (0.3 + ratio / 16.0), abs=12.5 / wire.MAX_POSITION_CODE)
     (sample,) = drive.take_samples()
-    measured_rad = (POSITION + 0.5) * 25.0 / wire.POSITION_CODES - 12.5
+    measured_rad = (POSITION + 0.5) * 25.0 / wire.MAX_POSITION_CODE - 12.5
     assert sample.theta_m / ANGLE_LSB_PER_REV == pytest.approx((measured_rad / 2.0 / math.pi - 0.3) / ratio, abs=1e-6)
     ticks(drive, 57, 1, answers=lambda _: answer(torque=3071))
     current_A = drive.take_samples()[-1].current * CURRENT_LSB_A

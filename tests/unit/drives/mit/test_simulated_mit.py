@@ -283,7 +283,7 @@ def test_a_bgkatz_wraps_its_angle_and_others_hold_it() -> None:
         (frame,) = drive.take_outbox()
         reply = wire.parse_reply(frame.data)
         assert reply is not None
-        position_rad = wire.measured(reply.position, 3.2, wire.POSITION_CODES)
+        position_rad = wire.measured(reply.position, 3.2, wire.MAX_POSITION_CODE)
         true_rad = math.pi + angle_rad(drive, 1)
         assert position_rad == pytest.approx(true_rad - 6.4 if wraps else 3.2, abs=1e-3)
 
@@ -298,7 +298,7 @@ def test_a_bgkatz_tells_the_largest_current_since_the_last_command() -> None:
         for n in range(200):
             drive.receive(command(kp=0), (3 + n) * MS)
         replies = [wire.parse_reply(frame.data) for frame in drive.take_outbox()]
-        torques = [wire.measured(reply.torque, 1.0, wire.CODES) for reply in replies[10:] if reply]
+        torques = [wire.measured(reply.torque, 1.0, wire.MAX_CODE) for reply in replies[10:] if reply]
         told[variant] = float(np.mean(torques))
     assert abs(told["damiao"]) < 1e-3
     assert told["bgkatz"] > 1e-3  # ten readings of a noise of 1 mA: the largest is 1.5 above the mean
@@ -313,19 +313,19 @@ def test_zero_is_set_outside_of_motor_mode_alone() -> None:
     drive.receive(EXIT, 5 * MS)
     positions = [reply.position for frame in drive.take_outbox() if (reply := wire.parse_reply(frame.data))]
     assert positions[2] == positions[0]
-    assert abs(positions[4] - wire.POSITION_CODES / 2) < 2
+    assert abs(positions[4] - wire.MAX_POSITION_CODE / 2) < 2
 
 
 def test_the_gains_of_the_frame_are_those_of_the_loop() -> None:
     drive = mit()
     theta_rad = angle_rad(drive, 1)
-    away = wire.code_of(theta_rad - 0.05, -3.2, 3.2, wire.POSITION_CODES)
+    away = wire.code_of(theta_rad - 0.05, -3.2, 3.2, wire.MAX_POSITION_CODE)
     drive.receive(ENTER, MS + 1)
     currents = []
     for kp in (100, 200):
         drive.receive(command(kp=kp, position=away), 2 * MS)
         currents.append(drive._wanted_A())
-    kp_N_m_per_rad = 100 * 0.5 / wire.CODES
+    kp_N_m_per_rad = 100 * 0.5 / wire.MAX_CODE
     expected_A = -kp_N_m_per_rad * 0.05 / 0.0135
     assert currents[0] == pytest.approx(expected_A, rel=0.02)
     assert currents[1] == pytest.approx(2.0 * expected_A, rel=0.02)
@@ -348,8 +348,8 @@ def test_a_current_comes_back_as_itself_whatever_the_gear(ratio: float, current_
     drive._answer()
     reply = wire.parse_reply(drive.take_outbox()[0].data)
     assert reply is not None
-    current_A = wire.measured(reply.torque, host.config.current_range_A, wire.CODES)
-    assert current_A == pytest.approx(0.25, abs=2.0 * abs(host.config.current_range_A) / wire.CODES)
+    current_A = wire.measured(reply.torque, host.config.current_range_A, wire.MAX_CODE)
+    assert current_A == pytest.approx(0.25, abs=2.0 * abs(host.config.current_range_A) / wire.MAX_CODE)
 
 
 def test_a_rig_without_ranges_has_no_simulated_drive() -> None:

@@ -16,7 +16,7 @@ from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A
 from hil_forceps.cli import main as cli
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.registry import current_limit_A
-from hil_forceps.drives.supervision.runaway import SAMPLES, RunawayWatch
+from hil_forceps.drives.supervision.runaway import SAMPLES_IN_A_ROW, RunawayWatch
 from hil_forceps.rig import load_rig
 from virtual_bus.drive import forceps_of
 from virtual_bus.drives.registry import SIMULATED_DRIVES
@@ -100,7 +100,7 @@ def walk(ways: list[float], current_A: float = 1.0, reference_rad: float = 0.0) 
 
 
 def test_what_counts_is_the_motor_that_goes_away_and_does_not_slow_down() -> None:
-    assert list(walk([0.1] * 5)).index(True) == SAMPLES  # the first sample has no way yet
+    assert list(walk([0.1] * 5)).index(True) == SAMPLES_IN_A_ROW  # the first sample has no way yet
     assert not any(walk([-0.1] * 5))  # towards the reference
     assert not any(walk([0.1 * 0.97**n for n in range(9)]))  # it is braked
     assert not any(walk([0.1] * 5, reference_rad=math.nan))  # there is none yet
