@@ -26,7 +26,7 @@ from hil_forceps.model.step.whole_step import decays, suits, whole_step
 
 __all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", "law_vector", "rest", "simulate"]
 
-_DRIFT_STEP = 0.02  # of D_m: further away, the linear plant is made anew
+_MAX_VISCOSITY_CHANGE_SHARE = 0.02  # of D_m: further away, the linear plant is made anew
 _CHANNELS = 8
 _REST_ITERATIONS = 50
 
@@ -233,7 +233,7 @@ def over_sample(
         constant, viscosity = torque_constant(p, time_s), motor_viscosity_N_m_s_per_rad(p, time_s)
         d = Drive(mean, slope, ends, constant, viscosity, load, load_slope)
         if not kind.plain:
-            if abs(viscosity - gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
+            if abs(viscosity - gains[TAUT, VISCOSITY]) > _MAX_VISCOSITY_CHANGE_SHARE * p.D_m:
                 fill_all(gains, p, viscosity, step_s)
             x = refined_step(p, kind, gains, constants.inertia, constants.kept, x, d)
         else:

@@ -25,7 +25,7 @@ from hil_forceps.rig.validation.problems import (
     text_error,
 )
 
-RELATIVE_SD = 0.1
+DEFAULT_RELATIVE_SD = 0.1
 UNKNOWN = "unknown"
 
 STRICT = ConfigDict(strict=True, frozen=True, extra="forbid", populate_by_name=True)
@@ -103,7 +103,7 @@ class Parameter(BaseModel):
 
 
 def _default_sd(value: float) -> float:
-    return RELATIVE_SD * abs(value)
+    return DEFAULT_RELATIVE_SD * abs(value)
 
 
 @dataclass(frozen=True, slots=True)

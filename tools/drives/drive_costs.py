@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from firmware_protocol.frames import Frame
 from hil_forceps.bench.assembly import Settings
-from hil_forceps.bench.metrics import STEADY_WINDOW_S, WINDOW_S
+from hil_forceps.bench.metrics import ERROR_WINDOW_S, STEADY_WINDOW_S
 from hil_forceps.bench.session import Plan, run_session, service_config, stamps_are_host_time
 from hil_forceps.bridge.clocks import VirtualClock
 from hil_forceps.bridge.links.adapters import Connection
@@ -80,7 +80,7 @@ def run(name: str, out: Path) -> Cost:
     rows = np.searchsorted(truth["bus_time_ns"], samples["received_ns"], side="right") - 1
     operational = samples["state"] == OPERATIONAL
     time_s = (samples["stamp_ns"] - samples["stamp_ns"][operational][0]) * 1e-9
-    shown = operational & (time_s >= WINDOW_S[0]) & (time_s <= WINDOW_S[1])
+    shown = operational & (time_s >= ERROR_WINDOW_S[0]) & (time_s <= ERROR_WINDOW_S[1])
     reference_rad = np.array([PAPER_TRAJECTORY(t) for t in time_s[shown]])
     frames = list(read_frames(log))
     bits, busy_s = _line_use(rig, [each.frame for each in frames])

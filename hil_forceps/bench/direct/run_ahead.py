@@ -22,9 +22,10 @@ from hil_forceps.rig.plant import PlantParameters
 
 Vector = NDArray[np.float64]
 
-LONGEST_BLOCK: Final = 512  # samples
-LEAST_BLOCK: Final = 32  # samples in the mean; a block costs as much beside them as ten samples of the plain loop
-TRIAL: Final = 2000  # samples, as many as if they had gone well before the first
+MAX_BLOCK_SAMPLES: Final = 512
+# A block costs as much beside its samples as ten samples of the plain loop.
+MIN_MEAN_BLOCK_SAMPLES: Final = 32
+TRIAL_SAMPLES: Final = 2000  # as many as if they had gone well before the first
 TAU_W_COLUMN, TAU_W_ESTIMATE, THETA_J, THETA_M, CURRENT, STRETCH, REQUESTED = range(7)  # columns of a block
 COLUMNS: Final = 7
 
@@ -143,12 +144,12 @@ class Ahead:
             first, reference_rad, memory, state = self._before
             self._world.memory[:], self._state = memory, state
             self._run(first, reference_rad, samples)
-        self.length = 1 if samples < of else min(2 * self.length, LONGEST_BLOCK)
+        self.length = 1 if samples < of else min(2 * self.length, MAX_BLOCK_SAMPLES)
         self._noise = self._noise[samples:]
 
     def pays(self, samples: int) -> bool:
         """Tell whether the blocks up to here were long enough."""
-        return self._blocks * LEAST_BLOCK <= samples + TRIAL
+        return self._blocks * MIN_MEAN_BLOCK_SAMPLES <= samples + TRIAL_SAMPLES
 
     def _run(self, first: int, reference_rad: float, samples: int) -> Vector:
         block = np.empty((samples, COLUMNS))

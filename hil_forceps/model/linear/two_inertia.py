@@ -17,7 +17,7 @@ Matrix = NDArray[np.float64]
 
 # With the argument scaled to a norm of 1/2, the first term left out is below 2**-54 of the result.
 _TAYLOR_TERMS = 14
-_TAYLOR_NORM = 0.5
+_MAX_TAYLOR_NORM = 0.5
 
 
 def continuous(plant: PlantParameters) -> tuple[Matrix, Matrix]:
@@ -61,7 +61,7 @@ def halvings(matrix: Matrix) -> int:
             row += abs(matrix[i, j])
         norm = max(norm, row)
     count = 0
-    while norm > _TAYLOR_NORM and norm < math.inf:
+    while norm > _MAX_TAYLOR_NORM and norm < math.inf:
         norm *= 0.5
         count += 1
     return count

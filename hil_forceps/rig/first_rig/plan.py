@@ -8,7 +8,7 @@ from hil_forceps.rig.first_rig.answers import Answers
 from hil_forceps.rig.first_rig.mini_cheetah import own_firmware
 from hil_forceps.rig.first_rig.position_loop import STEPS_S, inertia_at_pulley, loop_entries, plant_step_s
 from hil_forceps.rig.presets import Fact
-from hil_forceps.rig.validation.consistency import WIRE_CURRENT_A
+from hil_forceps.rig.validation.consistency import MAX_WIRE_CURRENT_A
 
 # What nobody knows yet: bounds as wide as `configs/surgical_tool_unknown.yaml` has them, and what the paper's forceps
 # has (Table I), for a simulation.
@@ -161,7 +161,7 @@ def _current_limit(answers: Answers) -> _Scaled:
         at_most = answers.tension_max_N * answers.motor_pulley_radius_m / answers.torque_constant_N_m_per_A
         limits.append(_Scaled(at_most, f"what pulls with --tension-max, {answers.tension_max_N:g} N r_m / K_t"))
     if answers.profile == "native":
-        limits.append(_Scaled(WIRE_CURRENT_A, "what the protocol carries"))
+        limits.append(_Scaled(MAX_WIRE_CURRENT_A, "what the protocol carries"))
     return min(limits)
 
 

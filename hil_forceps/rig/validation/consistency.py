@@ -11,14 +11,14 @@ from hil_forceps.rig.validation.problems import Path, Problem, show_number
 
 Values = Mapping[str, Any]
 
-WIRE_CURRENT_A = 6.5534
+MAX_WIRE_CURRENT_A = 6.5534  # 2¹⁵ − 1 counts of 0.2 mA; a test compares it with the protocol's scale
 MAX_BUS_LOAD = 0.95  # leaves room for heartbeats and parameters
 # Most bits that a frame can take, intermission included: 11-bit id, stuffed at worst.
 CLASSIC_BITS = 135  # 8 bytes
 FD_NOMINAL_BITS = 32  # of an FD frame at the nominal rate
 FD_FEEDBACK_BITS = 195  # 16 bytes, at the data rate
 FD_SETPOINT_BITS = 115  # 8 bytes, at the data rate
-_TOLERANCE = 1e-6
+_MAX_RATIO_ERROR_SHARE = 1e-6
 
 
 def flatten(data: Mapping[str, Any], root: type[BaseModel], bad: Collection[Path] = ()) -> Values:
@@ -107,7 +107,7 @@ def _step_divides_direct(step: float, times: tuple[float, ...]) -> Iterator[Prob
 
 def _divides(step: float, period: float) -> bool:
     ratio = period / step
-    return abs(ratio - round(ratio)) <= _TOLERANCE * ratio
+    return abs(ratio - round(ratio)) <= _MAX_RATIO_ERROR_SHARE * ratio
 
 
 def _divisor_near(step: float, period: float) -> float:
@@ -178,8 +178,8 @@ def _sample_age(
 
 def _wire_current(limit: float) -> Iterator[Problem]:
     """`drive.current_limit_A` is within what the wire carries, 6.5534 A."""
-    if limit > WIRE_CURRENT_A:
-        text = f"is {show_number(limit)}, more than the {WIRE_CURRENT_A} A that the wire carries; lower it"
+    if limit > MAX_WIRE_CURRENT_A:
+        text = f"is {show_number(limit)}, more than the {MAX_WIRE_CURRENT_A} A that the wire carries; lower it"
         yield _problem("drive.current_limit_A", text)
 
 

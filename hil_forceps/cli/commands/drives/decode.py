@@ -36,7 +36,7 @@ _IN_SI = {
 _NAMED = {"state": DriveState, "fault": FaultReason, "op": ParamOp}
 _SERIAL_SUFFIXES = {".bin"}
 _CHUNK_BYTES = 1 << 16
-_LONGEST_LINE = 4096
+_MAX_LINE_CHARACTERS = 4096
 
 
 class Printer(Protocol):
@@ -152,7 +152,7 @@ def _stdin_lines() -> Iterator[str]:
     stream: TextIO | None = sys.stdin
     if stream is None:
         raise UserError("decode -: standard input is closed; send frames there, or name a file")
-    return iter(lambda: stream.readline(_LONGEST_LINE), "")
+    return iter(lambda: stream.readline(_MAX_LINE_CHARACTERS), "")
 
 
 def _candump_lines(lines: Iterable[str], where: str) -> Iterator[LoggedFrame]:

@@ -10,7 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from hil_forceps.api.batch.executor import PROCESSES
-from hil_forceps.api.trend import FALSE_ALARMS, TrendResult
+from hil_forceps.api.trend import FALSE_ALARM_RATE, TrendResult
 from hil_forceps.api.trend import trend as follow
 from hil_forceps.cli.arguments.files import make_folder
 from hil_forceps.cli.arguments.options import spoken_as_options
@@ -32,7 +32,7 @@ def trend(
     rig: Path | None = None,
     jobs: int | None = None,
     executor: str = PROCESSES,
-    false_alarms: float = FALSE_ALARMS,
+    false_alarms: float = FALSE_ALARM_RATE,
     file_dates: Annotated[bool, Parameter(negative="")] = False,
     seed: int = 0,
     figures: Annotated[bool, Parameter(negative="")] = False,

@@ -20,7 +20,7 @@ from hil_forceps.data.run import Run
 from hil_forceps.rig.errors import UserError
 
 MAX_SAMPLES = 20_000_000
-_LONGEST_LOG_NS = 10**18  # a stamp since 1970 is 1.8e18, and is counted from the log's first
+_MAX_LOG_TIME_NS = 10**18  # a stamp since 1970 is 1.8e18, and is counted from the log's first
 _SAMPLE = np.dtype(
     [
         ("stamp_ns", "i8"),
@@ -180,7 +180,7 @@ class _Heard:
             raise UserError(f"{self._path}: its frames have no times; {RECORD_AGAIN}")
         begin_ns = self._begin_ns = logged.time_ns if self._begin_ns is None else self._begin_ns
         time_ns = logged.time_ns - begin_ns
-        if abs(time_ns) >= _LONGEST_LOG_NS:
+        if abs(time_ns) >= _MAX_LOG_TIME_NS:
             told = f"its time, {logged.time_ns / 1e9:.6f} s, makes no sense after {begin_ns / 1e9:.6f} s"
             raise UserError(f"{self._path}: frame {self.count + 1}: {told}; cut the log there")
         if time_ns < self._last_ns:

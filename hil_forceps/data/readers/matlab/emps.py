@@ -20,12 +20,12 @@ from hil_forceps.rig.errors import UserError
 SERIES = ("t", "qm", "qg", "vir")
 RADIUS_M = 5.0e-3
 SCALARS = ("gtau", "kp", "kv")
-MOST_OF_THEM = 5  # of these seven: then a file is of EMPS, and what lacks is told
+MIN_KNOWN_NAMES = 5  # of these seven: then a file is of EMPS, and what lacks is told
 
 
 def is_emps(names: Collection[str]) -> bool:
     """Tell by its variables whether a file is one of EMPS, whole or not."""
-    return sum(name in names for name in (*SERIES, *SCALARS)) >= MOST_OF_THEM
+    return sum(name in names for name in (*SERIES, *SCALARS)) >= MIN_KNOWN_NAMES
 
 
 def to_run(path: Path, found: dict[str, Column]) -> Run:

@@ -69,7 +69,7 @@ def test_where_the_gate_changes_many_the_plain_loop_takes_over(blocks: list[int]
     spec, rigs = prepared("realistic", "improved")
     ahead, plain = both(spec, rigs)
     np.testing.assert_array_equal(ahead.rows, plain.rows)
-    assert 0 < len(blocks) < run_ahead.TRIAL / run_ahead.LEAST_BLOCK + 0.1 * len(plain.rows)
+    assert 0 < len(blocks) < run_ahead.TRIAL_SAMPLES / run_ahead.MIN_MEAN_BLOCK_SAMPLES + 0.1 * len(plain.rows)
     assert blocks[-1] < len(plain.rows) // 2
 
 
