@@ -1,16 +1,12 @@
-"""The page of a diagnosis: every verdict gives one that makes sense, offline, small, and the same bytes again."""
+"""Diagnoses of every verdict, as the report gets them."""
 
 import html.parser
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, get_args, get_type_hints
+from typing import Literal
 
 import numpy as np
-import pytest
-from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.result import (
@@ -24,19 +20,11 @@ from hil_forceps.diagnosis.result import (
     NamedEffect,
     NextExperiment,
     RunEvidence,
-    Rung,
     Shift,
     Trend,
     Verdict,
 )
-from hil_forceps.report.diagnosis import sections as diagnosis_sections
-from hil_forceps.report.diagnosis.figures import captions as diagnosis_figures
-from hil_forceps.report.diagnosis.figures.captions import panels
-from hil_forceps.report.diagnosis.figures.evidence import STATE_COLORS, ladder_figure
-from hil_forceps.report.diagnosis.files import begun, draughtsman, write_figures, write_report
-from hil_forceps.report.diagnosis.ladder import ladder_section
-from hil_forceps.report.style import house_style
-from hil_forceps.rig import catalogue
+from hil_forceps.report.diagnosis.files import write_report
 
 State = Literal["named", "tied", "weaker", "below threshold", "at a bound", "not excited"]
 Vector = NDArray[np.float64]
@@ -245,202 +233,3 @@ def page_of(diagnosis: Diagnosis, folder: Path) -> Page:
     assert len(set(page.ids)) == len(page.ids)
     assert not re.search(r"\b(nan|inf|None)\b", page.text)
     return page
-
-
-ALWAYS = {"The data", "How it was done"}
-WITH_RUNS = ALWAYS | {
-    "Measured against simulated",
-    "What is left over",
-    "Loops",
-    "Spectra",
-    "Estimates before and after",
-    "Parameters",
-    "Candidates and their evidence",
-    "What can't be told apart",
-    "What these data would have shown",
-}
-HELD_OUT = "Before and after on held-out runs"
-EFFECTS = WITH_RUNS | {"Which balance fails", HELD_OUT, "What to measure next"}
-HEADINGS = {
-    "effects": EFFECTS,
-    "one_run_no_jaw": EFFECTS,
-    "unnamed": WITH_RUNS,  # its most telling run is the one held out, which is shown on top
-    "parameters": WITH_RUNS | {HELD_OUT},
-    "consistent": WITH_RUNS,
-    "undetermined": ALWAYS | {"What to measure next"},
-}
-IMAGES = {"effects": 13, "one_run_no_jaw": 11, "unnamed": 10, "parameters": 11, "consistent": 10, "undetermined": 0}
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_every_verdict_gives_a_page_with_what_is_there(case: str, tmp_path: Path) -> None:
-    diagnosis = CASES[case]()
-    page = page_of(diagnosis, tmp_path)
-    assert set(page.headings) == HEADINGS[case]
-    assert page.images == IMAGES[case]
-    assert diagnosis.sentence in page.text
-    for effect in diagnosis.effects:
-        assert f"{100 * effect.confidence:.0f} %" in page.text
-        assert catalogue.effect(effect.id).summary in page.text
-    for reason in diagnosis.reasons:
-        assert reason in page.text
-
-
-LADDER = (
-    Rung("", {"current_A": 5.1e-3, "theta_j_rad": 3.9e-3}, {}, {}),
-    Rung(
-        "wire_slack",
-        {"current_A": 4.9e-3, "theta_j_rad": 4e-4},
-        {"current_A": 0.08, "theta_j_rad": 0.991},
-        {"half_width_m": Estimate(2.06e-6, 1.98e-6, 2.14e-6, "m")},
-    ),
-    Rung("jaw_coupling", {"current_A": 5.2e-3, "theta_j_rad": 3e-4}, {"current_A": -0.12, "theta_j_rad": 2e-3}, {}),
-)
-
-
-def test_ladder_is_drawn_and_tabulated_with_the_gain_of_each_step(tmp_path: Path) -> None:
-    gain = {
-        "current_A": Gain(5.1e-3, 5.2e-3, 1e-3, 0.0, 0.0, 0.0),
-        "theta_j_rad": Gain(3.9e-3, 3e-4, 2e-4, 1.0, 1.0, 1.0),
-    }
-    diagnosis = Diagnosis("effects", "", gain=gain, held_out=("a",), ladder=LADDER, varies_over=("theta",))
-    page = page_of(diagnosis, tmp_path)
-    assert "The ladder" in page.headings
-    assert page.images == 2
-    for words in ("known parameters", "99.1 %", "−12 %", "1.98", "1.5 times its noise floor", "motor angle"):
-        assert words in page.text, words
-    left = (Trend("wire", "memory of tension", 30.0, 55.7), Trend("jaw", "omega", 40.0, 0.7))
-    told = ladder_section(replace(diagnosis, varies_over=(), trends=left), "")
-    assert "it varies over memory of tension (wire, 55.7 times what chance gives)." in told
-    alone = replace(diagnosis, ladder=LADDER[:1], held_out=(), gain={})
-    assert "none was held out" in ladder_section(alone, "")
-    assert "What stays" not in ladder_section(alone, "")
-
-
-def test_ladder_s_figure_has_a_bar_a_step_and_a_panel_a_channel() -> None:
-    drawn = ladder_figure(Diagnosis("effects", "", ladder=LADDER, noise_sd={"current_A": 1e-3}))
-    assert [text.get_text() for text in drawn.axes[0].get_yticklabels()] == [
-        "known parameters", "+ wire slack", "+ jaw coupling",
-    ]  # fmt: skip
-    widths = [bar.get_width() for bar in drawn.axes[0].patches if isinstance(bar, Rectangle)]
-    assert widths == pytest.approx([5.1, 4.9, 5.2])
-    assert "(mA)" in drawn.axes[0].get_xlabel()
-    assert len(drawn.axes) == 2
-
-
-def test_text_from_outside_stays_text(tmp_path: Path) -> None:
-    evil = "<script>alert(1)</script>&$x$_{\n"
-    run = replace(run_evidence(evil, seconds=2.0), variables={})
-    finding = AuditFinding("gap", "note", evil, evil, evil)
-    named = NamedEffect(evil, "wire", 0.5, {evil: Estimate(1.0, 0.5, 1.5, evil)})
-    diagnosis = replace(
-        wire_slack(runs=1),
-        sentence=evil,
-        effects=(named,),
-        candidate_sets=((evil,), ()),
-        parameter_shifts={evil: Shift(1.0, Estimate(1.0, 0.5, 1.5, evil))},
-        gain={evil: Gain(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)},
-        held_out=(evil,),
-        data_audit=(finding,),
-        minimum_detectable={evil: Detectable(evil, 1.0, evil)},
-        next_experiment=NextExperiment(evil, ((evil,),), 1.0, evil),
-        varies_over=(evil,),
-        reasons=(evil,),
-        candidates=(Candidate(evil, 0, 1.0, 1.0, "named"),),
-        balances=(Balance("wire", evil, 1.0, 1.0),),
-        trends=(Trend(evil, evil, 0.1, 0.1),),
-        runs=(run,),
-    )
-    assert "<script>alert(1)</script>" in page_of(diagnosis, tmp_path).text
-
-
-def test_numbers_that_are_not_finite_are_dashes(tmp_path: Path) -> None:
-    nan, inf = float("nan"), float("inf")
-    run = run_evidence(seconds=2.0)
-    half = np.where(run.time_s > 1.0, nan, run.baseline["current_A"])
-    run = replace(run, baseline={**run.baseline, "current_A": half, "theta_j_rad": half * nan})
-    diagnosis = replace(
-        wire_slack(runs=1),
-        runs=(run, replace(run, name="one row", time_s=run.time_s[:1], measured={}, baseline={}, variables={})),
-        gain={"current_A": Gain(nan, inf, nan, nan, nan, inf)},
-        parameter_shifts={"forceps.wire_stiffness_N_per_m": Shift(2.6e4, Estimate(nan, nan, nan))},
-        balances=(Balance("wire", "current_A", nan, inf),),
-        candidates=(Candidate("cogging", 0, nan, inf, "not excited"),),
-        trends=(Trend("current_A", "omega", nan, nan),),
-        noise_sd={"current_A": nan, "theta_m_rad": 0.0},
-    )
-    assert "–" in page_of(diagnosis, tmp_path).text
-
-
-def test_constant_channels_are_drawn(tmp_path: Path) -> None:
-    run = run_evidence(seconds=2.0)
-    still = {name: np.zeros_like(run.time_s) for name in run.measured}
-    run = replace(run, measured=still, baseline=still, extended=still, nominal=still, variables=still, estimates=still)
-    page_of(replace(wire_slack(runs=1), runs=(run,)), tmp_path)
-
-
-def test_the_same_diagnosis_gives_the_same_bytes(tmp_path: Path) -> None:
-    for name in "ab":
-        write_report(wire_slack(runs=1), tmp_path / name)
-    with draughtsman() as helper:
-        write_report(wire_slack(runs=1), tmp_path / "c", drawing=begun(wire_slack(runs=1), helper))
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes() == (tmp_path / "c").read_bytes()
-
-
-@pytest.mark.long
-def test_a_long_run_gives_no_heavier_page(tmp_path: Path) -> None:
-    sizes = []
-    for seconds in (6.0, 120.0):
-        diagnosis = replace(wire_slack(runs=1), runs=(run_evidence(seconds=seconds),))
-        write_report(diagnosis, tmp_path / "report.html")
-        sizes.append((tmp_path / "report.html").stat().st_size)
-    assert sizes[1] < 2.0 * sizes[0]
-
-
-def test_figures_for_papers_and_progress(tmp_path: Path) -> None:
-    told: list[tuple[int, int, str]] = []
-    diagnosis = replace(wire_slack(runs=1, jaw=False), candidates=())
-    files = write_figures(diagnosis, tmp_path, progress=lambda *step: told.append(step))
-    drawn = [panel.name for panel in panels(diagnosis)]
-    assert [path.name for path in files] == [f"{name}{end}" for name in drawn for end in (".pdf", ".png")]
-    assert all(path.stat().st_size > 1000 for path in files)
-    assert [done for done, _, _ in told] == list(range(len(drawn) + 1))
-    assert {total for _, total, _ in told} == {len(drawn)}
-
-
-@pytest.mark.parametrize("case", ["effects", "one_run_no_jaw"])
-def test_nothing_sticks_out_of_a_figure(case: str) -> None:
-    for panel in panels(CASES[case]()):
-        figure = panel.draw()
-        assert figure is not None
-        with house_style():
-            figure.draw_without_rendering()
-        room = figure.bbox
-        for axes in (one for one in figure.axes if one.get_visible()):
-            box = axes.get_tightbbox()
-            assert box is not None
-            assert room.x0 - 1 <= box.x0, panel.name
-            assert room.y0 - 1 <= box.y0, panel.name
-            assert box.x1 <= room.x1 + 1, panel.name
-            assert box.y1 <= room.y1 + 1, panel.name
-
-
-def test_matplotlib_is_loaded_only_to_draw() -> None:
-    code = "import sys, hil_forceps.report.diagnosis.files; sys.exit('matplotlib' in sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_error_rates_in_the_report_are_those_that_the_diagnosis_is_made_with(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Texts said 1 % where 0.5 % was asked, and that entries join in pairs, which none does."""
-    for module in (diagnosis_sections, diagnosis_figures):
-        monkeypatch.setattr(module, "FALSE_ALARMS", 0.0375)
-    found = replace(wire_slack(), minimum_detectable={"cogging": Detectable("sine_N_m", 1e-6, "N_m")})
-    assert "3.75 % false alarms" in diagnosis_sections.minimum_detectable(found)
-    captions = " ".join(panel.caption for panel in diagnosis_figures.panels(found))
-    assert "3.75 % of data sets" in captions
-    assert "1 % of" not in captions
-    assert "pairs" not in diagnosis_sections.how()
-
-
-def test_no_state_of_a_candidate_is_drawn_that_none_ever_has() -> None:
-    assert set(STATE_COLORS) == set(get_args(get_type_hints(Candidate)["state"]))
