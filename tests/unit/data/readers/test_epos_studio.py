@@ -12,7 +12,7 @@ from hil_forceps.diagnosis.options import Options
 from hil_forceps.rig import Rig, UserError, load_rig
 from tests.unit.diagnosis.driven.test_identification import DATA, needed
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 HEAD = (
     "Date:;2026-01-02 03:04:05\r\nEPOS Studio Version:;3.6.1.0\r\nSampling period:;40.000\r\n"
     '"Trigger:;1;0.000000;""Parameter values"";""Channel 1"";""Rising above value"""\r\n'

@@ -26,7 +26,7 @@ from hil_forceps.rig.errors import UserError
 pa: Any = importlib.import_module("pyarrow")
 pq: Any = importlib.import_module("pyarrow.parquet")
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 EMPS = Path(os.environ.get("HIL_FORCEPS_DATA", ROOT.parent / "shared" / "data")) / "emps"
 COUNT = 200
 

@@ -13,7 +13,7 @@ from hil_forceps.data.run import ANGLE_FROM_SPEED, KNOWN_COLUMNS, Run
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[5]
 FACTORS = {
     "s": 1.0, "ms": 0.001, "us": 0.000001, "ns": 0.000000001, "min": 60.0,
     "rad": 1.0, "mrad": 0.001, "deg": 0.017453292519943295, "mdeg": 0.000017453292519943295, "rev": 6.283185307179586,
