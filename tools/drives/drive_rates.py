@@ -26,8 +26,8 @@ from virtual_bus.interface import VirtualForcepsBus
 
 PERIODS_S: Final = (5e-4, 6.25e-4, 8e-4, 1e-3, 1.25e-3, 1.6e-3, 2e-3, 2.5e-3, 4e-3, 5e-3)
 DURATION_S: Final = 1.0
-FEWEST_SHARE: Final = 0.995  # samples of ticks: the first and the last may be on their way
-AGE_PERIODS: Final = 5.0  # of a sample, at most: what is looked for is loss
+MIN_SAMPLES_PER_TICK: Final = 0.995  # the first and the last may be on their way
+MAX_SAMPLE_AGE_PERIODS: Final = 5.0  # what is looked for is loss
 
 
 def computed_Hz(rig: Rig) -> float:
@@ -41,7 +41,7 @@ def at_period(rig: Rig, period_s: float) -> Rig:
     changes: dict[str, object] = {
         "bench.host_period_s": period_s,
         "bench.host_phase_s": bench.host_phase_s * period_s / bench.host_period_s,
-        "limits.max_sample_age_s": AGE_PERIODS * period_s,
+        "limits.max_sample_age_s": MAX_SAMPLE_AGE_PERIODS * period_s,
     }
     if rig.drive_profile == "odrive":
         changes |= {"motor_driver.feedback_period_s": period_s, "motor_driver.current_period_s": period_s}
@@ -73,7 +73,7 @@ def is_carried(rig: Rig) -> bool:
     dropped = counters["link"]["queue_full"] + host.get("syncs_withheld", 0) + sum(lost.values())
     ticks = DURATION_S / rig.bench.host_period_s
     references = counters["service"]["references_sent"]
-    return result.ok and not dropped and min(host["samples"], references) >= FEWEST_SHARE * ticks
+    return result.ok and not dropped and min(host["samples"], references) >= MIN_SAMPLES_PER_TICK * ticks
 
 
 def tried_Hz(rig: Rig) -> float | None:

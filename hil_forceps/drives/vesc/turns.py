@@ -9,8 +9,8 @@ import math
 from typing import Final, NamedTuple
 
 _HALF_TURN_REV: Final = 0.5
-SLACK_PERIODS: Final = 2
-_SLACK_COUNTS: Final = 2
+REACH_MARGIN_PERIODS: Final = 2
+_REACH_MARGIN_COUNTS: Final = 2
 
 
 class TurnsConfig(NamedTuple):
@@ -45,8 +45,8 @@ class Turns:
 
     def reach_rev(self, at_ns: int) -> float:
         """Return how far the motor can have come since the last angle."""
-        since_ns = max(at_ns - self._at_ns, 0) + SLACK_PERIODS * self.config.period_ns
-        return self.config.speed_rev_per_s * since_ns * 1e-9 + _SLACK_COUNTS * self.config.count_rev
+        since_ns = max(at_ns - self._at_ns, 0) + REACH_MARGIN_PERIODS * self.config.period_ns
+        return self.config.speed_rev_per_s * since_ns * 1e-9 + _REACH_MARGIN_COUNTS * self.config.count_rev
 
     def is_lost(self, at_ns: int) -> bool:
         """Tell whether the turns can't be counted any more."""

@@ -28,7 +28,7 @@ MEASURE: Final = {
     "jaw_coulomb_N_m": "half of the torque between slow turns of the jaw both ways; `hil-forceps diagnose` fits it",
     "wire_stiffness_N_per_m": "jaw held, a torque on the motor and how far it turns; `hil-forceps diagnose` fits it",
 }
-NO_LOAD_SPREAD: Final = 100.0  # a part of the no-load loss, between all of it and a hundredth
+MAX_TO_MIN_NO_LOAD_LOSS_RATIO: Final = 100.0  # a part of the no-load loss, between all of it and a hundredth
 
 Known = float | int | str | Mapping[str, float]
 
@@ -111,7 +111,7 @@ def _motor_friction(answers: Answers) -> Iterator[Entry]:
         loss_N_m = float(current.value) * answers.torque_constant_N_m_per_A
         why = f"no-load current ({current.source}) times K_t is all of the motor's loss: half of it taken for this"
         for key, most in zip(keys, (loss_N_m * abs(answers.gear) / float(speed.value), loss_N_m), strict=True):
-            yield Entry(key, {"value": most / 2, "min": most / NO_LOAD_SPREAD, "max": most}, why)
+            yield Entry(key, {"value": most / 2, "min": most / MAX_TO_MIN_NO_LOAD_LOSS_RATIO, "max": most}, why)
     else:
         yield from (_unknown(answers, key) for key in keys)
 

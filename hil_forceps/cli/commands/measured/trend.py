@@ -21,7 +21,7 @@ from hil_forceps.diagnosis.drift.result import ParameterTrend
 from hil_forceps.report.trend.files import write_figures, write_report
 
 _OPTIONS = {name: name for name in ("false_alarms", "seed", "jobs", "executor", "out")}
-MOST_TOLD = 20  # sessions that could not be used; trend.html has all
+MAX_TOLD_SESSIONS = 20  # sessions that could not be used; trend.html has all
 
 
 def trend(
@@ -107,10 +107,10 @@ def _print(result: TrendResult, out: Path) -> None:
         print_table(table, FILE_COLUMNS)
     sys.stdout.write("".join(f"{text}\n" for text in result.changes) or "nothing changes beyond the scatter\n")
     unused = [line for line in result.sessions if line.reason is not None]
-    for line in unused[:MOST_TOLD]:
+    for line in unused[:MAX_TOLD_SESSIONS]:
         sys.stdout.write(f"  not used: {line.name}: {line.reason}\n")
-    if len(unused) > MOST_TOLD:
-        sys.stdout.write(f"  and {len(unused) - MOST_TOLD} more, in trend.html\n")
+    if len(unused) > MAX_TOLD_SESSIONS:
+        sys.stdout.write(f"  and {len(unused) - MAX_TOLD_SESSIONS} more, in trend.html\n")
     by_file = sum(line.date_from == "file" for line in result.sessions)
     if by_file:
         note(f"{by_file} sessions are dated by the time of their file, which a copy may have changed")

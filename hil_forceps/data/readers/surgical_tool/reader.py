@@ -53,7 +53,7 @@ CHANNELS = (
 TIME_POSITION = 0
 BRAKE_POSITION = 6
 COLUMN_COUNT = 10
-FEWEST_SAMPLES = 100
+MIN_SAMPLES = 100
 SAMPLE_TIME_RANGE_S = (5e-4, 2e-3)  # the instrument samples at 1 kHz; seconds printed as ms would be far outside
 
 
@@ -113,8 +113,8 @@ def parse_table(member: Member, notes: tuple[str, ...] = ()) -> Table:
         cells = line.count(",") + 1
         if cells != COLUMN_COUNT:
             raise UserError(f"{member.label}:{number}: {cells} columns where the format has {COLUMN_COUNT}")
-    if len(lines) < FEWEST_SAMPLES:
-        told = "; ".join((f"{len(lines)} samples; a run has at least {FEWEST_SAMPLES}", *notes))
+    if len(lines) < MIN_SAMPLES:
+        told = "; ".join((f"{len(lines)} samples; a run has at least {MIN_SAMPLES}", *notes))
         raise UserError(f"{member.label}: {told}")
     try:
         table: Table = np.loadtxt([line for _, line in lines], delimiter=",", comments=None, ndmin=2)
