@@ -86,6 +86,8 @@ def test_a_host_for_cubemars_commands_the_simulated_ones(variant: str, monkeypat
     monkeypatch.setattr(canmotorlib, "set_zero_sleep", 0.0)
     monkeypatch.setattr(canmotorlib.CanMotorController, "can_socket_declared", True)
     monkeypatch.setattr(canmotorlib.CanMotorController, "motor_socket", Socket(bus))
+    # The library changes its own table of the motor type; other tests read it as it came.
+    monkeypatch.setattr(canmotorlib, "AK80_9_V2_PARAMS", canmotorlib.AK80_9_V2_PARAMS.copy())
     host = canmotorlib.CanMotorController(motor_id=NODE, motor_type="AK80_9_V2")
     host.change_motor_constants(-3.2, 3.2, -100.0, 100.0, 0.0, 500.0, 0.0, 5.0, -0.0135, 0.0135)
     try:
