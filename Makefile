@@ -18,10 +18,10 @@ help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 18
 
 install:  ## make .venv from requirements.lock
-	@tools/install.sh $(VENV)
+	@tools/installation/install.sh $(VENV)
 
 install-run:
-	@tools/install.sh $(VENV) run
+	@tools/installation/install.sh $(VENV) run
 
 bench: install-run  ## the paper's simulations through the bus: table, figures, recordings in $(OUT)
 	$(VENV)/bin/hil-forceps bench --config configs/paper.yaml --out $(OUT)/paper
@@ -52,7 +52,7 @@ test-long: targets-short  ## what takes tens of seconds a test; CI runs it behin
 # than a drive waits: then a test is tried again, and the summary says so.
 AGAIN := --reruns 2 --only-rerun AssertionError
 system: install  ## tests that need a clock: processes, terminals, sockets, a browser
-	-@tools/install_browser.sh
+	-@tools/installation/install_browser.sh
 	$(PY) -m pytest -n 2 --dist worksteal -m "realtime and not alone" $(AGAIN) $(TESTS)
 	$(PY) -m pytest -m "realtime and alone" $(AGAIN) $(TESTS)
 
@@ -70,22 +70,22 @@ targets: ## conformance and simulation 2 on every target that this machine can h
 targets-short: ## the same, short
 targets targets-short: install
 	rm -rf build/targets
-	-@tools/install_targets.sh
+	-@tools/installation/install_targets.sh
 	status=0; \
 		$(PY) -m pytest -n 2 --dist worksteal -m "not realtime" tests/targets || status=1; \
 		$(PY) -m pytest -n $(TARGET_JOBS) --dist worksteal -m realtime --reruns $(TARGET_RERUNS) tests/targets || status=1; \
-		$(PY) -m tools.target_table || status=1; \
+		$(PY) -m tools.targets.target_table || status=1; \
 		exit $$status
 
 targets-quick: install  ## one emulated target of each kind
-	-@tools/install_targets.sh
+	-@tools/installation/install_targets.sh
 	$(PY) -m pytest -n 2 --dist worksteal -m "not realtime and not long" tests/targets
 	$(PY) -m pytest -n 2 --dist worksteal -m "realtime and not long" --reruns 1 tests/targets
 
 # Behind a change in `hil_forceps/effects` or `virtual_bus/effects`; the tests tell when it was forgotten.
 effects: install  ## put model and world together from the files of their effects
-	$(PY) -m tools.compose_effects
-	$(PY) tools/rig_file_doc.py
+	$(PY) -m tools.generation.compose_effects
+	$(PY) tools/documents/rig_file_doc.py
 
 gate-coverage: install  ## the gate: all lines and branches by its own tests
 	$(PY) -m pytest -n 0 -q tests/unit/control/gate --cov=hil_forceps.control.gate --cov-branch \
@@ -95,7 +95,7 @@ gate-coverage: install  ## the gate: all lines and branches by its own tests
 mutate-gate: gate-coverage  ## the gate: which changes of its code its tests don't see; some 5 minutes
 	rm -rf mutants && mkdir -p build
 	$(VENV)/bin/mutmut run --max-children 2 >build/mutate-gate.txt 2>&1 || tail -c 2000 build/mutate-gate.txt
-	$(PY) -m tools.gate_survivors
+	$(PY) -m tools.mutation.gate_survivors
 
 # Ten million bytes into every reader and state machine of the Python side.
 fuzz: install  ## ten million bytes into every reader and state machine
@@ -137,7 +137,7 @@ trend-speed: install  ## what tracking N simulated logs takes: N=1000
 	$(PY) -m tests.bench.trend_logs $(N) --out $(OUT)/trend-logs
 
 drive-costs: install  ## what each drive's protocol costs: table and figure
-	$(PY) -m tools.drive_costs --out $(OUT)/drive-costs
+	$(PY) -m tools.drives.drive_costs --out $(OUT)/drive-costs
 
 # Figures of speed; apart from the tests because they mean nothing on a busy machine.
 benchmark: install  ## figures of speed
@@ -145,7 +145,7 @@ benchmark: install  ## figures of speed
 
 # Asks a database of vulnerabilities over the network, so it is no part of `make test`.
 audit:  ## known vulnerabilities of the locked dependencies; needs a network
-	@tools/audit.sh
+	@tools/release/audit.sh
 
 wheel: install  ## the wheel, in dist/
 	$(PY) -m build --wheel --no-isolation

@@ -14,13 +14,13 @@ from firmware_protocol.frames import Frame
 
 FD_FLAG: Final = 0x8000
 MAX_ID: Final = 0x7FF
-MAX_CLASSIC_PAYLOAD: Final = 8
-MAX_FD_PAYLOAD: Final = 64
+MAX_CLASSIC_PAYLOAD_BYTES: Final = 8
+MAX_FD_PAYLOAD_BYTES: Final = 64
 FD_LENGTHS: Final = frozenset((*range(9), 12, 16, 20, 24, 32, 48, 64))  # ISO 11898-1, what a DLC can say
 SERIAL_COUNTERS: Final = ("bad_cobs", "too_short", "too_long", "bad_crc", "bad_id", "bad_length")
 
-_SHORTEST: Final = 4  # id and CRC
-_OVERHEAD: Final = 5  # id, CRC, and the one byte COBS adds to packets below 254 bytes
+_MIN_PACKET_BYTES: Final = 4  # id and CRC
+_PACKET_OVERHEAD_BYTES: Final = 5  # id, CRC, and the one byte COBS adds to packets below 254 bytes
 _DELIMITER: Final = b"\x00"
 
 
@@ -42,11 +42,11 @@ class SerialReader:
     `max_frame` is the longest payload to take, in bytes; longer packets are counted and skipped.
     """
 
-    def __init__(self, max_frame: int = MAX_FD_PAYLOAD) -> None:
-        if not MAX_CLASSIC_PAYLOAD <= max_frame <= MAX_FD_PAYLOAD:
-            raise ValueError(f"max_frame {max_frame}: must be {MAX_CLASSIC_PAYLOAD} to {MAX_FD_PAYLOAD}")
+    def __init__(self, max_frame: int = MAX_FD_PAYLOAD_BYTES) -> None:
+        if not MAX_CLASSIC_PAYLOAD_BYTES <= max_frame <= MAX_FD_PAYLOAD_BYTES:
+            raise ValueError(f"max_frame {max_frame}: must be {MAX_CLASSIC_PAYLOAD_BYTES} to {MAX_FD_PAYLOAD_BYTES}")
         self.counters = dict.fromkeys(SERIAL_COUNTERS, 0)
-        self._longest = max_frame + _OVERHEAD
+        self._longest = max_frame + _PACKET_OVERHEAD_BYTES
         self._partial = b""
         self._skipping = False  # the packet under way is already too long: drop up to its delimiter
 
@@ -81,7 +81,7 @@ def _parse(packet: bytes) -> Frame | str:
         decoded = cobs.decode(packet)
     except cobs.DecodeError:
         return "bad_cobs"
-    if len(decoded) < _SHORTEST:
+    if len(decoded) < _MIN_PACKET_BYTES:
         return "too_short"
     if crc_hqx(decoded[:-2], CRC16_INIT) != decoded[-2] | decoded[-1] << 8:
         return "bad_crc"
@@ -94,4 +94,4 @@ def _parse(packet: bytes) -> Frame | str:
 
 
 def _length_fits(length: int, is_fd: bool) -> bool:
-    return length in FD_LENGTHS if is_fd else length <= MAX_CLASSIC_PAYLOAD
+    return length in FD_LENGTHS if is_fd else length <= MAX_CLASSIC_PAYLOAD_BYTES

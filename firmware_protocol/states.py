@@ -13,7 +13,7 @@ from typing import Final
 
 from firmware_protocol.messages import DriveState, FaultReason
 
-MAX_ADVANCE: Final = 127  # sequence numbers ahead that count as new; what is further ahead is taken for old
+MAX_SEQUENCE_ADVANCE: Final = 127  # HFP-042: numbers so far ahead count as new, others as old
 
 
 class DriveEvent(Enum):

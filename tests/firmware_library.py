@@ -18,8 +18,8 @@ from typing import Any, Final, NoReturn
 import cantools
 import pytest
 
-from firmware_protocol.drive_config import DriveConfig
-from firmware_protocol.drive_machine import COUNTERS
+from firmware_protocol.drive.config import DriveConfig
+from firmware_protocol.drive.machine import COUNTERS
 from firmware_protocol.frames import Frame
 from firmware_protocol.serial_framing import SERIAL_COUNTERS
 

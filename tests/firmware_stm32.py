@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_protocol import codec
-from firmware_protocol.drive_config import DriveConfig
-from firmware_protocol.drive_machine import DriveMachine
+from firmware_protocol.drive.config import DriveConfig
+from firmware_protocol.drive.machine import DriveMachine
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState, HostHeartbeat, ParamOp, ParamRequest
 from firmware_protocol.parameters import Index

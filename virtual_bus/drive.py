@@ -4,7 +4,7 @@ import math
 from typing import Final
 
 from firmware_protocol import codec
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState, FaultReason
 from firmware_protocol.parameters import INT32_MAX, INT32_MIN

@@ -1,6 +1,6 @@
 /*
  * The states of the drive as a table, and which delay or reference is which event. The same machine is
- * firmware_protocol/drive_machine.py with states.py, and tests compare the two.
+ * firmware_protocol/drive/machine.py with states.py, and tests compare the two.
  */
 #include "hfp_private.h"
 

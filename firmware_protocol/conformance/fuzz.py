@@ -13,7 +13,7 @@ from firmware_protocol import codec
 from firmware_protocol.conformance.fuzz_links import fuzz_host, fuzz_line
 from firmware_protocol.conformance.fuzz_source import (
     GOOD,
-    MAX_PACKET,
+    MAX_PACKET_BYTES,
     NODE,
     PROBE_EVERY,
     SERIAL_NUMBER,
@@ -24,15 +24,15 @@ from firmware_protocol.conformance.fuzz_source import (
     random_packet,
     require,
 )
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
-from firmware_protocol.drive_parameters import ParameterStore
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.parameter_values import ParameterStore
 from firmware_protocol.messages import DriveState, HostHeartbeat, ParamOp, ParamRequest
 from firmware_protocol.parameters import BY_INDEX, DICTIONARY, Access, Index
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 
 __all__ = ["FUZZERS", "Finding", "Outcome", "campaign", "fuzz_host", "fuzz_line"]
 
-CHUNK: Final = 256
+CHUNK_BYTES: Final = 256
 PARAM_BYTES: Final = 7  # op, index, value
 
 
@@ -44,15 +44,15 @@ def fuzz_serial_reader(total_bytes: int, seed: int) -> Outcome:
     while fed < total_bytes:
         style = chance.randrange(3)
         if style == 0:
-            data = chance.randbytes(chance.randrange(1, CHUNK))
+            data = chance.randbytes(chance.randrange(1, CHUNK_BYTES))
         elif style == 1:
-            data = bytes((chance.randrange(1, 256),)) * chance.randrange(1, 4 * CHUNK)
+            data = bytes((chance.randrange(1, 256),)) * chance.randrange(1, 4 * CHUNK_BYTES)
         else:
             data = b"".join(mutated(chance, random_packet(chance)) for _ in range(8))
         got += len(reader.feed(data))
         fed += len(data)
         number += 1
-        require(len(reader._partial) <= MAX_PACKET, f"seed {seed}: {len(reader._partial)} bytes kept at {fed}")
+        require(len(reader._partial) <= MAX_PACKET_BYTES, f"seed {seed}: {len(reader._partial)} bytes kept at {fed}")
         if number % PROBE_EVERY == 0:
             frames = reader.feed(b"\x00" + encode_serial(GOOD))
             require(frames[-1:] == [GOOD], f"seed {seed}: the good packet after {fed} bytes was not found")

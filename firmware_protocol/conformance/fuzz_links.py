@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Final
 
 from firmware_protocol.conformance.fuzz_source import (
-    MAX_PACKET,
+    MAX_PACKET_BYTES,
     NODE,
     SERIAL_NUMBER,
     Finding,
@@ -14,14 +14,14 @@ from firmware_protocol.conformance.fuzz_source import (
     random_frame,
     require,
 )
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
-from firmware_protocol.samples import MAX_PENDING, MAX_QUEUE
+from firmware_protocol.host.machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.samples import MAX_PENDING_HALVES, MAX_QUEUED_SAMPLES
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 
 CONNECT_MS: Final = 2000
-NOISE: Final = 256  # bytes at once
+NOISE_BYTES: Final = 256  # at once
 _CONNECTED: Final = (HostPhase.READY, HostPhase.RUNNING, HostPhase.FAULT)
 
 
@@ -82,9 +82,9 @@ class _Line:
             elif kind == 1:
                 data = data[: self._chance.randrange(len(data) + 1)]
             elif kind == 2:
-                data += self._chance.randbytes(self._chance.randrange(1, NOISE))
+                data += self._chance.randbytes(self._chance.randrange(1, NOISE_BYTES))
             else:
-                data += bytes((self._chance.randrange(1, 256),)) * self._chance.randrange(1, NOISE)
+                data += bytes((self._chance.randrange(1, 256),)) * self._chance.randrange(1, NOISE_BYTES)
         self.bytes_in += len(data)
         return data
 
@@ -102,7 +102,7 @@ def fuzz_line(total_bytes: int, seed: int) -> Outcome:
         _use(chance, host, now_ns, f"seed {seed}", line.bytes_in)
         for reader in (line.to_drive, line.to_host):
             kept = len(reader._partial)
-            require(kept <= MAX_PACKET, f"seed {seed}: {kept} bytes kept at {line.bytes_in}")
+            require(kept <= MAX_PACKET_BYTES, f"seed {seed}: {kept} bytes kept at {line.bytes_in}")
         if chance.random() < 0.03:
             line.noisy = False
             now_ns = _connects(host, line.pass_ms, now_ns, f"seed {seed}: no connection at {line.bytes_in}")
@@ -119,10 +119,10 @@ def _use(chance: random.Random, host: HostMachine, now_ns: int, seed: str, fed: 
         host.take_samples()
         host.take_bench()
     samples = host._samples
-    bounded = len(samples._queue) <= MAX_QUEUE and len(samples._bench) <= MAX_QUEUE
+    bounded = len(samples._queue) <= MAX_QUEUED_SAMPLES and len(samples._bench) <= MAX_QUEUED_SAMPLES
     require(bounded, f"{seed}: queues grow at {fed}")
     pending = max(len(samples._feedback), len(samples._timing))
-    require(pending <= MAX_PENDING, f"{seed}: {pending} halves kept at {fed}")
+    require(pending <= MAX_PENDING_HALVES, f"{seed}: {pending} halves kept at {fed}")
 
 
 def _good_link(host: HostMachine, drive: DriveMachine, now_ns: int) -> int:

@@ -11,12 +11,12 @@ from firmware_protocol.frames import Frame, arbitration_id
 from firmware_protocol.layouts import LAYOUTS
 from firmware_protocol.messages import ParamOp, ParamRequest
 from firmware_protocol.parameters import Index
-from firmware_protocol.serial_framing import FD_LENGTHS, MAX_FD_PAYLOAD, encode_serial
+from firmware_protocol.serial_framing import FD_LENGTHS, MAX_FD_PAYLOAD_BYTES, encode_serial
 
 NODE: Final = 1
 SERIAL_NUMBER: Final = 0x5F0C_0000_0001
 PROBE_EVERY: Final = 16  # chunks or frames between two good ones
-MAX_PACKET: Final = MAX_FD_PAYLOAD + 5
+MAX_PACKET_BYTES: Final = MAX_FD_PAYLOAD_BYTES + 5
 GOOD: Final = codec.encode(ParamRequest(NODE, ParamOp.READ, Index.NODE, 0))
 _LENGTHS: Final = sorted(FD_LENGTHS)
 

@@ -12,8 +12,8 @@ from firmware_protocol.frames import Frame, split_id
 from firmware_protocol.layouts import LAYOUTS, Check
 from firmware_protocol.messages import BenchSensor, DriveHeartbeat, FdFeedback, Feedback, Function, Message, Timing
 
-EXAMPLES: Final = 3
-LOSS_SHARE: Final = 0.05  # of sequences out of step that a lossy line may explain
+MAX_EXAMPLES: Final = 3
+MAX_LOSS_SHARE: Final = 0.05  # of sequences out of step that a lossy line may explain
 JUMP_US: Final = {
     True: 5_000,
     False: 200_000,
@@ -41,7 +41,7 @@ class Monitor:
         """Keep a finding; only the first few are kept whole."""
         self.counts[requirement] += 1
         kept = self.violations.setdefault(requirement, deque())
-        if len(kept) < EXAMPLES:
+        if len(kept) < MAX_EXAMPLES:
             kept.append(finding)
 
     def message(self, time_ns: int, frame: Frame) -> Message | None:
@@ -74,7 +74,7 @@ class Monitor:
     def out_of_step(self, function: int) -> str:
         """Return what speaks against the sequence of one message, or nothing; forgives what a line may lose."""
         odd, steps = self._odd[function], self._steps[function]
-        allowed = 0 if self.virtual_time else max(LOSS_SHARE * steps, 3)
+        allowed = 0 if self.virtual_time else max(MAX_LOSS_SHARE * steps, 3)
         return f"{odd} of {steps} {Function(function).name} out of step" if odd > allowed else ""
 
     def restart(self) -> None:

@@ -25,8 +25,8 @@ from firmware_protocol.messages import (
 HEARTBEAT_NS: Final = 20 * MS
 REFERENCE_NS: Final = 2 * MS
 SILENT_NS: Final = 50 * MS  # without a measurement the heartbeats say the state
-NO_ROOM_NS: Final = 1_000 * MS
-MAX_RECORD: Final = 100_000
+MAX_NO_ROOM_NS: Final = 1_000 * MS
+MAX_RECORDED_SAMPLES: Final = 100_000
 
 
 class Sample(NamedTuple):
@@ -140,7 +140,7 @@ class Probe:
     def send(self, frame: Frame) -> int:
         """Send a frame, waiting for room; return the time before it went."""
         self.sent.add(frame.arbitration_id)
-        give_up_ns = self.port.now_ns() + NO_ROOM_NS
+        give_up_ns = self.port.now_ns() + MAX_NO_ROOM_NS
         while True:
             now_ns = self.port.now_ns()
             if self.port.send(frame):
@@ -211,8 +211,8 @@ class Probe:
         self.newest = sample
         self.state, self.fault = sample.state, sample.fault
         self.samples.append(sample)
-        if len(self.samples) > MAX_RECORD:
-            del self.samples[: MAX_RECORD // 2]
+        if len(self.samples) > MAX_RECORDED_SAMPLES:
+            del self.samples[: MAX_RECORDED_SAMPLES // 2]
 
     def _on_beat(self, time_ns: int, beat: DriveHeartbeat) -> None:
         self.beats.append((time_ns, beat))

@@ -5,8 +5,8 @@ from dataclasses import asdict
 from typing import Final
 
 from firmware_protocol import codec
-from firmware_protocol.discovery import identity_delay_us
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.discovery import identity_delay_us
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import BROADCAST_NODE, Frame, arbitration_id
 from firmware_protocol.golden.vectors import Row, frame_row
 from firmware_protocol.messages import (

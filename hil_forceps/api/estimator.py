@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from hil_forceps.api.arguments import check_number, check_sample, check_stamp, check_text, kind
 from hil_forceps.api.runs import RigSource, as_rig
 from hil_forceps.data.run import bad_row
-from hil_forceps.data.time_order import LONGEST_SAMPLE_TIME_S, check_time_unit
+from hil_forceps.data.time_order import MAX_SAMPLE_TIME_S, check_time_unit
 from hil_forceps.estimation.batch import run as run_whole
 from hil_forceps.estimation.interface import Estimate, Sample, State
 from hil_forceps.estimation.registry import ALGORITHMS, ESTIMATOR_IDS, make_estimator
@@ -36,8 +36,8 @@ class Estimator:
     def __init__(self, algorithm: str, rig: RigSource, sample_time_s: float, *, over_wire: bool = True) -> None:
         check_text("algorithm", algorithm)
         check_number("sample_time_s", sample_time_s, "s", is_positive=True)
-        if sample_time_s > LONGEST_SAMPLE_TIME_S:
-            longest = f"no drive of a rig samples slower than every {LONGEST_SAMPLE_TIME_S:g} s"
+        if sample_time_s > MAX_SAMPLE_TIME_S:
+            longest = f"no drive of a rig samples slower than every {MAX_SAMPLE_TIME_S:g} s"
             raise ValueError(f"sample_time_s: is {sample_time_s:g} s, and {longest}; give it in seconds")
         if algorithm not in ALGORITHMS:
             raise UserError(f"unknown algorithm '{algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")

@@ -26,7 +26,7 @@ from hil_forceps.control.requests import first_excess
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
 from hil_forceps.data.recording.reader import Recording, read_recording
 from hil_forceps.data.run import Run
-from hil_forceps.drives.lint import findings
+from hil_forceps.drives.compatibility.lint import findings
 from hil_forceps.drives.registry import framing_for, machine_for, maker_profile, sample_period_s
 from hil_forceps.estimation.interface import Sample
 from hil_forceps.estimation.registry import make_estimator

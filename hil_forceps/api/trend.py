@@ -27,7 +27,7 @@ from hil_forceps.rig.errors import UserError
 
 ESTIMATES = "estimates.parquet"
 RESULT = "trend.json"
-FALSE_ALARMS = 0.05
+FALSE_ALARM_RATE = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -99,7 +99,7 @@ def trend(
     rig: RigSource | None = None,
     *,
     out: str | PathLike[str],
-    false_alarms: float = FALSE_ALARMS,
+    false_alarms: float = FALSE_ALARM_RATE,
     file_dates: bool = False,
     seed: int = 0,
     jobs: int | None = None,

@@ -19,8 +19,8 @@ from hil_forceps.estimation.registry import ALGORITHMS, ESTIMATOR_IDS, make_esti
 from hil_forceps.rig import Rig, dump_rig, parse_rig
 from hil_forceps.rig.errors import UserError
 
-GAP_PERIODS = 5
-STEP_PERIODS = 2  # whose way a reference may go at once: a native drive takes no more by default (HFP-116)
+MAX_GAP_PERIODS = 5
+MAX_STEP_PERIODS = 2  # whose way a reference may go at once: a native drive takes no more by default (HFP-116)
 MAX_SAMPLE_TIME_S = 100.0  # the rig's longest, a thousand times over
 
 
@@ -60,8 +60,8 @@ def rigs_for(spec: RunSpec, rig: Rig, estimator_rig: Rig | None) -> Rigs:
 def gate_for(rig: Rig, sample_time_s: float) -> Gate:
     """Return the rig's gate; a host slower than the gate's default expects is slow, not stuck."""
     period_s = rig.bench.host_period_s
-    step_s = STEP_PERIODS * max(period_s, sample_time_s)
-    return Gate(rig.limits, feedback_bounds(rig), max(DEFAULT_MAX_GAP_S, GAP_PERIODS * period_s), step_s)
+    step_s = MAX_STEP_PERIODS * max(period_s, sample_time_s)
+    return Gate(rig.limits, feedback_bounds(rig), max(DEFAULT_MAX_GAP_S, MAX_GAP_PERIODS * period_s), step_s)
 
 
 def make_pipeline(rig: Rig, settings: Settings, outside: Callable[[float], float] | None = None) -> Pipeline:

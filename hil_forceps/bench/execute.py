@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil_forceps.bench.assembly import Settings, rigs_for
-from hil_forceps.bench.direct import execute_direct
+from hil_forceps.bench.direct.runs import execute_direct
 from hil_forceps.bench.matrix import RunSpec
 from hil_forceps.bench.metrics import judge
 from hil_forceps.bench.session import Plan, run_session, service_config

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.fault import CRASHED, FaultReason
-from hil_forceps.bridge.flight_recorder import Recent, Stages, last_second
+from hil_forceps.bridge.logs.flight_recorder import Recent, Stages, last_second
 from hil_forceps.bridge.results import Stage
 from hil_forceps.bridge.service import Service
 from hil_forceps.data.recording.format import FAULT_NAME

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from hil_forceps.report.traces import RunTraces
 
 # The paper shows 9–20 s: the ramp and the settling are over, the load comes on at 10 s.
-WINDOW_S = (9.0, 20.0)
+ERROR_WINDOW_S = (9.0, 20.0)
 # Half a second under steady load: the end of simulation 1, the end of simulation 2's last pulse.
 STEADY_WINDOW_S = {1: (19.5, 20.0), 2: (17.0, 17.5)}
 
 
 class Metrics(NamedTuple):
-    """Errors of one run over `WINDOW_S`; None where the run did not stay finite to its end."""
+    """Errors of one run over `ERROR_WINDOW_S`; None where the run did not stay finite to its end."""
 
     finite: bool
     tau_w_rmse_N_m: float | None
@@ -28,9 +28,9 @@ def judge(traces: RunTraces) -> Metrics:
 
     The jaw error is the mean of θ_j − θ_j_ref over `STEADY_WINDOW_S`.
     """
-    window = _within(traces.time_s, WINDOW_S)
+    window = _within(traces.time_s, ERROR_WINDOW_S)
     steady = _within(traces.time_s, STEADY_WINDOW_S[traces.simulation])
-    reaches_end = traces.time_s.size > 0 and traces.time_s[-1] >= WINDOW_S[1] - 2.0 * traces.sample_time_s
+    reaches_end = traces.time_s.size > 0 and traces.time_s[-1] >= ERROR_WINDOW_S[1] - 2.0 * traces.sample_time_s
     estimates = np.concatenate((traces.tau_w_est[window], traces.x_est[window]))
     if not reaches_end or not np.all(np.isfinite(estimates)):
         return Metrics(False, None, None, None, None)

@@ -19,7 +19,7 @@ from hil_forceps.rig.errors import UserError
 Wire = Literal["pty", "udp_multicast"]
 MULTICAST_CHANNEL = "239.74.163.2"
 END_TIMEOUT_S = 10.0
-SPARE_S = 60.0  # for starting, enabling and ending
+SPARE_TIME_S = 60.0  # for starting, enabling and ending
 # Why a drive does not follow a setpoint that arrived whole: its own counters.
 REFUSALS = ("not_enabled", "setpoint_stale", "sample_old", "sample_future")
 
@@ -55,7 +55,7 @@ def run_realtime(
             told: dict[str, Any] = {}
             asked = ["--rig", str(how.config), "--seed", str(seed), "--simulation", str(spec.simulation), *where]
             # It ends by itself too: were this process killed, it would run on alone.
-            with drive_process([*asked, "--duration", str(spec.duration_s + SPARE_S)], told):
+            with drive_process([*asked, "--duration", str(spec.duration_s + SPARE_TIME_S)], told):
                 link_end = open_link(link)
                 executed = run_on(link_end, spec, rig, seed, out, stop_requested, how.estimator_rig, how.view)
         if not told:

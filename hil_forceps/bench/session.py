@@ -11,11 +11,11 @@ from typing import NamedTuple
 from hil_forceps.bench.assembly import Settings, make_pipeline, metadata
 from hil_forceps.bench.fault_file import KeptFault, fault_content, fault_path, write_fault
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.bus_log import BusLog, LoggedLink, LogReport, open_bus_log
 from hil_forceps.bridge.fault import CRASHED
-from hil_forceps.bridge.flight_recorder import Recent
 from hil_forceps.bridge.links.adapters import Connection
-from hil_forceps.bridge.live_sink import LiveSink
+from hil_forceps.bridge.live.sink import LiveSink
+from hil_forceps.bridge.logs.bus_log import BusLog, LoggedLink, LogReport, open_bus_log
+from hil_forceps.bridge.logs.flight_recorder import Recent
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Telemetry
 from hil_forceps.bridge.service import Service
 from hil_forceps.bridge.teleoperation.udp_server import UdpReferences
@@ -24,7 +24,7 @@ from hil_forceps.data.recording.writer import Recorder, RecordingReport, open_re
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.registry import current_limit_A
-from hil_forceps.drives.runaway import RunawayWatch
+from hil_forceps.drives.supervision.runaway import RunawayWatch
 from hil_forceps.live.view import View
 from hil_forceps.rig import Rig
 

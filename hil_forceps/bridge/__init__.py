@@ -1,1 +1,1 @@
-"""Ports, the service loop, its axes, bus log and flight recorder; links, doctor and drive conformance beside it."""
+"""Ports, the service loop and its axes; links, logs, live data, doctor and drive conformance beside it."""

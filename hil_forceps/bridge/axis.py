@@ -14,7 +14,7 @@ from hil_forceps.bridge.results import AS_MEANT, ServiceConfig, ServiceResult, S
 from hil_forceps.bridge.statistics import Histogram, HistogramSummary
 from hil_forceps.data.recording.writer import Outcome, Recorder
 from hil_forceps.drives.port import DriveMachine
-from hil_forceps.drives.runaway import RunawayWatch
+from hil_forceps.drives.supervision.runaway import RunawayWatch
 
 # Looked up once: members of an Enum cost as much as a call when asked for by their class.
 _ENDED: Final = Stage.ENDED

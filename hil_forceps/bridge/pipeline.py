@@ -23,7 +23,7 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 from firmware_protocol.frames import make
-from firmware_protocol.host_machine import RawSample
+from firmware_protocol.host.machine import RawSample
 from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_from_rad
 from hil_forceps.bridge.gate_tally import GateTally
@@ -35,7 +35,7 @@ from hil_forceps.estimation.interface import Estimate, Estimator, Sample, State
 from hil_forceps.rig.plant import PlantParameters
 
 GATE_VERDICT_BASE: Final = 16
-PEAK_SPEED: Final = 1.875  # of 10s³ − 15s⁴ + 6s⁵, at s = 1/2
+PEAK_TO_MEAN_SPEED_RATIO: Final = 1.875  # of 10s³ − 15s⁴ + 6s⁵, at s = 1/2
 NOWHERE_NS: Final = -1
 _OPERATIONAL: Final = int(DriveState.OPERATIONAL)
 
@@ -245,7 +245,7 @@ class _Fade(NamedTuple):
 def _fade(offset_rad: float, begin_ns: int, approach: Approach) -> _Fade:
     if abs(offset_rad) <= approach.tolerance_rad:
         return _Fade(0.0, begin_ns, begin_ns)
-    duration_ns = round(PEAK_SPEED * abs(offset_rad) / approach.speed_rad_per_s * 1e9)
+    duration_ns = round(PEAK_TO_MEAN_SPEED_RATIO * abs(offset_rad) / approach.speed_rad_per_s * 1e9)
     return _Fade(offset_rad, begin_ns, begin_ns + duration_ns)
 
 

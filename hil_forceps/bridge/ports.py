@@ -5,7 +5,7 @@ from enum import Enum
 from typing import NamedTuple, Protocol
 
 from firmware_protocol.frames import Frame
-from firmware_protocol.samples import RawBench, RawSample
+from firmware_protocol.host.samples import RawBench, RawSample
 from hil_forceps.data.recording.writer import Reference
 from hil_forceps.estimation.interface import Estimate, Sample
 

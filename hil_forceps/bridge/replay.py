@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_protocol.host_machine import RawSample
+from firmware_protocol.host.machine import RawSample
 from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.data.recording.format import REFERENCE, SAMPLE
 from hil_forceps.data.recording.reader import Recording, Table

@@ -21,7 +21,7 @@ from typing import Final
 
 from firmware_protocol.frames import Frame
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.live_sink import LiveSink
+from hil_forceps.bridge.live.sink import LiveSink
 from hil_forceps.bridge.ports import Clock, Link, SendResult
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, StopReason, Telemetry
 from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics

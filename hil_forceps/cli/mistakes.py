@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from cyclopts import CycloptsError, UnknownCommandError, UnknownOptionError
 
-SIMILAR = 0.6  # difflib's own bound for a close match
+MIN_SIMILARITY_RATIO = 0.6  # difflib's own bound for a close match
 
 
 def told(error: CycloptsError, commands: Iterable[str]) -> str:
@@ -23,5 +23,5 @@ def told(error: CycloptsError, commands: Iterable[str]) -> str:
 
 
 def _meant(wrong: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(wrong, list(known), n=1, cutoff=SIMILAR)
+    close = difflib.get_close_matches(wrong, list(known), n=1, cutoff=MIN_SIMILARITY_RATIO)
     return f" (did you mean {close[0]}?)" if close else ""

@@ -11,7 +11,7 @@ from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.sections import Limits
 
-ROUNDING: Final = 1e-9  # relative: of a limit that was written with the digits of the trajectory's own
+ROUNDING_ERROR_SHARE: Final = 1e-9  # of a limit that was written with the digits of the trajectory's own
 
 
 class Excess(NamedTuple):
@@ -41,12 +41,12 @@ def first_excess(trajectory: Trajectory, until_s: float, plant: PlantParameters,
             return None
         theta = motor_reference_rad(angle_rad, 0.0, plant)
         speed = 0.0 if before is None else abs(theta - before[1]) / (time_s - before[0])
-        if speed > limits.speed_max_rad_per_s * (1.0 + ROUNDING):
+        if speed > limits.speed_max_rad_per_s * (1.0 + ROUNDING_ERROR_SHARE):
             return Excess(point, time_s, "speed_max_rad_per_s", speed, limits.speed_max_rad_per_s)
         if time_s > until_s:  # the run ends on the way there
             theta = motor_reference_rad(trajectory(until_s), 0.0, plant)
         low, high = limits.position_min_rad, limits.position_max_rad
-        slack = ROUNDING * max(abs(low), abs(high))
+        slack = ROUNDING_ERROR_SHARE * max(abs(low), abs(high))
         if theta > high + slack:
             return Excess(point, time_s, "position_max_rad", theta, high)
         if theta < low - slack:

@@ -5,7 +5,7 @@ import difflib
 from hil_forceps.data.run import KNOWN_COLUMNS
 
 _UNITS = ("N_m", "rad", "s", "A", "V")
-_LONGEST_SHOWN = 40
+_MAX_SHOWN_CHARACTERS = 40
 
 
 def split_name(column: str) -> tuple[str, str]:
@@ -16,11 +16,11 @@ def split_name(column: str) -> tuple[str, str]:
 
 def left_out(name: str) -> str:
     """Say that a column was left out, with the name that was probably meant."""
-    near = difflib.get_close_matches(name[:_LONGEST_SHOWN], KNOWN_COLUMNS, n=1)
+    near = difflib.get_close_matches(name[:_MAX_SHOWN_CHARACTERS], KNOWN_COLUMNS, n=1)
     guess = f" (meant {near[0]}?)" if near else ""
     return f"column {show_name(name)} is not one of a run and was left out{guess}"
 
 
 def show_name(name: str) -> str:
     """Quote a name, cut where it is longer than any that makes sense."""
-    return repr(name if len(name) <= _LONGEST_SHOWN else name[: _LONGEST_SHOWN - 3] + "...")
+    return repr(name if len(name) <= _MAX_SHOWN_CHARACTERS else name[: _MAX_SHOWN_CHARACTERS - 3] + "...")

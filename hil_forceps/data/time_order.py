@@ -9,7 +9,7 @@ from hil_forceps.rig.errors import UserError
 
 Columns = dict[str, Column]
 
-LONGEST_SAMPLE_TIME_S = 0.1  # of a drive's loop that a rig may state (hil_forceps/rig/sections.py)
+MAX_SAMPLE_TIME_S = 0.1  # of a drive's loop that a rig may state (hil_forceps/rig/sections.py)
 _UNITS_S = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -52,9 +52,9 @@ def check_time_unit(time_s: Column, label: str, *, is_table: bool = True) -> Non
     `is_table`: its columns can be said to be in other units.
     """
     usual_s = float(np.median(np.diff(time_s)))
-    if usual_s <= LONGEST_SAMPLE_TIME_S * (1.0 + 1e-9):
+    if usual_s <= MAX_SAMPLE_TIME_S * (1.0 + 1e-9):
         return
-    units = ((unit, size) for unit, size in _UNITS_S.items() if usual_s * size <= LONGEST_SAMPLE_TIME_S)
+    units = ((unit, size) for unit, size in _UNITS_S.items() if usual_s * size <= MAX_SAMPLE_TIME_S)
     unit, size = next(units, ("ns", 1e-9))
     told = f"time_s: rows are {usual_s:.6g} s apart, and no drive of a rig samples slower than every 0.1 s"
     mapped = f", or add --map time_s=COLUMN:{unit}" if is_table else ""

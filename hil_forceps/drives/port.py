@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Final, Protocol
 
 from firmware_protocol.frames import Frame
+from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.states import HostPhase
 
 NO_TORQUE: Final = frozenset({DriveState.DISABLED, DriveState.FAULT})  # what a drive says that pulls nothing

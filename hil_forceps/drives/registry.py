@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from firmware_protocol.drive_config import DriveConfig
+from firmware_protocol.drive.config import DriveConfig
 from firmware_protocol.frames import arbitration_id
-from firmware_protocol.host_machine import HostConfig, HostMachine
+from firmware_protocol.host.machine import HostConfig, HostMachine
 from firmware_protocol.messages import Function
 from hil_forceps.drives.cia402.profile import PROFILE as CIA402
 from hil_forceps.drives.dynamixel.profile import PROFILE as DYNAMIXEL
@@ -19,8 +19,8 @@ from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
 from hil_forceps.drives.vesc.profile import PROFILE as VESC
 from hil_forceps.rig import Rig
-from hil_forceps.rig.consistency import native_bus_load
 from hil_forceps.rig.sections import MotorDriver
+from hil_forceps.rig.validation.consistency import native_bus_load
 
 NATIVE_WATCHDOG_S: Final = 1e-6 * DriveConfig.watchdog_timeout_us
 NATIVE_REACTION_S: Final = 1e-3  # HFP-123

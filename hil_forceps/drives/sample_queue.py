@@ -2,12 +2,12 @@
 
 from typing import Final
 
+from firmware_protocol.host.samples import RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
 from hil_forceps.drives.port import SEQUENCE_MASK
 
-MAX_SAMPLES: Final = 4096
+MAX_QUEUED_SAMPLES: Final = 4096
 # What a recording holds; nothing real is beyond.
 _ANGLE_END: Final = 1 << 62
 _CURRENT_END: Final = 1 << 31
@@ -16,7 +16,7 @@ COUNTERS: Final = ("samples", "samples_overflow", "out_of_range")
 
 
 class SampleQueue:
-    """Numbers samples, brings them to raw integers, and keeps them until they are taken; at most `MAX_SAMPLES`."""
+    """Numbers samples, brings them to raw integers, and keeps them until taken; at most `MAX_QUEUED_SAMPLES`."""
 
     def __init__(self, counters: dict[str, int]) -> None:
         """`counters`: those of the profile, with the names of `COUNTERS` among them."""
@@ -35,7 +35,7 @@ class SampleQueue:
         setpoint_sequence: int,
     ) -> bool:
         """Take one sample; False, and counted, where the queue is full or a recording can't hold it."""
-        if len(self._samples) >= MAX_SAMPLES:
+        if len(self._samples) >= MAX_QUEUED_SAMPLES:
             self._counters["samples_overflow"] += 1
             return False
         theta_m_raw, current_raw = round(pulley_rev * ANGLE_LSB_PER_REV), round(current_A / CURRENT_LSB_A)

@@ -14,10 +14,10 @@ from hil_forceps.model.closed_loop import Counts, amplified, over_sample, record
 from hil_forceps.model.composition import Physics, encoder_rad, motor_viscosity_N_m_s_per_rad
 from hil_forceps.model.current import current_step
 from hil_forceps.model.drive_law import DriveState, drive_sample, quantise
-from hil_forceps.model.gains import SHORT, SIZE, fill_all, fill_multiples
 from hil_forceps.model.kernel import kernel
+from hil_forceps.model.linear.gains import SHORT, SIZE, fill_all, fill_multiples
 from hil_forceps.model.physics import State, kind_of
-from hil_forceps.model.whole_step import decays, suits
+from hil_forceps.model.step.whole_step import decays, suits
 
 Vector = NDArray[np.float64]
 _tuple: Any = fixed.to_fixed_tuple

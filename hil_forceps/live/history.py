@@ -19,7 +19,7 @@ from hil_forceps.live.description import Description
 HISTORY_S: Final = 60.0
 MAX_BACKLOG_S: Final = 1.0
 ENVELOPE_PAIRS: Final = 250  # of rows, for each backlog of one stream
-MAX_ROWS: Final = 2_000  # of one stream in a frame; the rest goes into the next
+MAX_ROWS_PER_FRAME: Final = 2_000  # of one stream in a frame; the rest goes into the next
 _HEAD: Final = struct.Struct("<II")
 
 Columns = NDArray[np.float64]  # fields × rows
@@ -126,7 +126,7 @@ class Cursor:
                 columns = envelope(columns, ENVELOPE_PAIRS)
                 self.enveloped += stands_for
             else:
-                columns = columns[:, :MAX_ROWS]
+                columns = columns[:, :MAX_ROWS_PER_FRAME]
                 self._rows[place] += columns.shape[1]
                 is_rest = is_rest or self._rows[place] < stream.rows
             parts.append({"stream": place, "rows": columns.shape[1], "stands_for": stands_for})

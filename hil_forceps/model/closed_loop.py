@@ -14,17 +14,19 @@ from hil_forceps.model import drive_law
 from hil_forceps.model.composition import Physics, encoder_rad, motor_viscosity_N_m_s_per_rad, wound_m
 from hil_forceps.model.current import CurrentStep, current_over, current_step
 from hil_forceps.model.drive_law import DriveState, drive_sample, law_current, law_vector, quantise
-from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, Gains, fill_all, fill_multiples
 from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.model.linear.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, Gains, fill_all, fill_multiples
 from hil_forceps.model.parameters import Vector
 from hil_forceps.model.physics import Kind, State, dead_zone, followed, kind_of, paid_angle, torque_constant, wire
 from hil_forceps.model.sensors import late, late_load
-from hil_forceps.model.step import Drive, plain_step, refined_step
-from hil_forceps.model.whole_step import decays, suits, whole_step
+from hil_forceps.model.step.motion import Drive
+from hil_forceps.model.step.refinement import refined_step
+from hil_forceps.model.step.single_step import plain_step
+from hil_forceps.model.step.whole_step import decays, suits, whole_step
 
 __all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", "law_vector", "rest", "simulate"]
 
-_DRIFT_STEP = 0.02  # of D_m: further away, the linear plant is made anew
+_MAX_VISCOSITY_CHANGE_SHARE = 0.02  # of D_m: further away, the linear plant is made anew
 _CHANNELS = 8
 _REST_ITERATIONS = 50
 
@@ -231,7 +233,7 @@ def over_sample(
         constant, viscosity = torque_constant(p, time_s), motor_viscosity_N_m_s_per_rad(p, time_s)
         d = Drive(mean, slope, ends, constant, viscosity, load, load_slope)
         if not kind.plain:
-            if abs(viscosity - gains[TAUT, VISCOSITY]) > _DRIFT_STEP * p.D_m:
+            if abs(viscosity - gains[TAUT, VISCOSITY]) > _MAX_VISCOSITY_CHANGE_SHARE * p.D_m:
                 fill_all(gains, p, viscosity, step_s)
             x = refined_step(p, kind, gains, constants.inertia, constants.kept, x, d)
         else:

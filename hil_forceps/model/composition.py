@@ -1,6 +1,6 @@
 """The plant's numbers, and the sums over all effects at each place where they act.
 
-Written by tools/compose_effects.py from the files in `hil_forceps/effects`; not to be edited.
+Written by tools/generation/compose_effects.py from the files in `hil_forceps/effects`; not to be edited.
 """
 
 from typing import NamedTuple

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from hil_forceps.model.kernel import inlined, subroutine
 
-_SERIES_BELOW = 1e-3  # below: the series, whose first term left out is 1e-9 of the result
+_MAX_SERIES_ARGUMENT = 1e-3  # below: the series, whose first term left out is 1e-9 of the result
 
 
 class CurrentStep(NamedTuple):
@@ -24,7 +24,7 @@ class CurrentStep(NamedTuple):
 @subroutine
 def _decay(a: float) -> tuple[float, float, float]:
     """Return mean, slope and end of exp(−a τ), τ from 0 to 1."""
-    if a < _SERIES_BELOW:
+    if a < _MAX_SERIES_ARGUMENT:
         return 1.0 - 0.5 * a + a * a / 6.0, -a + 0.5 * a * a, math.exp(-a)
     end = math.exp(-a)
     mean = (1.0 - end) / a

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.model.kernel import kernel
-from hil_forceps.model.two_inertia import Matrix, discretise
+from hil_forceps.model.linear.two_inertia import Matrix, discretise
 from hil_forceps.rig.plant import PlantParameters
 
 Vector = NDArray[np.float64]

@@ -8,9 +8,9 @@ from scipy.signal import savgol_filter
 
 from hil_forceps.model.parameters import Vector
 
-_ORDER = 3
+_POLYNOMIAL_ORDER = 3
 # y where ∫ (9/8 − 15/8 t²) cos(y t) dt over −1 … 1 is √½: the weights of a cubic's fit at the middle of its window.
-_HALF_POWER = 3.34311
+_HALF_POWER_ARGUMENT = 3.34311
 
 
 class Smooth(NamedTuple):
@@ -23,7 +23,7 @@ class Smooth(NamedTuple):
 
 def half_window(row_s: float, bandwidth_Hz: float) -> int:
     """Return how many rows on each side a cubic takes in, so that it is 3 dB down at `bandwidth_Hz`."""
-    return max(2, round((_HALF_POWER / (math.pi * bandwidth_Hz * row_s) - 1.0) / 2.0))
+    return max(2, round((_HALF_POWER_ARGUMENT / (math.pi * bandwidth_Hz * row_s) - 1.0) / 2.0))
 
 
 def smooth(angle_rad: Vector, row_s: float, bandwidth_Hz: float) -> Smooth:
@@ -34,7 +34,9 @@ def smooth(angle_rad: Vector, row_s: float, bandwidth_Hz: float) -> Smooth:
     if not (math.isfinite(bandwidth_Hz) and bandwidth_Hz > 0.0):
         raise ValueError(f"bandwidth_Hz must be positive, got {bandwidth_Hz!r}")
     window = min(2 * half_window(row_s, bandwidth_Hz) + 1, (angle_rad.shape[0] - 1) // 2 * 2 + 1)
-    if window <= _ORDER:
+    if window <= _POLYNOMIAL_ORDER:
         raise ValueError(f"{angle_rad.shape[0]} rows are too few to tell a speed: 5 at least")
-    values = [np.asarray(savgol_filter(angle_rad, window, _ORDER, deriv=order, delta=row_s)) for order in range(3)]
+    values = [
+        np.asarray(savgol_filter(angle_rad, window, _POLYNOMIAL_ORDER, deriv=order, delta=row_s)) for order in range(3)
+    ]
     return Smooth(*values)

@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterator, Mapping
 
 from hil_forceps.rig.catalogue import EFFECT_IDS, Effect, Parameter, effect
-from hil_forceps.rig.problems import Problem, nearest, problems_error, remedy_for_text, show_value
 from hil_forceps.rig.quantities import Quantity
-from hil_forceps.rig.translation import unit_mix_up
+from hil_forceps.rig.validation.problems import Problem, nearest, problems_error, remedy_for_text, show_value
+from hil_forceps.rig.validation.translation import unit_mix_up
 
 
 def quantity_of(parameter: Parameter) -> Quantity:

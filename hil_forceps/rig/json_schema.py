@@ -1,7 +1,7 @@
 """JSON schemas of rig and bench files, for editors: what a key means, its unit, its range, which values it may have.
 
 Draft 7, which editors know best. A schema sees one key at a time: what holds between keys is checked where a file is
-read (`hil_forceps.rig.consistency`), and so are duplicate keys and everything that is no YAML.
+read (`hil_forceps.rig.validation.consistency`), and so are duplicate keys and everything that is no YAML.
 """
 
 from collections.abc import Iterator, Sequence

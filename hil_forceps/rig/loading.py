@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path as FilePath
 
-from hil_forceps.rig import consistency
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.problems import Path, Problem
 from hil_forceps.rig.schema import Rig, validate
-from hil_forceps.rig.yaml_loader import MAX_BYTES, Document, Mark, load_document, render
+from hil_forceps.rig.validation import consistency
+from hil_forceps.rig.validation.problems import Path, Problem
+from hil_forceps.rig.yaml_loader import MAX_FILE_BYTES, Document, Mark, load_document, render
 
 
 def load_rig(path: str | PathLike[str]) -> Rig:
@@ -20,13 +20,15 @@ def load_rig(path: str | PathLike[str]) -> Rig:
         raise UserError(f"{name}: is a folder; name a rig file, a YAML")
     try:
         with FilePath(path).open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
+            content = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise UserError(f"{name}: can't be read: {error.strerror or error}; check the path") from None
     except ValueError as error:  # a NUL in the path
         raise UserError(f"{name!r}: can't be read: {error}; check the path") from None
-    if len(content) > MAX_BYTES:
-        raise UserError(f"{name}: is longer than {MAX_BYTES} bytes; that is no rig file, which is a YAML; name another")
+    if len(content) > MAX_FILE_BYTES:
+        raise UserError(
+            f"{name}: is longer than {MAX_FILE_BYTES} bytes; that is no rig file, which is a YAML; name another"
+        )
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -16,9 +16,16 @@ from pydantic import (
 from pydantic_core import CoreSchema, core_schema
 
 from hil_forceps.rig import units
-from hil_forceps.rig.problems import Problem, problems_error, remedy_for_text, show_number, show_value, text_error
+from hil_forceps.rig.validation.problems import (
+    Problem,
+    problems_error,
+    remedy_for_text,
+    show_number,
+    show_value,
+    text_error,
+)
 
-RELATIVE_SD = 0.1
+DEFAULT_RELATIVE_SD = 0.1
 UNKNOWN = "unknown"
 
 STRICT = ConfigDict(strict=True, frozen=True, extra="forbid", populate_by_name=True)
@@ -96,7 +103,7 @@ class Parameter(BaseModel):
 
 
 def _default_sd(value: float) -> float:
-    return RELATIVE_SD * abs(value)
+    return DEFAULT_RELATIVE_SD * abs(value)
 
 
 @dataclass(frozen=True, slots=True)

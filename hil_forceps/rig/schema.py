@@ -5,10 +5,8 @@ from typing import Any, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from hil_forceps.rig import consistency
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.plant import PlantParameters
-from hil_forceps.rig.problems import Problem, problems_error, show_path
 from hil_forceps.rig.quantities import Parameter
 from hil_forceps.rig.sections import (
     ALGORITHM_IDS,
@@ -26,7 +24,9 @@ from hil_forceps.rig.sections import (
     Recording,
     Section,
 )
-from hil_forceps.rig.translation import problems_of
+from hil_forceps.rig.validation import consistency
+from hil_forceps.rig.validation.problems import Problem, problems_error, show_path
+from hil_forceps.rig.validation.translation import problems_of
 
 __all__ = [
     "ALGORITHM_IDS",

@@ -17,8 +17,8 @@ from pydantic import (
 )
 
 from hil_forceps.rig.effects import check_effects
-from hil_forceps.rig.problems import show_value, text_error
 from hil_forceps.rig.quantities import STRICT, Number, Parameter, Quantity, Whole
+from hil_forceps.rig.validation.problems import show_value, text_error
 
 AlgorithmId = Literal["previous", "improved_as_published", "improved", "kalman"]
 ALGORITHM_IDS: tuple[AlgorithmId, ...] = get_args(AlgorithmId)

@@ -13,9 +13,9 @@ from typing import NamedTuple, Protocol
 import yaml
 
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.problems import Path, Problem, show_path, show_value
+from hil_forceps.rig.validation.problems import Path, Problem, show_path, show_value
 
-MAX_BYTES = 64 * 1024
+MAX_FILE_BYTES = 64 * 1024
 MAX_DEPTH = 8
 MAX_NUMBER_CHARACTERS = 64
 MAX_PROBLEMS = 100
@@ -114,8 +114,8 @@ def render(name: str, problems: list[tuple[Mark, Problem]]) -> list[str]:
 
 def _check_text(text: str) -> None:
     size = len(text.encode("utf-8", errors="surrogatepass"))
-    if size > MAX_BYTES:
-        raise _StopError(Mark(1, 1), f"{size} bytes is no rig file; at most {MAX_BYTES} are read")
+    if size > MAX_FILE_BYTES:
+        raise _StopError(Mark(1, 1), f"{size} bytes is no rig file; at most {MAX_FILE_BYTES} are read")
     if found := _OLD_LINE_BREAKS.search(text):
         raise _StopError(
             _mark_at(text, found.start()), f"character U+{ord(found[0]):04X} is refused; end lines with a newline"

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.machine import HostConfig, HostMachine, HostPhase
 from hil_forceps.bench.assembly import Settings, make_pipeline
 from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.clocks import VirtualClock

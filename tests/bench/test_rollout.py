@@ -19,7 +19,7 @@ from hil_forceps.model import closed_loop, parameters
 from hil_forceps.model.closed_loop import Inputs
 from hil_forceps.model.composition import Physics, motor_viscosity_N_m_s_per_rad
 from hil_forceps.model.current import current_step
-from hil_forceps.model.gains import SHORT, SIZE, fill_all
+from hil_forceps.model.linear.gains import SHORT, SIZE, fill_all
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.catalogue import effect
 from hil_forceps.rig.sections import DriveLaw

@@ -16,7 +16,7 @@ import pytest
 
 from hil_forceps.bench.execute import execute, rig_for
 from hil_forceps.bench.matrix import RunSpec
-from hil_forceps.bridge.bus_log import BusLog
+from hil_forceps.bridge.logs.bus_log import BusLog
 from hil_forceps.data.recording.writer import Recorder
 from hil_forceps.rig import Rig, load_rig
 from virtual_bus.drive import SimulatedDrive

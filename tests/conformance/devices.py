@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from firmware_protocol.conformance.port import MS, Capability
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
-from firmware_protocol.drive_machine import DriveMachine
+from firmware_protocol.drive.machine import DriveMachine
 from firmware_protocol.frames import Frame
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A
 from hil_forceps.drives.cia402.objects import HOST_NODE

@@ -3,7 +3,7 @@
 import math
 from typing import Final
 
-from hil_forceps.bench.assembly import STEP_PERIODS
+from hil_forceps.bench.assembly import MAX_STEP_PERIODS
 from hil_forceps.bridge.pipeline import DEFAULT_APPROACH
 from hil_forceps.bridge.results import StopReason
 from tests.fault_campaign.bus import DELAYED
@@ -129,5 +129,5 @@ def kick_rad(record: Record, has_led_before: bool) -> float:
     assert settings.kp_N_m_per_rad is not None
     lag_s = settings.kd_N_m_s_per_rad / settings.kp_N_m_per_rad + limits.max_sample_age_s
     if schedule.of_kind(*_LATE):
-        lag_s += STEP_PERIODS * record.rig.bench.host_period_s
+        lag_s += MAX_STEP_PERIODS * record.rig.bench.host_period_s
     return DEFAULT_APPROACH.tolerance_rad + limits.speed_max_rad_per_s * lag_s

@@ -8,12 +8,12 @@ from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_protocol.samples import RawSample
+from firmware_protocol.host.samples import RawSample
 from hil_forceps.bench.assembly import Settings, make_pipeline, metadata
 from hil_forceps.bench.session import SessionResult
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.bus_log import LogReport
 from hil_forceps.bridge.links.can_link import VirtualTimeLink
+from hil_forceps.bridge.logs.bus_log import LogReport
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult
 from hil_forceps.bridge.service import Service
 from hil_forceps.data.recording.reader import Recording, read_recording

@@ -7,8 +7,8 @@ import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from firmware_protocol.host.samples import RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD
 from hil_forceps.bridge.pipeline import Pipeline
 from hil_forceps.control.gate import Gate, GateVerdict

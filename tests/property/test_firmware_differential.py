@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_protocol import codec
-from firmware_protocol.drive_config import DriveConfig
-from firmware_protocol.drive_machine import DriveMachine
+from firmware_protocol.drive.config import DriveConfig
+from firmware_protocol.drive.machine import DriveMachine
 from firmware_protocol.frames import Frame, arbitration_id
 from firmware_protocol.golden.vectors import draw_messages
 from firmware_protocol.messages import (

@@ -5,7 +5,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hil_forceps.model import linear_loop, two_inertia
+from hil_forceps.model import linear_loop
+from hil_forceps.model.linear import two_inertia
 from hil_forceps.rig.plant import PlantParameters
 
 PAPER = PlantParameters(2.0e-3, 1.4e-3, 3.18e-8, 6.85e-8, 1.16e-4, 4.62e-7, 4.62e-9, 2.6e4, 1.35e-2)

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import pytest
 
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase, RawSample
+from firmware_protocol.host.machine import HostConfig, HostMachine, HostPhase, RawSample
 from firmware_protocol.messages import DriveState, FaultReason
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_protocol import codec
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame, arbitration_id
 from firmware_protocol.golden.vectors import draw_messages
-from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.machine import HostConfig, HostMachine, HostPhase
 from firmware_protocol.messages import DriveState, Estop, FaultReason, Function, HostHeartbeat, Identity, Message
 from firmware_protocol.states import DRIVE_TRANSITIONS
 

@@ -9,11 +9,11 @@ from hypothesis import Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.samples import MAX_PENDING_HALVES, MAX_QUEUED_SAMPLES
 from firmware_protocol.messages import DriveState, FaultReason
-from firmware_protocol.samples import MAX_PENDING, MAX_QUEUE
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 
 NODE, SERIAL = 1, 0x5F0C_0000_0001
@@ -85,8 +85,8 @@ class Ends(RuleBasedStateMachine):
         for reader in (self.to_host, self.to_drive):
             assert len(reader._partial) <= LONGEST_PACKET
         samples = self.host._samples
-        assert max(len(samples._queue), len(samples._bench)) <= MAX_QUEUE
-        assert max(len(samples._feedback), len(samples._timing)) <= MAX_PENDING
+        assert max(len(samples._queue), len(samples._bench)) <= MAX_QUEUED_SAMPLES
+        assert max(len(samples._feedback), len(samples._timing)) <= MAX_PENDING_HALVES
 
     @invariant()
     def torque_by_operational_only(self) -> None:

@@ -15,7 +15,8 @@ from types import FrameType
 
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
-from tests.reader_fuzz.fuzzers import FUZZERS, FoundError, Fuzzer
+from tests.reader_fuzz.checks import FoundError
+from tests.reader_fuzz.fuzzers import FUZZERS, Fuzzer
 
 BATCH = 1000  # inputs for each seed of hypothesis, which keeps all that it has drawn
 HANG_S = 20.0  # a sound input takes milliseconds

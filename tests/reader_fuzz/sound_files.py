@@ -18,11 +18,11 @@ from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.records import Attachment, Chunk
 from scipy.io import savemat
 
+from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawBench, RawSample
 from hil_forceps.bench.assembly import Settings, metadata
 from hil_forceps.bridge.fault import FaultReason
-from hil_forceps.bridge.flight_recorder import Recent, last_second
+from hil_forceps.bridge.logs.flight_recorder import Recent, last_second
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY
 from hil_forceps.data.readers.csv_table import write_csv
 from hil_forceps.data.readers.parquet_table import write_parquet

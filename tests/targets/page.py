@@ -3,7 +3,7 @@
 from typing import Final
 
 from tests.targets.record import ROOT
-from tools.target_table import BEGIN, END
+from tools.targets.target_table import BEGIN, END
 
 PAGE: Final = ROOT / "docs" / "conformance.md"
 Rows = list[list[str]]

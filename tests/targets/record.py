@@ -1,4 +1,6 @@
-"""What a run of a target leaves behind, and the targets that there are: one folder each, read by tools/target_table.py.
+"""What a run of a target leaves behind, and the targets that there are: one folder each.
+
+tools/targets/target_table.py reads them.
 
 A folder holds `outcome.json`, and as far as the target came `certificate.json` and `junit.xml` of the conformance suite
 and `loop.json` of simulation 2. A target is run in parts, by tests of their own; the worst part is the target's state.

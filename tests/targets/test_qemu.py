@@ -51,7 +51,7 @@ class StreamPlantLine:
 def require_emulator(record: TargetRecord) -> None:
     for tool, package in ((QEMU, "qemu-system-arm"), ("arm-none-eabi-gcc", "gcc-arm-none-eabi")):
         if shutil.which(tool) is None:
-            record.not_available(f"no {tool}; tools/install_targets.sh installs {package}")
+            record.not_available(f"no {tool}; tools/installation/install_targets.sh installs {package}")
 
 
 @contextmanager

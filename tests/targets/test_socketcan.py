@@ -1,6 +1,7 @@
 """The reference firmware over the kernel's own CAN: natively, or in User-Mode Linux with its time virtual.
 
-See tools/socketcan.py. What runs inside is tests/targets/socketcan; here it is started, judged and written down.
+See tools/targets/socketcan.py. What runs inside is tests/targets/socketcan; here it is started, judged and written
+down.
 """
 
 import json
@@ -60,7 +61,7 @@ def guest(tmp_path: Path) -> Guest:
             FIRMWARE_VARIABLE: str(make("host") / "hfp-drive"),
         }
         writable = ["--writable", str(folder), "--writable", str(kernels)]
-        tool = [sys.executable, str(ROOT / "tools" / "socketcan.py"), "--time", time, *writable]
+        tool = [sys.executable, str(ROOT / "tools" / "targets" / "socketcan.py"), "--time", time, *writable]
         done = subprocess.run(
             [*tool, "--limit", str(LIMIT_S), "--", sys.executable, "-m", *command, str(folder / "out")],
             cwd=ROOT, env={**os.environ, **variables}, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,

@@ -23,7 +23,7 @@ from tests.targets.page import column
 from tests.targets.record import ROOT, Part, latency_figures, recorded
 from tests.targets.setting import rmse_N_m, setting
 from tests.targets.unicorn_bench import NODE, BenchNode, DeviceNode, needs_compiler
-from tools.target_table import MARKS
+from tools.targets.target_table import MARKS
 from virtual_bus.bus.node import Node
 from virtual_bus.drive import SimulatedDrive
 from virtual_bus.interface import VirtualForcepsBus

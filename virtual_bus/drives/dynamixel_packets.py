@@ -9,8 +9,8 @@ from firmware_protocol.frames import Frame
 from virtual_bus.bus.wire import LineCodec
 
 HEADER: Final = bytes((0xFF, 0xFF, 0xFD, 0x00))
-_HEAD: Final = 7
-_LONGEST: Final = 1024
+_HEAD_BYTES: Final = 7
+_MAX_LENGTH_BYTES: Final = 1024
 
 
 def _table() -> tuple[int, ...]:
@@ -85,16 +85,16 @@ class ServoReader:
                 self._data = self._data[-3:]
                 return frames
             self._data = self._data[begin:]
-            if len(self._data) < _HEAD:
+            if len(self._data) < _HEAD_BYTES:
                 return frames
             length = int.from_bytes(self._data[5:7], "little")
-            if not 3 <= length <= _LONGEST:
+            if not 3 <= length <= _MAX_LENGTH_BYTES:
                 self.counters["bad_length"] += 1
                 self._data = self._data[1:]
-            elif len(self._data) < _HEAD + length:
+            elif len(self._data) < _HEAD_BYTES + length:
                 return frames
             else:
-                frames.append(self._take(self._data[: _HEAD + length]))
+                frames.append(self._take(self._data[: _HEAD_BYTES + length]))
 
     def _take(self, packet: bytes) -> Frame:
         if crc(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
@@ -102,7 +102,7 @@ class ServoReader:
             self._data = self._data[1:]
             return Frame(packet[4], b"")
         self._data = self._data[len(packet) :]
-        data = unstuffed(packet[_HEAD:-2])
+        data = unstuffed(packet[_HEAD_BYTES:-2])
         return Frame(packet[4], data, len(data) > 8)
 
 

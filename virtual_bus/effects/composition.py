@@ -1,6 +1,6 @@
 """Numbers of all effects, and the sums over them at each place where they act.
 
-Written by tools/compose_effects.py from the files in `virtual_bus/effects`; not to be edited.
+Written by tools/generation/compose_effects.py from the files in `virtual_bus/effects`; not to be edited.
 """
 
 from typing import NamedTuple

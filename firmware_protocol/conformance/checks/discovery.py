@@ -5,13 +5,13 @@ from firmware_protocol.conformance.findings import expect, require
 from firmware_protocol.conformance.port import MS
 from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import IDENTITY_NS, Session
-from firmware_protocol.discovery import identity_delay_us
+from firmware_protocol.drive.discovery import identity_delay_us
 from firmware_protocol.frames import BROADCAST_NODE, MAX_NODE, Frame, arbitration_id
 from firmware_protocol.messages import Function, Identity, ParamOp
 from firmware_protocol.parameters import Index
 
 ROUNDS = 16
-ASSIGN_NS = 5 * MS
+MAX_ASSIGN_ANSWER_NS = 5 * MS
 
 
 def ask(s: Session, node: int) -> int:
@@ -142,11 +142,11 @@ def assigned_node_is_taken(s: Session) -> str:
         before = s.node
         sent_ns = _assign(s, node, s.serial_number)
         s.follow(node)
-        s.run(ASSIGN_NS + s.margins.line_ns + MS, lambda: bool(answers(s)))
+        s.run(MAX_ASSIGN_ANSWER_NS + s.margins.line_ns + MS, lambda: bool(answers(s)))
         expect(bool(answers(s)), f"no IDENTITY after ASSIGN_NODE to {node}")
         time_ns, identity = answers(s)[0]
         expect(identity.node == node, f"IDENTITY from node {identity.node} after ASSIGN_NODE to {node}")
-        s.timing("IDENTITY after ASSIGN_NODE", time_ns - sent_ns, 0, ASSIGN_NS + s.margins.line_ns)
+        s.timing("IDENTITY after ASSIGN_NODE", time_ns - sent_ns, 0, MAX_ASSIGN_ANSWER_NS + s.margins.line_ns)
         answer = s.request(ParamOp.READ, Index.NODE)
         expect(answer == (ParamOp.OK, node), f"as node {node} it answers {answer}")
         s.follow(before)
@@ -158,7 +158,7 @@ def assigned_node_is_taken(s: Session) -> str:
 def _refused(s: Session, node: int, why: str) -> None:
     before = s.rejected()
     _assign(s, node, s.serial_number)
-    s.run(ASSIGN_NS)
+    s.run(MAX_ASSIGN_ANSWER_NS)
     expect(not answers(s), f"ASSIGN_NODE to {node} {why} was answered")
     answer = s.request(ParamOp.READ, Index.NODE)
     expect(answer == (ParamOp.OK, s.node), f"ASSIGN_NODE to {node} {why}: as node {s.node} it answers {answer}")
@@ -200,7 +200,7 @@ def assign_for_another_ignored(s: Session) -> str:
     for bit in bits:
         _assign(s, node, s.serial_number ^ 1 << bit)
         s.run(s.margins.gap_ns)
-    s.run(ASSIGN_NS)
+    s.run(MAX_ASSIGN_ANSWER_NS)
     expect(not answers(s), "ASSIGN_NODE for another serial number was answered")
     answer = s.request(ParamOp.READ, Index.NODE)
     expect(answer == (ParamOp.OK, s.node), f"ASSIGN_NODE for another: as node {s.node} it answers {answer}")

@@ -12,10 +12,10 @@ from firmware_protocol.frames import Frame, arbitration_id
 from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import unwrap
 
-SAMPLES = 200
+MEASURED_SAMPLES = 200
 NOBODY = arbitration_id(0x01, 31)  # more urgent than any measurement, and nobody's
-CLOCK_PPM = 100
-RATE_SHARE = 0.9  # of the measurements that should come, on a line that may lose some
+MAX_CLOCK_ERROR_PPM = 100  # HFP-052
+MIN_RATE_SHARE = 0.9  # of the measurements that should come, on a line that may lose some
 
 
 def stamps_us(samples: list[Sample]) -> list[int]:
@@ -30,18 +30,18 @@ def _collect(s: Session, duration_ns: int) -> list[Sample]:
     begin = len(s.samples)
     s.run(duration_ns)
     samples = s.samples[begin:]
-    require(len(samples) > SAMPLES // 4, f"{len(samples)} measurements only")
+    require(len(samples) > MEASURED_SAMPLES // 4, f"{len(samples)} measurements only")
     return samples
 
 
 @check(50)
 def stamps_keep_their_grid_under_load(s: Session) -> str:
     begin = len(s.samples)
-    for _ in range(SAMPLES):
+    for _ in range(MEASURED_SAMPLES):
         s.send(Frame(NOBODY, bytes(8)))
         s.run(s.period_ns)
     samples = s.samples[begin:]
-    require(len(samples) > SAMPLES // 2, "too few measurements")
+    require(len(samples) > MEASURED_SAMPLES // 2, "too few measurements")
     stamps = stamps_us(samples)
     numbers = [0]
     for before, after in pairwise(samples):
@@ -78,9 +78,9 @@ def clock_accuracy(s: Session) -> str:
     slopes = sorted((b[0] - a[0]) / (b[1] - a[1]) * -1e6 for i, a in enumerate(points) for b in points[i + 5 :])
     middle, spread = slopes[len(slopes) // 2], (slopes[-1] - slopes[0]) / 2
     said = f"{middle:+.1f} ppm, known to {spread:.1f} ppm, of the host's clock"
-    if abs(middle) + spread <= CLOCK_PPM:
+    if abs(middle) + spread <= MAX_CLOCK_ERROR_PPM:
         return said
-    if abs(middle) - spread <= CLOCK_PPM:
+    if abs(middle) - spread <= MAX_CLOCK_ERROR_PPM:
         raise Inconclusive(said)
     expect(False, said)
     return said
@@ -91,7 +91,7 @@ def _rate(s: Session, state: DriveState) -> None:
     duration_ns = 100 * s.period_ns
     s.run(duration_ns)
     got = len(s.samples) - begin
-    wanted = 99 if s.virtual else round(100 * RATE_SHARE)
+    wanted = 99 if s.virtual else round(100 * MIN_RATE_SHARE)
     expect(got >= wanted, f"{got} measurements in 100 periods in {state.name}")
 
 
@@ -118,7 +118,7 @@ def measurements_in_operational(s: Session) -> str:
 @check(56)
 def sent_within_a_period(s: Session) -> str:
     """The least delay can't be known from outside; what is later than that by more than a period is too late."""
-    samples = _collect(s, SAMPLES * s.period_ns)
+    samples = _collect(s, MEASURED_SAMPLES * s.period_ns)
     delays = sorted(a.time_ns - 1000 * b for a, b in zip(samples, stamps_us(samples), strict=True))
     worst = delays[-1] if s.virtual else delays[len(delays) * 98 // 100]
     return s.timing("later than the promptest", worst - delays[0], 0, s.period_ns + s.margins.line_ns)

@@ -7,10 +7,10 @@ from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import LOW, Session
 from firmware_protocol.messages import DriveState, FaultReason
 from firmware_protocol.parameters import INT32_MAX, INT32_MIN, Index
-from firmware_protocol.states import MAX_ADVANCE
+from firmware_protocol.states import MAX_SEQUENCE_ADVANCE
 
-STEP = 64
-FACTOR = 8
+MAX_STEP_COUNTS = 64  # of the angle, as `max_step` is set for these checks
+MAX_STEP_FACTOR = 8  # HFP-116
 
 
 def uncertainty(s: Session) -> int:
@@ -38,7 +38,7 @@ def fresh_is_1_to_127_ahead(s: Session) -> str:
     theta = s.operate()
     s.reference = None
     for advance in s.dense(range(256), (0, 1, 2, 126, 127, 128, 129, 192, 254, 255)):
-        wanted = 1 <= advance <= MAX_ADVANCE
+        wanted = 1 <= advance <= MAX_SEQUENCE_ADVANCE
         found = accepts(s, theta, advance, 0)
         expect(found == wanted, f"a reference {advance} ahead was {'accepted' if found else 'dropped'}")
     return "references 1 to 127 ahead accepted, repeated and older ones dropped"
@@ -144,7 +144,7 @@ def _judge_position(s: Session, wanted: DriveState, where: str) -> None:
 @check(118, Need.MOTION)
 def position_before_all_else(s: Session) -> str:
     s.write(Index.REFERENCE_TOLERANCE, 100)
-    s.write(Index.MAX_STEP, STEP)
+    s.write(Index.MAX_STEP, MAX_STEP_COUNTS)
     low, high = _limited(s, 1000)
     for reference in (high + 5000, low - 5000):
         s.arm()
@@ -158,24 +158,24 @@ def position_before_all_else(s: Session) -> str:
         s.fresh()
         s.send_setpoint(reference)
         s.pause()
-        _judge_position(s, DriveState.FAULT, f"in OPERATIONAL, 5000 beyond {low} to {high}, max_step {STEP}")
+        _judge_position(s, DriveState.FAULT, f"in OPERATIONAL, 5000 beyond {low} to {high}, max_step {MAX_STEP_COUNTS}")
         s.rest()
     return "REFERENCE_POSITION also where tolerance or step limit are passed, too"
 
 
 @check(116, Need.MOTION)
 def step_limit(s: Session) -> str:
-    s.write(Index.MAX_STEP, STEP)
+    s.write(Index.MAX_STEP, MAX_STEP_COUNTS)
     advances = s.dense((1, 2, 3, 4, 5, 6, 7, 8, 9, 16, 64, 127), (1, 7, 8, 9, 127))
     for advance in advances:
-        allowed = STEP * min(advance, FACTOR)
+        allowed = MAX_STEP_COUNTS * min(advance, MAX_STEP_FACTOR)
         for step in (allowed, allowed + 1, -allowed, -allowed - 1):
             theta = s.operate()
             s.reference = None
             s.fresh()
             s.send_setpoint(theta + step, advance)
             s.pause()
-            said = f"a step of {step} after an advance of {advance}, max_step {STEP}: {s.state_name()}"
+            said = f"a step of {step} after an advance of {advance}, max_step {MAX_STEP_COUNTS}: {s.state_name()}"
             if abs(step) <= allowed:
                 expect(s.state == DriveState.OPERATIONAL, said)
             else:

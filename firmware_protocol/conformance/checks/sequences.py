@@ -7,7 +7,7 @@ from firmware_protocol.conformance.registry import Need, check
 from firmware_protocol.conformance.session import ENABLE, LOW, Session
 from firmware_protocol.messages import DriveState, Function
 from firmware_protocol.parameters import Index
-from firmware_protocol.states import MAX_ADVANCE
+from firmware_protocol.states import MAX_SEQUENCE_ADVANCE
 
 
 @check(40, last=True)
@@ -45,7 +45,7 @@ def taken(s: Session, advance: int) -> bool:
 def new_is_1_to_127_ahead(s: Session) -> str:
     s.beating = False
     for advance in s.dense(range(1, 256 - 32), (1, 2, 64, 126, 127, 128, 129, 192)):
-        wanted = advance <= MAX_ADVANCE
+        wanted = advance <= MAX_SEQUENCE_ADVANCE
         found = taken(s, advance)
         expect(found == wanted, f"a sequence {advance} ahead was {'taken' if found else 'dropped'}")
     return "HOST_HEARTBEAT 1 to 127 ahead taken, 128 to 223 ahead dropped"

@@ -18,7 +18,7 @@ from firmware_protocol.messages import DriveState, Function, ParamOp
 from firmware_protocol.parameters import Index
 from firmware_protocol.serial_framing import FD_FLAG, encode_serial
 
-LONGEST = 69  # bytes of a packet before its delimiter: id, 64 bytes, CRC, one of COBS
+MAX_PACKET_BYTES = 69  # before the delimiter: id, 64 bytes, CRC, one of COBS
 
 
 def packet(word: int, payload: bytes, crc_mask: int = 0) -> bytes:
@@ -151,8 +151,10 @@ def long_packets_skipped(s: Session) -> str:
     """Whatever a reader keeps of a packet that is too long, the end of it is no packet."""
     tail = request(s)
     s.listen()
-    for length in s.dense(range(LONGEST, 4 * LONGEST), tuple(range(LONGEST - 8, LONGEST + 16))):
-        if length + len(tail) - 1 > LONGEST:
+    for length in s.dense(
+        range(MAX_PACKET_BYTES, 4 * MAX_PACKET_BYTES), tuple(range(MAX_PACKET_BYTES - 8, MAX_PACKET_BYTES + 16))
+    ):
+        if length + len(tail) - 1 > MAX_PACKET_BYTES:
             send_bytes(s, b"\x01" * length + tail)
             s.run(s.margins.gap_ns // 4)
     found = quiet(s, ANSWER_NS)

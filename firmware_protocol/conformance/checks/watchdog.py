@@ -13,7 +13,7 @@ from firmware_protocol.frames import BROADCAST_NODE, Frame, arbitration_id
 from firmware_protocol.messages import DriveState, FaultReason, Function, ParamOp
 from firmware_protocol.parameters import BY_INDEX, Index
 
-SHORTEST_US, LONGEST_US = 1_000, 500_000
+MIN_TIMEOUT_US, MAX_TIMEOUT_US = 1_000, 500_000  # of `watchdog_timeout_us` in the parameter dictionary
 
 
 def expires(s: Session, timeout_us: int) -> int:
@@ -136,15 +136,15 @@ def torque_gone_after_the_watchdog(s: Session) -> str:
 @check(124, Need.MOTION)
 def watchdog_can_not_be_switched_off(s: Session) -> str:
     before = s.read(Index.WATCHDOG_TIMEOUT)
-    for value in (0, 1, SHORTEST_US - 1, LONGEST_US + 1, -1, -(1 << 31), (1 << 31) - 1):
+    for value in (0, 1, MIN_TIMEOUT_US - 1, MAX_TIMEOUT_US + 1, -1, -(1 << 31), (1 << 31) - 1):
         answer = s.request(ParamOp.WRITE, Index.WATCHDOG_TIMEOUT, value)
         refused = answer is not None and answer[0] == ParamOp.OUT_OF_RANGE
         s.touched(Index.WATCHDOG_TIMEOUT)
         expect(refused, f"a watchdog timeout of {value} us: {answer}")
         expect(s.read(Index.WATCHDOG_TIMEOUT) == before, f"the refused {value} us was taken all the same")
-    for value in (SHORTEST_US, LONGEST_US):
+    for value in (MIN_TIMEOUT_US, MAX_TIMEOUT_US):
         answer = s.request(ParamOp.WRITE, Index.WATCHDOG_TIMEOUT, value)
         s.touched(Index.WATCHDOG_TIMEOUT)
         expect(answer == (ParamOp.OK, value), f"a watchdog timeout of {value} us: {answer}")
-    expires(s, LONGEST_US)
+    expires(s, MAX_TIMEOUT_US)
     return "1 and 500 ms accepted, nothing beyond; at 500 ms it still acts"

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from hil_forceps.api.batch.files import write_json
 from hil_forceps.api.batch.store import key_of
-from hil_forceps.api.batch.work import MAX_REASON
+from hil_forceps.api.batch.work import MAX_REASON_CHARACTERS
 from hil_forceps.api.diagnosis import Wishes, conclude
 from hil_forceps.api.runs import read_runs
 from hil_forceps.data.readers.tables.mapping import ColumnMap, read_map
@@ -158,7 +158,7 @@ def _clear(folder: Path) -> None:
 
 
 def _unusable(task: DiagnosisTask, reason: str, began_s: float) -> Line:
-    said = " ".join(reason.split())[:MAX_REASON]
+    said = " ".join(reason.split())[:MAX_REASON_CHARACTERS]
     return Line(task.of.name, "", said, (), round(time.monotonic() - began_s, 1))
 
 

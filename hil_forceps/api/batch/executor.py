@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from hil_forceps.rig.errors import UserError
 
 PROCESSES = "processes"
-CHUNK = 8  # tasks of each worker at a time, where a backend can't give results as they come
+TASKS_PER_WORKER = 8  # at a time, where a backend can't give results as they come
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -51,9 +51,11 @@ def spread(work: Callable[[Task], Result], tasks: Sequence[Task], executor: str,
                 pool = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
                 yield from pool(joblib.delayed(work)(task) for task in tasks)
                 return
-            for first in range(0, len(tasks), CHUNK * max(workers, 1)):
+            for first in range(0, len(tasks), TASKS_PER_WORKER * max(workers, 1)):
                 pool = joblib.Parallel(n_jobs=workers, batch_size=1)
-                yield from pool(joblib.delayed(work)(task) for task in tasks[first : first + CHUNK * max(workers, 1)])
+                yield from pool(
+                    joblib.delayed(work)(task) for task in tasks[first : first + TASKS_PER_WORKER * max(workers, 1)]
+                )
         except joblib.externals.loky.process_executor.TerminatedWorkerError as error:
             raise UserError(
                 "a process that fitted a log was ended from outside, for want of memory perhaps; run it again with "

@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.tracking.session_fit import SessionFit, fit_session
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
-MAX_REASON = 300  # characters
+MAX_REASON_CHARACTERS = 300
 
 
 class Task(NamedTuple):
@@ -66,7 +66,7 @@ def fit_task(task: Task) -> Outcome:
         reason = f"{session.path}: {error.strerror or error}"
     except Exception as error:
         reason = f"the fit failed, {type(error).__name__}: {error}"
-    return Outcome(session, task.key, stamp, None, " ".join(reason.split())[:MAX_REASON], recorded)
+    return Outcome(session, task.key, stamp, None, " ".join(reason.split())[:MAX_REASON_CHARACTERS], recorded)
 
 
 def recorded_begin(path: Path) -> str:

@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil_forceps.bench.explanation.events import MIN_UNHEARD, Event, unheard_references
+from hil_forceps.bench.explanation.events import MIN_UNHEARD_REFERENCES, Event, unheard_references
 from hil_forceps.bench.explanation.evidence import Evidence
-from hil_forceps.bridge.flight_recorder import BEFORE_NS
+from hil_forceps.bridge.logs.flight_recorder import RECORDED_BEFORE_FAULT_NS
 from hil_forceps.bridge.pipeline import Verdict
 from hil_forceps.bridge.results import AS_MEANT
 
-LATE_NS = 50_000_000  # before the end: longer than a watchdog waits that is fed at 1 kHz
+LATE_WINDOW_NS = 50_000_000  # before the end: longer than a watchdog waits that is fed at 1 kHz
 
 
 class Cause(NamedTuple):
@@ -142,13 +142,13 @@ def causes_of(evidence: Evidence, events: list[Event]) -> list[Cause]:
 
 def _seen(evidence: Evidence, events: list[Event]) -> Iterator[Cause]:
     """Yield what the last moments before the end show."""
-    late_s = evidence.time_s(evidence.ended_ns - LATE_NS)
+    late_s = evidence.time_s(evidence.ended_ns - LATE_WINDOW_NS)
     if any(event.kind == "overruns" and event.time_s >= late_s for event in events):
         yield Cause(
             "this host was late: the loop paused just before the end",
             "other load on this machine; chrt and a CPU of its own for hil-forceps run",
         )
-    references = evidence.references[evidence.references["tick_ns"] >= evidence.ended_ns - LATE_NS]
+    references = evidence.references[evidence.references["tick_ns"] >= evidence.ended_ns - LATE_WINDOW_NS]
     takes_samples = evidence.reason in {"drive_fault", "enable_failed", "reference_denied"}
     if takes_samples and len(references) and np.mean(references["verdict"] == Verdict.STALE) > 0.5:
         yield Cause(
@@ -162,9 +162,14 @@ def _seen(evidence: Evidence, events: list[Event]) -> Iterator[Cause]:
             "missing samples and ticks left out just before the end; then the wiring, or other load on this host",
         )
     unheard = unheard_references(evidence)
-    if evidence.profile == "native" and unheard is not None and unheard[0] >= MIN_UNHEARD and len(evidence.samples):
+    if (
+        evidence.profile == "native"
+        and unheard is not None
+        and unheard[0] >= MIN_UNHEARD_REFERENCES
+        and len(evidence.samples)
+    ):
         newest_ns = int(evidence.samples["received_ns"][-1])
-        if newest_ns >= evidence.ended_ns - BEFORE_NS and evidence.reason == "drive_fault":
+        if newest_ns >= evidence.ended_ns - RECORDED_BEFORE_FAULT_NS and evidence.reason == "drive_fault":
             yield Cause(
                 f"{unheard[0]} references left this host, and the drive's samples show none of them",
                 "the way from host to drive: bus load, arbitration ids of others, the adapter's sending",

@@ -12,10 +12,10 @@ from hil_forceps.bridge.pipeline import Verdict
 from hil_forceps.control.gate import GateVerdict
 from hil_forceps.data.recording.writer import Outcome
 
-JOIN_NS = 50_000_000  # stretches of one kind that lie nearer together are one
-QUIET_TICKS = 3  # ticks in a row without a new sample are told from here on: clocks that drift make one or two
-APPROACH_RAD = 1e-9  # of the reference beside the trajectory, far above what rounding leaves
-MIN_UNHEARD = 3  # references that the drive's echo doesn't show: one or two are always under way
+MAX_JOINED_GAP_NS = 50_000_000  # stretches of one kind that lie nearer together are one
+MIN_QUIET_TICKS = 3  # in a row without a new sample, to be told: clocks that drift make one or two
+MIN_APPROACH_RAD = 1e-9  # of the reference beside the trajectory, far above what rounding leaves
+MIN_UNHEARD_REFERENCES = 3  # that the drive's echo doesn't show: one or two are always under way
 STATE_WORDS = {
     DriveState.DISABLED: "DISABLED, without torque",
     DriveState.ARMED: "ARMED, waiting for a first reference",
@@ -58,7 +58,7 @@ def stretches(mask: Mask, times: NDArray[np.int64]) -> Iterator[tuple[int, int, 
     rows = np.flatnonzero(mask)
     if not rows.size:
         return
-    breaks = np.flatnonzero(np.diff(times[rows]) > JOIN_NS) + 1
+    breaks = np.flatnonzero(np.diff(times[rows]) > MAX_JOINED_GAP_NS) + 1
     for part in np.split(rows, breaks):
         yield int(part[0]), int(part[-1]), len(part)
 
@@ -121,7 +121,7 @@ def _approach(evidence: Evidence) -> Iterator[Event]:
     jaw_m = plant.jaw_pulley_radius_m * references["theta_j_ref_rad"][rows]
     wanted = (jaw_m + references["elongation_used_m"][rows]) / plant.motor_pulley_radius_m  # (10)
     added = references["requested_rad"][rows] - wanted
-    moving = np.abs(added) > APPROACH_RAD
+    moving = np.abs(added) > MIN_APPROACH_RAD
     if not moving[0]:
         return
     end = int(np.argmin(moving)) if not moving.all() else len(rows) - 1
@@ -155,7 +155,7 @@ def _ticks(evidence: Evidence) -> Iterator[Event]:
         mask = running & (references["verdict"] == code)
         text = _verdict_words(code, evidence.verdicts.get(code, f"verdict {code}"))
         if text:
-            yield from _told(evidence, mask, text, QUIET_TICKS if code == Verdict.NOTHING_NEW else 1)
+            yield from _told(evidence, mask, text, MIN_QUIET_TICKS if code == Verdict.NOTHING_NEW else 1)
     for outcome, text in ((Outcome.QUEUE_FULL, "found the bus full, so {its} stayed away"),
                           (Outcome.BUS_DOWN, "found no bus for {its}")):  # fmt: skip
         yield from _told(evidence, references["outcome"] == outcome, text, 1)
@@ -204,7 +204,7 @@ def _skipped_ticks(evidence: Evidence) -> Iterator[Event]:
 
 def _unheard(evidence: Evidence) -> Iterator[Event]:
     found = unheard_references(evidence)
-    if found is not None and found[0] >= MIN_UNHEARD and evidence.profile == "native":
+    if found is not None and found[0] >= MIN_UNHEARD_REFERENCES and evidence.profile == "native":
         text = f"the drive takes its last reference; {found[0]} sent after it did not arrive, or were refused"
         yield Event(evidence.time_s(found[1]), "unheard", text)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.bench.assembly import settings_of
 from hil_forceps.bench.fault_file import ended_of, fault_path
-from hil_forceps.bridge.flight_recorder import FAULT_FORMAT
+from hil_forceps.bridge.logs.flight_recorder import FAULT_FORMAT
 from hil_forceps.bridge.pipeline import VERDICT_NAMES
 from hil_forceps.bridge.results import AS_MEANT
 from hil_forceps.control.gate.trip import WORDS as GATE_CHECKS
@@ -24,7 +24,7 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
 MAX_TIME_NS = 1 << 62
-MAX_KEY = 40  # characters of a key that a message shows
+MAX_KEY_CHARACTERS = 40  # that a message shows
 Stages = tuple[tuple[int, str], ...]
 
 
@@ -158,7 +158,7 @@ def _fault_of(content: bytes, name: str) -> dict[str, Any]:
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         told = "a value in it is of another kind than was written"
         if isinstance(error, KeyError):
-            told = f"{str(error.args[0])[:MAX_KEY]!r} is missing in it"
+            told = f"{str(error.args[0])[:MAX_KEY_CHARACTERS]!r} is missing in it"
         elif isinstance(error, UnicodeDecodeError | JSONDecodeError):
             told = "it is no JSON in UTF-8"
         raise UserError(

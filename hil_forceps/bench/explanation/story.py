@@ -14,8 +14,8 @@ from hil_forceps.bridge.fault import compared
 from hil_forceps.data.recording.reader import Table
 
 LAST_ROWS = 8
-LEFT_OUT_INTERVALS = 4.5  # of the usual one: between two rows there are others, or a gap that is told above
-MOST_EVENTS = 40  # that are told; of more the first and the last
+MIN_LEFT_OUT_INTERVALS = 4.5  # of the usual one: between two rows there are others, or a gap that is told above
+MAX_TOLD_EVENTS = 40  # of more the first and the last
 FIRST_EVENTS = 12
 START = "the start of the run, when the service began to look for the drive"
 FIRST_MESSAGE = "the first message there is; the start of the run is not recorded"
@@ -139,7 +139,7 @@ def _headline(story: Story) -> str:
 
 
 def _told_events(events: list[Event]) -> Iterator[str]:
-    left_out = len(events) - MOST_EVENTS
+    left_out = len(events) - MAX_TOLD_EVENTS
     for place, event in enumerate(events):
         if left_out > 0 and FIRST_EVENTS <= place < FIRST_EVENTS + left_out:
             if place == FIRST_EVENTS:
@@ -153,7 +153,7 @@ def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
     usual_s = float(np.median(np.diff([row["time_s"] for row in rows]))) if len(rows) > 1 else math.inf
     before_s = math.inf
     for row in rows:
-        if row["time_s"] - before_s > LEFT_OUT_INTERVALS * usual_s:
+        if row["time_s"] - before_s > MIN_LEFT_OUT_INTERVALS * usual_s:
             yield f"{'...':>9}"
         before_s = row["time_s"]
         numbers = "  ".join(

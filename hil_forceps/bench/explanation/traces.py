@@ -3,13 +3,13 @@
 import numpy as np
 
 from hil_forceps.bench.explanation.evidence import Evidence
-from hil_forceps.bridge.flight_recorder import BEFORE_NS
+from hil_forceps.bridge.logs.flight_recorder import RECORDED_BEFORE_FAULT_NS
 from hil_forceps.report.bench.fault import FaultTraces
 
 
 def traces_of(evidence: Evidence) -> FaultTraces:
     """Return the series from a second before the end on."""
-    begin_ns = evidence.ended_ns - BEFORE_NS
+    begin_ns = evidence.ended_ns - RECORDED_BEFORE_FAULT_NS
     samples = evidence.samples[evidence.samples["received_ns"] >= begin_ns]
     references = evidence.references[evidence.references["tick_ns"] >= begin_ns]
     lateness = evidence.lateness[evidence.lateness[:, 0] >= begin_ns]

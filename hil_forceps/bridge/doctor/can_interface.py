@@ -9,8 +9,8 @@ from hil_forceps.bridge.doctor.reads import Reads
 from hil_forceps.drives.line_use import most_bits
 from hil_forceps.rig.sections import BenchSettings, Limits
 
-SAMPLE_POINTS: Final = (0.75, 0.90)  # CiA 301: 87.5 %, 75 % to 90 % are valid at 1 Mbit/s
-WARNING_LIMIT, PASSIVE_LIMIT = 96, 128  # ISO 11898-1: of the error counters
+VALID_SAMPLE_POINTS: Final = (0.75, 0.90)  # CiA 301: 87.5 %, 75 % to 90 % are valid at 1 Mbit/s
+ERROR_WARNING_COUNT, ERROR_PASSIVE_COUNT = 96, 128  # ISO 11898-1: of the error counters
 _CLASSIC_BYTES: Final = 8
 
 
@@ -88,7 +88,7 @@ def _rate(name: str, what: str, state: CanState, rate: int | None, wanted: int |
 def _sample_point(name: str, what: str, state: CanState, point: float | None, remedy: str) -> Check:
     if point is None:
         return unknown(name, what, state.unread or "the device tells none")
-    low, high = SAMPLE_POINTS
+    low, high = VALID_SAMPLE_POINTS
     text = f"{100.0 * point:g} %"
     if low <= point <= high:
         return Check(name, what, Verdict.OK, text, "", point, "")
@@ -122,9 +122,11 @@ def _errors(state: CanState, device: str) -> Check:
     remedy = f"check wiring, termination, bit rate, and that another node is on the bus; candump -e {device}"
     if most == 0:
         return Check(name, what, Verdict.OK, text, "", most, "errors")
-    if most < WARNING_LIMIT:
+    if most < ERROR_WARNING_COUNT:
         return Check(name, what, Verdict.WARN, f"{text}: frames were damaged lately", remedy, most, "errors")
-    limit = f"passive from {PASSIVE_LIMIT}" if most >= PASSIVE_LIMIT else f"warning from {WARNING_LIMIT}"
+    limit = (
+        f"passive from {ERROR_PASSIVE_COUNT}" if most >= ERROR_PASSIVE_COUNT else f"warning from {ERROR_WARNING_COUNT}"
+    )
     return Check(name, what, Verdict.FAIL, f"{text} ({limit})", remedy, most, "errors")
 
 

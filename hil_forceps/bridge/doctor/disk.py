@@ -10,7 +10,7 @@ from hil_forceps.bridge.doctor.reads import Reads
 # Of run.mcap and bus.log, for each period of the host and axis: docs/doctor.md has the command that measures it. The
 # bus log holds at most four frames of eight bytes a period, some 45 bytes a line.
 BYTES_PER_PERIOD: Final = 500
-ENOUGH: Final = 2.0  # times what the run takes: another run has room then
+MIN_FREE_SPACE_RATIO: Final = 2.0  # over what the run takes: another run has room then
 
 
 def checks(reads: Reads, out: Path, duration_s: float, period_s: float, axes: int) -> Iterator[Check]:
@@ -39,7 +39,7 @@ def _space(free_bytes: int, duration_s: float, needed_bytes: float) -> Check:
     remedy = "free some, name another folder with --out, or a shorter --duration"
     if free_bytes < needed_bytes:
         return Check(name, what, Verdict.FAIL, text, remedy, value, "MB")
-    if free_bytes < ENOUGH * needed_bytes:
+    if free_bytes < MIN_FREE_SPACE_RATIO * needed_bytes:
         return Check(name, what, Verdict.WARN, f"{text}: no room for a second run", remedy, value, "MB")
     return Check(name, what, Verdict.OK, text, "", value, "MB")
 

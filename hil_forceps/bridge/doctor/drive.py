@@ -16,8 +16,8 @@ from hil_forceps.rig.errors import UserError
 
 LISTEN_S: Final = 2.0  # the service's own time for a drive to show
 POLL_NS: Final = 5_000_000
-SAME_PERIOD: Final = 0.05  # of a period measured over 20 of it, each end a frame late at most
-SAME_CONSTANT: Final = 0.01  # of K_t: 1 % of the torque that is estimated
+MAX_PERIOD_ERROR_SHARE: Final = 0.05  # of a period measured over 20 of it, each end a frame late at most
+MAX_TORQUE_CONSTANT_ERROR_SHARE: Final = 0.01  # of K_t: 1 % of the torque that is estimated
 _NOT_TOLD: Final = "the drive doesn't tell it to somebody who only looks"
 
 
@@ -175,7 +175,7 @@ def _sample_period(rig: Rig, said: Said) -> Check:
         wanted_s = sample_period_s(rig)
     except UserError:
         return unknown(name, what, "the rig has no `drive:`, so its own is not known")
-    if abs(told_s - wanted_s) <= SAME_PERIOD * wanted_s:
+    if abs(told_s - wanted_s) <= MAX_PERIOD_ERROR_SHARE * wanted_s:
         return Check(name, what, Verdict.OK, f"{told_s * 1e3:.4g} ms", "", told_s * 1e3, "ms")
     text = f"the drive's is {told_s * 1e3:.4g} ms, the rig's {wanted_s * 1e3:.4g} ms: estimators run at the rig's"
     key = "drive.sample_time_s or bench.feedback_divider"
@@ -211,7 +211,7 @@ def _torque_constant(rig: Rig, said: Said) -> Check:
     except UserError:
         return unknown(name, what, "the rig doesn't give it as a number")
     text, unit = f"the drive's is {told:.4g} N m/A, the rig's {wanted:.4g} N m/A", "N m/A"
-    if abs(told - wanted) <= SAME_CONSTANT * wanted:
+    if abs(told - wanted) <= MAX_TORQUE_CONSTANT_ERROR_SHARE * wanted:
         return Check(name, what, Verdict.OK, text, "", told, unit)
     remedy = "measure it, and set it in both"
     return Check(

@@ -9,8 +9,8 @@ from hil_forceps.bridge.doctor.check import Check, Verdict, unknown
 from hil_forceps.bridge.doctor.reads import Reads
 from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from hil_forceps.bridge.ports import Clock
+from hil_forceps.drives.compatibility.several import findings as findings_of_several
 from hil_forceps.drives.registry import inquiry_for
-from hil_forceps.drives.several import findings as findings_of_several
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import BenchSettings, Limits

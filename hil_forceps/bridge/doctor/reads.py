@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
-MAX_BYTES: Final = 1 << 16  # of a file or an answer; what is longer is cut
+MAX_READ_BYTES: Final = 1 << 16  # of a file or an answer; what is longer is cut
 COMMAND_TIMEOUT_S: Final = 5.0
 _STA_UNSYNC: Final = 0x40  # adjtimex(2): the clock isn't synchronised
 
@@ -66,7 +66,7 @@ class System:
     def text(self, path: str) -> str:
         """See `Reads`."""
         with self._place(path).open("rb") as file:
-            return file.read(MAX_BYTES).decode("utf-8", "replace").strip()
+            return file.read(MAX_READ_BYTES).decode("utf-8", "replace").strip()
 
     def names(self, folder: str) -> list[str]:
         """See `Reads`."""
@@ -86,9 +86,9 @@ class System:
         except ValueError as error:  # a NUL in an argument
             raise OSError(f"{command[0]}: {error}") from error
         if done.returncode:
-            words = " ".join(done.stderr[:MAX_BYTES].decode("utf-8", "replace").split())
+            words = " ".join(done.stderr[:MAX_READ_BYTES].decode("utf-8", "replace").split())
             raise OSError(f"{command[0]}: {words or f'exit code {done.returncode}'}")
-        return done.stdout[:MAX_BYTES].decode("utf-8", "replace")
+        return done.stdout[:MAX_READ_BYTES].decode("utf-8", "replace")
 
     def scheduling(self) -> tuple[int, int]:
         """See `Reads`."""

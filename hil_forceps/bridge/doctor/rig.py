@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from hil_forceps.bridge.doctor.check import Check, Verdict
-from hil_forceps.drives.lint import findings
+from hil_forceps.drives.compatibility.lint import findings
 from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError

@@ -8,7 +8,7 @@ from hil_forceps.bridge.doctor.check import Check, Verdict, unknown, why
 from hil_forceps.bridge.doctor.reads import Reads
 from hil_forceps.rig.sections import Limits
 
-LEAST_LATENCY_MS: Final = 1  # of an FTDI's latency timer; 16 is its default (FTDI AN232B-04)
+MIN_LATENCY_MS: Final = 1  # of an FTDI's latency timer; 16 is its default (FTDI AN232B-04)
 _ASYNC_LOW_LATENCY: Final = 1 << 13  # linux/tty_flags.h; in /sys/class/tty/NAME/flags of ports that have a UART
 
 
@@ -57,9 +57,9 @@ def _latency(reads: Reads, device: str, limits: Limits) -> Check:
     except ValueError:
         return unknown(name, what, f"{path} holds no number")
     text, age_ms = f"{latency_ms} ms", limits.max_sample_age_s * 1e3
-    if latency_ms <= LEAST_LATENCY_MS:
+    if latency_ms <= MIN_LATENCY_MS:
         return Check(name, what, Verdict.OK, text, "", latency_ms, "ms")
-    remedy = f"echo {LEAST_LATENCY_MS} | sudo tee {path}"
+    remedy = f"echo {MIN_LATENCY_MS} | sudo tee {path}"
     if latency_ms > age_ms:
         text += f": samples come older than limits.max_sample_age_s ({age_ms:g} ms), so no reference leaves"
         return Check(name, what, Verdict.FAIL, text, remedy, latency_ms, "ms")

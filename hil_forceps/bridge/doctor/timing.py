@@ -6,12 +6,12 @@ from typing import Final, NamedTuple
 
 from hil_forceps.bridge.doctor.check import Check, Verdict, unknown
 from hil_forceps.bridge.ports import Clock
-from hil_forceps.drives.lint import FEWEST_PERIODS
+from hil_forceps.drives.compatibility.lint import MIN_WATCHDOG_PERIODS
 
-MEASURE_S: Final = 1.0
+MEASURED_TIME_S: Final = 1.0
 # What the kernel turns the clock by, at most, while it disciplines it (MAXFREQ, 500 ppm); more is a step.
-MAX_SLEW: Final = 500e-6
-READING_S: Final = 1e-4  # between the readings of both clocks, where the process is interrupted
+MAX_CLOCK_SLEW_s_per_s: Final = 500e-6
+MAX_READING_GAP_S: Final = 1e-4  # between the readings of both clocks, where the process is interrupted
 _P99: Final = 0.99
 
 
@@ -23,7 +23,7 @@ class Lateness(NamedTuple):
     lasted_s: float
 
 
-def measure(clock: Clock, wall_ns: Callable[[], int], period_s: float, duration_s: float = MEASURE_S) -> Lateness:
+def measure(clock: Clock, wall_ns: Callable[[], int], period_s: float, duration_s: float = MEASURED_TIME_S) -> Lateness:
     """Sleep to due times as the service does, and note how late each wake-up is."""
     period_ns = round(period_s * 1e9)
     begin_ns, begin_wall_ns = clock.now_ns(), wall_ns()
@@ -58,7 +58,7 @@ def _wake_up(late_s: Sequence[float], period_s: float) -> Check:
 
 def _steps(measured: Lateness) -> Check:
     name, what = "timing.clock_steps", "whether the wall clock stepped meanwhile"
-    allowed_s = MAX_SLEW * measured.lasted_s + READING_S
+    allowed_s = MAX_CLOCK_SLEW_s_per_s * measured.lasted_s + MAX_READING_GAP_S
     text = f"{measured.step_s * 1e3:+.3f} ms in {measured.lasted_s:.2g} s"
     if abs(measured.step_s) <= allowed_s:
         return Check(name, what, Verdict.OK, text, "", measured.step_s * 1e3, "ms")
@@ -73,16 +73,17 @@ def watchdog(watchdog_s: float | None, whose: str, period_s: float, worst_late_s
     if watchdog_s is None:
         return unknown(name, what, "neither the drive nor the rig tells its time")
     text = f"{watchdog_s * 1e3:g} ms {whose}, {watchdog_s / period_s:.1f} periods"
-    least_s = FEWEST_PERIODS * period_s
+    least_s = MIN_WATCHDOG_PERIODS * period_s
     if watchdog_s <= 0.0:
         text = f"off {whose}: nothing stops the motor where this program or the bus fails"
         return Check(name, what, Verdict.FAIL, text, f"set it to {least_s * 1e3:g} ms or more", 0.0, "ms")
     if watchdog_s < least_s:
-        text += f": one late tick stops the motor; {FEWEST_PERIODS} at least"
+        text += f": one late tick stops the motor; {MIN_WATCHDOG_PERIODS} at least"
         remedy = f"set the watchdog to {least_s * 1e3:g} ms or more, or bench.host_period_s shorter"
         return Check(name, what, Verdict.FAIL, text, remedy, watchdog_s * 1e3, "ms")
     if watchdog_s < least_s + worst_late_s:
-        text += f"; less than {FEWEST_PERIODS} behind a wake-up as late as the worst here ({worst_late_s * 1e3:.2g} ms)"
+        worst = f"as late as the worst here ({worst_late_s * 1e3:.2g} ms)"
+        text += f"; less than {MIN_WATCHDOG_PERIODS} behind a wake-up {worst}"
         remedy = "see timing.wake_up; or a longer watchdog"
         return Check(name, what, Verdict.WARN, text, remedy, watchdog_s * 1e3, "ms")
     return Check(name, what, Verdict.OK, text, "", watchdog_s * 1e3, "ms")

@@ -8,11 +8,11 @@ from hil_forceps.drives.profile import LOAD_N_M, MAX_QUANTUM_SHARE, Profile
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import Limits, MotorDriver
 
-STEP_RAD: Final = math.radians(1.0)  # largest way of a reference from where the motor rests
-STEP_TIME_S: Final = 0.05  # for that way, at the suite's speed
-SPEED_UP_TIME_S: Final = 0.005  # to that speed
-GUARD_STEPS: Final = 2.0  # away from where torque was asked for, and torque is taken off at once
-REST_QUANTA: Final = 4.0
+MAX_STEP_RAD: Final = math.radians(1.0)  # of a reference, from where the motor rests
+MIN_STEP_TIME_S: Final = 0.05  # for that way, at the suite's speed
+MIN_ACCELERATION_TIME_S: Final = 0.005  # to that speed
+MAX_EXCURSION_STEPS: Final = 2.0  # away from where torque was asked for, and torque is taken off at once
+MAX_REST_RANGE_QUANTA: Final = 4.0
 
 
 class Bounds(NamedTuple):
@@ -40,27 +40,27 @@ def bounds_of(rig: Rig, profile: Profile, settings: MotorDriver) -> Bounds:
     stretch_rad = LOAD_N_M / plant.jaw_pulley_radius_m / plant.wire_stiffness_N_per_m / plant.motor_pulley_radius_m
     share_rad = MAX_QUANTUM_SHARE * stretch_rad
     load_A = LOAD_N_M * plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m / plant.torque_constant_N_m_per_A
-    friction_N_m = plant.motor_viscous_N_m_s_per_rad * STEP_RAD / STEP_TIME_S + plant.motor_coulomb_N_m
+    friction_N_m = plant.motor_viscous_N_m_s_per_rad * MAX_STEP_RAD / MIN_STEP_TIME_S + plant.motor_coulomb_N_m
     return Bounds(
         quantum_rad=quantum_rad,
         still_rad=share_rad + 2.0 * quantum_rad,
-        rest_rad=max(share_rad, REST_QUANTA * quantum_rad),
+        rest_rad=max(share_rad, MAX_REST_RANGE_QUANTA * quantum_rad),
         no_current_A=MAX_QUANTUM_SHARE * load_A,
         load_current_A=load_A,
         friction_A=friction_N_m / plant.torque_constant_N_m_per_A,
-        step_rad=STEP_RAD,
-        guard_rad=GUARD_STEPS * STEP_RAD,
+        step_rad=MAX_STEP_RAD,
+        guard_rad=MAX_EXCURSION_STEPS * MAX_STEP_RAD,
     )
 
 
 def narrowed(limits: Limits, home_rad: float) -> Limits:
     """Return the limits of the suite's own gate: one step around `home_rad`, slowly, and never beyond the rig's."""
-    speed = min(limits.speed_max_rad_per_s, STEP_RAD / STEP_TIME_S)
+    speed = min(limits.speed_max_rad_per_s, MAX_STEP_RAD / MIN_STEP_TIME_S)
     return limits.model_copy(
         update={
-            "position_min_rad": max(limits.position_min_rad, home_rad - STEP_RAD),
-            "position_max_rad": min(limits.position_max_rad, home_rad + STEP_RAD),
+            "position_min_rad": max(limits.position_min_rad, home_rad - MAX_STEP_RAD),
+            "position_max_rad": min(limits.position_max_rad, home_rad + MAX_STEP_RAD),
             "speed_max_rad_per_s": speed,
-            "acceleration_max_rad_per_s2": min(limits.acceleration_max_rad_per_s2, speed / SPEED_UP_TIME_S),
+            "acceleration_max_rad_per_s2": min(limits.acceleration_max_rad_per_s2, speed / MIN_ACCELERATION_TIME_S),
         }
     )

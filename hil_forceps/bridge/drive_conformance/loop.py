@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 from firmware_protocol.conformance.findings import Inconclusive, Violation
 from firmware_protocol.conformance.port import Margins
 from firmware_protocol.frames import Frame
+from firmware_protocol.host.samples import RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A, angle_raw_from_rad
 from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.drive_conformance.bounds import Bounds, narrowed
@@ -22,9 +22,9 @@ from hil_forceps.drives.port import DriveMachine
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import Limits
 
-MAX_RECORD: Final = 200_000  # samples or references of one check
-MAX_DENIED: Final = 5  # in a row, as in the service
-MAX_REFUSED: Final = 1000  # frames in a row that the line has no room for
+MAX_RECORDED: Final = 200_000  # samples or references of one check
+MAX_DENIED_IN_A_ROW: Final = 5  # as in the service
+MAX_REFUSED_FRAMES_IN_A_ROW: Final = 1000  # that the line has no room for
 NO_TORQUE: Final = frozenset({DriveState.DISABLED, DriveState.FAULT})
 UNDER_TORQUE: Final = frozenset({HostPhase.ENABLING, HostPhase.RUNNING})
 _OPERATIONAL: Final = int(DriveState.OPERATIONAL)
@@ -174,7 +174,7 @@ class Loop:
 
     def _see(self, raw: RawSample) -> None:
         seen = Seen(raw.stamp_ns, raw.received_ns, raw.theta_m * ANGLE_LSB_RAD, raw.current * CURRENT_LSB_A, raw.state)
-        if len(self.samples) < MAX_RECORD:
+        if len(self.samples) < MAX_RECORDED:
             self.samples.append(seen)
         if self.newest is not None and seen.stamp_ns <= self.newest.stamp_ns:
             self.repeated += 1
@@ -226,7 +226,7 @@ class Loop:
             wanted_rad = self.target_rad = self._gate.position_rad
         passed_rad, verdict = self._gate.step(wanted_rad, now_ns)
         self._denied = 0 if passed_rad is not None else self._denied + 1
-        if self._denied >= MAX_DENIED:
+        if self._denied >= MAX_DENIED_IN_A_ROW:
             if not self._low_rad <= newest.theta_rad <= self._high_rad:  # and it was within when torque was asked for
                 self._stop_running_away(newest.theta_rad)
             raise Inconclusive(f"the gate let nothing pass: {verdict.value}, at {newest.theta_rad:.4g} rad")
@@ -238,12 +238,12 @@ class Loop:
             self.extremes = self.extremes._replace(
                 reference_low_rad=min(low, passed_rad), reference_high_rad=max(high, passed_rad)
             )
-            if len(self.references) < MAX_RECORD:
+            if len(self.references) < MAX_RECORDED:
                 self.references.append(Referred(now_ns, newest.stamp_ns, passed_rad))
 
     def _send(self, frame: Frame) -> bool:
         is_sent = self.line.send(frame)
         self._refused = 0 if is_sent else self._refused + 1
-        if self._refused >= MAX_REFUSED:
+        if self._refused >= MAX_REFUSED_FRAMES_IN_A_ROW:
             raise Inconclusive("the line takes no more frames")
         return is_sent

@@ -13,15 +13,15 @@ from hil_forceps.bridge.drive_conformance.line import Line
 from hil_forceps.bridge.drive_conformance.loop import NO_TORQUE, UNDER_TORQUE, Loop, Seen
 from hil_forceps.bridge.drive_conformance.measures import Measure
 from hil_forceps.bridge.results import ServiceConfig
-from hil_forceps.drives.direction import NOISE_MARGIN, STEP_SHARE
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.profile import Profile
+from hil_forceps.drives.supervision.direction import MIN_WAY_NOISE_RATIO, MIN_WAY_SHARE
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import MotorDriver
 
-REST_NS: Final = 100 * MS  # over which the angle is looked at
-REST_TRIES: Final = 30
-FEWEST_SAMPLES: Final = 5
+REST_WINDOW_NS: Final = 100 * MS  # over which the angle is looked at
+MAX_REST_WINDOWS: Final = 30
+MIN_SAMPLES: Final = 5
 SETTLE_PERIODS: Final = 5  # before the drive's word counts, as in the service
 
 
@@ -87,7 +87,7 @@ class Session(Loop):
 
     def last(self, count: int) -> list[Seen]:
         """Return the newest samples; Inconclusive where there are too few to say anything."""
-        require(len(self.samples) >= FEWEST_SAMPLES, f"only {len(self.samples)} samples came")
+        require(len(self.samples) >= MIN_SAMPLES, f"only {len(self.samples)} samples came")
         return self.samples[-count:]
 
     def angle(self, count: int = 20) -> float:
@@ -157,7 +157,7 @@ class Session(Loop):
                 f"it has torque that was not asked for here ({self.state_words()}); end what else drives it"
             )
         self.begin()
-        self.run(REST_NS)
+        self.run(REST_WINDOW_NS)
         if not self.samples:
             return
         try:
@@ -169,7 +169,10 @@ class Session(Loop):
         self._require_within_limits()
         if moves:
             self.step_sign()
-        visible = max(STEP_SHARE * self.bounds.step_rad, NOISE_MARGIN * self.noise_rad) <= self.bounds.step_rad / 2.0
+        visible = (
+            max(MIN_WAY_SHARE * self.bounds.step_rad, MIN_WAY_NOISE_RATIO * self.noise_rad)
+            <= self.bounds.step_rad / 2.0
+        )
         require(not moves or visible, f"the angle's noise of {self.noise_rad:.2g} rad hides a step of 1 deg")
 
     def _require_within_limits(self) -> None:
@@ -195,12 +198,12 @@ class Session(Loop):
 
     def rest(self) -> None:
         """Wait until the motor stands still, and note its noise; Inconclusive when it does not."""
-        for _ in range(REST_TRIES):
+        for _ in range(MAX_REST_WINDOWS):
             begin = len(self.samples)
-            self.run(max(REST_NS, round(20e9 * self.sample_period_s)))
+            self.run(max(REST_WINDOW_NS, round(20e9 * self.sample_period_s)))
             seen = self.samples[begin:]
             angles = [each.theta_rad for each in seen]
-            if len(angles) >= FEWEST_SAMPLES and max(angles) - min(angles) <= self.bounds.rest_rad:
+            if len(angles) >= MIN_SAMPLES and max(angles) - min(angles) <= self.bounds.rest_rad:
                 self.noise_rad = max(max(angles) - min(angles), self.bounds.quantum_rad)
                 self.noise_A = pstdev(each.current_A for each in seen)
                 return
@@ -211,9 +214,9 @@ class Session(Loop):
         if not self.is_free() or not self.samples:
             return
         begin = len(self.samples)
-        self.run(REST_NS)
+        self.run(REST_WINDOW_NS)
         seen = self.samples[begin:]
-        if len(seen) < FEWEST_SAMPLES or abs(fmean(each.current_A for each in seen)) > self.bounds.no_current_A:
+        if len(seen) < MIN_SAMPLES or abs(fmean(each.current_A for each in seen)) > self.bounds.no_current_A:
             return
         angles = [each.theta_rad for each in seen]
         low, high, theta = self.limits.position_min_rad, self.limits.position_max_rad, median(angles)

@@ -1,7 +1,7 @@
 """Links over python-can: any interface it has, and the shorter way to a bus in virtual time.
 
 A full queue is told from a dead bus by the error number under python-can's exception, or by the controller's state;
-an error without a number counts as a full queue until it has come `GIVE_UP_AFTER` times in a row.
+an error without a number counts as a full queue until it has come `MAX_UNNUMBERED_ERRORS_IN_A_ROW` times in a row.
 """
 
 import errno
@@ -15,11 +15,11 @@ from firmware_protocol.frames import MAX_BASE_ID, MAX_EXTENDED_ID, Frame, make
 from hil_forceps.bridge.clocks import VirtualTimeBus
 from hil_forceps.bridge.ports import Clock, Received, SendResult
 
-MAX_DRAIN: Final = 512  # frames taken by one call; the rest waits in the kernel, so a flood can't hold up a tick
-GIVE_UP_AFTER: Final = 100
-MAX_ECHOES: Final = 64
+MAX_FRAMES_PER_CALL: Final = 512  # the rest waits in the kernel, so a flood can't hold up a tick
+MAX_UNNUMBERED_ERRORS_IN_A_ROW: Final = 100
+MAX_AWAITED_ECHOES: Final = 64
 CAN_ERR_BUSOFF: Final = 0x40  # linux/can/error.h: class of a SocketCAN error frame, in its id
-OLDEST_STAMP_NS: Final = 1_000_000_000  # a stamp further back isn't of this clock (devices that count from power-on)
+MAX_STAMP_AGE_NS: Final = 1_000_000_000  # a stamp further back isn't of this clock (devices that count from power-on)
 DEAD = frozenset({
     errno.ENETDOWN, errno.ENETUNREACH, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.EIO, errno.EPIPE,
     errno.ESHUTDOWN, errno.ENOTCONN, errno.ECONNRESET, errno.ECONNREFUSED, errno.EADDRNOTAVAIL,
@@ -46,7 +46,7 @@ class PythonCanLink:
         self._clock = clock
         self._echoes = echoes
         self._marks_own = marks_own
-        self._sent: deque[Frame] = deque(maxlen=MAX_ECHOES)
+        self._sent: deque[Frame] = deque(maxlen=MAX_AWAITED_ECHOES)
         self._up = True
         self._closed = False
         self._strange_in_a_row = 0
@@ -91,13 +91,13 @@ class PythonCanLink:
         return SendResult.SENT
 
     def receive(self) -> list[Received]:
-        """Return what has arrived since the last call, at most `MAX_DRAIN`, oldest first."""
+        """Return what has arrived since the last call, at most `MAX_FRAMES_PER_CALL`, oldest first."""
         frames: list[Received] = []
         if not self._up:
             return frames
         now_ns = self._clock.now_ns()
         to_host_ns = now_ns - time.time_ns()
-        for _ in range(MAX_DRAIN):
+        for _ in range(MAX_FRAMES_PER_CALL):
             try:
                 message = self._bus.recv(0)
             except ERRORS as error:
@@ -147,9 +147,9 @@ class PythonCanLink:
 
     def _arrival_ns(self, stamp_s: float, to_host_ns: int, now_ns: int) -> int:
         time_ns = int(stamp_s * 1e9) + to_host_ns
-        if now_ns - OLDEST_STAMP_NS < time_ns <= now_ns:
+        if now_ns - MAX_STAMP_AGE_NS < time_ns <= now_ns:
             return time_ns
-        self.counters["unstamped"] += time_ns <= now_ns - OLDEST_STAMP_NS
+        self.counters["unstamped"] += time_ns <= now_ns - MAX_STAMP_AGE_NS
         return now_ns  # a stamp later than the reading is one from while we read
 
     def _not_sent(self, error: Exception) -> SendResult:
@@ -170,7 +170,7 @@ class PythonCanLink:
         if number is not None:
             return number in DEAD
         self._strange_in_a_row += 1
-        return self._strange_in_a_row >= GIVE_UP_AFTER or self._bus.state is can.BusState.ERROR
+        return self._strange_in_a_row >= MAX_UNNUMBERED_ERRORS_IN_A_ROW or self._bus.state is can.BusState.ERROR
 
 
 class VirtualTimeLink:

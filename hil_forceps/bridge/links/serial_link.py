@@ -24,8 +24,8 @@ from hil_forceps.bridge.links.udp_port import CONGESTED, UdpPort
 from hil_forceps.bridge.ports import Clock, Received, SendResult
 from hil_forceps.drives.framing import NATIVE, Framing
 
-MAX_READ = 1 << 13  # bytes taken by one call, some 500 frames: more would hold up a tick
-MAX_WAITING = 1 << 11  # bytes on their way out of a port that can't say when it is full
+MAX_READ_BYTES = 1 << 13  # by one call, some 500 frames: more would hold up a tick
+MAX_WAITING_BYTES = 1 << 11  # on their way out of a port that can't say when it is full
 
 
 class _Stream(Protocol):
@@ -129,7 +129,7 @@ class _Descriptor:
         if not events[0][1] & select.POLLIN:
             raise OSError(errno.EIO, "the other end hung up")
         try:
-            data = os.read(self._descriptor, MAX_READ)
+            data = os.read(self._descriptor, MAX_READ_BYTES)
         except OSError as error:
             if error.errno in CONGESTED:
                 return b""
@@ -160,10 +160,10 @@ class _Buffered:
         self._port = port
 
     def read(self) -> bytes:
-        return bytes(self._port.read(min(self._port.in_waiting, MAX_READ)))
+        return bytes(self._port.read(min(self._port.in_waiting, MAX_READ_BYTES)))
 
     def write(self, data: bytes) -> int:
-        if self._port.out_waiting > MAX_WAITING:
+        if self._port.out_waiting > MAX_WAITING_BYTES:
             return 0
         written = self._port.write(data)
         return len(data) if written is None else int(written)

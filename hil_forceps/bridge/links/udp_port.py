@@ -9,8 +9,8 @@ from urllib.parse import urlsplit
 
 CONGESTED = frozenset({errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS, errno.EINTR})
 SCHEME = "udp://"
-MAX_DATAGRAM = 1 << 11  # bytes; what is longer is cut, and dropped by its CRC
-MAX_DATAGRAMS = 128  # taken by one call
+MAX_DATAGRAM_BYTES = 1 << 11  # what is longer is cut, and dropped by its CRC
+MAX_DATAGRAMS_PER_CALL = 128
 DELIMITER = b"\x00"
 
 
@@ -35,8 +35,8 @@ class UdpPort:
         """Return what has arrived, each datagram closed by a delimiter."""
         data = bytearray()
         try:
-            for _ in range(MAX_DATAGRAMS):
-                data += self._socket.recv(MAX_DATAGRAM) + DELIMITER
+            for _ in range(MAX_DATAGRAMS_PER_CALL):
+                data += self._socket.recv(MAX_DATAGRAM_BYTES) + DELIMITER
         except OSError as error:
             if error.errno not in CONGESTED:
                 raise

@@ -17,8 +17,8 @@ from typing import Final
 from hil_forceps.bridge.statistics import StampMap
 from hil_forceps.bridge.teleoperation.datagrams import ReferenceDatagram, Verdict, is_usable
 
-SEQUENCES: Final = 1 << 32
-NEWER: Final = 1 << 31  # so far ahead a number counts as a later one
+SEQUENCE_MODULUS: Final = 1 << 32
+FIRST_OLD_ADVANCE: Final = 1 << 31  # a number so far ahead, or further, is taken for one from before
 
 
 class InputState(IntEnum):
@@ -77,13 +77,13 @@ class ReferenceInput:
 
     def _judged(self, reference: ReferenceDatagram, sender: Hashable, now_ns: int) -> Verdict:
         is_first = self.state is InputState.WAITING
-        ahead = 1 if is_first else (reference.sequence - self._sequence) % SEQUENCES
+        ahead = 1 if is_first else (reference.sequence - self._sequence) % SEQUENCE_MODULUS
         refusals = (
             (reference.session != self.session, Verdict.WRONG_SESSION),
             (not is_first and sender != self._sender, Verdict.OTHER_SENDER),
             (not is_usable(reference), Verdict.NOT_FINITE),
             (ahead == 0, Verdict.DUPLICATE),
-            (ahead >= NEWER, Verdict.REORDERED),
+            (ahead >= FIRST_OLD_ADVANCE, Verdict.REORDERED),
         )
         for is_so, verdict in refusals:
             if is_so:

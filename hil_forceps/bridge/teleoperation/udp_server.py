@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.live_topics import STAGES
+from hil_forceps.bridge.live.topics import STAGES
 from hil_forceps.bridge.teleoperation.datagrams import (
     REFERENCE_BYTES,
     EstimateDatagram,

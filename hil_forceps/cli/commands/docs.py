@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.problems import nearest
+from hil_forceps.rig.validation.problems import nearest
 
 PACKAGE = Path(__file__).parents[2]
 # A wheel brings the pages along within the package; in a checkout they are beside it.

@@ -90,7 +90,7 @@ def _can_devices() -> list[str]:
 
 
 def _derived(rig: Rig) -> dict[str, Any]:
-    from hil_forceps.model import two_inertia  # noqa: PLC0415 - loads numba, which the bare `info` does not need
+    from hil_forceps.model.linear import two_inertia  # noqa: PLC0415 - loads numba, which the bare `info` does not need
 
     plant = rig.plant()
     poles = [[float(pole.real), float(pole.imag)] for pole in two_inertia.poles_per_s(plant)]

@@ -6,7 +6,7 @@ from hil_forceps.bridge.gate_tally import GateCount
 from hil_forceps.bridge.results import ServiceResult
 from hil_forceps.control.gate import GateTrip, GateVerdict
 
-MOST_SHARE: Final = 0.5  # of the references: beyond that a limit is no exception any more
+MAX_SHARE_OF_REFERENCES: Final = 0.5  # beyond that a limit is no exception any more
 _RATES: Final = {
     GateVerdict.LIMITED_SPEED: "limits.speed_max_rad_per_s",
     GateVerdict.LIMITED_ACCELERATION: "limits.acceleration_max_rad_per_s2",
@@ -58,7 +58,7 @@ def began_ns(result: ServiceResult) -> int:
 
 def _line(verdict: GateVerdict, count: GateCount, asked: int, began: int) -> str:
     did, why = _WORDS[verdict]
-    if verdict in _RATES and count.references > MOST_SHARE * asked:
+    if verdict in _RATES and count.references > MAX_SHARE_OF_REFERENCES * asked:
         why = f"that is most of them: {_RATES[verdict]} is too narrow for this motion"
     if count.checks:
         why = f"{' and '.join(count.checks)} said so (docs/safety-gate.md)"

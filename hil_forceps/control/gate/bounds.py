@@ -11,12 +11,13 @@ from typing import Final, NamedTuple
 from hil_forceps.rig import Rig
 from hil_forceps.rig.plant import PlantParameters
 
-SWING: Final = 3.0  # torque at most, in K_t i: the motor's, and a wire's that swings without damping
-QUANTA: Final = 8  # counts that are motion, not the drive's hunting over an edge (one or two)
-LEAST_TRAVEL_RAD: Final = 0.01  # the service's tolerance of a jaw that "is there"; where an encoder's counts are finer
-STRONG: Final = 0.5  # of the greatest current: forceps whose friction or load takes that much can't be worked
-STILL_S: Final = 0.1  # as long as a drive's watchdog waits by default for a reference that is late
-HOLD_S: Final = 0.05  # half of that: a freeze ends before the drive itself or the service would call it silence
+MAX_TORQUE_RATIO: Final = 3.0  # over K_t i: the motor's, and a wire's that swings without damping
+MIN_TRAVEL_COUNTS: Final = 8  # counts that are motion, not the drive's hunting over an edge (one or two)
+MIN_TRAVEL_RAD: Final = 0.01  # the service's tolerance of a jaw that "is there"; where an encoder's counts are finer
+# Of the greatest current: forceps whose friction or load takes that much can't be worked.
+STRONG_CURRENT_SHARE: Final = 0.5
+MIN_STILL_TIME_S: Final = 0.1  # as long as a drive's watchdog waits by default for a reference that is late
+MAX_FREEZE_S: Final = 0.05  # half of that: a freeze ends before the drive itself or the service would call it silence
 WIRE_LSB_RAD: Final = 2.0 * math.pi / (1 << 24)
 TOLD_ITS_LIMIT: Final = frozenset({"odrive", "dynamixel", "moteus"})  # what `motor_driver.current_limit_A` is for
 
@@ -41,21 +42,21 @@ def feedback_bounds(rig: Rig) -> FeedbackBounds:
     """Return the bounds of a rig; UserError where values of its plant aren't known."""
     plant, limits, bench = rig.plant(), rig.limits, rig.bench
     current_A = greatest_current_A(rig)
-    counts_rad = QUANTA * max(rig.encoder.quantum_rad, WIRE_LSB_RAD)
-    travel_rad = max(counts_rad, LEAST_TRAVEL_RAD)
+    counts_rad = MIN_TRAVEL_COUNTS * max(rig.encoder.quantum_rad, WIRE_LSB_RAD)
+    travel_rad = max(counts_rad, MIN_TRAVEL_RAD)
     range_rad = limits.position_max_rad - limits.position_min_rad
     speed = _greatest_speed(plant, current_A, range_rad)
-    jump_speed = _greatest_speed(plant, SWING * current_A, range_rad)
+    jump_speed = _greatest_speed(plant, MAX_TORQUE_RATIO * current_A, range_rad)
     # Stamps of arrival are off by what a path holds samples back, and older ones are not used.
     stamps_off_rad = 0.0 if rig.drive_profile == "native" else jump_speed * limits.max_sample_age_s
     return FeedbackBounds(
         plant,
         jump_speed,
         counts_rad + stamps_off_rad,
-        STILL_S + 2.0 * (bench.latency_s + bench.latency_jitter_s),
+        MIN_STILL_TIME_S + 2.0 * (bench.latency_s + bench.latency_jitter_s),
         travel_rad,
         travel_rad + _full_torque_error(rig, current_A, 0.5 * range_rad),
-        STRONG * current_A,
+        STRONG_CURRENT_SHARE * current_A,
         travel_rad + _way_against(plant, current_A, speed),
         math.inf if limits.tension_max_N is None else limits.tension_max_N,
         math.inf if limits.current_max_A is None else limits.current_max_A,
@@ -87,8 +88,8 @@ def _full_torque_error(rig: Rig, current_A: float, at_most_rad: float) -> float:
 
 def _hold_s(rig: Rig) -> float:
     if rig.motor_driver is None or rig.motor_driver.watchdog_s == 0.0:
-        return HOLD_S
-    return min(HOLD_S, 0.5 * rig.motor_driver.watchdog_s)
+        return MAX_FREEZE_S
+    return min(MAX_FREEZE_S, 0.5 * rig.motor_driver.watchdog_s)
 
 
 def _way_against(plant: PlantParameters, current_A: float, speed: float) -> float:
@@ -98,6 +99,6 @@ def _way_against(plant: PlantParameters, current_A: float, speed: float) -> floa
         return math.inf
     ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
     inertia = plant.motor_inertia_kg_m2 + ratio * ratio * plant.jaw_inertia_kg_m2
-    braking = 0.5 * inertia * speed * speed / (STRONG * torque)
+    braking = 0.5 * inertia * speed * speed / (STRONG_CURRENT_SHARE * torque)
     stiffness = plant.wire_stiffness_N_per_m * plant.motor_pulley_radius_m * plant.motor_pulley_radius_m
     return braking + 2.0 * torque / stiffness  # a swing about the wire's rest at full torque

@@ -16,7 +16,8 @@ from hil_forceps.control.gate.bounds import FeedbackBounds
 from hil_forceps.control.gate.trip import AGAINST, CURRENT, JUMP, STILL, TENSION, GateTrip
 from hil_forceps.rig.plant import PlantParameters
 
-BLOCK: Final = 8  # samples; 8 ms at 1 kHz, well within the 60 ms that the shipped drives' loops take for a load step
+# 8 ms at 1 kHz, well within the 60 ms that the shipped drives' loops take for a load step.
+BLOCK_SAMPLES: Final = 8
 
 
 class Block(NamedTuple):
@@ -123,7 +124,7 @@ class FeedbackMonitor:
         self._time_ns = stamp_ns
         currents = self._currents
         currents.append(current_A)
-        if len(currents) < BLOCK:
+        if len(currents) < BLOCK_SAMPLES:
             return False
         self._end_block(reference_rad)
         return True
@@ -131,7 +132,7 @@ class FeedbackMonitor:
     def _end_block(self, reference_rad: float) -> None:
         begin_ns, begin_rad = self._begin
         turned, duration_s = self._theta_rad - begin_rad, (self._time_ns - begin_ns) * 1e-9
-        current = sum(sorted(self._currents)[1:-1]) / (BLOCK - 2)
+        current = sum(sorted(self._currents)[1:-1]) / (BLOCK_SAMPLES - 2)
         speed = turned / duration_s
         acceleration = 0.0
         if self._speed is not None:

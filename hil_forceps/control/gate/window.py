@@ -10,8 +10,8 @@ from typing import Final
 from hil_forceps.control.gate.verdicts import Bounds
 
 WINDOW_NS: Final = 250_000_000  # the real time over which other people's gates of actuators bound a command's travel
-PARTS: Final = 16
-_PART_NS: Final = WINDOW_NS // PARTS
+WINDOW_PARTS: Final = 16
+_PART_NS: Final = WINDOW_NS // WINDOW_PARTS
 
 
 class TravelWindow:
@@ -21,7 +21,7 @@ class TravelWindow:
 
     def __init__(self, travel_max_rad: float) -> None:
         self._travel_max_rad = travel_max_rad
-        self._parts: deque[tuple[int, float, float]] = deque(maxlen=PARTS + 1)  # number, least, greatest
+        self._parts: deque[tuple[int, float, float]] = deque(maxlen=WINDOW_PARTS + 1)  # number, least, greatest
 
     def restart(self) -> None:
         """Forget all."""

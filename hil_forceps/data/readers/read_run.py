@@ -7,11 +7,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hil_forceps.data.readers import bus_frames, csv_table, epos_studio, mat_table, parquet_table, recording_file
-from hil_forceps.data.readers import surgical_tool as surgical
+from hil_forceps.data.readers import csv_table, epos_studio, parquet_table, recording_file
+from hil_forceps.data.readers.bus_logs import frames as bus_frames
 from hil_forceps.data.readers.containers import formats as containers
 from hil_forceps.data.readers.format import Choice, Format, Progress, Request
+from hil_forceps.data.readers.matlab import mat_table
 from hil_forceps.data.readers.no_run import NoRunError
+from hil_forceps.data.readers.surgical_tool import reader as surgical
 from hil_forceps.data.readers.tables.columns import OnColumns
 from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.readers.tables.packed import inner_name, is_packed, unpacked_head

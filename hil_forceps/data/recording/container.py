@@ -35,7 +35,7 @@ from hil_forceps.data.recording.format import (
 from hil_forceps.data.strict_json import parse_json
 from hil_forceps.rig.errors import UserError
 
-LARGEST_RECORD = 1 << 28  # a length above this is damage, not data
+MAX_RECORD_BYTES = 1 << 28  # a length above this is damage, not data
 MAX_UNPACKED_BYTES = 2 << 30  # of all chunks: five hours at 1 kHz
 # What a record that makes no sense raises; OverflowError for lengths beyond all memory.
 DAMAGE = (McapError, ValueError, TypeError, OverflowError, struct.error, zstandard.ZstdError)
@@ -105,7 +105,7 @@ def records(data: bytes) -> Iterator[tuple[int, int, int]]:
     while offset + RECORD_HEAD.size <= len(data):
         opcode, length = RECORD_HEAD.unpack_from(data, offset)
         offset += RECORD_HEAD.size
-        if length > LARGEST_RECORD or offset + length > len(data):
+        if length > MAX_RECORD_BYTES or offset + length > len(data):
             return
         yield opcode, offset, offset + length
         offset += length
@@ -144,7 +144,7 @@ def chunk_at(data: bytes, at: int, room: int) -> Placed | None:
         return None
     opcode, length = RECORD_HEAD.unpack_from(data, at)
     start = at + RECORD_HEAD.size
-    if opcode != Opcode.CHUNK or length > LARGEST_RECORD or start + length > len(data):
+    if opcode != Opcode.CHUNK or length > MAX_RECORD_BYTES or start + length > len(data):
         return None
     try:
         chunk = ChunkRecord.read(stream(data[start : start + length]))
@@ -156,7 +156,7 @@ def chunk_at(data: bytes, at: int, room: int) -> Placed | None:
 def unpacked(chunk: ChunkRecord, room: int) -> bytes:
     """Return what a chunk holds; ValueError when it is more than `room`, or not what it says."""
     size = chunk.uncompressed_size
-    if size > min(LARGEST_RECORD, room):
+    if size > min(MAX_RECORD_BYTES, room):
         raise ValueError(f"a chunk of {size} bytes, {MAX_UNPACKED_BYTES >> 20} MiB are read of all")
     if chunk.compression == COMPRESSION:
         data = _inflated(chunk.data, size)

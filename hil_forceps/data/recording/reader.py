@@ -34,9 +34,9 @@ Table = NDArray[np.void]
 
 MAX_FILE_BYTES = 4 << 30
 NOTHING_LOST = "[]"  # JSON of what a recovery could not restore
-MAX_NOTE = 200  # characters of what a file says of itself
-MAX_REFERENCE_AGE = 128  # ticks: half of what sequences repeat after
-BENCH_MATCH_NS = 100_000_000  # sequences repeat after 256 samples: a bench value belongs to a sample this near
+MAX_NOTE_CHARACTERS = 200  # of what a file says of itself
+MAX_REFERENCE_AGE_TICKS = 128  # half of what sequences repeat after
+MAX_BENCH_OFFSET_NS = 100_000_000  # sequences repeat after 256 samples: a bench value belongs to a sample this near
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +103,7 @@ class Recording:
         """
         sent = self.references[self.references["outcome"] == Outcome.SENT]
         result = np.full(len(samples), np.nan)
-        oldest_ns = MAX_REFERENCE_AGE * np.median(np.diff(sent["tick_ns"])) if len(sent) > 1 else np.inf
+        oldest_ns = MAX_REFERENCE_AGE_TICKS * np.median(np.diff(sent["tick_ns"])) if len(sent) > 1 else np.inf
         for sequence in np.unique(samples["setpoint_sequence"]):
             own = sent[sent["setpoint_sequence"] == sequence]
             wanted = np.flatnonzero(samples["setpoint_sequence"] == sequence)
@@ -139,7 +139,7 @@ def match_bench(samples: Table, bench: Table) -> NDArray[np.int64]:
         after = np.clip(np.searchsorted(times, received), 0, own.size - 1)
         before = np.clip(after - 1, 0, own.size - 1)
         nearest = np.where(np.abs(times[before] - received) <= np.abs(times[after] - received), before, after)
-        near = np.abs(times[nearest] - received) < BENCH_MATCH_NS
+        near = np.abs(times[nearest] - received) < MAX_BENCH_OFFSET_NS
         result[wanted[near]] = own[nearest[near]]
     return result
 
@@ -228,7 +228,7 @@ def _said(found: Found, tables: Tables) -> Iterator[tuple[str, bool]]:
         said = found.metadata[RECOVERY_NAME]
         summary = said.get("summary", "")
         yield (
-            f"recording was recovered: {summary if summary.isprintable() else ''}"[:MAX_NOTE],
+            f"recording was recovered: {summary if summary.isprintable() else ''}"[:MAX_NOTE_CHARACTERS],
             said.get("lost") != NOTHING_LOST,
         )
     elif tables.missing:

@@ -29,7 +29,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from hil_forceps.data.recording.container import (
     DAMAGE,
-    LARGEST_RECORD,
+    MAX_RECORD_BYTES,
     MAX_UNPACKED_BYTES,
     Found,
     attachment_of,
@@ -177,10 +177,10 @@ def _other_record(data: bytes, at: int, found: Found) -> int | None:
         return None
     opcode, length = RECORD_HEAD.unpack_from(data, at)
     end: int = at + RECORD_HEAD.size + length
-    record = _parsed(opcode, data[at:end]) if length <= LARGEST_RECORD and end <= len(data) else None
+    record = _parsed(opcode, data[at:end]) if length <= MAX_RECORD_BYTES and end <= len(data) else None
     if isinstance(record, Attachment):
         found.attachments.setdefault(record.name, bytes(record.data))
-    elif record is None or _next_record(data, at + 1, LARGEST_RECORD, end) < end:
+    elif record is None or _next_record(data, at + 1, MAX_RECORD_BYTES, end) < end:
         return None  # in the second case its length is damaged: another record begins within
     elif isinstance(record, Metadata):
         found.metadata.setdefault(record.name, record.metadata)

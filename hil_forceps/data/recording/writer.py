@@ -18,7 +18,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import IO, Final, NamedTuple
 
-from firmware_protocol.samples import RawBench, RawSample
+from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, BENCH_TORQUE_LSB_N_M, CURRENT_LSB_A
 from hil_forceps.data.recording.background import Background
 from hil_forceps.data.recording.container import settings_bytes

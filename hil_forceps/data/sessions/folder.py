@@ -13,7 +13,7 @@ from hil_forceps.data.sessions.table import Row, read_table
 from hil_forceps.rig.errors import UserError
 
 BUS_LOG = "bus"  # with any suffix: the same run as its recording
-MOST_DEPTH = 8  # of folders in each other
+MAX_FOLDER_DEPTH = 8  # of folders in each other
 
 
 def sessions_of(folder: Path, rig: Path | None, out: Path | None = None) -> list[Session]:
@@ -84,7 +84,7 @@ def rig_above(folder: Path, path: Path) -> tuple[Path | None, str]:
 
 def _logs(folder: Path, skip: Path | None, depth: int) -> Iterator[Path]:
     """Yield the logs below a folder."""
-    if depth > MOST_DEPTH or (skip is not None and folder.resolve() == skip):
+    if depth > MAX_FOLDER_DEPTH or (skip is not None and folder.resolve() == skip):
         return
     try:
         entries = sorted(os.scandir(folder), key=lambda entry: entry.name)

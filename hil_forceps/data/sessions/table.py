@@ -9,7 +9,7 @@ from hil_forceps.data.sessions.dates import parsed
 from hil_forceps.rig.errors import UserError
 
 COLUMNS = ("session", "instrument", "date", "rig")
-MAX_BYTES = 16 << 20
+MAX_FILE_BYTES = 16 << 20
 
 
 class Row(NamedTuple):
@@ -32,8 +32,8 @@ def read_table(path: Path) -> list[Row]:
     if not path.is_file():
         return []
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise UserError(f"{path}: larger than {MAX_BYTES >> 20} MiB; it is no table of sessions")
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 20} MiB; it is no table of sessions")
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: can't be read: {getattr(error, 'strerror', None) or 'no UTF-8'}") from error

@@ -38,7 +38,7 @@ from hil_forceps.diagnosis.state_space.layout import (
 from hil_forceps.diagnosis.state_space.passes import Passed, pass_one
 from hil_forceps.model import parameters
 from hil_forceps.model.composition import Physics
-from hil_forceps.model.two_inertia import poles_per_s
+from hil_forceps.model.linear.two_inertia import poles_per_s
 from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]

@@ -15,10 +15,12 @@ from hil_forceps.model.composition import (
     motor_viscosity_N_m_s_per_rad,
 )
 from hil_forceps.model.current import CurrentStep, current_over, current_step
-from hil_forceps.model.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all, fill_multiples
+from hil_forceps.model.linear.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all, fill_multiples
 from hil_forceps.model.physics import Kind, State, dead_zone, jaw_level_N_m, kind_of, torque_constant
-from hil_forceps.model.step import Drive, plain_step, refined_step
-from hil_forceps.model.whole_step import decays, suits, whole_step
+from hil_forceps.model.step.motion import Drive
+from hil_forceps.model.step.refinement import refined_step
+from hil_forceps.model.step.single_step import plain_step
+from hil_forceps.model.step.whole_step import decays, suits, whole_step
 from hil_forceps.rig.catalogue import EFFECTS
 
 Vector = NDArray[np.float64]

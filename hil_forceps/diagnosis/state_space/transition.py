@@ -20,7 +20,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     THETA_M,
 )
 from hil_forceps.model.composition import Physics, motor_viscosity_N_m_s_per_rad
-from hil_forceps.model.gains import (
+from hil_forceps.model.linear.gains import (
     FROM_JAW,
     FROM_MOTOR,
     FROM_STRETCH,

@@ -23,8 +23,8 @@ import math
 from typing import Final
 
 from firmware_protocol.frames import Frame
+from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue

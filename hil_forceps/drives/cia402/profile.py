@@ -29,7 +29,7 @@ from hil_forceps.rig.sections import MotorDriver
 
 MAX_COUNTS: Final = 1 << 31
 HOST_NODES: Final = range(HOST_NODE, HOST_NODE - 8, -1)  # that the host may have, one for each drive on a bus
-REPORT_SYNCS: Final = 5  # within which the statusword shows a change: some may be withheld on a slow path
+MAX_REPORT_SYNCS: Final = 5  # within which the statusword shows a change: some may be withheld on a slow path
 _NMT_WORDS: Final[dict[int, str]] = {
     wire.NmtState.BOOT_UP: "just booted",
     wire.NmtState.STOPPED: "stopped",
@@ -90,7 +90,7 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
 def _promises(rig: Rig, settings: MotorDriver) -> Promises:
     del settings
     return Promises(
-        state_report_s=REPORT_SYNCS * rig.bench.host_period_s,
+        state_report_s=MAX_REPORT_SYNCS * rig.bench.host_period_s,
         harmless_counters=frozenset({"syncs_withheld", "emergencies"}),
     )
 

@@ -11,7 +11,7 @@ still says is dropped, for it can't be told which of them it answers.
 
 from typing import Final, NamedTuple
 
-from hil_forceps.drives.answer_count import AnswerCount
+from hil_forceps.drives.supervision.answer_count import AnswerCount
 
 ANSWER_NS: Final = 50_000_000
 SHARED_ANSWER_NS: Final = 20_000_000  # missed `MAX_MISSES` times it takes less than half of a watchdog of 100 ms

@@ -8,14 +8,14 @@ import struct
 from typing import Final, NamedTuple
 
 COUNTS_PER_REV: Final = 4096
-MAX_COUNTS: Final = 1_048_575  # of Goal Position (116) in current-based position mode: 256 turns either way
+MAX_GOAL_COUNTS: Final = 1_048_575  # of Goal Position (116) in current-based position mode: 256 turns either way
 CURRENT_BASED_POSITION: Final = 5
 WATCHDOG_UNIT_S: Final = 0.02
-MAX_WATCHDOG: Final = 127
+MAX_WATCHDOG_UNITS: Final = 127
 WATCHDOG_TRIPPED: Final = 0xFF
 STATUS_OF_ALL: Final = 2  # every instruction to the servo itself is answered
-FIRST_FIRMWARE: Final = 38  # Bus Watchdog (98) and Drive Mode (10) are there from then on
-STARTUP_FIRMWARE: Final = 45  # Startup Configuration (60)
+MIN_FIRMWARE: Final = 38  # Bus Watchdog (98) and Drive Mode (10) are there from then on
+MIN_STARTUP_FIRMWARE: Final = 45  # Startup Configuration (60)
 
 
 class Item(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Final, Literal, NamedTuple
 from firmware_protocol.frames import Frame
 from hil_forceps.drives.dynamixel import packets as wire
 
-MAX_ECHOES: Final = 8  # packets sent that may still come back
+MAX_AWAITED_ECHOES: Final = 8  # packets sent that may still come back
 
 COUNTERS: Final = ("echoes", "other_hosts", "not_for_us", "bad_length", "unexpected", "late_answers", "unanswered")
 
@@ -45,7 +45,7 @@ class HalfDuplex:
         self.waiting_for: Request | None = None
         self._servo_id = servo_id
         self._counters = counters
-        self._sent: deque[bytes] = deque(maxlen=MAX_ECHOES)
+        self._sent: deque[bytes] = deque(maxlen=MAX_AWAITED_ECHOES)
         self._sent_ns = 0
 
     def send(self, request: Request, now_ns: int) -> Frame:

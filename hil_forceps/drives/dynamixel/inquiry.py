@@ -52,9 +52,9 @@ class DynamixelInquiry:
             said.misfit = f"this model is not known here; those that are: {known}"
         else:
             said.counts_per_rev = table.COUNTS_PER_REV
-        if firmware < table.FIRST_FIRMWARE:
+        if firmware < table.MIN_FIRMWARE:
             said.misfit = (
-                f"this firmware has no bus watchdog; update it to {table.FIRST_FIRMWARE} or later with DYNAMIXEL Wizard"
+                f"this firmware has no bus watchdog; update it to {table.MIN_FIRMWARE} or later with DYNAMIXEL Wizard"
             )
         return said
 

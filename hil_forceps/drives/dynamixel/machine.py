@@ -30,8 +30,8 @@ import math
 from typing import Final, NamedTuple
 
 from firmware_protocol.frames import Frame
+from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue
@@ -46,16 +46,16 @@ from hil_forceps.drives.transitions import COMMON, P
 
 SILENCE_NS: Final = 350_000_000
 ANSWER_NS: Final = 50_000_000  # for a request of the set-up: three times what an FTDI adapter holds back by default
-TRIES: Final = 4
+MAX_TRIES: Final = 4
 FEEDBACK_NS: Final = 5_000_000  # for feedback; an adapter that takes longer is refused
-FEEDBACK_PERIODS: Final = 3  # at least so many ticks: an answer is seen at the next
+MIN_FEEDBACK_PERIODS: Final = 3  # an answer is seen at the next
 REBOOT_NS: Final = 500_000_000  # before it is asked again
 MAX_RESTARTS: Final = 3  # of the set-up, where its feedback doesn't come
 UNWATCHED_NS: Final = 50_000_000  # for asking again, where the watchdog is off
 
-GOAL_BYTES: Final = wire.OVERHEAD + 10  # SYNC WRITE of a goal position
-READ_BYTES: Final = wire.OVERHEAD + 5
-FEEDBACK_BYTES: Final = wire.OVERHEAD + 2 + table.INDIRECT_DATA.size
+GOAL_BYTES: Final = wire.OVERHEAD_BYTES + 10  # SYNC WRITE of a goal position
+READ_BYTES: Final = wire.OVERHEAD_BYTES + 5
+FEEDBACK_BYTES: Final = wire.OVERHEAD_BYTES + 2 + table.INDIRECT_DATA.size
 
 _NS_PER_S: Final = 1_000_000_000
 
@@ -96,7 +96,7 @@ class Dynamixel:
     def __init__(self, config: DynamixelConfig) -> None:
         """ValueError for a servo that can't be."""
         is_servo = 0 <= config.node <= wire.MAX_ID and config.counts_per_pulley_rev != 0.0
-        if not is_servo or not 0 <= config.watchdog <= table.MAX_WATCHDOG:
+        if not is_servo or not 0 <= config.watchdog <= table.MAX_WATCHDOG_UNITS:
             raise ValueError(f"no servo: {config}")
         self.config = config
         self.phase = HostPhase.DISCONNECTED
@@ -123,7 +123,7 @@ class Dynamixel:
         self._wants_reboot = False
         watchdog_ns = round(config.watchdog * table.WATCHDOG_UNIT_S * _NS_PER_S)
         self._unreferenced_ns = watchdog_ns // 2 or UNWATCHED_NS
-        self._feedback_timeout_ns = max(FEEDBACK_NS, FEEDBACK_PERIODS * config.period_ns)
+        self._feedback_timeout_ns = max(FEEDBACK_NS, MIN_FEEDBACK_PERIODS * config.period_ns)
         self._feedback_request = Request(
             "feedback",
             wire.read(config.node, table.INDIRECT_DATA.address, table.INDIRECT_DATA.size),
@@ -197,7 +197,7 @@ class Dynamixel:
             return None
         config = self.config
         counts = round(config.zero_counts + theta_m_ref_raw / ANGLE_LSB_PER_REV * config.counts_per_pulley_rev)
-        if abs(counts) > table.MAX_COUNTS:
+        if abs(counts) > table.MAX_GOAL_COUNTS:
             self.counters["out_of_range"] += 1
             return None
         self.setpoint_sequence = self.setpoint_sequence + 1 & SEQUENCE_MASK
@@ -339,7 +339,7 @@ class Dynamixel:
         if request.purpose not in {"set up", "order"} or self._wants_off:
             return
         self._tries += 1
-        if self._tries < TRIES:
+        if self._tries < MAX_TRIES:
             return
         if request.purpose == "order" or self._set_up.model is not None:
             subject = "orders" if request.purpose == "order" else f"requests for {self._set_up.subject()}"

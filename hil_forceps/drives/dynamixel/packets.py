@@ -18,9 +18,9 @@ from hil_forceps.drives.framing import Framing
 
 MAX_ID: Final = 252
 BROADCAST_ID: Final = 254
-MAX_DATA: Final = 64  # bytes of instruction and parameters: a frame's
+MAX_DATA_BYTES: Final = 64  # of instruction and parameters: a frame's
 BITS_PER_BYTE: Final = 10  # 8N1
-OVERHEAD: Final = 9  # header, id, length, CRC
+OVERHEAD_BYTES: Final = 9  # header, id, length, CRC
 ALERT: Final = 0x80  # in the error byte: Hardware Error Status (70) says what it is
 
 _HEADER: Final = b"\xff\xff\xfd\x00"
@@ -28,7 +28,7 @@ _PATTERN: Final = b"\xff\xff\xfd"
 _STUFFED: Final = b"\xff\xff\xfd\xfd"
 _HEAD: Final = 7  # header, id, length
 _CRC: Final = 2
-_MAX_LENGTH: Final = MAX_DATA + MAX_DATA // len(_PATTERN) + _CRC
+_MAX_LENGTH: Final = MAX_DATA_BYTES + MAX_DATA_BYTES // len(_PATTERN) + _CRC
 
 READER_COUNTERS: Final = ("skipped_bytes", "bad_length", "bad_crc", "bad_id", "cut_off")
 
@@ -111,8 +111,8 @@ def encode(frame: Frame) -> bytes:
     servo_id, data = frame[0], frame[1]
     if not (0 <= servo_id <= MAX_ID or servo_id == BROADCAST_ID):
         raise ValueError(f"no servo has the id {servo_id}")
-    if not 1 <= len(data) <= MAX_DATA:
-        raise ValueError(f"a packet has 1 to {MAX_DATA} bytes of instruction and parameters, not {len(data)}")
+    if not 1 <= len(data) <= MAX_DATA_BYTES:
+        raise ValueError(f"a packet has 1 to {MAX_DATA_BYTES} bytes of instruction and parameters, not {len(data)}")
     body = data.replace(_PATTERN, _STUFFED)
     head = _HEADER + bytes((servo_id,)) + _word(len(body) + _CRC) + body
     return head + _word(crc16.umts(head))
@@ -164,7 +164,7 @@ class Reader:
             return begin + len(_HEADER)
         servo_id, data = whole[4], whole[_HEAD:-_CRC].replace(_STUFFED, _PATTERN)
         if servo_id <= MAX_ID or servo_id == BROADCAST_ID:
-            if len(data) <= MAX_DATA:
+            if len(data) <= MAX_DATA_BYTES:
                 frames.append(packet(servo_id, data))
             else:
                 self.counters["bad_length"] += 1

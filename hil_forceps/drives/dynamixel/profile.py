@@ -35,13 +35,13 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
 
-STUFFED_BYTES: Final = 4  # at most, in a goal and in the feedback
+MAX_STUFFED_BYTES: Final = 4  # in a goal and in the feedback
 _ITEMS: Final = {item.address: item for item in vars(table).values() if isinstance(item, table.Item)}
 
 
 def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
     check_node(settings, 0, wire.MAX_ID)
-    low, high = (counts / table.COUNTS_PER_REV for counts in (-table.MAX_COUNTS, table.MAX_COUNTS))
+    low, high = (counts / table.COUNTS_PER_REV for counts in (-table.MAX_GOAL_COUNTS, table.MAX_GOAL_COUNTS))
     reached = _reach_rev(rig, settings)
     if not low <= min(reached) <= max(reached) <= high:
         raise UserError(
@@ -50,8 +50,8 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
         )
     watchdog = round(settings.watchdog_s / table.WATCHDOG_UNIT_S)
     is_whole = math.isclose(watchdog * table.WATCHDOG_UNIT_S, settings.watchdog_s, abs_tol=1e-9)
-    if not is_whole or watchdog > table.MAX_WATCHDOG:
-        longest_s = table.MAX_WATCHDOG * table.WATCHDOG_UNIT_S
+    if not is_whole or watchdog > table.MAX_WATCHDOG_UNITS:
+        longest_s = table.MAX_WATCHDOG_UNITS * table.WATCHDOG_UNIT_S
         raise UserError(
             f"motor_driver.watchdog_s: is {settings.watchdog_s:g} s, but a servo's bus watchdog takes multiples of "
             f"{table.WATCHDOG_UNIT_S:g} s up to {longest_s:g} s; give one"
@@ -116,7 +116,7 @@ def _current_step(rig: Rig) -> Iterator[Finding]:
 
 
 def _bus_load(rig: Rig, settings: MotorDriver) -> float:
-    tick_bytes = GOAL_BYTES + READ_BYTES + FEEDBACK_BYTES + STUFFED_BYTES
+    tick_bytes = GOAL_BYTES + READ_BYTES + FEEDBACK_BYTES + MAX_STUFFED_BYTES
     return tick_bytes * wire.BITS_PER_BYTE / settings.baudrate_bit_per_s / rig.bench.host_period_s
 
 

@@ -82,9 +82,9 @@ class SetUp:
         elif model is None:
             known = ", ".join(f"{each.name} ({each.number})" for each in table.MODELS.values())
             self._refuse(f"has the model number {number}; those that are known here: {known}")
-        elif firmware < table.FIRST_FIRMWARE:
+        elif firmware < table.MIN_FIRMWARE:
             self._refuse(
-                f"has the firmware {firmware}, which has no bus watchdog; update it to {table.FIRST_FIRMWARE} or later "
+                f"has the firmware {firmware}, which has no bus watchdog; update it to {table.MIN_FIRMWARE} or later "
                 "with DYNAMIXEL Wizard"
             )
         else:
@@ -94,7 +94,7 @@ class SetUp:
     def _entries(self, model: table.Model, firmware: int) -> list[Step]:
         limit = round(self._current_limit_A / model.current_unit_A)
         mapping = int.from_bytes(table.MAPPING, "little")
-        startup = [Step("ensure", table.STARTUP_CONFIGURATION, 0)] if firmware >= table.STARTUP_FIRMWARE else []
+        startup = [Step("ensure", table.STARTUP_CONFIGURATION, 0)] if firmware >= table.MIN_STARTUP_FIRMWARE else []
         return [
             Step("tell", table.STATUS_RETURN_LEVEL, table.STATUS_OF_ALL),  # before, it may answer nothing but pings
             Step("write", table.TORQUE_ENABLE, 0),

@@ -3,8 +3,9 @@
 from typing import Final
 
 FLIGHT_NS: Final = 10_000_000  # for a frame to arrive and for what was on its way before to have come
-MAX_IN_FLIGHT: Final = 4  # frames that may still be answered
-MAX_UNANSWERED: Final = 64  # frames counted at most; all that go out until silence ends a run, in an enabling too
+MAX_FRAMES_IN_FLIGHT: Final = 4  # frames that may still be answered
+# All that go out until silence ends a run, in an enabling too.
+MAX_UNANSWERED_FRAMES: Final = 64
 
 
 class Exchange:
@@ -23,7 +24,7 @@ class Exchange:
         """Note the frames of a tick."""
         if not frames:
             return
-        self._in_flight = min(self._in_flight + frames, MAX_IN_FLIGHT)
+        self._in_flight = min(self._in_flight + frames, MAX_FRAMES_IN_FLIGHT)
         self._asked_ns = now_ns
         if self._unanswered_ns is None:
             self._unanswered_ns = now_ns
@@ -31,7 +32,7 @@ class Exchange:
             self._exit_ns = None
         elif self._exit_ns is None:
             self._exit_ns, self._before_exit = now_ns, self._unanswered
-        self._unanswered = min(self._unanswered + frames, MAX_UNANSWERED)
+        self._unanswered = min(self._unanswered + frames, MAX_UNANSWERED_FRAMES)
 
     def take_answer(self) -> bool:
         """Note an answer; False, and counted, where no frame is left that it could be to."""

@@ -28,23 +28,23 @@ import math
 from typing import Final, NamedTuple
 
 from firmware_protocol.frames import Frame
+from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue
 from hil_forceps.drives.mit import messages as wire
 from hil_forceps.drives.mit.exchange import FLIGHT_NS, Exchange
-from hil_forceps.drives.mit.messages import CODES, POSITION_CODES, Codes, Special
+from hil_forceps.drives.mit.messages import MAX_CODE, MAX_POSITION_CODE, Codes, Special
 from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
 from hil_forceps.drives.transitions import COMMON, P
 
 IDENTIFY_NS: Final = 500_000_000  # for an answer that fits
 RESTART_NS: Final = 8_000_000  # bgkatz's firmware waits 1 ms eight times before it opens CAN (`main.c`)
-FEWEST_UNANSWERED: Final = 3  # ticks, however slow the loop
+MIN_UNANSWERED_TICKS: Final = 3  # however slow the loop
 SILENCE_NS: Final = 100_000_000  # without torque a longer gap does no harm
 FIRST_REFERENCES: Final = 3  # with gains, before it counts as following: two may be lost
-MAX_UNASKED: Final = 3  # answers to nobody's question while identifying
+MAX_UNASKED_ANSWERS: Final = 3  # answers to nobody's question while identifying
 _DAMIAO_EXTRA: Final = 2  # bytes, temperatures
 _ENABLED: Final = frozenset({HostPhase.ENABLING, HostPhase.RUNNING})
 
@@ -95,8 +95,8 @@ class Mit:
         if not ids_are_right or config.rev_per_pulley_rev == 0.0 or not all(each > 0.0 for each in config.ranges):
             raise ValueError(f"no mini cheetah drive: {config}")
         ranges = config.ranges
-        self._kp = wire.code_of(config.kp_N_m_per_rad, 0.0, ranges.kp_N_m_per_rad, CODES)
-        self._kd = wire.code_of(config.kd_N_m_s_per_rad, 0.0, ranges.kd_N_m_s_per_rad, CODES)
+        self._kp = wire.code_of(config.kp_N_m_per_rad, 0.0, ranges.kp_N_m_per_rad, MAX_CODE)
+        self._kd = wire.code_of(config.kd_N_m_s_per_rad, 0.0, ranges.kd_N_m_s_per_rad, MAX_CODE)
         self.config = config
         self.phase = HostPhase.DISCONNECTED
         self.refusal = ""
@@ -249,12 +249,12 @@ class Mit:
     def _is_silent(self, now_ns: int) -> bool:
         longest_ns = SILENCE_NS
         if self.phase in _ENABLED:
-            longest_ns = max(RESTART_NS, FEWEST_UNANSWERED * self.config.period_ns)
+            longest_ns = max(RESTART_NS, MIN_UNANSWERED_TICKS * self.config.period_ns)
         return self._exchange.silent_ns(now_ns) > longest_ns
 
     def _identify(self, now_ns: int) -> None:
         node = self.config.node
-        if self._exchange.unasked >= MAX_UNASKED:
+        if self._exchange.unasked >= MAX_UNASKED_ANSWERS:
             self._refuse(
                 f"node {node} answers more often than it is asked: two drives have this id, or another program "
                 "commands it"
@@ -305,11 +305,11 @@ class Mit:
 
     def _see_values(self, reply: wire.Reply, now_ns: int) -> None:
         config, reach_rad = self.config, self.config.ranges.position_rad
-        if reply.position in {0, POSITION_CODES}:
+        if reply.position in {0, MAX_POSITION_CODE}:
             self.counters["at_range_end"] += 1
             self._unfit = "its angle is at the end of motor_driver.position_range_rad; turn it back, or set its zero"
             return
-        position_rad = wire.measured(reply.position, reach_rad, POSITION_CODES)
+        position_rad = wire.measured(reply.position, reach_rad, MAX_POSITION_CODE)
         if self._position_rad is not None and abs(position_rad - self._position_rad) > reach_rad:
             self.counters["wrapped"] += 1
             return
@@ -324,7 +324,7 @@ class Mit:
             stamp_ns=stamp_ns,
             received_ns=now_ns,
             pulley_rev=(position_rad / (2.0 * math.pi) - config.zero_rev) / config.rev_per_pulley_rev,
-            current_A=wire.measured(reply.torque, config.current_range_A, CODES),
+            current_A=wire.measured(reply.torque, config.current_range_A, MAX_CODE),
             state=self.drive_state,
             setpoint_sequence=self.setpoint_sequence,
         )
@@ -333,7 +333,7 @@ class Mit:
 
     def _command(self, position_rad: float, kp: int, kd: int) -> Frame:
         reach_rad = self.config.ranges.position_rad
-        position = wire.code_of(position_rad, -reach_rad, reach_rad, POSITION_CODES)
+        position = wire.code_of(position_rad, -reach_rad, reach_rad, MAX_POSITION_CODE)
         return wire.command(self.config.node, Codes(position, wire.ZERO_SPEED_CODE, kp, kd, wire.ZERO_TORQUE_CODE))
 
     def _fire(self, event: str) -> None:

@@ -16,11 +16,11 @@ Variant = Literal["bgkatz", "cubemars", "damiao"]
 
 MAX_NODE: Final = 126
 MAX_ID: Final = 0x7FF
-POSITION_CODES: Final = (1 << 16) - 1
-CODES: Final = (1 << 12) - 1
+MAX_POSITION_CODE: Final = (1 << 16) - 1
+MAX_CODE: Final = (1 << 12) - 1
 # Zero lies half way between two codes. Speed goes to the one above, torque to the one below: so both errors oppose.
-ZERO_SPEED_CODE: Final = CODES // 2 + 1
-ZERO_TORQUE_CODE: Final = CODES // 2
+ZERO_SPEED_CODE: Final = MAX_CODE // 2 + 1
+ZERO_TORQUE_CODE: Final = MAX_CODE // 2
 _REPLY_LENGTHS: Final = frozenset({6, 7, 8})
 _SPECIAL: Final = b"\xff" * 7
 
@@ -124,7 +124,7 @@ def special_of(data: bytes) -> Special | None:
 def command(node: int, codes: Codes) -> Frame:
     """Return a command; ValueError for codes that its fields don't hold."""
     position, speed, kp, kd, torque = codes
-    if not 0 <= position <= POSITION_CODES or not all(0 <= code <= CODES for code in codes[1:]):
+    if not 0 <= position <= MAX_POSITION_CODE or not all(0 <= code <= MAX_CODE for code in codes[1:]):
         raise ValueError(f"no command: {codes}")
     packed = position << 48 | speed << 36 | kp << 24 | kd << 12 | torque
     return Frame(node, packed.to_bytes(8, "big"))
@@ -135,7 +135,9 @@ def parse_command(data: bytes) -> Codes | None:
     if len(data) != 8 or special_of(data) is not None:
         return None
     packed = int.from_bytes(data, "big")
-    return Codes(packed >> 48, packed >> 36 & CODES, packed >> 24 & CODES, packed >> 12 & CODES, packed & CODES)
+    return Codes(
+        packed >> 48, packed >> 36 & MAX_CODE, packed >> 24 & MAX_CODE, packed >> 12 & MAX_CODE, packed & MAX_CODE
+    )
 
 
 def parse_reply(data: bytes) -> Reply | None:
@@ -143,7 +145,7 @@ def parse_reply(data: bytes) -> Reply | None:
     if len(data) not in _REPLY_LENGTHS:
         return None
     packed = int.from_bytes(data[1:6], "big")
-    return Reply(data[0], packed >> 24, packed >> 12 & CODES, packed & CODES, data[6:])
+    return Reply(data[0], packed >> 24, packed >> 12 & MAX_CODE, packed & MAX_CODE, data[6:])
 
 
 def is_from(variant: Variant, node: int, reply: Reply) -> bool:

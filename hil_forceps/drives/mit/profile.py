@@ -136,9 +136,9 @@ def _gains(config: MitConfig) -> Iterator[Finding]:
         ("kp_N_m_per_rad", config.kp_N_m_per_rad, config.ranges.kp_N_m_per_rad),
         ("kd_N_m_s_per_rad", config.kd_N_m_s_per_rad, config.ranges.kd_N_m_s_per_rad),
     ):
-        code = wire.code_of(gain, 0.0, high, wire.CODES)
-        sent = wire.value_of(code, 0.0, high, wire.CODES)
-        text = f"is {gain:g}, sent as {sent:.3g}: its field has steps of {high / wire.CODES:.2g}"
+        code = wire.code_of(gain, 0.0, high, wire.MAX_CODE)
+        sent = wire.value_of(code, 0.0, high, wire.MAX_CODE)
+        text = f"is {gain:g}, sent as {sent:.3g}: its field has steps of {high / wire.MAX_CODE:.2g}"
         if code == 0:
             yield Finding("problem", f"motor_driver.{key}", f"{text}; lower the drive's range, or take another drive")
         elif abs(sent - gain) > MAX_QUANTUM_SHARE * gain:
@@ -148,7 +148,7 @@ def _gains(config: MitConfig) -> Iterator[Finding]:
 def _torque(config: MitConfig, plant: PlantParameters) -> Iterator[Finding]:
     """The step of the torque, in which zero lies between two codes, against what the load takes."""
     load_N_m = LOAD_N_M * plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
-    step_N_m = abs(config.current_range_A) * plant.torque_constant_N_m_per_A * 2.0 / wire.CODES
+    step_N_m = abs(config.current_range_A) * plant.torque_constant_N_m_per_A * 2.0 / wire.MAX_CODE
     key, text = "motor_driver.torque_range_N_m", f"the drive tells torque in steps of {1e3 * step_N_m:.3g} mN m"
     if step_N_m > load_N_m:
         yield Finding(
@@ -162,8 +162,8 @@ def _torque(config: MitConfig, plant: PlantParameters) -> Iterator[Finding]:
             "note", key, f"{text}, {100.0 * step_N_m / load_N_m:.0f} % of what {LOAD_N_M * 1e3:g} mN m at the jaw take"
         )
     ratio = abs(config.rev_per_pulley_rev)
-    torque_N_m = config.ranges.torque_N_m / wire.CODES
-    damping_N_m = config.kd_N_m_s_per_rad * config.ranges.speed_rad_per_s / wire.CODES
+    torque_N_m = config.ranges.torque_N_m / wire.MAX_CODE
+    damping_N_m = config.kd_N_m_s_per_rad * config.ranges.speed_rad_per_s / wire.MAX_CODE
     offset_N_m = abs(damping_N_m - torque_N_m) * ratio
     if offset_N_m > MAX_QUANTUM_SHARE * load_N_m:
         yield Finding(
@@ -199,7 +199,7 @@ def _ids(settings: MotorDriver) -> frozenset[tuple[int, bool]]:
 
 def _quantum(rig: Rig, settings: MotorDriver) -> Quantum:
     del rig
-    step_rad = 2.0 * _needed(settings, "position_range_rad") / wire.POSITION_CODES
+    step_rad = 2.0 * _needed(settings, "position_range_rad") / wire.MAX_POSITION_CODE
     step_rev = step_rad / (2.0 * math.pi) / abs(settings.encoder_rev_per_pulley_rev)
     return Quantum("motor_driver.position_range_rad", step_rev)
 
@@ -240,11 +240,11 @@ def decode(frame: Frame) -> Decoded | None:
     assert codes is not None  # eight bytes, and not special
     values = {
         "node": arbitration_id,
-        "position_of_range": _share(codes.position, wire.POSITION_CODES),
-        "speed_of_range": _share(codes.speed, wire.CODES),
-        "kp_of_range": round(codes.kp / wire.CODES, 5),
-        "kd_of_range": round(codes.kd / wire.CODES, 5),
-        "torque_of_range": _share(codes.torque, wire.CODES),
+        "position_of_range": _share(codes.position, wire.MAX_POSITION_CODE),
+        "speed_of_range": _share(codes.speed, wire.MAX_CODE),
+        "kp_of_range": round(codes.kp / wire.MAX_CODE, 5),
+        "kd_of_range": round(codes.kd / wire.MAX_CODE, 5),
+        "torque_of_range": _share(codes.torque, wire.MAX_CODE),
     }
     return Decoded("COMMAND", values)
 
@@ -252,9 +252,9 @@ def decode(frame: Frame) -> Decoded | None:
 def _reply_values(reply: wire.Reply) -> dict[str, Any]:
     return {
         "head": f"0x{reply.head:02x}",
-        "position_of_range": _share(reply.position, wire.POSITION_CODES),
-        "speed_of_range": _share(reply.speed, wire.CODES),
-        "torque_of_range": _share(reply.torque, wire.CODES),
+        "position_of_range": _share(reply.position, wire.MAX_POSITION_CODE),
+        "speed_of_range": _share(reply.speed, wire.MAX_CODE),
+        "torque_of_range": _share(reply.torque, wire.MAX_CODE),
         "extra": reply.extra.hex(),
     }
 

@@ -26,20 +26,21 @@ import math
 from typing import Final, NamedTuple
 
 from firmware_protocol.frames import Frame, make
+from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue
-from hil_forceps.drives.answer_count import AnswerCount
 from hil_forceps.drives.moteus import messages as wire
 from hil_forceps.drives.moteus.messages import Mode
 from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
+from hil_forceps.drives.supervision.answer_count import AnswerCount
 from hil_forceps.drives.transitions import COMMON, P
 
 IDENTIFY_EVERY_NS: Final = 10_000_000  # a bus where nobody acknowledges repeats each frame by itself
 FLIGHT_NS: Final = 10_000_000  # for a stop to arrive and be obeyed, and for answers from before it to have come
-STALE_MS: Final = 50  # a millisecond counter that is less behind is of a late answer, else of another start
+# A millisecond counter that is less behind is of a late answer, else of another start.
+MAX_COUNTER_STEP_BACK_MS: Final = 50
 _HALF32, _MASK32 = 1 << 31, (1 << 32) - 1
 _PREPARING: Final = frozenset({Mode.ENABLING, Mode.CALIBRATING, Mode.CALIBRATION_COMPLETE})
 _LATCHED: Final = frozenset({Mode.FAULT, Mode.TIMEOUT})
@@ -231,7 +232,7 @@ class Moteus:
         if self._feedback is None:
             return True
         step_ms = (feedback.milliseconds - self._feedback.milliseconds + _HALF32 & _MASK32) - _HALF32
-        if step_ms < -STALE_MS:
+        if step_ms < -MAX_COUNTER_STEP_BACK_MS:
             self.counters["restarts"] += 1
             self.drive_state = None
             self._fire("gone")

@@ -27,8 +27,8 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import MotorDriver
 
 BITRATE, DATA_BITRATE = 1_000_000, 5_000_000  # of a moteus; they can't be set
-FEWEST_ANSWERS: Final = 2  # one frame may be anybody's
-SHORTEST_SILENCE_S: Final = 0.1
+MIN_ANSWERS: Final = 2  # one frame may be anybody's
+MIN_SILENCE_S: Final = 0.1
 SILENT_PERIODS: Final = 20  # of the host, at least, until a moteus that doesn't answer is gone
 REFERENCE_BITS, ANSWER_BITS = most_bits(48, True, True), most_bits(32, True, True)  # by rate
 REPORT_PERIODS: Final = 5  # a mode comes with every answer
@@ -44,7 +44,7 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
             zero_rev=settings.encoder_zero_rev,
             max_torque_N_m=settings.current_limit_A * torque_constant_N_m_per_A(rig) / abs(ratio),
             watchdog_s=settings.watchdog_s,
-            silence_ns=round(max(SHORTEST_SILENCE_S, SILENT_PERIODS * rig.bench.host_period_s) * 1e9),
+            silence_ns=round(max(MIN_SILENCE_S, SILENT_PERIODS * rig.bench.host_period_s) * 1e9),
         )
     )
 
@@ -119,7 +119,7 @@ class _Listener:
         return [
             Found("moteus", node, f"{_mode_words(said)}; answers, and says nothing by itself")
             for node, said in sorted(self._heard.items())
-            if said.answers >= FEWEST_ANSWERS
+            if said.answers >= MIN_ANSWERS
         ]
 
 
@@ -173,5 +173,5 @@ PROFILE: Final = Profile(
     tells_current_limit=True,
     inquiry=lambda settings: MoteusInquiry(settings.node_id),
     speaks_fd=True,
-    ask=(wire.ask_all(),) * FEWEST_ANSWERS,
+    ask=(wire.ask_all(),) * MIN_ANSWERS,
 )

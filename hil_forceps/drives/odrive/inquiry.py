@@ -8,8 +8,8 @@ from hil_forceps.drives.inquiry import Said
 from hil_forceps.drives.odrive import messages as wire
 from hil_forceps.drives.odrive.messages import AxisState, Command, Firmware
 
-FEWEST_BEATS: Final = 2  # one frame of eight bytes may be anybody's
-FEWEST_ESTIMATES: Final = 21  # 20 periods, so that one frame late by a period shows as 5 %
+MIN_HEARTBEATS: Final = 2  # one frame of eight bytes may be anybody's
+MIN_ESTIMATES: Final = 21  # 20 periods, so that one frame late by a period shows as 5 %
 
 
 class ODriveInquiry:
@@ -44,18 +44,18 @@ class ODriveInquiry:
     def said(self) -> Said | None:
         """Return what the heartbeats say; the period is the mean between the encoder's frames."""
         heartbeat = self._heartbeat
-        if heartbeat is None or self._beats < FEWEST_BEATS:
+        if heartbeat is None or self._beats < MIN_HEARTBEATS:
             return None
         said = Said(state=_state_of(heartbeat), fault="")
         if heartbeat.axis_error:
             said.fault = wire.error_words(self._firmware, heartbeat.axis_error)
-        if self._estimates >= FEWEST_ESTIMATES:
+        if self._estimates >= MIN_ESTIMATES:
             said.sample_period_s = (self._last_ns - self._first_ns) * 1e-9 / (self._estimates - 1)
         return said
 
     def is_complete(self) -> bool:
         """Tell whether heartbeats and enough of the encoder's frames came."""
-        return self._beats >= FEWEST_BEATS and self._estimates >= FEWEST_ESTIMATES
+        return self._beats >= MIN_HEARTBEATS and self._estimates >= MIN_ESTIMATES
 
 
 def _state_of(heartbeat: wire.Heartbeat) -> DriveState:

@@ -25,8 +25,8 @@ import math
 from typing import Final, NamedTuple
 
 from firmware_protocol.frames import Frame
+from firmware_protocol.host.samples import RawBench, RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawBench, RawSample
 from firmware_protocol.scales import ANGLE_LSB_PER_REV
 from firmware_protocol.states import HostPhase
 from hil_forceps.drives import sample_queue
@@ -38,9 +38,9 @@ from hil_forceps.drives.transitions import COMMON, P
 HEARTBEAT_TIMEOUT_NS: Final = 350_000_000  # three of its heartbeats and a half, which come every 100 ms
 IDENTIFY_NS: Final = 1_000_000_000  # for all three kinds of frames to come
 MIN_HEARTBEAT_NS: Final = 5_000_000  # between two; a twentieth of what an ODrive takes unless told otherwise
-MAX_HASTY: Final = 3  # shorter intervals in a row: more than a host that was late makes
+MAX_HASTY_HEARTBEATS_IN_A_ROW: Final = 3  # shorter intervals in a row: more than a host that was late makes
 REPEAT_NS: Final = 50_000_000  # between requests of idle that no heartbeat shows yet
-MAX_CURRENT_AGE: Final = 2.5  # periods of Iq, beyond which a sample has no current
+MAX_CURRENT_AGE_PERIODS: Final = 2.5  # of Iq, beyond which a sample has no current
 FLIGHT_NS: Final = 10_000_000  # for a request to arrive, and for a heartbeat from before it to have come
 FIRST_REFERENCES: Final = 3  # sent before closed loop is asked for: two may be lost
 
@@ -301,7 +301,7 @@ class ODrive:
             self._has_pace = True
             return
         self._hasty += 1
-        if self._hasty >= MAX_HASTY:
+        if self._hasty >= MAX_HASTY_HEARTBEATS_IN_A_ROW:
             node = self.config.node
             self.refusal = (
                 f"frames with the id of node {node}'s heartbeats ({wire.frame_id(node, Command.HEARTBEAT):03X}h) come "
@@ -334,7 +334,7 @@ class ODrive:
             return
         (position_rev, at_ns), self._pending = self._pending, None
         config, current = self.config, self._current
-        if current is None or abs(at_ns - self._current_ns) > MAX_CURRENT_AGE * config.iq_period_ns:
+        if current is None or abs(at_ns - self._current_ns) > MAX_CURRENT_AGE_PERIODS * config.iq_period_ns:
             self.counters["without_current"] += 1
             return
         is_taken = self._samples.append(

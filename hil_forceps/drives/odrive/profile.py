@@ -21,8 +21,8 @@ from hil_forceps.drives.profile import (
 from hil_forceps.rig import Rig
 from hil_forceps.rig.sections import MotorDriver
 
-WHOLE_MS: Final = 1e-6  # what rounding leaves
-FEWEST_BEATS: Final = 2  # one frame of eight bytes may be anybody's
+MAX_ROUNDING_ERROR_MS: Final = 1e-6  # what rounding leaves
+MIN_HEARTBEATS: Final = 2  # one frame of eight bytes may be anybody's
 _LAST_AXIS_STATE: Final = 14
 _AXIS_WORDS: Final[dict[int, str]] = {
     wire.AxisState.IDLE: "idle",
@@ -54,7 +54,7 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
     elif feedback_s > period_s:
         yield Finding("note", key, f"is {feedback_s:g} s: references leave at that pace, not each {period_s:g} s")
     for name, value_s in (("feedback_period_s", feedback_s), ("current_period_s", settings.current_period_s)):
-        if abs(value_s * 1e3 - round(value_s * 1e3)) > WHOLE_MS:
+        if abs(value_s * 1e3 - round(value_s * 1e3)) > MAX_ROUNDING_ERROR_MS:
             text = f"is {value_s:g} s, but an ODrive takes whole milliseconds for its cyclic messages"
             yield Finding("problem", f"motor_driver.{name}", text)
     if settings.current_period_s > feedback_s:
@@ -106,7 +106,7 @@ class _Listener:
     def found(self) -> list[Found]:
         """Return the drives heard so far, by node."""
         heard = sorted(self._heard.items())
-        return [Found("odrive", node, _words(said)) for node, said in heard if said.beats >= FEWEST_BEATS]
+        return [Found("odrive", node, _words(said)) for node, said in heard if said.beats >= MIN_HEARTBEATS]
 
 
 def _words(said: _Heard) -> str:

@@ -8,7 +8,7 @@ import binascii
 import struct
 from typing import Final, NamedTuple
 
-MAX_BYTES: Final = 255  # that one byte of offset reaches
+MAX_ANSWER_BYTES: Final = 255  # that one byte of offset reaches
 _END: Final = struct.Struct(">BBHH")
 _ANSWER: Final = 1  # second byte of PROCESS_RX_BUFFER: for the host, not to be processed
 
@@ -38,7 +38,7 @@ class Answers:
             if self._payload:
                 self._tear()
             self._payload, self._arrived_ns = data[1:], now_ns
-        elif data[0] == len(self._payload) and data[0] + len(data) - 1 <= MAX_BYTES:
+        elif data[0] == len(self._payload) and data[0] + len(data) - 1 <= MAX_ANSWER_BYTES:
             self._payload += data[1:]
         else:
             self._tear()

@@ -31,9 +31,9 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import MotorDriver
 
-LONGEST_TIMEOUT_S: Final = 0.9  # it is tried before each run, twice at worst, within the time to connect
+MAX_TIMEOUT_S: Final = 0.9  # it is tried before each run, twice at worst, within the time to connect
 HOST_IDS: Final = range(wire.HOST_ID, wire.HOST_ID - 8, -1)  # that the host may have, one for each VESC on a bus
-FEWEST_BROADCASTS: Final = 2  # one frame may be anybody's
+MIN_BROADCASTS: Final = 2  # one frame may be anybody's
 _TICK_BYTES: Final = (7, 8, 8, 2, 6, 4)  # of a tick's frames: request, answer in four, reference
 _BROADCASTS_PER_S: Final = 4 * 50  # STATUS 1 to 4 at 50 Hz, as VESC Tool's set-up leaves them
 _FLOAT_STEP_REV: Final = 2.0**-15 / 360.0  # of a 32-bit float in degrees, near a whole turn
@@ -75,12 +75,12 @@ def _machine(rig: Rig, settings: MotorDriver, host_id: int = wire.HOST_ID) -> Dr
 
 
 def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
-    if settings.watchdog_s > LONGEST_TIMEOUT_S:
+    if settings.watchdog_s > MAX_TIMEOUT_S:
         yield Finding(
             "problem",
             "motor_driver.watchdog_s",
             f"is {settings.watchdog_s:g} s; the service sees the timeout expire before each run, and waits "
-            f"{LONGEST_TIMEOUT_S:g} s at most: set less in the VESC and here",
+            f"{MAX_TIMEOUT_S:g} s at most: set less in the VESC and here",
         )
     turns = _turns(rig, settings)
     if turns.high_rev - turns.low_rev >= 1.0:
@@ -157,7 +157,7 @@ class _Listener:
     def found(self) -> list[Found]:
         """Return the VESCs heard so far, by node."""
         heard = sorted(self._heard.items())
-        return [Found("vesc", node, _words(said)) for node, said in heard if self._count[node] >= FEWEST_BROADCASTS]
+        return [Found("vesc", node, _words(said)) for node, said in heard if self._count[node] >= MIN_BROADCASTS]
 
 
 def _words(said: dict[Command, dict[str, Any]]) -> str:

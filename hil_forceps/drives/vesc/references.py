@@ -5,7 +5,7 @@ A VESC lets go of the motor when no command came for its timeout, and takes the 
 
 from typing import Final
 
-TAKEN_ANSWERS: Final = 3
+TAKEN_ANSWERS_IN_A_ROW: Final = 3
 
 
 class References:
@@ -42,4 +42,4 @@ class References:
         """Take what an answer without a fault says; return whether the first reference was taken."""
         is_behind = self._first_ns is not None and asked_ns >= self._first_ns
         self._taken = self._taken + 1 if is_behind and not has_timeout else 0
-        return self._taken >= TAKEN_ANSWERS
+        return self._taken >= TAKEN_ANSWERS_IN_A_ROW

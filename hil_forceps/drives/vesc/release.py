@@ -1,13 +1,13 @@
 """The order to let go of the motor, and what answers say of it: a VESC has no word for "no torque".
 
-What is taken for it: `QUIET_ANSWERS` in a row say less than a step of current, and where the release was ordered, they
-come from behind that order. Firmware that has stopped its modulation says exactly 0.
+What is taken for it: `QUIET_ANSWERS_IN_A_ROW` answers say less than a step of current, and where the release was
+ordered, they come from behind that order. Firmware that has stopped its modulation says exactly 0.
 """
 
 from typing import Final
 
 REPEAT_NS: Final = 50_000_000  # between orders that no answer shows yet
-QUIET_ANSWERS: Final = 3
+QUIET_ANSWERS_IN_A_ROW: Final = 3
 
 
 class Release:
@@ -22,7 +22,7 @@ class Release:
     @property
     def is_quiet(self) -> bool:
         """Tell whether no current flows."""
-        return self._quiet >= QUIET_ANSWERS
+        return self._quiet >= QUIET_ANSWERS_IN_A_ROW
 
     def want(self) -> None:
         """Ask for it; what was seen before doesn't count."""
@@ -50,4 +50,4 @@ class Release:
         if current_A != 0.0 or (self.is_wanted and not is_behind):
             self._quiet = 0
         else:
-            self._quiet = min(self._quiet + 1, QUIET_ANSWERS)
+            self._quiet = min(self._quiet + 1, QUIET_ANSWERS_IN_A_ROW)

@@ -3,10 +3,10 @@
 from collections import deque
 from typing import Final
 
-from hil_forceps.drives.answer_count import AnswerCount
+from hil_forceps.drives.supervision.answer_count import AnswerCount
 
 TAGS: Final = 256
-MAX_PENDING: Final = 64
+MAX_PENDING_REQUESTS: Final = 64
 
 
 class Requests:
@@ -31,7 +31,7 @@ class Requests:
     def ask(self, now_ns: int) -> int:
         """Return the tag of a request that goes out now."""
         self._tag = (self._tag + 1) % TAGS
-        if len(self._pending) == MAX_PENDING:
+        if len(self._pending) == MAX_PENDING_REQUESTS:
             self._pending.popleft()
             self._counters["unanswered"] += 1
         self._pending.append((self._tag, now_ns))

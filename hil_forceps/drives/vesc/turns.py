@@ -8,9 +8,9 @@ the bound itself comes to half a turn, the turns can't be counted any more.
 import math
 from typing import Final, NamedTuple
 
-_HALF: Final = 0.5
-SLACK_PERIODS: Final = 2
-_SLACK_COUNTS: Final = 2
+_HALF_TURN_REV: Final = 0.5
+REACH_MARGIN_PERIODS: Final = 2
+_REACH_MARGIN_COUNTS: Final = 2
 
 
 class TurnsConfig(NamedTuple):
@@ -45,18 +45,18 @@ class Turns:
 
     def reach_rev(self, at_ns: int) -> float:
         """Return how far the motor can have come since the last angle."""
-        since_ns = max(at_ns - self._at_ns, 0) + SLACK_PERIODS * self.config.period_ns
-        return self.config.speed_rev_per_s * since_ns * 1e-9 + _SLACK_COUNTS * self.config.count_rev
+        since_ns = max(at_ns - self._at_ns, 0) + REACH_MARGIN_PERIODS * self.config.period_ns
+        return self.config.speed_rev_per_s * since_ns * 1e-9 + _REACH_MARGIN_COUNTS * self.config.count_rev
 
     def is_lost(self, at_ns: int) -> bool:
         """Tell whether the turns can't be counted any more."""
-        return self.reach_rev(at_ns) >= _HALF
+        return self.reach_rev(at_ns) >= _HALF_TURN_REV
 
     def follow(self, within_rev: float, at_ns: int) -> float | None:
         """Return the angle; None where it is further away than the motor can have come."""
         if self.angle_rev is None or self.is_lost(at_ns):
             return None
-        step_rev = (within_rev - self.angle_rev + _HALF) % 1.0 - _HALF
+        step_rev = (within_rev - self.angle_rev + _HALF_TURN_REV) % 1.0 - _HALF_TURN_REV
         if abs(step_rev) > self.reach_rev(at_ns):
             return None
         self.start(self.angle_rev + step_rev, at_ns)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hil_forceps.estimation.algorithms.rfob import observe, sign
 from hil_forceps.estimation.interface import Algorithm, Estimator, State, estimator_of_kernels
 from hil_forceps.estimation.kernel import kernel, subroutine
-from hil_forceps.model.two_inertia import total_inertia_kg_m2, wire_mode_squared
+from hil_forceps.model.linear.two_inertia import total_inertia_kg_m2, wire_mode_squared
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.schema import Rig
 
@@ -30,7 +30,7 @@ _RM, _RJ, _IM, _IJ, _DM, _FM, _FJ, _A, _CORNER, _INERTIA, _STABLE = range(11)
 # 0 < η ≤ 1 in (19): the largest step that the paper allows.
 _ETA = 1.0
 # A model of the wire that has run alone for so long tells nothing; it starts again at x̂. Bounds the steps of a sample.
-_LONGEST_GAP_S = 0.1
+_MAX_GAP_S = 0.1
 
 
 def constants(plant: PlantParameters, corner_rad_per_s: float, *, as_published: bool) -> NDArray[np.float64]:
@@ -75,7 +75,7 @@ def _run_published(x_hat: float, x: float, v: float, alpha: float, a: float, dt_
 @subroutine
 def _run_stable(x_hat: float, x: float, v: float, alpha: float, a: float, dt_s: float) -> tuple[float, float, float]:
     """Return x_n, ẋ_n and α after a sample, by symplectic Euler."""
-    if dt_s > _LONGEST_GAP_S:
+    if dt_s > _MAX_GAP_S:
         return x_hat, 0.0, alpha
     steps = max(2, math.ceil(dt_s * math.sqrt(a)))
     h = dt_s / steps

@@ -51,7 +51,7 @@ from hil_forceps.estimation.algorithms.kalman_model import (
 from hil_forceps.estimation.interface import ELONGATION, TAU_W, Algorithm, Estimator, State, estimator_of_kernels
 from hil_forceps.estimation.kernel import kernel, returning_arrays, subroutine, with_work_arrays
 from hil_forceps.estimation.wire import WIRE_ANGLE_RAD, WIRE_CURRENT_A
-from hil_forceps.model.two_inertia import Matrix
+from hil_forceps.model.linear.two_inertia import Matrix
 from hil_forceps.rig.schema import Rig
 
 Vector = NDArray[np.float64]
@@ -67,15 +67,15 @@ STATE_SIZE = _SETTLING + _SIZE
 _PREDICTED_SIZE = _SIZE + 25  # a hypothesis, and the half of its covariance's product: one piece of memory a step
 
 # Speeds at the first sample: "at rest" as far as a person can tell.
-_START_SPEED_VAR = 1.0
+_START_SPEED_VAR_rad2_per_s2 = 1.0
 # A sample whose interval is longer than the hold by more than this part of it has a stretch of unknown torque before.
-_HOLD_TOLERANCE = 0.5
-_SAME_INTERVAL_S = 1e-10
+_MAX_HOLD_EXCESS_SHARE = 0.5
+_MAX_INTERVAL_DIFFERENCE_S = 1e-10
 # After so long without a sample nothing of a state is left that rest wouldn't tell as well.
-_LONGEST_GAP_S = 0.25
+_MAX_GAP_S = 0.25
 # A thousand standard deviations off for every hypothesis: the angle has jumped, not the forceps moved (an encoder that
 # was reset, a sample that is wrong). To explain it would wreck the state; it starts anew, as it does after NaN.
-_NO_FORCEPS = 1e6
+_MAX_NORMALISED_INNOVATION_SQUARED = 1e6
 # No hypothesis is ever given up: a weight of zero would stay zero.
 _MIN_WEIGHT = 1e-12
 
@@ -156,10 +156,10 @@ def _stretches(dt_s: float, c: Constants) -> tuple[float, Matrix, Matrix]:
 
     The part is 0 and the first stretch of no use where the torque was held all the time.
     """
-    nominal = abs(dt_s - c[PERIOD]) < _SAME_INTERVAL_S
+    nominal = abs(dt_s - c[PERIOD]) < _MAX_INTERVAL_DIFFERENCE_S
     lead_s = dt_s - c[HOLD]
-    if lead_s <= _HOLD_TOLERANCE * c[HOLD]:
-        held = held_stretch(c) if nominal and lead_s <= _SAME_INTERVAL_S else stretch(c, dt_s)
+    if lead_s <= _MAX_HOLD_EXCESS_SHARE * c[HOLD]:
+        held = held_stretch(c) if nominal and lead_s <= _MAX_INTERVAL_DIFFERENCE_S else stretch(c, dt_s)
         return 0.0, held, held
     lead = lead_stretch(c) if nominal else stretch(c, lead_s)
     return lead_s / dt_s, lead, held_stretch(c)
@@ -221,8 +221,8 @@ def start(c: Constants, time_ns: int, theta_m_rad: float, motor_torque_N_m: floa
         for i in range(5):
             for j in range(5):
                 hypothesis[5 + 5 * i + j] += variance * column[i] * column[j]
-    hypothesis[5 + 6 * SPEED_M] = _START_SPEED_VAR
-    hypothesis[5 + 6 * SPEED_J] = _START_SPEED_VAR
+    hypothesis[5 + 6 * SPEED_M] = _START_SPEED_VAR_rad2_per_s2
+    hypothesis[5 + 6 * SPEED_J] = _START_SPEED_VAR_rad2_per_s2
     state = np.empty(STATE_SIZE)
     state[_QUIET:_FRESH] = hypothesis
     state[_FRESH:_SETTLING] = hypothesis
@@ -276,7 +276,7 @@ def step(state: State, c: Constants, time_ns: int, theta_m_rad: float, motor_tor
     dt_s = (time_ns - state[TIME]) * 1e-9
     if dt_s <= 0.0:
         return state
-    if dt_s > _LONGEST_GAP_S:
+    if dt_s > _MAX_GAP_S:
         return start(c, time_ns, theta_m_rad, motor_torque_N_m)
     after, predicted = np.empty(STATE_SIZE), np.empty(_PREDICTED_SIZE)
     quiet, fresh, settling = after[_QUIET:_FRESH], after[_FRESH:_SETTLING], after[_SETTLING:]
@@ -290,7 +290,11 @@ def step(state: State, c: Constants, time_ns: int, theta_m_rad: float, motor_tor
     fresh_off, fresh_log = _correct(fresh, predicted, theta_m_rad, c[ANGLE_VAR])
     _advance(predicted, settling, drift_var, lead_part, lead, held, before, motor_torque_N_m, c)
     settling_off, settling_log = _correct(settling, predicted, theta_m_rad, c[ANGLE_VAR])
-    if not (quiet_off <= _NO_FORCEPS or fresh_off <= _NO_FORCEPS or settling_off <= _NO_FORCEPS):
+    if not (
+        quiet_off <= _MAX_NORMALISED_INNOVATION_SQUARED
+        or fresh_off <= _MAX_NORMALISED_INNOVATION_SQUARED
+        or settling_off <= _MAX_NORMALISED_INNOVATION_SQUARED
+    ):
         return start(c, time_ns, theta_m_rad, motor_torque_N_m)
     weights = _weigh(weights, (quiet_log, fresh_log, settling_log))
     _tell(after, time_ns, motor_torque_N_m, weights, c)

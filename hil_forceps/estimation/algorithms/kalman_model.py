@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.estimation.kernel import kernel, returning_arrays
-from hil_forceps.model.two_inertia import (
+from hil_forceps.model.linear.two_inertia import (
     Matrix,
     continuous,
     halvings,
@@ -37,8 +37,8 @@ _HELD = _LEAD + _STRETCH_SIZE
 
 _FRICTION_SWEEPS = 3
 
-# Steps of τ_w within a stretch are looked for at 2**_STEP_HALVINGS places at least.
-_STEP_HALVINGS = 3
+# Steps of τ_w within a stretch are looked for at 2**_MIN_STEP_HALVINGS places at least.
+_MIN_STEP_HALVINGS = 3
 
 
 class Tuning(NamedTuple):
@@ -72,7 +72,7 @@ class Sensors(NamedTuple):
 
 
 # Where neither encoder nor transport rounds, some error remains to be assumed, or the gain has no bound.
-_SMALLEST_ANGLE_ERROR_RAD = 1e-10
+_MIN_ANGLE_ERROR_RAD = 1e-10
 
 
 def constants(
@@ -93,7 +93,7 @@ def constants(
     angle_variances = [
         (sensors.encoder_quantum_rad**2 + sensors.transport_quantum_rad**2) / 12.0,
         (tuning.count_share * sensors.encoder_quantum_rad) ** 2,
-        _SMALLEST_ANGLE_ERROR_RAD**2,
+        _MIN_ANGLE_ERROR_RAD**2,
     ]
     current_variance = sensors.current_noise_A**2 + sensors.transport_quantum_A**2 / 12.0
     turn_per_load = 1.0 / (plant.wire_stiffness_N_per_m * r_j * r_j)
@@ -161,7 +161,7 @@ def stretch(c: Constants, dt_s: float) -> Matrix:
     """
     units = c[_UNITS:_LEAD]
     rates = c[_RATES:_UNITS].copy().reshape((6, 6)) * dt_s
-    count = max(halvings(rates), _STEP_HALVINGS)
+    count = max(halvings(rates), _MIN_STEP_HALVINGS)
     transition = taylor_exponential(rates * 0.5 ** (count + 1))
     # Mean covariance of a step within: of one in the middle of the smallest part, then by doubling, that of the second
     # half and that of the first carried through it.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hil_forceps.estimation.algorithms.rfob import observe, sign
 from hil_forceps.estimation.interface import Algorithm, Estimator, State, estimator_of_kernels
 from hil_forceps.estimation.kernel import kernel
-from hil_forceps.model.two_inertia import wire_mode_squared
+from hil_forceps.model.linear.two_inertia import wire_mode_squared
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.schema import Rig
 

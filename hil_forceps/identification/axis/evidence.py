@@ -17,10 +17,10 @@ BANDS_Hz = (3.0, 5.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0, 130.0, 170.0)
 MIN_COHERENCE = 0.95  # below, a band is shown but not used
 _SEGMENT_SAMPLES = 2048  # samples
 _STROKE_LOW_PASS_Hz = 10.0
-_STEADY_m_per_s2 = 0.02
+_MAX_STEADY_ACCELERATION_m_per_s2 = 0.02
 _STROKE_END_s = 0.06  # left out at both ends of a stroke
-_LEAST_STROKE_s = 0.2
-_T_95 = 1.96
+_MIN_STROKE_s = 0.2
+_Z_95 = 1.96  # quantile of the normal distribution, both sides
 
 
 class Stroke(NamedTuple):
@@ -68,14 +68,17 @@ def strokes(train: AxisRun, test: AxisRun, found: Fit) -> tuple[Stroke, ...]:
     step = train.sample_time_s
     if not np.allclose(train.reference_m, test.reference_m, atol=1e-3 * np.ptp(train.reference_m)):
         return ()
-    steady = np.abs(moved(train.reference_m, step, _STROKE_LOW_PASS_Hz).acceleration_m_per_s2) < _STEADY_m_per_s2
+    steady = (
+        np.abs(moved(train.reference_m, step, _STROKE_LOW_PASS_Hz).acceleration_m_per_s2)
+        < _MAX_STEADY_ACCELERATION_m_per_s2
+    )
     edges = np.flatnonzero(np.diff(np.concatenate(([0], steady.astype(int), [0]))))
     told = []
     spare = round(_STROKE_END_s / step)
     levels = [_steady_force(run, found) for run in (train, test)]
     speed = moved(train.position_m, step, _STROKE_LOW_PASS_Hz).speed_m_per_s
     for first, last in zip(edges[::2], edges[1::2], strict=True):
-        if (last - first) * step >= _LEAST_STROKE_s:
+        if (last - first) * step >= _MIN_STROKE_s:
             here = slice(int(first) + spare, int(last) - spare)
             means = [float(level[here].mean()) for level in levels]
             told.append(Stroke(float(train.time_s[here.start]), float(speed[here].mean()), *means))
@@ -148,8 +151,8 @@ def stiffness(bands: Sequence[Band], sample_time_s: float) -> Stiffness | None:
     scatter = float(np.sqrt(np.sum(weights * (delays - delay) ** 2) / np.sum(weights) / max(1, len(fast) - 1)))
     rise = float(rise / level)
     return Stiffness(
-        used[-1].to_Hz, rise, rise - _T_95 * error, rise + _T_95 * error, delay, delay - _T_95 * scatter,
-        delay + _T_95 * scatter,
+        used[-1].to_Hz, rise, rise - _Z_95 * error, rise + _Z_95 * error, delay, delay - _Z_95 * scatter,
+        delay + _Z_95 * scatter,
     )  # fmt: skip
 
 

@@ -16,12 +16,12 @@ from hil_forceps.identification.axis.force_terms import Law, Motion, Shape, Vect
 
 LOW_PASS_Hz = 100.0
 FILTER_ORDER = 4
-KEPT_Hz = 40.0
+MIN_KEPT_BANDWIDTH_Hz = 40.0
 BORDER_SAMPLES = 49  # samples at the start that the differences spoil
 MAX_DEAD_TIME_s = 2e-3
-LOW_SPEEDS_m_per_s = (2e-3, 0.1)
+LOW_SPEED_BOUNDS_m_per_s = (2e-3, 0.1)
 _START_DEAD_TIME_s = 5e-4
-_BOUND_TOLERANCE = 1.02  # a number nearer to its bound than this sits there
+_NEAR_BOUND_RATIO = 1.02  # a number nearer to its bound than this sits there
 
 
 class Fit(NamedTuple):
@@ -38,7 +38,7 @@ class Rows:
     def __init__(self, position_m: Vector, force_N: Vector, sample_time_s: float) -> None:
         self.sample_time_s = sample_time_s
         self.motion = Motion(*(values[BORDER_SAMPLES:] for values in moved(position_m, sample_time_s)))
-        self.factor = max(1, round(0.8 * 0.5 / sample_time_s / KEPT_Hz))
+        self.factor = max(1, round(0.8 * 0.5 / sample_time_s / MIN_KEPT_BANDWIDTH_Hz))
         self._force_N = force_N
         self._columns: dict[tuple[str, Shape], Vector] = {}
 
@@ -108,7 +108,7 @@ def fit(rows: Rows, law: Law, shape: Shape, kept: Vector | None = None) -> Fit:
     if not free:
         return solve(rows, law, shape._replace(dead_time_s=0.0), kept)
     units = {"dead_time_s": 1e-4, "low_speed_m_per_s": 2e-3}
-    bounds = {"dead_time_s": (0.0, MAX_DEAD_TIME_s), "low_speed_m_per_s": LOW_SPEEDS_m_per_s}
+    bounds = {"dead_time_s": (0.0, MAX_DEAD_TIME_s), "low_speed_m_per_s": LOW_SPEED_BOUNDS_m_per_s}
     start = shape if shape.dead_time_s or not law.dead_time else shape._replace(dead_time_s=_START_DEAD_TIME_s)
     first = np.array([getattr(start, name) / units[name] for name in free])
 
@@ -127,10 +127,10 @@ def fit(rows: Rows, law: Law, shape: Shape, kept: Vector | None = None) -> Fit:
 
 def at_bound(found: Fit) -> bool:
     """Say whether dead time or low speed ended where the search does; no dead time at all is none of that."""
-    low, high = LOW_SPEEDS_m_per_s
+    low, high = LOW_SPEED_BOUNDS_m_per_s
     speed, late = found.shape.low_speed_m_per_s, found.shape.dead_time_s
-    at_speed = found.law.low_speed and not (_BOUND_TOLERANCE * low < speed < high / _BOUND_TOLERANCE)
-    return at_speed or (found.law.dead_time and late > MAX_DEAD_TIME_s / _BOUND_TOLERANCE)
+    at_speed = found.law.low_speed and not (_NEAR_BOUND_RATIO * low < speed < high / _NEAR_BOUND_RATIO)
+    return at_speed or (found.law.dead_time and late > MAX_DEAD_TIME_s / _NEAR_BOUND_RATIO)
 
 
 def predicted(rows: Rows, found: Fit) -> Vector:

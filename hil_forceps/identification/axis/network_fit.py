@@ -16,9 +16,9 @@ from hil_forceps.identification.axis.network import STRETCH_ROWS, STRETCHES, des
 from hil_forceps.rig.errors import UserError
 
 ROW_s = 5e-3  # as published: every fifth sample of a millisecond
-FORCE_RMS = 1.54  # of the network's input: that of EMPS's control signal in volts, which it was published with
+INPUT_RMS = 1.54  # of the network's input: that of EMPS's control signal in volts, which it was published with
 STEPS, TOLD_EVERY, SEEDS = 10_000, 500, 5
-RUNAWAY_M = 1e3
+MAX_ERROR_m = 1e3
 
 Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 Rows = NDArray[np.int64]
@@ -54,7 +54,7 @@ def fit_networks(
 ) -> tuple[NetworkFit, ...]:
     """Fit to the training run from several seeds, tests only looked at; UserError where the run is too short."""
     middle, half = 0.5 * float(train.position_m.min() + train.position_m.max()), 0.5 * float(np.ptp(train.position_m))
-    unit = float(np.sqrt(np.mean(train.force_N**2))) / FORCE_RMS
+    unit = float(np.sqrt(np.mean(train.force_N**2))) / INPUT_RMS
     runs = [_scaled(run, middle, half, unit) for run in (train, *tests)]
     if len(runs[0].position) < 2 * STRETCH_ROWS + STRETCHES:
         raise UserError(f"run {train.name}: too short for a network; leave --black-boxes out")
@@ -106,4 +106,4 @@ def _first_errors(rows: Rows, train: _Scaled, states: Vector, unknowns: Vector) 
 def _error_m(run: _Scaled, unknowns: Vector) -> float:
     """Return the RMS error over a whole run, from rest at its first position, as published."""
     off = run.half_m * (play(unknowns, run.force, np.array([run.position[0], 0.0]), run.step_s) - run.position)
-    return float(np.sqrt(np.mean(off**2))) if np.max(np.abs(off)) < RUNAWAY_M else float("inf")
+    return float(np.sqrt(np.mean(off**2))) if np.max(np.abs(off)) < MAX_ERROR_m else float("inf")

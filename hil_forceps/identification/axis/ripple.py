@@ -12,8 +12,8 @@ from hil_forceps.identification.axis.inverse_model import Fit, moved, relative_e
 
 # Looked at: periods from 0.7 to 10 mm. Longer ones are what varies along the path at all.
 CYCLES_PER_M = np.arange(100.0, 1400.0, 0.25)
-_STEADY_m_per_s2 = 0.05
-_MOVING_m_per_s = 5e-3
+_MAX_STEADY_ACCELERATION_m_per_s2 = 0.05
+_MIN_SPEED_m_per_s = 5e-3
 _PHASE_TRIALS = 250  # places of the zero that are tried over one period
 
 
@@ -39,7 +39,9 @@ def spectrum(run: AxisRun, found: Fit) -> Spectrum:
     """Return the amplitudes over the path of what a model leaves where the axis moves steadily, per metre alike."""
     motion, left = leftover(run, found)
     speed = motion.speed_m_per_s
-    steady = (np.abs(motion.acceleration_m_per_s2) < _STEADY_m_per_s2) & (np.abs(speed) > _MOVING_m_per_s)
+    steady = (np.abs(motion.acceleration_m_per_s2) < _MAX_STEADY_ACCELERATION_m_per_s2) & (
+        np.abs(speed) > _MIN_SPEED_m_per_s
+    )
     parts = (steady, steady & (speed > 0.0), steady & (speed < 0.0))
     return Spectrum(CYCLES_PER_M, *(_amplitude(motion, left, here) for here in parts))
 

@@ -5,7 +5,6 @@ the bench the ratio, K_t and their zeros. One fit of the transmission model serv
 the part that it is scored on. Black boxes get the same causal low-passed inputs: θ_m, its speed, what drives.
 """
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
@@ -15,9 +14,10 @@ from numpy.typing import NDArray
 from hil_forceps.data.run import Run
 from hil_forceps.estimation import transmission
 from hil_forceps.identification.instrument.black_boxes import SEED, Fit, Predict, black_boxes
+from hil_forceps.identification.instrument.held_out_errors import HeldOut, HeldOutErrors, rms
 from hil_forceps.identification.instrument.report import CLOSING, WHOLE, Array, RunInfo
 from hil_forceps.identification.instrument.score import Estimated, parts_of
-from hil_forceps.identification.instrument.series_zeros import NO_ZEROS, Means, SeriesZeros, series_zeros
+from hil_forceps.identification.instrument.series_zeros import SeriesZeros
 from hil_forceps.identification.instrument.splits import Split, splits
 from hil_forceps.identification.instrument.transmission_fit import TransmissionFit, counted, fit_transmission, inputs
 
@@ -27,20 +27,6 @@ TRAINED_SHARE = 0.85  # the publication's 70 % and the 15 % that it stopped by; 
 
 Bench = Callable[[Sequence[Run], Run, str], dict[str, Estimated]]  # training runs, run, source -> by method
 Note = Callable[[str], None]
-_Key = tuple[str, str, str]  # source, method, part
-
-
-class HeldOut(NamedTuple):
-    """Error of one method on the runs or samples of a split that it hasn't seen; `run` "" for all of them."""
-
-    split: str
-    run: str
-    source: str
-    method: str
-    part: str
-    tau_w_rmse_N_m: float
-    theta_j_rmse_rad: float
-    samples: int
 
 
 class Residual(NamedTuple):
@@ -81,61 +67,6 @@ class Comparison(NamedTuple):
     courses: tuple[Course, ...]
 
 
-class _Errors:
-    """Squared errors gathered run by run, and mean errors on the training runs."""
-
-    def __init__(self, split: Split) -> None:
-        self.split = split.name
-        self.series = split.series
-        self.per_run: list[HeldOut] = []
-        self._means: list[Means] = []  # of each of `per_run`
-        self._train: dict[_Key, list[Means]] = {}
-
-    def add(self, run: str, source: str, method: str, part: str, tau_w: Array, theta_j: Array) -> None:
-        """Take in one method's errors on one run."""
-        if len(tau_w):
-            score = HeldOut(self.split, run, source, method, part, _rms(tau_w), _rms(theta_j), len(tau_w))
-            self.per_run.append(score)
-            self._means.append(Means(run, float(np.mean(tau_w)), float(np.mean(theta_j))))
-
-    def add_training(self, run: str, source: str, method: str, part: str, tau_w: float, theta_j: float) -> None:
-        """Take in one method's mean errors on one training run."""
-        self._train.setdefault((source, method, part), []).append(Means(run, tau_w, theta_j))
-
-    def overall(self) -> list[HeldOut]:
-        """Return the errors over all samples, in the order in which methods came."""
-        return self._pooled(self.per_run)
-
-    def by_series(self) -> list[HeldOut]:
-        """Return the same with the zero of each series taken from its training runs."""
-        zeros = {key: series_zeros(means, self.series) for key, means in self._train.items()}
-        moved = []
-        for score, means in zip(self.per_run, self._means, strict=True):
-            found = zeros.get((score.source, score.method, score.part), NO_ZEROS)
-            tau_w, theta_j = found.of(self.series[score.run])
-            moved.append(
-                score._replace(
-                    tau_w_rmse_N_m=_about(score.tau_w_rmse_N_m, means.tau_w_N_m, tau_w),
-                    theta_j_rmse_rad=_about(score.theta_j_rmse_rad, means.theta_j_rad, theta_j),
-                )
-            )
-        return self._pooled(moved)
-
-    def zeros_of(self, method: str) -> dict[str, SeriesZeros]:
-        """Return the zeros of each series for a method, by split, source and part."""
-        return {
-            f"{self.split}/{source}/{part}": series_zeros(means, self.series)
-            for (source, own, part), means in self._train.items()
-            if own == method
-        }
-
-    def _pooled(self, per_run: Sequence[HeldOut]) -> list[HeldOut]:
-        groups: dict[_Key, list[HeldOut]] = {}
-        for score in per_run:
-            groups.setdefault((score.source, score.method, score.part), []).append(score)
-        return [HeldOut(self.split, "", *key, *_pooled(scores)) for key, scores in groups.items()]
-
-
 def compare(
     runs: Sequence[Run],
     infos: Sequence[RunInfo],
@@ -157,7 +88,7 @@ def compare(
     residuals: list[Residual] = []
     courses: list[Course] = []
     for split in found:
-        errors = _Errors(split)
+        errors = HeldOutErrors(split)
         train, held = [named[name] for name in split.train], [named[name] for name in split.held_out]
         for source in sources:
             _tell(note, f"{split.name}, {source}")
@@ -191,7 +122,7 @@ def estimate(fit: TransmissionFit, run: Run) -> Estimated:
     return Estimated(*transmission.run(fit.constants, *inputs(run, fit.source)))
 
 
-def _score(errors: _Errors, run: Run, source: str, method: str, estimated: Estimated) -> list[Residual]:
+def _score(errors: HeldOutErrors, run: Run, source: str, method: str, estimated: Estimated) -> list[Residual]:
     tau_w = estimated.tau_w_N_m - run.columns["tau_w_N_m"]
     theta_j = estimated.theta_j_rad - run.columns["theta_j_rad"]
     residuals = []
@@ -204,7 +135,7 @@ def _score(errors: _Errors, run: Run, source: str, method: str, estimated: Estim
     return residuals
 
 
-def _learn(errors: _Errors, run: Run, source: str, method: str, estimated: Estimated) -> None:
+def _learn(errors: HeldOutErrors, run: Run, source: str, method: str, estimated: Estimated) -> None:
     """Take in the mean errors on a training run."""
     for part, rows in parts_of(run).items():
         if np.any(rows):
@@ -212,7 +143,7 @@ def _learn(errors: _Errors, run: Run, source: str, method: str, estimated: Estim
             errors.add_training(run.name, source, method, part, -float(np.mean(tau_w)), -float(np.mean(theta_j)))
 
 
-def _score_bench(errors: _Errors, train: Sequence[Run], held: Sequence[Run], source: str, bench: Bench) -> None:
+def _score_bench(errors: HeldOutErrors, train: Sequence[Run], held: Sequence[Run], source: str, bench: Bench) -> None:
     """Score the bench's estimators with zeros, per part, from the training runs."""
     trained = [wrong for wrong in _wrong(train, train, source, bench) if len(wrong.tau_w)]
     sums: dict[tuple[str, str], list[tuple[float, float, int]]] = {}
@@ -261,7 +192,7 @@ def _differences(run: Run, estimated: Estimated, rows: NDArray[np.bool_]) -> tup
 
 
 def _score_box(
-    errors: _Errors, train: Sequence[Run], held: Sequence[Run], fit: TransmissionFit, method: str, box: Fit
+    errors: HeldOutErrors, train: Sequence[Run], held: Sequence[Run], fit: TransmissionFit, method: str, box: Fit
 ) -> None:
     for part in (WHOLE, CLOSING):
         x, y = _stacked(train, fit, part)
@@ -328,7 +259,7 @@ def _published_protocol(
 
 
 def _random_score(source: str, method: str, wrong: Array) -> HeldOut:
-    return HeldOut(PUBLISHED_PROTOCOL, "", source, method, CLOSING, _rms(wrong[:, 0]), _rms(wrong[:, 1]), len(wrong))
+    return HeldOut(PUBLISHED_PROTOCOL, "", source, method, CLOSING, rms(wrong[:, 0]), rms(wrong[:, 1]), len(wrong))
 
 
 def _drawn(held: Sequence[Run], known: Mapping[str, RunInfo]) -> set[str]:
@@ -340,22 +271,6 @@ def _drawn(held: Sequence[Run], known: Mapping[str, RunInfo]) -> set[str]:
 def _course(split: Split, info: RunInfo, run: Run, source: str, estimated: Estimated) -> Course:
     columns = run.columns
     return Course(split.name, info, source, columns["time_s"], columns["tau_w_N_m"], columns["theta_j_rad"], estimated)
-
-
-def _rms(values: Array) -> float:
-    return math.sqrt(float(np.mean(values**2)))
-
-
-def _about(rmse: float, mean: float, zero: float) -> float:
-    """Return the root mean square about a zero of errors with this one about 0 and this mean."""
-    return math.sqrt(max(rmse**2 - 2.0 * zero * mean + zero**2, 0.0))
-
-
-def _pooled(scores: Sequence[HeldOut]) -> tuple[float, float, int]:
-    count = sum(score.samples for score in scores)
-    tau_w = sum(score.samples * score.tau_w_rmse_N_m**2 for score in scores) / count
-    theta_j = sum(score.samples * score.theta_j_rmse_rad**2 for score in scores) / count
-    return math.sqrt(tau_w), math.sqrt(theta_j), count
 
 
 def _tell(note: Note | None, what: str) -> None:

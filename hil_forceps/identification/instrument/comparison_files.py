@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hil_forceps.estimation import transmission
-from hil_forceps.identification.instrument.comparison import PUBLISHED_PROTOCOL, Comparison, HeldOut
+from hil_forceps.identification.instrument.comparison import PUBLISHED_PROTOCOL, Comparison
+from hil_forceps.identification.instrument.held_out_errors import HeldOut
 from hil_forceps.identification.instrument.report import (
     CLOSING,
     PUBLISHED_THETA_J_RMSE_RAD,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hil_forceps.data.readers.read_run import FORMATS, read_run
-from hil_forceps.data.readers.surgical_tool import iter_surgical_tool
+from hil_forceps.data.readers.surgical_tool.reader import iter_surgical_tool
 from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.readers.tables.packed import inner_name
 from hil_forceps.data.run import Run

@@ -12,7 +12,7 @@ from hil_forceps.identification.instrument.report import CLOSING, WHOLE, Array, 
 DROPPED_S = 1.0  # at both ends, as the publication does; the estimators have settled by then
 CLOSING_SPEED_RAD_PER_S = 0.25  # the publication's threshold for a closing stroke
 SPEED_WINDOW_S = 0.05
-DIVERGED_ABOVE = 1e6  # N m or rad: an estimate this large has diverged, whether it got to infinity or not
+MAX_ESTIMATE = 1e6  # N m or rad: an estimate this large has diverged, whether it got to infinity or not
 
 Parts = dict[str, NDArray[np.bool_]]
 Key = tuple[str, str, str]  # source, method, part
@@ -94,7 +94,7 @@ class Tally:
 
 
 def _moments(errors: Array) -> _Moments:
-    if not np.all(np.abs(errors) < DIVERGED_ABOVE):  # false for NaN as well
+    if not np.all(np.abs(errors) < MAX_ESTIMATE):  # false for NaN as well
         return _Moments(len(errors), None, 0.0)
     return _Moments(len(errors), float(np.mean(errors)), float(np.mean(errors**2)))
 

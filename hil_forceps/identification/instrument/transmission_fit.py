@@ -27,8 +27,8 @@ STANDSTILL: Mapping[str, tuple[float, ...]] = {"current_A": (0.0, 1.5, 3.0)}
 PRESLIDING_RAD = ((0.006, 0.03, 0.12), (0.01, 0.04, 0.15), (0.015, 0.06, 0.25))
 SAMPLE_STRIDE = 10  # of the samples are fitted to: neighbours tell the same
 DROPPED_S = 1.0  # at both ends
-RANGE_SHARE = 5e-4  # of the samples lies outside the range of θ at either end: outliers don't stretch it
-RIDGE = 1e-6  # of a column's power: keeps coefficients small that the data don't tell apart
+OUTLIER_SHARE = 5e-4  # of the samples lies outside the range of θ at either end: outliers don't stretch it
+RIDGE_SHARE = 1e-6  # of a column's power: keeps coefficients small that the data don't tell apart
 
 
 class Inputs(NamedTuple):
@@ -81,7 +81,7 @@ def fit_transmission(runs: Sequence[Run], levels: Mapping[str, int], source: str
     if len(set(groups)) < 2:
         groups = list(range(len(runs)))
     theta = np.concatenate([run.columns["theta_m_rad"] for run in runs])
-    low, high = np.quantile(theta, [RANGE_SHARE, 1.0 - RANGE_SHARE])
+    low, high = np.quantile(theta, [OUTLIER_SHARE, 1.0 - OUTLIER_SHARE])
     if not high > low:
         raise UserError("θ_m doesn't move in the training runs: nothing about a transmission can be fitted")
     for run in runs:
@@ -135,7 +135,7 @@ def _solve(parts: Sequence[_Normal]) -> Vector:
     right = np.sum([part.right for part in parts], axis=0)
     scale = np.sqrt(np.diag(matrix))
     scale[scale == 0.0] = 1.0  # a term that is always 0 gets the coefficient 0
-    scaled = matrix / scale / scale[:, None] + RIDGE * np.eye(len(scale))
+    scaled = matrix / scale / scale[:, None] + RIDGE_SHARE * np.eye(len(scale))
     solution: Vector = np.linalg.solve(scaled, right / scale) / scale
     return solution
 

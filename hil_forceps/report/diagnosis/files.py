@@ -24,7 +24,7 @@ def draughtsman() -> ProcessPoolExecutor:
 
 def _ready() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who waits for it ends it
-    from hil_forceps.report.diagnosis import figures  # noqa: F401, PLC0415
+    from hil_forceps.report.diagnosis.figures import captions  # noqa: F401, PLC0415
 
     gc.freeze()
 
@@ -36,12 +36,12 @@ def begun(diagnosis: Diagnosis, helper: Executor) -> Future[dict[str, str]]:
 
 def _by_two(diagnosis: Diagnosis) -> dict[str, str]:
     """Draw all figures, every second one in a copy of this process, which has no threads and all loaded."""
-    from hil_forceps.report.diagnosis import figures  # noqa: PLC0415 - as below
+    from hil_forceps.report.diagnosis.figures import captions  # noqa: PLC0415 - as below
 
     with ProcessPoolExecutor(1, mp_context=get_context("fork")) as copy:
         others = copy.submit(_images, diagnosis, share=slice(1, None, 2))
         drawn = _images(diagnosis, share=slice(0, None, 2)) | others.result()
-    return {panel.name: drawn[panel.name] for panel in figures.panels(diagnosis) if panel.name in drawn}
+    return {panel.name: drawn[panel.name] for panel in captions.panels(diagnosis) if panel.name in drawn}
 
 
 def write_report(
@@ -58,16 +58,16 @@ def write_report(
 
 def _images(diagnosis: Diagnosis, progress: Progress | None = None, *, share: slice = slice(None)) -> dict[str, str]:
     """Draw all figures, or a share of them, in the order of the page and ready for it."""
-    from hil_forceps.report.diagnosis import figures  # noqa: PLC0415 - matplotlib takes a while to load
+    from hil_forceps.report.diagnosis.figures import captions  # noqa: PLC0415 - matplotlib takes a while to load
 
-    panels = figures.panels(diagnosis)[share]
+    panels = captions.panels(diagnosis)[share]
     images: dict[str, str] = {}
     for done, panel in enumerate(panels):
         _tell(progress, done, len(panels), panel.name)
         figure = panel.draw()
         if figure is not None:
             caption = escaped(panel.caption)
-            image = figures.svg_image(figure, caption)
+            image = captions.svg_image(figure, caption)
             images[panel.name] = f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
     _tell(progress, len(panels), len(panels), "page")
     return images
@@ -76,9 +76,9 @@ def _images(diagnosis: Diagnosis, progress: Progress | None = None, *, share: sl
 def write_figures(diagnosis: Diagnosis, folder: Path, *, progress: Progress | None = None) -> list[Path]:
     """Write the figures of the page as PDF and PNG for papers; return the files. Raises OSError."""
     from hil_forceps.report import save  # noqa: PLC0415 - as above
-    from hil_forceps.report.diagnosis import figures  # noqa: PLC0415 - as above
+    from hil_forceps.report.diagnosis.figures import captions  # noqa: PLC0415 - as above
 
-    panels = figures.panels(diagnosis)
+    panels = captions.panels(diagnosis)
     files: list[Path] = []
     for done, panel in enumerate(panels):
         _tell(progress, done, len(panels), panel.name)

@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from hil_forceps.identification.instrument.comparison import EXTENDED, PUBLISHED_PROTOCOL, Comparison, Course, HeldOut
+from hil_forceps.identification.instrument.comparison import EXTENDED, PUBLISHED_PROTOCOL, Comparison, Course
+from hil_forceps.identification.instrument.held_out_errors import HeldOut
 from hil_forceps.identification.instrument.report import CLOSING, WHOLE
 from hil_forceps.report.bench.simulation import MILLI
 from hil_forceps.report.save import save_figure

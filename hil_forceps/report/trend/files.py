@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from hil_forceps.diagnosis.drift.result import Trend
-from hil_forceps.report.diagnosis.figures import svg_image
+from hil_forceps.report.diagnosis.figures.captions import svg_image
 from hil_forceps.report.diagnosis.words import escaped
 from hil_forceps.report.save import save_figure
 from hil_forceps.report.trend.figures import instrument_figure

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from hil_forceps.rig.first_rig.answers import Answers
-from hil_forceps.rig.first_rig.position_loop import OMEGA_RAD_PER_S
+from hil_forceps.rig.first_rig.position_loop import LOOP_OMEGA_RAD_PER_S
 
 GAIN_MARGIN: Final = 2.0  # 6 dB, the textbooks' least, between kp and the wire's stiffness at the pulley
 RANGE_RATIO: Final = 1.25  # of a range that can be set over what is needed of it
@@ -31,7 +31,7 @@ def own_firmware(
 
 
 def _gains(answers: Answers, plant: Mapping[str, float], inertia_kg_m2: float) -> tuple[float, float, str]:
-    kp, why = inertia_kg_m2 * OMEGA_RAD_PER_S**2, f"I w^2 with w = {OMEGA_RAD_PER_S:g} rad/s, as a start"
+    kp, why = inertia_kg_m2 * LOOP_OMEGA_RAD_PER_S**2, f"I w^2 with w = {LOOP_OMEGA_RAD_PER_S:g} rad/s, as a start"
     stiffness = plant.get("wire_stiffness_N_per_m")
     if stiffness is not None:
         kp, why = min((kp, why), (stiffness * answers.motor_pulley_radius_m**2 / GAIN_MARGIN, MARGIN))

@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
-from hil_forceps.rig.consistency import WIRE_CURRENT_A
 from hil_forceps.rig.first_rig.answers import Answers
 from hil_forceps.rig.first_rig.mini_cheetah import own_firmware
 from hil_forceps.rig.first_rig.position_loop import STEPS_S, inertia_at_pulley, loop_entries, plant_step_s
 from hil_forceps.rig.presets import Fact
+from hil_forceps.rig.validation.consistency import MAX_WIRE_CURRENT_A
 
 # What nobody knows yet: bounds as wide as `configs/surgical_tool_unknown.yaml` has them, and what the paper's forceps
 # has (Table I), for a simulation.
@@ -28,7 +28,7 @@ MEASURE: Final = {
     "jaw_coulomb_N_m": "half of the torque between slow turns of the jaw both ways; `hil-forceps diagnose` fits it",
     "wire_stiffness_N_per_m": "jaw held, a torque on the motor and how far it turns; `hil-forceps diagnose` fits it",
 }
-NO_LOAD_SPREAD: Final = 100.0  # a part of the no-load loss, between all of it and a hundredth
+MAX_TO_MIN_NO_LOAD_LOSS_RATIO: Final = 100.0  # a part of the no-load loss, between all of it and a hundredth
 
 Known = float | int | str | Mapping[str, float]
 
@@ -111,7 +111,7 @@ def _motor_friction(answers: Answers) -> Iterator[Entry]:
         loss_N_m = float(current.value) * answers.torque_constant_N_m_per_A
         why = f"no-load current ({current.source}) times K_t is all of the motor's loss: half of it taken for this"
         for key, most in zip(keys, (loss_N_m * abs(answers.gear) / float(speed.value), loss_N_m), strict=True):
-            yield Entry(key, {"value": most / 2, "min": most / NO_LOAD_SPREAD, "max": most}, why)
+            yield Entry(key, {"value": most / 2, "min": most / MAX_TO_MIN_NO_LOAD_LOSS_RATIO, "max": most}, why)
     else:
         yield from (_unknown(answers, key) for key in keys)
 
@@ -161,7 +161,7 @@ def _current_limit(answers: Answers) -> _Scaled:
         at_most = answers.tension_max_N * answers.motor_pulley_radius_m / answers.torque_constant_N_m_per_A
         limits.append(_Scaled(at_most, f"what pulls with --tension-max, {answers.tension_max_N:g} N r_m / K_t"))
     if answers.profile == "native":
-        limits.append(_Scaled(WIRE_CURRENT_A, "what the protocol carries"))
+        limits.append(_Scaled(MAX_WIRE_CURRENT_A, "what the protocol carries"))
     return min(limits)
 
 

@@ -11,8 +11,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.problems import nearest
 from hil_forceps.rig.sections import ProfileName
+from hil_forceps.rig.validation.problems import nearest
 from hil_forceps.rig.yaml_loader import load_document
 
 FOLDER = Path(__file__).parent

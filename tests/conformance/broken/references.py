@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from firmware_protocol import codec
-from firmware_protocol.drive_parameters import ParameterStore
+from firmware_protocol.drive.parameter_values import ParameterStore
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import (
     DriveState,

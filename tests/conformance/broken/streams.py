@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from firmware_protocol.discovery import identity_delay_us
+from firmware_protocol.drive.discovery import identity_delay_us
 from firmware_protocol.frames import MAX_NODE, Frame
 from firmware_protocol.messages import (
     AssignNode,

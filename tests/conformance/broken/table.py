@@ -9,7 +9,7 @@ from types import MethodType
 from typing import Any, NamedTuple
 
 from firmware_protocol import codec
-from firmware_protocol.drive_machine import DriveMachine
+from firmware_protocol.drive.machine import DriveMachine
 from firmware_protocol.frames import Frame, split_id
 from firmware_protocol.messages import (
     Control,

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from firmware_protocol.frames import Frame
-from firmware_protocol.samples import RawSample
+from firmware_protocol.host.samples import RawSample
 from tests.conformance.makers.table import Broken, breaks, leads, measures, wrap
 
 RAD = (1 << 24) / (2.0 * math.pi)  # raw

@@ -5,10 +5,10 @@ from typing import Any
 import pytest
 
 from firmware_protocol import codec
-from firmware_protocol.drive_machine import DriveMachine
-from firmware_protocol.host_machine import HostMachine
+from firmware_protocol.drive.machine import DriveMachine
+from firmware_protocol.host.machine import HostMachine
+from firmware_protocol.host.samples import SampleAssembler
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import SampleAssembler
 from firmware_protocol.states import DRIVE_TRANSITIONS, DriveEvent
 from tests.fault_campaign.defects.table import around, defect
 from tests.fault_campaign.schedule import Kind

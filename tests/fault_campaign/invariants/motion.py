@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from firmware_protocol.scales import ANGLE_LSB_RAD
-from hil_forceps.bench.assembly import GAP_PERIODS, STEP_PERIODS
+from hil_forceps.bench.assembly import MAX_GAP_PERIODS, MAX_STEP_PERIODS
 from hil_forceps.control.gate import DEFAULT_MAX_GAP_S
 from hil_forceps.control.gate.bounds import feedback_bounds
 from tests.fault_campaign.drive import FaultyDrive, Moment
@@ -78,7 +78,7 @@ def _beyond(record: Record, came: list[int], at_ns: int, before_ns: int, referen
 def gate_limits_as_sent(record: Record) -> Iterator[str]:
     """What the gate passes in ticks one after the other keeps speed and acceleration, and it closes behind a gap."""
     limits, period_s = record.rig.limits, record.config.period_ns * 1e-9
-    gap_s, step_s = max(DEFAULT_MAX_GAP_S, GAP_PERIODS * period_s), STEP_PERIODS * period_s
+    gap_s, step_s = max(DEFAULT_MAX_GAP_S, MAX_GAP_PERIODS * period_s), MAX_STEP_PERIODS * period_s
     before: tuple[int, float] | None = None
     speed_before, rounding_before = 0.0, 0.0
     for reference, _, _ in record.tap.references:

@@ -18,7 +18,7 @@ import pytest
 
 from firmware_protocol.codec import Decoder
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.machine import HostConfig, HostMachine, HostPhase
 from firmware_protocol.messages import DriveHeartbeat, DriveState, FaultReason, Function, ParamOp
 from firmware_protocol.parameters import Index
 from hil_forceps.bridge.links.adapters import LinkSpec, open_link

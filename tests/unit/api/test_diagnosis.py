@@ -25,7 +25,7 @@ from hil_forceps.report.diagnosis.words import VERDICTS
 from hil_forceps.rig.loading import dump_rig
 from tests.hidden_effects.generator import RIG, generate
 from tests.hidden_effects.generator_scenarios import Scenario
-from tests.unit.report.test_diagnosis import wire_slack
+from tests.unit.report.diagnosis.cases import wire_slack
 from tests.unit.security.test_pages import HOSTILE
 
 DIFFERENCE = "difference_N_m_s_per_rad"

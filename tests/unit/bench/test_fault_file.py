@@ -9,13 +9,13 @@ import pytest
 from firmware_protocol.messages import DriveState, FaultReason
 from hil_forceps.bench.fault_file import fault_path
 from hil_forceps.bridge.course import Course
-from hil_forceps.bridge.flight_recorder import BEFORE_NS
+from hil_forceps.bridge.logs.flight_recorder import RECORDED_BEFORE_FAULT_NS
 from hil_forceps.bridge.results import StopReason
 from hil_forceps.bridge.service import Service
 from hil_forceps.cli import main as cli
 from hil_forceps.cli.commands.runs import run_checks
 from hil_forceps.control.gate import GateTrip
-from hil_forceps.data.readers.bus_frames import read_frames
+from hil_forceps.data.readers.bus_logs.frames import read_frames
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.data.strict_json import parse_json
 
@@ -61,7 +61,7 @@ def test_the_last_second_of_everything_is_kept(tmp_path: Path, capsys: pytest.Ca
     assert recording.notes == ()
     assert recording.fault == (out / "fault.json").read_bytes()
 
-    begin_ns = fault["time_ns"] - BEFORE_NS
+    begin_ns = fault["time_ns"] - RECORDED_BEFORE_FAULT_NS
     for table, name, time in (("samples", recording.samples, "received_ns"),
                               ("references", recording.references, "tick_ns"),
                               ("bench", recording.bench, "received_ns")):  # fmt: skip

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hil_forceps.bench.metrics import STEADY_WINDOW_S, WINDOW_S, judge
+from hil_forceps.bench.metrics import ERROR_WINDOW_S, STEADY_WINDOW_S, judge
 from hil_forceps.report.traces import RunTraces
 
 SAMPLE_TIME_S = 1e-3
@@ -25,7 +25,7 @@ def cut(run: RunTraces, end: int) -> RunTraces:
 
 
 def inside(run: RunTraces) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
-    return (run.time_s >= WINDOW_S[0]) & (run.time_s <= WINDOW_S[1])
+    return (run.time_s >= ERROR_WINDOW_S[0]) & (run.time_s <= ERROR_WINDOW_S[1])
 
 
 def test_no_error_is_nought() -> None:
@@ -59,12 +59,12 @@ def test_peak_is_of_the_error_and_counts_below_zero() -> None:
 
 
 def test_window_is_that_of_the_paper() -> None:
-    assert WINDOW_S == (9.0, 20.0)
+    assert ERROR_WINDOW_S == (9.0, 20.0)
 
 
 def test_nothing_before_the_window_counts() -> None:
     run = traces()
-    before = np.where(run.time_s < WINDOW_S[0], 1.0, 0.0)
+    before = np.where(run.time_s < ERROR_WINDOW_S[0], 1.0, 0.0)
     metrics = judge(run._replace(tau_w_est=before, x_est=before, theta_j_true=run.theta_j_ref + before))
     assert metrics == judge(run)
 
@@ -84,7 +84,7 @@ def test_jaw_error_is_the_signed_mean_under_steady_load(simulation: int) -> None
 def test_steady_windows_lie_where_the_load_is_on() -> None:
     assert STEADY_WINDOW_S[1][0] >= 15.0
     assert 15.0 + 1.0 < STEADY_WINDOW_S[2][0] < STEADY_WINDOW_S[2][1] <= 17.5
-    assert all(WINDOW_S[0] <= first < last <= WINDOW_S[1] for first, last in STEADY_WINDOW_S.values())
+    assert all(ERROR_WINDOW_S[0] <= first < last <= ERROR_WINDOW_S[1] for first, last in STEADY_WINDOW_S.values())
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])

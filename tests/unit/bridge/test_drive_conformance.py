@@ -13,7 +13,7 @@ from firmware_protocol.conformance.port import REAL
 from firmware_protocol.conformance.suite import Verdict
 from firmware_protocol.frames import Frame
 from firmware_protocol.scales import ANGLE_LSB_RAD
-from hil_forceps.bridge.drive_conformance.bounds import STEP_RAD, narrowed
+from hil_forceps.bridge.drive_conformance.bounds import MAX_STEP_RAD, narrowed
 from hil_forceps.bridge.drive_conformance.catalogue import PROMISES
 from hil_forceps.bridge.drive_conformance.loop import Stopped
 from hil_forceps.bridge.drive_conformance.suite import Suite
@@ -56,8 +56,8 @@ def test_no_reference_goes_further_than_a_step_or_beyond_the_limits(profile: str
     assert not [r.evidence for r in results if r.verdict is Verdict.FAIL]
     assert len(asked) > 1000
     slack = 1.0e-6  # of the wire's unit
-    assert max(abs(reference - home) for reference, home in asked) <= STEP_RAD + slack
-    assert max(abs(reference - home) for reference, home in asked) > 0.99 * STEP_RAD
+    assert max(abs(reference - home) for reference, home in asked) <= MAX_STEP_RAD + slack
+    assert max(abs(reference - home) for reference, home in asked) > 0.99 * MAX_STEP_RAD
     assert max(reference for reference, _ in asked) <= 1.11 + slack
 
 
@@ -153,7 +153,7 @@ def test_a_drive_that_goes_against_gets_no_more_torque() -> None:
     assert enabled[0] == 0
     assert {r.verdict for r in later if r.requirement.number > 50} == {Verdict.NOT_RUN}
     moved = suite.session.extremes
-    assert moved.theta_high_rad - moved.theta_low_rad < STEP_RAD
+    assert moved.theta_high_rad - moved.theta_low_rad < MAX_STEP_RAD
 
 
 def test_a_runaway_is_stopped_at_two_degrees() -> None:
@@ -165,7 +165,7 @@ def test_a_runaway_is_stopped_at_two_degrees() -> None:
         assert peer.state == 1
     assert "torque was taken off" in next(r.evidence for r in results if r.verdict is Verdict.FAIL)
     moved = suite.session.extremes
-    assert STEP_RAD < moved.theta_high_rad - moved.theta_low_rad < 3.0 * STEP_RAD
+    assert MAX_STEP_RAD < moved.theta_high_rad - moved.theta_low_rad < 3.0 * MAX_STEP_RAD
 
 
 def test_a_motor_that_runs_off_later_is_stopped_too() -> None:
@@ -202,7 +202,7 @@ def test_the_suites_gate_is_never_wider_than_the_rigs(
     )
     mine, theirs = narrowed(rig.limits, home), rig.limits
     assert theirs.position_min_rad <= mine.position_min_rad <= mine.position_max_rad <= theirs.position_max_rad
-    assert home - STEP_RAD <= mine.position_min_rad <= mine.position_max_rad <= home + STEP_RAD
+    assert home - MAX_STEP_RAD <= mine.position_min_rad <= mine.position_max_rad <= home + MAX_STEP_RAD
     assert mine.speed_max_rad_per_s <= theirs.speed_max_rad_per_s
     assert mine.acceleration_max_rad_per_s2 <= theirs.acceleration_max_rad_per_s2
     assert mine.max_sample_age_s == theirs.max_sample_age_s

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from firmware_protocol.host.samples import RawSample
 from firmware_protocol.messages import DriveState
-from firmware_protocol.samples import RawSample
 from firmware_protocol.scales import ANGLE_LSB_RAD, CURRENT_LSB_A
-from hil_forceps.bridge.pipeline import PEAK_SPEED, VERDICT_NAMES, Approach, Pipeline, Verdict
+from hil_forceps.bridge.pipeline import PEAK_TO_MEAN_SPEED_RATIO, VERDICT_NAMES, Approach, Pipeline, Verdict
 from hil_forceps.control.gate import Gate
 from hil_forceps.estimation.interface import Estimate, Estimator, Sample, State
 from hil_forceps.rig.plant import PlantParameters
@@ -215,7 +215,7 @@ def test_a_drive_that_leaves_operation_is_held_where_it_is() -> None:
 def test_a_jaw_that_is_elsewhere_is_led_to_the_trajectory_without_a_kick(ahead_rad: float) -> None:
     speed = Approach().speed_rad_per_s
     line = pipeline(jaw_rad=START_JAW_RAD + ahead_rad * PLANT.motor_pulley_radius_m / PLANT.jaw_pulley_radius_m)
-    fades_ns = round(PEAK_SPEED * abs(ahead_rad) / speed * 1e9)
+    fades_ns = round(PEAK_TO_MEAN_SPEED_RATIO * abs(ahead_rad) / speed * 1e9)
     last = START_RAD
     for k in range(fades_ns // MS + 50):
         line.feed(raw(k))

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from firmware_protocol.host_machine import HostConfig, HostMachine
+from firmware_protocol.host.machine import HostConfig, HostMachine
 from hil_forceps.bench.assembly import Settings, make_pipeline, metadata, settings_of
 from hil_forceps.bridge.axis import Axis
-from hil_forceps.bridge.bus_log import LoggedLink, open_bus_log
 from hil_forceps.bridge.clocks import VirtualClock
 from hil_forceps.bridge.links.can_link import VirtualTimeLink
+from hil_forceps.bridge.logs.bus_log import LoggedLink, open_bus_log
 from hil_forceps.bridge.replay import replay
 from hil_forceps.bridge.results import ServiceConfig, ServiceResult, StopReason
 from hil_forceps.bridge.service import Service

@@ -13,7 +13,7 @@ from jsonschema import Draft7Validator
 
 from hil_forceps.cli import main as cli
 from hil_forceps.cli.arguments import questions
-from hil_forceps.drives.lint import findings
+from hil_forceps.drives.compatibility.lint import findings
 from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import load_rig, presets
 from hil_forceps.rig.json_schema import schema

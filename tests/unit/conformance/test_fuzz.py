@@ -7,10 +7,10 @@ import pytest
 
 from firmware_protocol import codec, serial_framing
 from firmware_protocol.conformance import fuzz, fuzz_links
-from firmware_protocol.drive_machine import DriveMachine
-from firmware_protocol.drive_parameters import ParameterStore
+from firmware_protocol.drive.machine import DriveMachine
+from firmware_protocol.drive.parameter_values import ParameterStore
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostMachine
+from firmware_protocol.host.machine import HostMachine
 from firmware_protocol.messages import Message, ParamOp
 from firmware_protocol.serial_framing import SerialReader
 

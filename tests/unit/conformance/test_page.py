@@ -6,7 +6,7 @@ from firmware_protocol.conformance.catalogue import REQUIREMENTS, UNTESTABLE
 from firmware_protocol.conformance.fuzz import FUZZERS, campaign
 from tests.targets.page import PAGE, column, published
 from tests.targets.record import TARGETS
-from tools.target_table import HEADER, MARKS
+from tools.targets.target_table import HEADER, MARKS
 
 IN_VIRTUAL_TIME = ("python-virtual-time", "unicorn-bxcan")
 

@@ -11,7 +11,7 @@ from firmware_protocol.conformance.findings import Disturbed, Inconclusive
 from firmware_protocol.conformance.port import MS, REAL, VIRTUAL
 from firmware_protocol.conformance.report import certificate, is_well, junit
 from firmware_protocol.conformance.suite import NEEDS_MOTION, CheckResult, Result, Suite, Verdict, discover
-from firmware_protocol.drive_machine import DriveMachine
+from firmware_protocol.drive.machine import DriveMachine
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState
 from firmware_protocol.states import DriveEvent

@@ -10,7 +10,7 @@ from hil_forceps.estimation.algorithms import improved
 from hil_forceps.estimation.direct import plant_steps, run_direct
 from hil_forceps.estimation.interface import TAU_W
 from hil_forceps.estimation.registry import make_estimator
-from hil_forceps.model.two_inertia import wire_mode_squared
+from hil_forceps.model.linear.two_inertia import wire_mode_squared
 from hil_forceps.rig import load_rig
 
 RIG = load_rig(Path(__file__).parents[3] / "configs" / "paper.yaml")

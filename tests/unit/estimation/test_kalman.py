@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.estimation.algorithms import kalman, kalman_model
 from hil_forceps.estimation.interface import ELONGATION, TAU_W
-from hil_forceps.model.two_inertia import continuous, discretise
+from hil_forceps.model.linear.two_inertia import continuous, discretise
 from hil_forceps.rig import load_rig
 
 RIG = load_rig(Path(__file__).parents[3] / "configs" / "paper.yaml")

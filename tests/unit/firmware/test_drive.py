@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from firmware_protocol import codec
-from firmware_protocol.discovery import identity_delay_us
-from firmware_protocol.drive_config import DriveConfig
+from firmware_protocol.drive.config import DriveConfig
+from firmware_protocol.drive.discovery import identity_delay_us
 from firmware_protocol.frames import Frame, arbitration_id
 from firmware_protocol.messages import (
     Discover,

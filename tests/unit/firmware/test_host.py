@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 
 from firmware_protocol import codec
-from firmware_protocol.drive_config import DriveConfig
-from firmware_protocol.drive_machine import DriveMachine
+from firmware_protocol.drive.config import DriveConfig
+from firmware_protocol.drive.machine import DriveMachine
 from firmware_protocol.frames import Frame
-from firmware_protocol.host_machine import HostConfig, HostMachine, HostPhase
+from firmware_protocol.host.machine import HostConfig, HostMachine, HostPhase
 from firmware_protocol.messages import DriveState, FaultReason, HostHeartbeat, Timing
 from firmware_protocol.serial_framing import SerialReader, encode_serial
 from tests.firmware_library import make

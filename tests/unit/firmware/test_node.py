@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from firmware_protocol import codec
-from firmware_protocol.drive_config import DriveConfig
-from firmware_protocol.drive_machine import DriveMachine
+from firmware_protocol.drive.config import DriveConfig
+from firmware_protocol.drive.machine import DriveMachine
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import AssignNode, DriveState, Estop, FaultReason, Feedback, HostHeartbeat, Timing
 from tests.firmware_library import (

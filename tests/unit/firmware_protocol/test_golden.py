@@ -9,7 +9,7 @@ import pytest
 
 from firmware_protocol import codec, golden
 from firmware_protocol import messages as all_messages
-from firmware_protocol.drive_machine import DriveConfig, DriveMachine
+from firmware_protocol.drive.machine import DriveConfig, DriveMachine
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import DriveState, FaultReason, Function
 from firmware_protocol.scales import wrap_int32

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import pytest
 
 from firmware_protocol import codec
-from firmware_protocol.discovery import identity_delay_us
-from firmware_protocol.drive_config import DriveConfig
-from firmware_protocol.drive_machine import DriveMachine
+from firmware_protocol.drive.config import DriveConfig
+from firmware_protocol.drive.discovery import identity_delay_us
+from firmware_protocol.drive.machine import DriveMachine
 from firmware_protocol.frames import BROADCAST_NODE, Frame, arbitration_id
 from firmware_protocol.messages import AssignNode, Discover, DriveState, FaultReason, Function, HostHeartbeat
 from tests.firmware_library import CDrive

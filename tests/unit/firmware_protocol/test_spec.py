@@ -47,7 +47,7 @@ def test_requirements_are_numbered_once_in_order_and_demand_one_thing() -> None:
 
 
 def test_each_requirement_has_a_test_that_names_it() -> None:
-    files = (*ROOT.glob("tests/unit/firmware_protocol/test_*.py"), *ROOT.glob("tests/*/test_protocol_*.py"))
+    files = (*ROOT.glob("tests/unit/firmware_protocol/**/test_*.py"), *ROOT.glob("tests/*/test_protocol_*.py"))
     text = "".join(path.read_text(encoding="utf-8") for path in sorted(files))
     named = {int(number) for number in re.findall(r"HFP-(\d{3})", text)}
     for name in re.findall(r"def test_(\w*hfp_\w+)", text):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from hil_forceps.api.threads import over_threads
-from hil_forceps.data.readers.surgical_tool import read_surgical_tool
+from hil_forceps.data.readers.surgical_tool.reader import read_surgical_tool
 from hil_forceps.diagnosis.conclude import diagnose
 from hil_forceps.diagnosis.options import Options
 from hil_forceps.rig import load_rig

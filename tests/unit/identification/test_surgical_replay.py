@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil_forceps.data.readers.surgical_tool import read_surgical_tool
+from hil_forceps.data.readers.surgical_tool.reader import read_surgical_tool
 from hil_forceps.identification.instrument.evaluation import replay_instrument
 from hil_forceps.identification.instrument.report import WHOLE
 from hil_forceps.rig import load_rig

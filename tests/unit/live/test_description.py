@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil_forceps.bridge.live_topics import LANES, PANELS, TOPICS, description_of
+from hil_forceps.bridge.live.topics import LANES, PANELS, TOPICS, description_of
 from hil_forceps.bridge.pipeline import VERDICT_NAMES
 from hil_forceps.data.recording import format as recording
 from hil_forceps.live.channel import PAYLOAD_BYTES

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.live.channel import SLOT
 from hil_forceps.live.description import Description, Field, Panel, Topic, Trace
-from hil_forceps.live.history import ENVELOPE_PAIRS, HISTORY_S, MAX_ROWS, Cursor, History, envelope
+from hil_forceps.live.history import ENVELOPE_PAIRS, HISTORY_S, MAX_ROWS_PER_FRAME, Cursor, History, envelope
 
 S = 1_000_000_000
 DESCRIPTION = Description(
@@ -91,13 +91,13 @@ def test_a_client_that_keeps_up_gets_every_row_once() -> None:
 
 def test_a_page_that_is_opened_later_gets_the_whole_history_row_by_row() -> None:
     history = History(DESCRIPTION)
-    history.add(ticks(0, 5 * MAX_ROWS))
+    history.add(ticks(0, 5 * MAX_ROWS_PER_FRAME))
     cursor = Cursor(history)
     head, found = parsed(cursor.frame())
-    assert found[LEFT_A].shape[1] == MAX_ROWS
+    assert found[LEFT_A].shape[1] == MAX_ROWS_PER_FRAME
     assert head["enveloped"] == 0
     rest = all_of(cursor)[LEFT_A]
-    assert rest[1].tolist() == [float(k) for k in range(MAX_ROWS, 5 * MAX_ROWS)]
+    assert rest[1].tolist() == [float(k) for k in range(MAX_ROWS_PER_FRAME, 5 * MAX_ROWS_PER_FRAME)]
 
 
 def test_a_slow_client_gets_an_envelope_that_has_every_peak() -> None:

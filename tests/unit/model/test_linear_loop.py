@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from hil_forceps.model import linear_loop
+from hil_forceps.model.linear.two_inertia import continuous
 from hil_forceps.model.linear_loop import DriveParameters, make_loop, rest_state, rollout
-from hil_forceps.model.two_inertia import continuous
 from hil_forceps.rig.plant import PlantParameters
 
 PAPER = PlantParameters(2.0e-3, 1.4e-3, 3.18e-8, 6.85e-8, 1.16e-4, 4.62e-7, 4.62e-9, 2.6e4, 1.35e-2)

@@ -47,7 +47,7 @@ def found(kind: Any, path: Path) -> list[str]:
 def test_schemas_are_schemas_and_up_to_date() -> None:
     for kind in ("rig", "bench"):
         Draft7Validator.check_schema(json.loads((ROOT / "docs" / "schema" / f"{kind}.schema.json").read_text()))
-    command = [sys.executable, str(ROOT / "tools" / "rig_schema.py"), "--check"]
+    command = [sys.executable, str(ROOT / "tools" / "generation" / "rig_schema.py"), "--check"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 

@@ -7,9 +7,10 @@ import pytest
 
 from firmware_protocol.layouts import LAYOUTS
 from firmware_protocol.messages import Function
-from hil_forceps.rig import Rig, UserError, consistency, load_rig
+from hil_forceps.rig import Rig, UserError, load_rig
 from hil_forceps.rig.quantities import Quantity
 from hil_forceps.rig.sections import Forceps
+from hil_forceps.rig.validation import consistency
 from virtual_bus.bus import bit_timing
 
 ROOT = Path(__file__).parents[3]

@@ -11,9 +11,9 @@ import pytest
 from firmware_protocol.frames import MAX_NODE
 from firmware_protocol.scales import ANGLE_LSB_PER_REV, CURRENT_LSB_A
 from hil_forceps.rig import Parameter, Rig, UserError, dump_rig, load_rig, parse_rig
-from hil_forceps.rig.consistency import WIRE_CURRENT_A
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.sections import MAX_ENCODER_COUNTS, MAX_NODE_ID
+from hil_forceps.rig.validation.consistency import MAX_WIRE_CURRENT_A
 
 ROOT = Path(__file__).parents[3]
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
@@ -221,7 +221,7 @@ def test_whole_numbers_may_be_written_as_floats_and_floats_as_whole_numbers() ->
 def test_bounds_shared_with_the_wire_are_the_wires() -> None:
     assert MAX_NODE_ID == MAX_NODE
     assert MAX_ENCODER_COUNTS == ANGLE_LSB_PER_REV
-    assert math.isclose(WIRE_CURRENT_A, CURRENT_LSB_A * (2**15 - 1))
+    assert math.isclose(MAX_WIRE_CURRENT_A, CURRENT_LSB_A * (2**15 - 1))
 
 
 @pytest.mark.parametrize(

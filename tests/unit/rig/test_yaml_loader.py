@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hil_forceps.rig import parse_rig
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.yaml_loader import MAX_BYTES, MAX_DEPTH, Mark, load_document, resolve_plain
+from hil_forceps.rig.yaml_loader import MAX_DEPTH, MAX_FILE_BYTES, Mark, load_document, resolve_plain
 
 # YAML 1.2.2, section 10.3.2 (table of the core schema) and the places where YAML 1.1 reads something else.
 CORE_SCALARS: list[tuple[str, object]] = [
@@ -139,7 +139,7 @@ def test_depth_up_to_the_bound_and_one_more() -> None:
 
 @pytest.mark.parametrize("opening", ["[", "{a: ", "- ", "? ", "a:\n"])
 def test_deep_nesting_is_one_clear_error(opening: str) -> None:
-    text = opening * (MAX_BYTES // len(opening))
+    text = opening * (MAX_FILE_BYTES // len(opening))
     if opening == "a:\n":
         text = "\n".join(" " * depth + "a:" for depth in range(300))
     with pytest.raises(UserError) as caught:
@@ -148,9 +148,9 @@ def test_deep_nesting_is_one_clear_error(opening: str) -> None:
 
 
 def test_size_up_to_the_bound_and_one_byte_more() -> None:
-    load_document("#" * MAX_BYTES, "f")
+    load_document("#" * MAX_FILE_BYTES, "f")
     with pytest.raises(UserError, match=r"f:1:1: 65537 bytes is no rig file"):
-        load_document("#" * (MAX_BYTES + 1), "f")
+        load_document("#" * (MAX_FILE_BYTES + 1), "f")
 
 
 def test_number_of_problems_is_bounded() -> None:

@@ -24,9 +24,9 @@ GROUP = "239.74.163.77"
 LISTENS = {"bind", "listen", "create_server", "start_server", "create_datagram_endpoint", "serve_forever"}
 # Who listens, each with the test that it is loopback unless told otherwise.
 LISTENING = {
-    "hil_forceps/live/server.py",  # tests/system/test_live_page.py
-    "hil_forceps/live/foxglove.py",  # tests/system/test_live_run.py
-    "hil_forceps/bridge/teleoperation/udp_server.py",  # tests/system/test_teleoperation.py
+    "hil_forceps/live/server.py",  # tests/system/live/test_live_page.py
+    "hil_forceps/live/foxglove.py",  # tests/system/live/test_live_run.py
+    "hil_forceps/bridge/teleoperation/udp_server.py",  # tests/system/processes/test_teleoperation.py
 }
 NO_SOCKETS = {"s", "drive"}  # a session of conformance, and a module: both listen to a drive
 

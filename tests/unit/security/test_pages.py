@@ -17,7 +17,7 @@ from hil_forceps.report.diagnosis.files import write_report
 from hil_forceps.report.diagnosis.page import POLICY, page
 from hil_forceps.report.diagnosis.sections import SEVERITIES
 from hil_forceps.report.diagnosis.words import VERDICTS
-from tests.unit.report.test_diagnosis import wire_slack
+from tests.unit.report.diagnosis.cases import wire_slack
 
 HOSTILE = (
     "<script>alert(1)</script>",

@@ -10,7 +10,7 @@ PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 
 
 def test_page_is_up_to_date() -> None:
-    command = [sys.executable, str(ROOT / "tools" / "architecture_doc.py"), "--check"]
+    command = [sys.executable, str(ROOT / "tools" / "documents" / "architecture_doc.py"), "--check"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 

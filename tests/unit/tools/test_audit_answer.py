@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tools import audit_answer
+from tools.release import audit_answer
 
 # As pip-audit 2.10 writes it.
 SOUND = {"name": "numpy", "version": "2.4.6", "vulns": []}

@@ -64,7 +64,7 @@ def run(command: list[str], where: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_composition_is_up_to_date() -> None:
-    done = run([sys.executable, "-m", "tools.compose_effects", "--check"], ROOT)
+    done = run([sys.executable, "-m", "tools.generation.compose_effects", "--check"], ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -80,8 +80,8 @@ def copy_with_one_more_effect(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_new_effect_is_put_in_by_a_command(copy: Path) -> None:
-    assert run([sys.executable, "-m", "tools.compose_effects", "--check"], copy).returncode == 1
-    done = run([sys.executable, "-m", "tools.compose_effects"], copy)
+    assert run([sys.executable, "-m", "tools.generation.compose_effects", "--check"], copy).returncode == 1
+    done = run([sys.executable, "-m", "tools.generation.compose_effects"], copy)
     assert done.returncode == 0, done.stderr
     for side in ("hil_forceps/model", "virtual_bus/effects"):
         text = (copy / side / "composition.py").read_text()
@@ -94,7 +94,7 @@ def test_a_new_effect_is_put_in_by_a_command(copy: Path) -> None:
 def test_an_argument_that_nobody_hands_over_is_told(copy: Path) -> None:
     file = copy / "hil_forceps/effects/motor/quadratic_drag.py"
     file.write_text(MODEL_FILE.lstrip().replace("omega_m_rad_per_s", "speed"))
-    done = run([sys.executable, "-m", "tools.compose_effects"], copy)
+    done = run([sys.executable, "-m", "tools.generation.compose_effects"], copy)
     file.write_text(MODEL_FILE.lstrip())
     assert done.returncode == 1
     assert "quadratic_drag.motor_drag_N_m: nothing is called speed there; there are D_m, I_j" in done.stderr
@@ -103,7 +103,7 @@ def test_an_argument_that_nobody_hands_over_is_told(copy: Path) -> None:
 @pytest.mark.long
 @pytest.mark.timeout(600)
 def test_a_new_effect_is_hidden_and_found(copy: Path, tmp_path: Path) -> None:
-    assert run([sys.executable, "-m", "tools.compose_effects"], copy).returncode == 0
+    assert run([sys.executable, "-m", "tools.generation.compose_effects"], copy).returncode == 0
     hidden = 4e-7
     done = run([sys.executable, "-c", HIDE, str(tmp_path), str(hidden)], copy)
     assert done.returncode == 0, done.stderr

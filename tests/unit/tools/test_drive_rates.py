@@ -3,8 +3,8 @@
 import pytest
 
 from hil_forceps.rig import load_rig
-from tools.drive_costs import RIGS
-from tools.drive_rates import at_period, computed_Hz, is_carried
+from tools.drives.drive_costs import RIGS
+from tools.drives.drive_rates import at_period, computed_Hz, is_carried
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,8 @@
 
 import json
 
-from hil_forceps.bridge.live_topics import TOPICS
-from tools.foxglove_layout import TARGET, main
+from hil_forceps.bridge.live.topics import TOPICS
+from tools.generation.foxglove_layout import TARGET, main
 
 
 def test_it_is_up_to_date() -> None:

@@ -1,4 +1,4 @@
-"""tools/socketcan.py: what it says where nothing can be had. What it runs is in tests/targets/test_socketcan.py."""
+"""tools/targets/socketcan.py: what it says where nothing can be had. tests/targets has what it runs."""
 
 import subprocess
 import sys
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-TOOL = Path(__file__).resolve().parents[3] / "tools" / "socketcan.py"
+TOOL = Path(__file__).resolve().parents[3] / "tools" / "targets" / "socketcan.py"
 
 
 def run(*arguments: str, path: str) -> "subprocess.CompletedProcess[str]":

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.targets.record import TARGETS, Part, State, TargetRecord, latency_figures, recorded
-from tools.target_table import BEGIN, END, main
+from tools.targets.target_table import BEGIN, END, main
 
 CERTIFICATE = {
     "verdicts": {"pass": 2, "fail": 0, "inconclusive": 1, "not run": 1},

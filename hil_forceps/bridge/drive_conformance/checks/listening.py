@@ -11,9 +11,9 @@ from hil_forceps.bridge.drive_conformance.session import Session
 from hil_forceps.drives.promises import damage
 
 LISTEN_NS: Final = 500 * MS
-FEWEST_PERIODS: Final = 50  # however slow the samples
-RATE_SHARE: Final = 0.02  # a few lost samples, and a clock: oscillators are better than 1 %
-CLOCK_SHARE: Final = 0.01  # between stamps and arrivals
+MIN_SAMPLE_PERIODS: Final = 50  # however slow the samples
+MAX_RATE_ERROR_SHARE: Final = 0.02  # a few lost samples, and a clock: oscillators are better than 1 %
+MAX_CLOCK_ERROR_SHARE: Final = 0.01  # between stamps and arrivals
 
 
 @check(10, Need.LISTENING)
@@ -26,7 +26,7 @@ def is_identified(s: Session) -> None:
 
 
 def _listen(s: Session) -> None:
-    s.run(max(LISTEN_NS, round(FEWEST_PERIODS * s.sample_period_s * 1e9)))
+    s.run(max(LISTEN_NS, round(MIN_SAMPLE_PERIODS * s.sample_period_s * 1e9)))
     expect(len(s.samples) > 1, f"{len(s.samples)} samples came in {LISTEN_NS // MS} ms")
 
 
@@ -37,7 +37,7 @@ def rate(s: Session) -> None:
     period_ms = s.sample_period_s * 1e3
     arrivals = [seen.received_ns for seen in s.samples]
     gaps_ms = [(later - earlier) / MS for earlier, later in pairwise(arrivals)]
-    allowed = RATE_SHARE + 2.0 / len(gaps_ms)
+    allowed = MAX_RATE_ERROR_SHARE + 2.0 / len(gaps_ms)
     s.bound(
         "mean period",
         (arrivals[-1] - arrivals[0]) / MS / len(gaps_ms),
@@ -59,7 +59,7 @@ def stamps(s: Session) -> None:
     s.bound("stamps that do not increase", sum(b.stamp_ns <= a.stamp_ns for a, b in pairs), "", most=0)
     arrived_ns = s.samples[-1].received_ns - s.samples[0].received_ns
     share = (s.samples[-1].stamp_ns - s.samples[0].stamp_ns) / arrived_ns
-    allowed = CLOCK_SHARE + 2.0 * (s.margins.line_ns + s.period_ns) / arrived_ns
+    allowed = MAX_CLOCK_ERROR_SHARE + 2.0 * (s.margins.line_ns + s.period_ns) / arrived_ns
     s.bound("stamps against arrivals", share, "", least=1.0 - allowed, most=1.0 + allowed)
     s.bound("stamps ahead of the arrival", sum(seen.stamp_ns > seen.received_ns for seen in s.samples), "", most=0)
 

@@ -12,15 +12,15 @@ from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.drive_conformance.loop import Certain, Seen
 from hil_forceps.bridge.drive_conformance.registry import Need, check
 from hil_forceps.bridge.drive_conformance.session import Session
-from hil_forceps.drives.direction import Direction, DirectionProbe
+from hil_forceps.drives.supervision.direction import Direction, DirectionProbe
 
 HOLD_NS: Final = 500 * MS
 STEP_NS: Final = 500 * MS  # ten times what the reference takes
-REACHED_SHARE: Final = 0.2  # of the step, short of it or beyond
-OVERSHOOT_SHARE: Final = 0.5
-SIGMAS: Final = 4.0  # 3 of 100,000 by chance
-WAYS: Final = 8  # out and back, until the sign is clear
-WAY_NS: Final = 300 * MS
+MAX_STEP_ERROR_SHARE: Final = 0.2  # of the step, short of it or beyond
+MAX_OVERSHOOT_SHARE: Final = 0.5  # of the step
+MIN_WORK_DEVIATIONS: Final = 4.0  # 3 of 100,000 by chance
+MAX_STROKES: Final = 8  # out and back, until the sign is clear
+STROKE_NS: Final = 300 * MS
 CURRENT_LSB_A: Final = 2.0e-4
 
 
@@ -88,13 +88,13 @@ def follows_a_step(s: Session) -> None:
     s.enable()
     s.hold(50 * MS)
     sign, step_rad = s.step_sign(), s.bounds.step_rad
-    allowed = s.degrees(max(REACHED_SHARE * step_rad, s.bounds.still_rad))
+    allowed = s.degrees(max(MAX_STEP_ERROR_SHARE * step_rad, s.bounds.still_rad))
     s.begin()
     s.move(sign * step_rad, STEP_NS)
     off_rad = s.angle() - s.home_rad - sign * step_rad
     s.bound("off the step", s.degrees(off_rad), "deg", least=-allowed, most=allowed)
     beyond_rad = max(sign * (seen.theta_rad - s.home_rad) for seen in s.samples) - step_rad
-    s.bound("beyond it", s.degrees(beyond_rad), "deg", most=s.degrees(OVERSHOOT_SHARE * step_rad))
+    s.bound("beyond it", s.degrees(beyond_rad), "deg", most=s.degrees(MAX_OVERSHOOT_SHARE * step_rad))
     s.move(0.0, STEP_NS)
     s.bound("off the start", s.degrees(s.angle() - s.home_rad), "deg", least=-allowed, most=allowed)
 
@@ -108,18 +108,18 @@ def current_has_the_sign_of_the_torque(s: Session) -> None:
     noise_A = max(pstdev(seen.current_A for seen in s.last(50)), s.noise_A, CURRENT_LSB_A)
     s.begin()
     deviations = 0.0
-    for _ in range(WAYS):
-        s.move(sign * s.bounds.step_rad, WAY_NS)
-        s.move(0.0, WAY_NS)
+    for _ in range(MAX_STROKES):
+        s.move(sign * s.bounds.step_rad, STROKE_NS)
+        s.move(0.0, STROKE_NS)
         deviations = _work(s.samples, noise_A)
-        if abs(deviations) >= SIGMAS:
+        if abs(deviations) >= MIN_WORK_DEVIATIONS:
             break
     if len({seen.current_A for seen in s.samples}) == 1:
         step_mA, friction_mA = s.promises.current_step_A * 1e3, s.bounds.friction_A * 1e3
         require(step_mA <= friction_mA, f"steps of {step_mA:.3g} mA hide the {friction_mA:.2g} mA that friction takes")
         raise Violation("the current is the same in every sample of a motion")
-    s.bound("work against friction, in deviations of its noise", deviations, "", least=-SIGMAS)
-    require(deviations >= SIGMAS, f"friction is too small to tell: {s.evidence()}")
+    s.bound("work against friction, in deviations of its noise", deviations, "", least=-MIN_WORK_DEVIATIONS)
+    require(deviations >= MIN_WORK_DEVIATIONS, f"friction is too small to tell: {s.evidence()}")
 
 
 def _work(samples: Sequence[Seen], noise_A: float) -> float:

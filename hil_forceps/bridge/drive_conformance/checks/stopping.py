@@ -15,7 +15,7 @@ HOLD_NS: Final = 200 * MS
 LATCH_NS: Final = 500 * MS
 CYCLES: Final = 5
 ESTOP_TRIES: Final = 3
-EARLIEST_SHARE: Final = 0.5  # of the watchdog's time: what feeds it may go out with every few references only
+MIN_WATCHDOG_TIME_SHARE: Final = 0.5  # what feeds it may go out with every few references only
 _ENDS: Final[dict[Starved, HostPhase]] = {
     "fault": HostPhase.FAULT,
     "braked": HostPhase.FAULT,
@@ -74,7 +74,7 @@ def references_end(s: Session) -> None:
         "stopped after the last reference",
         (s.now_ns() - last_ns) / MS,
         "ms",
-        least=EARLIEST_SHARE * s.watchdog_s * 1e3,
+        least=MIN_WATCHDOG_TIME_SHARE * s.watchdog_s * 1e3,
         most=within_ns / MS,
     )
     s.run(s.report_ns, lambda: s.phase is _ENDS[s.promises.starved] and s.machine.drive_state in NO_TORQUE)
@@ -183,7 +183,7 @@ def emergency_stop(s: Session) -> None:
         if not s.run(s.report_ns, lambda: s.phase not in UNDER_TORQUE):
             raise Violation(f"{report_ms:.0f} ms after it: {s.state_words()}")
         soonest_ms = min(soonest_ms, (s.now_ns() - sent_ns) / MS)
-        if not watchdog_ms or soonest_ms < EARLIEST_SHARE * watchdog_ms:
+        if not watchdog_ms or soonest_ms < MIN_WATCHDOG_TIME_SHARE * watchdog_ms:
             break
     if watchdog_ms and soonest_ms >= watchdog_ms:
         require(report_ms <= 2.0 * watchdog_ms, "the drive's words come too seldom to tell it from the watchdog")

@@ -8,11 +8,11 @@ from firmware_protocol.conformance.port import MS
 from hil_forceps.bridge.drive_conformance.registry import Need, check
 from hil_forceps.bridge.drive_conformance.session import Session
 
-FAR_STEPS: Final = 10.0  # is asked for, and one is what the gate lets pass
+REQUESTED_STEPS: Final = 10.0  # the gate lets one pass
 MOVE_NS: Final = 300 * MS
 HOLD_NS: Final = 500 * MS
 SPEED_WINDOW_NS: Final = 10 * MS  # a difference over less is noise of stamps
-FRESH_SHARE: Final = 0.95  # of the periods
+MIN_REFERENCES_PER_PERIOD: Final = 0.95
 
 
 def _judge_extremes(s: Session) -> None:
@@ -42,7 +42,7 @@ def within_limits(s: Session) -> None:
     _judge_extremes(s)
     s.enable()
     s.hold(50 * MS)
-    far_rad = s.step_sign() * FAR_STEPS * s.bounds.step_rad
+    far_rad = s.step_sign() * REQUESTED_STEPS * s.bounds.step_rad
     s.begin_evidence()
     s.move(far_rad, MOVE_NS)
     s.move(0.0, MOVE_NS)
@@ -66,4 +66,4 @@ def fresh_enough(s: Session) -> None:
     pace_ns = max(s.period_ns, round(s.sample_period_s * 1e9))
     share = len(s.references) / ((s.now_ns() - began_ns) / pace_ns)
     s.tell("ticks whose sample was too old", s.stale, "")
-    s.bound("references a period", share, "", least=FRESH_SHARE)
+    s.bound("references a period", share, "", least=MIN_REFERENCES_PER_PERIOD)

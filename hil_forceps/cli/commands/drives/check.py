@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from hil_forceps.drives.lint import findings
+from hil_forceps.drives.compatibility.lint import findings
 from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import load_rig
 

@@ -22,7 +22,7 @@ from hil_forceps.bridge.links.conformance_port import LinkPort
 from hil_forceps.cli.arguments.files import make_folder
 from hil_forceps.cli.terminal.notes import note
 from hil_forceps.cli.terminal.verdicts import print_verdicts, progress
-from hil_forceps.drives.lint import findings
+from hil_forceps.drives.compatibility.lint import findings
 from hil_forceps.drives.profile import Profile
 from hil_forceps.drives.registry import machine_for
 from hil_forceps.rig import Rig

@@ -15,9 +15,9 @@ from firmware_protocol import scales
 from firmware_protocol.codec import Decoder
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import Control, DriveState, FaultReason, Message, ParamOp
-from hil_forceps.data.readers.bus_frames import LOG_SUFFIXES, of_bus, read_frames
 from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame, show
 from hil_forceps.data.readers.bus_logs.candump import parse_entry
+from hil_forceps.data.readers.bus_logs.frames import LOG_SUFFIXES, of_bus, read_frames
 from hil_forceps.drives.framing import NATIVE, Framing
 from hil_forceps.drives.profile import Decoded
 from hil_forceps.drives.registry import PROFILES
@@ -36,7 +36,7 @@ _IN_SI = {
 _NAMED = {"state": DriveState, "fault": FaultReason, "op": ParamOp}
 _SERIAL_SUFFIXES = {".bin"}
 _CHUNK_BYTES = 1 << 16
-_LONGEST_LINE = 4096
+_MAX_LINE_CHARACTERS = 4096
 
 
 class Printer(Protocol):
@@ -152,7 +152,7 @@ def _stdin_lines() -> Iterator[str]:
     stream: TextIO | None = sys.stdin
     if stream is None:
         raise UserError("decode -: standard input is closed; send frames there, or name a file")
-    return iter(lambda: stream.readline(_LONGEST_LINE), "")
+    return iter(lambda: stream.readline(_MAX_LINE_CHARACTERS), "")
 
 
 def _candump_lines(lines: Iterable[str], where: str) -> Iterator[LoggedFrame]:

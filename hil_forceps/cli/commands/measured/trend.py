@@ -10,7 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from hil_forceps.api.batch.executor import PROCESSES
-from hil_forceps.api.trend import FALSE_ALARMS, TrendResult
+from hil_forceps.api.trend import FALSE_ALARM_RATE, TrendResult
 from hil_forceps.api.trend import trend as follow
 from hil_forceps.cli.arguments.files import make_folder
 from hil_forceps.cli.arguments.options import spoken_as_options
@@ -21,7 +21,7 @@ from hil_forceps.diagnosis.drift.result import ParameterTrend
 from hil_forceps.report.trend.files import write_figures, write_report
 
 _OPTIONS = {name: name for name in ("false_alarms", "seed", "jobs", "executor", "out")}
-MOST_TOLD = 20  # sessions that could not be used; trend.html has all
+MAX_TOLD_SESSIONS = 20  # sessions that could not be used; trend.html has all
 
 
 def trend(
@@ -32,7 +32,7 @@ def trend(
     rig: Path | None = None,
     jobs: int | None = None,
     executor: str = PROCESSES,
-    false_alarms: float = FALSE_ALARMS,
+    false_alarms: float = FALSE_ALARM_RATE,
     file_dates: Annotated[bool, Parameter(negative="")] = False,
     seed: int = 0,
     figures: Annotated[bool, Parameter(negative="")] = False,
@@ -107,10 +107,10 @@ def _print(result: TrendResult, out: Path) -> None:
         print_table(table, FILE_COLUMNS)
     sys.stdout.write("".join(f"{text}\n" for text in result.changes) or "nothing changes beyond the scatter\n")
     unused = [line for line in result.sessions if line.reason is not None]
-    for line in unused[:MOST_TOLD]:
+    for line in unused[:MAX_TOLD_SESSIONS]:
         sys.stdout.write(f"  not used: {line.name}: {line.reason}\n")
-    if len(unused) > MOST_TOLD:
-        sys.stdout.write(f"  and {len(unused) - MOST_TOLD} more, in trend.html\n")
+    if len(unused) > MAX_TOLD_SESSIONS:
+        sys.stdout.write(f"  and {len(unused) - MAX_TOLD_SESSIONS} more, in trend.html\n")
     by_file = sum(line.date_from == "file" for line in result.sessions)
     if by_file:
         note(f"{by_file} sessions are dated by the time of their file, which a copy may have changed")

@@ -17,7 +17,7 @@ from hil_forceps.bench.matrix import PAPER_DURATION_S, RunSpec, run_matrix
 from hil_forceps.bench.realtime import RealTime, Wire, run_realtime
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bench.summary import RunRecord, summary, timing, timing_traces, write_json
-from hil_forceps.bridge.live_topics import description_of
+from hil_forceps.bridge.live.topics import description_of
 from hil_forceps.cli.arguments.files import make_folder, named
 from hil_forceps.cli.kernels import ready_kernels
 from hil_forceps.cli.terminal.live_page import shown

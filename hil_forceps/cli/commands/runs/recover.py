@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from hil_forceps.bench.recovery import Lost, Recovery, sound_file
-from hil_forceps.bench.recovery import recover as recover_recording
+from hil_forceps.bench.recovery.recording import Lost, Recovery, sound_file
+from hil_forceps.bench.recovery.recording import recover as recover_recording
 from hil_forceps.cli.arguments.files import bus_log_of, recording_of
 from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.rig.errors import UserError

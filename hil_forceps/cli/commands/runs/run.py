@@ -18,7 +18,7 @@ from hil_forceps.bench.session import (
 )
 from hil_forceps.bench.stopping import StopFlag, stopped_by_signals
 from hil_forceps.bridge.links.adapters import LinkSpec, open_link
-from hil_forceps.bridge.live_topics import description_of
+from hil_forceps.bridge.live.topics import description_of
 from hil_forceps.cli.arguments.drive_line import named_rigs
 from hil_forceps.cli.arguments.files import clear_runs, make_folder
 from hil_forceps.cli.arguments.groups import OfControl, OfFaults, OfLine, OfLive, OfOutput, OfOutside

@@ -10,9 +10,9 @@ from hil_forceps.cli.arguments.files import named
 from hil_forceps.cli.arguments.trajectory_file import check_trajectory, read_trajectory
 from hil_forceps.cli.terminal.notes import note
 from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
-from hil_forceps.drives.lint import findings
+from hil_forceps.drives.compatibility.lint import findings
+from hil_forceps.drives.compatibility.several import findings as findings_of_several
 from hil_forceps.drives.profile import Finding
-from hil_forceps.drives.several import findings as findings_of_several
 from hil_forceps.estimation.registry import ESTIMATOR_IDS
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError

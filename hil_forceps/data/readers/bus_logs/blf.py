@@ -19,7 +19,7 @@ MAX_OBJECT_BYTES = 1 << 26  # writers pack 128 kB a container
 MAX_CONTAINER_BYTES = 1 << 26
 MAX_FRAME_OBJECT_BYTES = 1 << 12  # an FD frame with all that goes with it has some 200
 _MARK = b"LOBJ"
-_PADDING = 8  # at most, between objects
+_MAX_PADDING_BYTES = 8  # between objects
 
 _BASE = struct.Struct("<4sHHLL")  # mark, header's size and version, object's size and type
 _STAMPS = {1: struct.Struct("<LHHQ"), 2: struct.Struct("<LBxHQ8x")}  # flags first, time last
@@ -72,8 +72,8 @@ def _skip_head(path: Path, file: BinaryIO) -> None:
 def _pieces(file: BinaryIO) -> Iterator[_Piece]:
     """Yield what containers hold, unpacked, and objects that stand outside of one."""
     offset = file.tell()
-    while head := file.read(_BASE.size + _PADDING):
-        at = head.find(_MARK, 0, _PADDING + len(_MARK))
+    while head := file.read(_BASE.size + _MAX_PADDING_BYTES):
+        at = head.find(_MARK, 0, _MAX_PADDING_BYTES + len(_MARK))
         if at < 0:
             if not head.strip(b"\0") and not _has_more(file):
                 return  # padding of the last object
@@ -138,9 +138,9 @@ class _Walker:
         data = self._kept + piece.data[skipped:]
         position = 0
         while True:
-            at = data.find(_MARK, position, position + _PADDING + len(_MARK))
+            at = data.find(_MARK, position, position + _MAX_PADDING_BYTES + len(_MARK))
             if at < 0:
-                if len(data) - position >= _PADDING + len(_MARK):
+                if len(data) - position >= _MAX_PADDING_BYTES + len(_MARK):
                     raise _DamageError(f"{piece.place}, where no object begins {position} bytes into it")
                 break
             position = at

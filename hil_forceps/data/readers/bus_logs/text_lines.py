@@ -6,7 +6,7 @@ from typing import BinaryIO, NamedTuple
 
 from hil_forceps.rig.errors import UserError
 
-LONGEST_LINE = 4096  # an FD frame of 64 bytes takes some 400 characters in ASC
+MAX_LINE_BYTES = 4096  # an FD frame of 64 bytes takes some 400 characters in ASC
 _UTF8_MARK = b"\xef\xbb\xbf"
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
@@ -26,20 +26,20 @@ def text_lines(path: Path, file: BinaryIO) -> Iterator[Line]:
     Latin-1, which differs from Windows-1252 in no character of a frame.
     """
     number = 0
-    while raw := file.readline(LONGEST_LINE):
+    while raw := file.readline(MAX_LINE_BYTES):
         number += 1
         if number == 1:
             if raw.startswith(_UTF16_MARKS):
                 raise UserError(f"{path}: is UTF-16; save it as UTF-8 or plain ASCII")
             raw = raw.removeprefix(_UTF8_MARK)
-        is_long = len(raw) >= LONGEST_LINE - len(_UTF8_MARK) and not raw.endswith(b"\n")
+        is_long = len(raw) >= MAX_LINE_BYTES - len(_UTF8_MARK) and not raw.endswith(b"\n")
         has_end = raw.endswith(b"\n") or (is_long and _skip_line(file))
         yield _line(number, raw.rstrip(b"\r\n"), has_end, is_long)
 
 
 def _skip_line(file: BinaryIO) -> bool:
     """Read the rest of a long line; False when the file ends before it."""
-    while rest := file.readline(LONGEST_LINE):
+    while rest := file.readline(MAX_LINE_BYTES):
         if rest.endswith(b"\n"):
             return True
     return False
@@ -50,7 +50,7 @@ def _line(number: int, raw: bytes, has_end: bool, is_long: bool) -> Line:
         return Line(number, "", "zero bytes, as a power cut leaves them")
     text = _text(raw)
     if is_long:
-        return Line(number, text, f"a line of more than {LONGEST_LINE} characters")
+        return Line(number, text, f"a line of more than {MAX_LINE_BYTES} characters")
     if not has_end and text.strip():
         return Line(number, text, "the end of the file, within a line")
     return Line(number, text)

@@ -20,8 +20,8 @@ import numpy as np
 from hil_forceps.data.readers.containers.content import ContentError, Table
 
 MAX_MEMORY_BYTES = 8 << 30  # of addresses: what libraries map counts, too
-CPU_S = 60
-CPU_S_PER_MB = 1
+MAX_CPU_TIME_S = 60
+MAX_CPU_TIME_S_PER_MB = 1
 LIBRARIES = {"excel": ("openpyxl", "formats"), "hdf5": ("h5py", "formats"), "mf4": ("asammdf", "mdf")}  # and extras
 
 
@@ -61,7 +61,7 @@ def _tables(kind: str, path: Path) -> list[Table]:
 
 
 def _limit(path: Path) -> None:
-    seconds = CPU_S + CPU_S_PER_MB * (path.stat().st_size >> 20)
+    seconds = MAX_CPU_TIME_S + MAX_CPU_TIME_S_PER_MB * (path.stat().st_size >> 20)
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

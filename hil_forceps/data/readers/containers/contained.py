@@ -22,8 +22,8 @@ from hil_forceps.data.run import Column, Run
 from hil_forceps.rig.errors import UserError
 
 MAX_FILE_BYTES = 2 << 30
-_MAX_LINE = 16 << 20
-_TO_END_S = 10.0
+_MAX_LINE_BYTES = 16 << 20
+_MAX_ENDING_TIME_S = 10.0
 _CHILD = "hil_forceps.data.readers.containers.child"
 _ROOT = Path(__file__).parents[4]
 
@@ -67,7 +67,7 @@ class _File:
         return [self._column() for _ in positions]
 
     def _answer(self) -> dict[str, Any]:
-        line = self._answers.readline(_MAX_LINE)
+        line = self._answers.readline(_MAX_LINE_BYTES)
         try:
             answer: dict[str, Any] = json.loads(line)
         except ValueError:
@@ -113,7 +113,7 @@ def _opened(path: Path, kind: str, name: str) -> Iterator[_File]:
             yield _File(path, name, child)
             assert child.stdin is not None
             child.stdin.close()  # then it ends by itself, and takes what files it made for itself away
-            child.wait(_TO_END_S)
+            child.wait(_MAX_ENDING_TIME_S)
         except subprocess.TimeoutExpired:
             pass
         except BrokenPipeError:

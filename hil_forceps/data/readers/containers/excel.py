@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hil_forceps.data.readers.containers.content import Array, ContentError, Table
-from hil_forceps.data.readers.tables.blocks import MOST_FOOTER_LINES
+from hil_forceps.data.readers.tables.blocks import MAX_FOOTER_LINES
 from hil_forceps.data.readers.tables.cells import finite_number, is_empty
 from hil_forceps.data.readers.tables.row_layout import find_rows
 
@@ -79,7 +79,7 @@ def _numbers(sheet: str, rows: Iterable[tuple[Any, ...]], positions: Sequence[in
             is_footer = all(value is None or np.isnan(value) for value in numbers)
             strange = strange or (number, bad or "")
             behind += 1
-            if not is_footer or behind > MOST_FOOTER_LINES:
+            if not is_footer or behind > MAX_FOOTER_LINES:
                 told = f"{strange[1][:40]!r} is not a finite number; correct it or remove the row"
                 raise ContentError(f"sheet {sheet!r}, row {strange[0]}: {told}")
             continue

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hil_forceps.data.readers.cut_text import no_end_note, zero_bytes_note
-from hil_forceps.data.readers.tables.cells import LONGEST_LINE, is_empty, is_number, is_skipped, split_line
+from hil_forceps.data.readers.tables.cells import MAX_LINE_CHARACTERS, is_empty, is_number, is_skipped, split_line
 from hil_forceps.rig.errors import UserError
 
-MOST_FOOTER_LINES = 100
-_SMALL = 1 << 16  # a last piece that is joined to the one before, so that a footer is in one block
-_SHOWN = 40
+MAX_FOOTER_LINES = 100
+_MAX_JOINED_BYTES = 1 << 16  # a last piece that is joined to the one before, so that a footer is in one block
+_SHOWN_CHARACTERS = 40
 
 
 class Block(NamedTuple):
@@ -32,9 +32,9 @@ def whole_blocks(path: Path, pieces: Iterator[bytes], notes: list[str]) -> Itera
         ended = zero >= 0
         end = text.rfind(b"\n", 0, zero if ended else len(text)) + 1
         fresh, rest = text[:end], text[end:]
-        if len(rest) > LONGEST_LINE and not ended:
-            raise UserError(f"{path}: a line of more than {LONGEST_LINE} characters: not a CSV file")
-        if whole and not ((is_last or ended) and len(fresh) <= _SMALL):
+        if len(rest) > MAX_LINE_CHARACTERS and not ended:
+            raise UserError(f"{path}: a line of more than {MAX_LINE_CHARACTERS} characters: not a CSV file")
+        if whole and not ((is_last or ended) and len(fresh) <= _MAX_JOINED_BYTES):
             yield Block(whole, line, is_last=False)
             line += whole.count(b"\n")
             whole = b""
@@ -61,7 +61,7 @@ def without_footer(block: Block, delimiter: str, count: int, used: Sequence[int]
     if not block.is_last:
         return block
     text, first = block.text, ""
-    for _ in range(MOST_FOOTER_LINES):
+    for _ in range(MAX_FOOTER_LINES):
         begin = text.rfind(b"\n", 0, len(text) - 1) + 1
         line = text[begin:].decode(errors="replace")
         if not text or not (is_skipped(line) or _is_footer(line, delimiter, count, used)):
@@ -71,7 +71,9 @@ def without_footer(block: Block, delimiter: str, count: int, used: Sequence[int]
     if not first:
         return block
     line_number = block.line + text.count(b"\n") + 1
-    notes.append(f"line {line_number} and what follows, behind the table, was left out: {first.strip()[:_SHOWN]!r}")
+    notes.append(
+        f"line {line_number} and what follows, behind the table, was left out: {first.strip()[:_SHOWN_CHARACTERS]!r}"
+    )
     return block._replace(text=text)
 
 

@@ -5,7 +5,7 @@ import math
 import re
 from typing import Final
 
-LONGEST_LINE = 1 << 16
+MAX_LINE_CHARACTERS = 1 << 16
 EMPTY: Final = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "-", "--")
 SPACE = " "
 

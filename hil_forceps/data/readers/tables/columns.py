@@ -23,8 +23,8 @@ _KINDS = {  # of units that a column of a run is made from, by its SI unit
 _COUNTED = ("theta_m_rad", "theta_m_ref_rad")  # by the encoder that a rig describes
 _INTEGRATED = ("theta_m_rad",)
 _SI = {"s": "s", "rad": "rad", "A": "A", "V": "V", "N_m": "Nm"}
-_MOST_ERRORS = 20
-_MOST_NAMES = 12  # shown
+_MAX_SHOWN_ERRORS = 20
+_MAX_SHOWN_NAMES = 12
 
 
 class Use(NamedTuple):
@@ -96,7 +96,7 @@ def require_columns(found: Found, header: Header, *, mapped: bool) -> None:
     """UserError with everything that is wrong; NoRunError where the table has nothing of a run."""
     if not found.errors:
         return
-    told = [f"{header.place}: {error}" for error in found.errors[:_MOST_ERRORS]]
+    told = [f"{header.place}: {error}" for error in found.errors[:_MAX_SHOWN_ERRORS]]
     if found.uses or any(column in header.names for column in KNOWN_COLUMNS):
         raise UserError(told)
     if mapped:
@@ -170,7 +170,7 @@ def _no_place(name: str, source: Source, header: Header) -> str:
         return f"{end!r} is no unit that is read ({', '.join(UNITS)})"
     near = proposed(name, header.names, header.units)
     guess = f"; meant {near[0]!r}?" if near else ";"
-    shown = ", ".join(map(show_name, header.names[:_MOST_NAMES]))
+    shown = ", ".join(map(show_name, header.names[:_MAX_SHOWN_NAMES]))
     return f"the file has no column {show_name(source.text)}{guess} it has {shown}"
 
 

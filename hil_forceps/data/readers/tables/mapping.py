@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from hil_forceps.data.run import KNOWN_COLUMNS
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.yaml_loader import MAX_BYTES, load_document, render
+from hil_forceps.rig.yaml_loader import MAX_FILE_BYTES, load_document, render
 
 BESIDE = "columns.yaml"  # is taken for every table in its folder
 LEFT_OUT = "none"
@@ -41,11 +41,11 @@ def load_map(path: Path) -> dict[str, Source]:
     """Read a YAML with an entry `theta_m_rad: pos:deg` for each column; UserError with the line otherwise."""
     try:
         with path.open("rb") as file:
-            text = file.read(MAX_BYTES + 1).decode("utf-8-sig")
+            text = file.read(MAX_FILE_BYTES + 1).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: {getattr(error, 'strerror', None) or error}; give a YAML in UTF-8") from error
-    if len(text) > MAX_BYTES:
-        raise UserError(f"{path}: larger than {MAX_BYTES >> 10} KiB: no mapping of columns")
+    if len(text) > MAX_FILE_BYTES:
+        raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 10} KiB: no mapping of columns")
     document = load_document(text, str(path))
     if document.problems:
         raise UserError(render(str(path), document.problems))

@@ -16,7 +16,7 @@ from hil_forceps.rig.errors import UserError
 
 Numbers = list[NDArray[np.float64]]  # a column each
 
-_SHOWN = 40
+_SHOWN_CHARACTERS = 40
 _BLANKS = re.compile(rb"[ \t]+")
 _AT_ENDS = re.compile(rb"(?m)^ | $")
 
@@ -151,7 +151,7 @@ def _bad_cell(path: Path, line: int, position: int, cell: str, sheet: Sheet) -> 
     if foreign is not None:
         return f"{path}:{line}: not a text file (byte {foreign:#04x} is no UTF-8); save it as CSV in UTF-8"
     where = f"{path}:{line}: column {position + 1} ({sheet.names[position]})"
-    return f"{where}: {cell.strip()[:_SHOWN]!r} is not a finite number; correct it or remove the line"
+    return f"{where}: {cell.strip()[:_SHOWN_CHARACTERS]!r} is not a finite number; correct it or remove the line"
 
 
 def _check_decimal_marks(path: Path, block: Block, sheet: Sheet) -> None:
@@ -164,4 +164,6 @@ def _check_decimal_marks(path: Path, block: Block, sheet: Sheet) -> None:
             for position, cell in enumerate(row.split() if delimiter == SPACE else row.split(delimiter)):
                 if "," in cell and "." in cell and position in sheet.positions:
                     where = f"{path}:{block.line + offset}: column {position + 1} ({sheet.names[position]})"
-                    raise UserError(f"{where}: {cell.strip()[:_SHOWN]!r} has two decimal marks; write a plain number")
+                    raise UserError(
+                        f"{where}: {cell.strip()[:_SHOWN_CHARACTERS]!r} has two decimal marks; write a plain number"
+                    )

@@ -11,7 +11,7 @@ from typing import IO, Any
 from hil_forceps.rig.errors import UserError
 
 GZIP, ZSTD = b"\x1f\x8b", b"\x28\xb5\x2f\xfd"
-MAX_BYTES = 4 << 30  # unpacked: an hour at 10 kHz with eight columns
+MAX_UNPACKED_BYTES = 4 << 30  # an hour at 10 kHz with eight columns
 PIECE_BYTES = 1 << 22
 _PACKED_BYTES = 1 << 16  # read at a time
 _ZSTD_BYTES = 1 << 10
@@ -57,15 +57,15 @@ def text_pieces(path: Path, notes: list[str], told: Callable[[int], object] = la
     """Yield the text in pieces, as UTF-8 where it was UTF-16, with a line feed at the end of each line.
 
     `told` is given the bytes of the file that were read. A packed file that is cut off gives what is before, and a
-    note. UserError where the packing is damaged or holds more than `MAX_BYTES`; OSError as the disk does.
+    note. UserError where the packing is damaged or holds more than `MAX_UNPACKED_BYTES`; OSError as the disk does.
     """
     with path.open("rb") as raw:
         total = 0
         for piece in _with_newlines(_as_utf8(path, _unpacked(path, raw, notes))):
             total += len(piece)
-            if total > MAX_BYTES:
+            if total > MAX_UNPACKED_BYTES:
                 raise UserError(
-                    f"{path}: more than {MAX_BYTES >> 30} GiB of text; cut it, or record as .mcap or .parquet"
+                    f"{path}: more than {MAX_UNPACKED_BYTES >> 30} GiB of text; cut it, or record as .mcap or .parquet"
                 )
             told(raw.tell())
             yield piece

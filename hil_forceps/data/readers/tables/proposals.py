@@ -23,18 +23,18 @@ _OTHER_NAMES = {
     "tau_w_N_m": ("load", "jaw_torque", "load_torque", "reaction_torque"),
     "tau_m_N_m": ("torque", "tau", "motor_torque", "torque_actual_value", "drehmoment", "moment"),
 }
-_CLOSE = 0.6  # of difflib's ratio: its own default
-_LONGEST = 40
-_MOST_NAMES = 200
+_MIN_SIMILARITY_RATIO = 0.6  # of difflib's ratio: its own default
+_COMPARED_CHARACTERS = 40
+_MAX_COMPARED_NAMES = 200
 
 
 def proposed(wanted: str, names: Sequence[str], units: Sequence[str]) -> tuple[str, str] | None:
     """Return (column of the file, its unit where that is written) that may be `wanted`; None where none is like it."""
-    foreign = [(at, name) for at, name in enumerate(names[:_MOST_NAMES]) if name and name not in KNOWN_COLUMNS]
+    foreign = [(at, name) for at, name in enumerate(names[:_MAX_COMPARED_NAMES]) if name and name not in KNOWN_COLUMNS]
     quantity = split_name(wanted)[0]
     scored = [(_likeness(name, quantity, wanted), -at, name) for at, name in foreign]
     best = max(scored, default=(0.0, 0, ""))
-    if best[0] < _CLOSE:
+    if best[0] < _MIN_SIMILARITY_RATIO:
         return None
     row = units[-best[1]] if -best[1] < len(units) else ""
     unit = parse_name(best[2]).unit or (row if unit_of(row) else "")
@@ -42,7 +42,7 @@ def proposed(wanted: str, names: Sequence[str], units: Sequence[str]) -> tuple[s
 
 
 def _likeness(name: str, quantity: str, wanted: str) -> float:
-    parsed = parse_name(name[: 4 * _LONGEST])
+    parsed = parse_name(name[: 4 * _COMPARED_CHARACTERS])
     if parsed.column:
         return 1.0 if parsed.column == wanted else 0.0
     base = parsed.base.rsplit("/", 1)[-1]
@@ -52,5 +52,5 @@ def _likeness(name: str, quantity: str, wanted: str) -> float:
     words = base.split("_")
     if any(other in words for other in others if len(other) > 2):
         return 0.9
-    spelled = difflib.SequenceMatcher(None, wanted, base[:_LONGEST]).ratio()
-    return 0.8 * spelled if len(base) > 2 and spelled >= _CLOSE + 0.15 else 0.0
+    spelled = difflib.SequenceMatcher(None, wanted, base[:_COMPARED_CHARACTERS]).ratio()
+    return 0.8 * spelled if len(base) > 2 and spelled >= _MIN_SIMILARITY_RATIO + 0.15 else 0.0

@@ -7,9 +7,9 @@ from hil_forceps.data.readers.tables.cells import is_empty, is_number
 from hil_forceps.data.readers.tables.units import unit_of
 from hil_forceps.data.readers.tables.written_name import parse_name
 
-MIN_RUN = 3  # rows alike that make a table; a preamble may hold two lines of numbers one behind the other
+MIN_TABLE_ROWS = 3  # rows alike that make a table; a preamble may hold two lines of numbers one behind the other
 _LABELS = frozenset(("unit", "units", "einheit", "einheiten"))
-_LOOK_BACK = 5
+_MAX_HEAD_ROWS = 5  # above the first row of numbers, among which the names are looked for
 _WITHOUT_CELLS = frozenset(("", "comment"))  # a last name that rows may have no cell for
 
 Row = Sequence[str]
@@ -77,7 +77,7 @@ def _first_sample(rows: Sequence[Row]) -> int | None:
     for at, row in enumerate(rows):
         if not is_sample(row) or (at > begin and len(row) != len(rows[begin])):
             begin = at if is_sample(row) else at + 1
-        elif at - begin + 1 >= MIN_RUN:
+        elif at - begin + 1 >= MIN_TABLE_ROWS:
             return begin
     return begin if begin < len(rows) else None
 
@@ -85,7 +85,7 @@ def _first_sample(rows: Sequence[Row]) -> int | None:
 def _above(rows: Sequence[Row], first: int) -> RowLayout:
     """Look for the names above the first sample."""
     count, units_row = len(rows[first]), -1
-    for at in range(first - 1, max(first - 1 - _LOOK_BACK, -1), -1):
+    for at in range(first - 1, max(first - 1 - _MAX_HEAD_ROWS, -1), -1):
         row = rows[at]
         if units_row < 0 and is_units(row) and abs(len(row) - count) <= 1:
             units_row = at

@@ -9,8 +9,8 @@ from hil_forceps.data.readers.tables.row_layout import RowLayout, find_rows, is_
 DELIMITERS = (";", "\t", ",", "|", SPACE)
 _WORDS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", SPACE: "spaces"}
 _STATED = frozenset((*DELIMITERS, ":", "^", "~"))
-_FEW_LINES = 60  # a head, and more rows than tell one delimiter from another
-_SHOWN_ROWS = 20  # that tell one delimiter from another
+_FIRST_LINES = 60  # a head, and more rows than tell one delimiter from another
+_COMPARED_ROWS = 20  # that tell one delimiter from another
 
 
 class TextLayout(NamedTuple):
@@ -39,7 +39,7 @@ def find_layout(lines: Sequence[str], wanted: frozenset[str] = frozenset()) -> T
     Where the first few lines name columns of a run, the others aren't looked at.
     """
     stated = _stated(lines)
-    for few in (lines[:_FEW_LINES], lines):
+    for few in (lines[:_FIRST_LINES], lines):
         tries = [_try(few, each, wanted, stated) for each in ((stated[1],) if stated else DELIMITERS)]
         found = [each for each in tries if each is not None]
         best = max(found, key=lambda each: _score(each, wanted), default=None)
@@ -71,7 +71,7 @@ def _score(each: _Try, wanted: frozenset[str]) -> tuple[int, float, int, int]:
     """Rank a delimiter: names found, cells that are numbers, whether there are names, then the order of preference."""
     layout = each.layout
     hits = name_hits(each.rows[layout.names_row], wanted) if layout.names_row >= 0 else 0
-    rows = each.rows[layout.first_sample : layout.first_sample + _SHOWN_ROWS]
+    rows = each.rows[layout.first_sample : layout.first_sample + _COMPARED_ROWS]
     cells = [cell for row in rows for cell in row]
     share = sum(1 for cell in cells if is_number(cell) or is_empty(cell)) / max(len(cells), 1)
     preference = -DELIMITERS.index(each.delimiter) if each.delimiter in DELIMITERS else 0
@@ -102,7 +102,7 @@ def _told(lines: Sequence[str], best: _Try, *, is_stated: bool) -> TextLayout:
         notes.append(f"cells were separated at {_WORDS[best.delimiter]}")
     if layout.has_trailing:
         notes.append(f"a {best.delimiter!r} at the end of each line of samples was passed over")
-    rows = best.rows[layout.first_sample : layout.first_sample + _SHOWN_ROWS]
+    rows = best.rows[layout.first_sample : layout.first_sample + _COMPARED_ROWS]
     quoted = best.delimiter == "," and any("," in cell and is_number(cell) for row in rows for cell in row)
     return TextLayout(names, layout.units, best.delimiter, names_line, units_line, first + 1, quoted, tuple(notes))
 

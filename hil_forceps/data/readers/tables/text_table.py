@@ -10,7 +10,7 @@ import numpy as np
 from hil_forceps.data.readers.format import Progress
 from hil_forceps.data.readers.tables.assemble import MAX_SAMPLES, assemble
 from hil_forceps.data.readers.tables.blocks import Block, whole_blocks, without_footer
-from hil_forceps.data.readers.tables.cells import LONGEST_LINE, is_skipped, split_line
+from hil_forceps.data.readers.tables.cells import MAX_LINE_CHARACTERS, is_skipped, split_line
 from hil_forceps.data.readers.tables.columns import Header, OnColumns, Use, choose_columns, require_columns
 from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.readers.tables.numbers import Numbers, Sheet, parse_block, sample_lines
@@ -90,8 +90,8 @@ def _head_lines(path: Path, first: Block) -> tuple[list[str], bool]:
     raw = first.text[:_HEAD_BYTES].split(b"\n")[:_HEAD_LINES]
     if len(first.text) > _HEAD_BYTES or raw[-1] == b"":
         raw = raw[:-1] or raw
-    if max(map(len, raw)) > LONGEST_LINE:
-        raise UserError(f"{path}: a line of more than {LONGEST_LINE} characters: not a CSV file")
+    if max(map(len, raw)) > MAX_LINE_CHARACTERS:
+        raise UserError(f"{path}: a line of more than {MAX_LINE_CHARACTERS} characters: not a CSV file")
     try:
         return [line.decode() for line in raw], False
     except UnicodeDecodeError:

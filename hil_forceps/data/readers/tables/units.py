@@ -64,7 +64,7 @@ _WORDS = {
     "percent": "%",
 }
 _SPELLED = str.maketrans({"µ": "u", "μ": "u", "·": "", "⋅": "", "*": "", " ": "", "\t": "", "\xa0": ""})
-_LONGEST = 24
+_MAX_UNIT_CHARACTERS = 24
 _IN_NAME = re.compile(r"(?<=[A-Za-z])_+(?=[A-Za-z])")
 
 
@@ -75,7 +75,7 @@ def unit_of(text: str) -> Unit | None:
     as in columns' names.
     """
     text = text.strip()
-    if len(text) > _LONGEST:
+    if len(text) > _MAX_UNIT_CHARACTERS:
         return None
     if len(text) > 1 and text[0] + text[-1] in ("[]", "()", "<>", "{}"):
         text = text[1:-1]

@@ -9,7 +9,7 @@ from hil_forceps.data.run import KNOWN_COLUMNS
 
 QUANTITIES = {split_name(column)[0]: column for column in KNOWN_COLUMNS}
 _LONGEST_FIRST = sorted(QUANTITIES, key=len, reverse=True)
-_LONGEST = 200  # the patterns below go back and forth in a name
+_MAX_NAME_CHARACTERS = 200  # the patterns below go back and forth in a name
 _BRACKETS = re.compile(r"(.*?)[\s_]*[\[(<{]([^\[\](){}<>]*)[\])>}]\s*")
 _BEHIND = re.compile(r"(.+?)(?:\s*/\s*|\s+in\s+|\s*,\s+)(\S.*?)\s*")
 _BETWEEN_WORDS = re.compile(r"[\s\-.]+")
@@ -26,7 +26,7 @@ class WrittenName(NamedTuple):
 
 def parse_name(name: str) -> WrittenName:
     """Take a name apart: `theta_m [deg]`, `Theta M (deg)`, `theta_m / deg`, `theta_m_deg` are one and the same."""
-    if len(name) > _LONGEST:
+    if len(name) > _MAX_NAME_CHARACTERS:
         return WrittenName("", name, "")
     base, unit = _split(name.strip())
     plain = _plain(base)

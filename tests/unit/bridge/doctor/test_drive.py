@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_protocol import codec, drive_machine
+from firmware_protocol import codec
+from firmware_protocol.drive import machine as drive_machine
 from firmware_protocol.frames import Frame
 from firmware_protocol.messages import PROTOCOL_MAJOR, DriveState, Estop, Function, Identity
 from hil_forceps.bridge.clocks import VirtualClock

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hil_forceps.bridge.doctor import disk, machine
 from hil_forceps.bridge.doctor.check import Check, Verdict
-from hil_forceps.bridge.doctor.reads import MAX_BYTES, ClockStatus, Space, System
+from hil_forceps.bridge.doctor.reads import MAX_READ_BYTES, ClockStatus, Space, System
 from tests.recorded_machine import Recorded
 
 SLACK = "/proc/self/timerslack_ns"
@@ -154,8 +154,8 @@ def test_this_machine_is_read_without_privileges(tmp_path: Path) -> None:
         system.run((sys.executable, "a\0b"))
     with pytest.raises(OSError, match="no file has such a name"):
         system.text("/sys/\0")
-    (tmp_path / "long").write_bytes(b"\xff" * (MAX_BYTES + 10))
-    assert len(System(tmp_path).text("/long")) == MAX_BYTES
+    (tmp_path / "long").write_bytes(b"\xff" * (MAX_READ_BYTES + 10))
+    assert len(System(tmp_path).text("/long")) == MAX_READ_BYTES
     with pytest.raises(FileNotFoundError):
         system.may_open(str(tmp_path / "none"))
     assert system.may_open(str(tmp_path / "long"))

@@ -132,8 +132,8 @@ def test_a_frame_that_can_not_be_read_is_counted(bus: ScriptedBus, link: PythonC
 
 def test_errors_without_a_number_are_a_dead_bus_when_they_do_not_end(bus: ScriptedBus, link: PythonCanLink) -> None:
     bus.error = can.CanOperationError("who knows")
-    results = [link.send(FRAME) for _ in range(can_link.GIVE_UP_AFTER)]
-    assert results == [SendResult.QUEUE_FULL] * (can_link.GIVE_UP_AFTER - 1) + [SendResult.BUS_DOWN]
+    results = [link.send(FRAME) for _ in range(can_link.MAX_UNNUMBERED_ERRORS_IN_A_ROW)]
+    assert results == [SendResult.QUEUE_FULL] * (can_link.MAX_UNNUMBERED_ERRORS_IN_A_ROW - 1) + [SendResult.BUS_DOWN]
 
 
 def test_bus_off_is_noticed_by_state_and_by_error_frame(bus: ScriptedBus, link: PythonCanLink) -> None:
@@ -193,8 +193,8 @@ def test_what_an_interface_plays_back_unmarked_is_known_again(bus: ScriptedBus) 
 
 
 def test_a_flood_is_taken_in_parts(bus: ScriptedBus, link: PythonCanLink) -> None:
-    bus.messages = [can.Message(arbitration_id=0x44, is_extended_id=False)] * (can_link.MAX_DRAIN + 5)
-    assert len(link.receive()) == can_link.MAX_DRAIN
+    bus.messages = [can.Message(arbitration_id=0x44, is_extended_id=False)] * (can_link.MAX_FRAMES_PER_CALL + 5)
+    assert len(link.receive()) == can_link.MAX_FRAMES_PER_CALL
     assert len(link.receive()) == 5
 
 

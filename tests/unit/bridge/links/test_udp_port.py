@@ -11,7 +11,7 @@ from firmware_protocol.frames import Frame
 from firmware_protocol.serial_framing import encode_serial
 from hil_forceps.bridge.links.adapters import Connection, LinkSpec, open_link
 from hil_forceps.bridge.links.conformance_port import LinkPort
-from hil_forceps.bridge.links.udp_port import MAX_DATAGRAMS
+from hil_forceps.bridge.links.udp_port import MAX_DATAGRAMS_PER_CALL
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.rig.errors import UserError
 
@@ -61,7 +61,7 @@ def test_a_torn_or_empty_datagram_spoils_no_other(line: Line) -> None:
 
 def test_one_call_takes_only_so_many(line: Line) -> None:
     drive, (link, *_) = line
-    for _ in range(MAX_DATAGRAMS + 3):
+    for _ in range(MAX_DATAGRAMS_PER_CALL + 3):
         drive.send(b"")
     drive.send(encode_serial(FRAMES[0]))
     assert link.receive() == []

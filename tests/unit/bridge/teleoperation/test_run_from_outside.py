@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from firmware_protocol.host_machine import HostConfig, HostMachine
+from firmware_protocol.host.machine import HostConfig, HostMachine
 from firmware_protocol.messages import DriveState
 from firmware_protocol.scales import ANGLE_LSB_RAD
 from hil_forceps.bridge.axis import Axis
@@ -22,7 +22,7 @@ from hil_forceps.control.gate import Gate
 from hil_forceps.data.recording.reader import Recording, parse_recording
 from hil_forceps.data.recording.writer import Recorder
 from hil_forceps.rig.sections import Limits
-from tests.unit.bridge.test_service import LIMITS, MS, NODE, PLANT, START_JAW_RAD, World, estimator, safe
+from tests.unit.bridge.world import LIMITS, MS, NODE, PLANT, START_JAW_RAD, World, estimator, safe
 
 SESSION = 5
 TIMEOUT_NS = 15 * MS  # shorter than the drive's watchdog of 20 ms, which the held references feed

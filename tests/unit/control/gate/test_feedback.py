@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from hil_forceps.control.gate.bounds import FeedbackBounds
-from hil_forceps.control.gate.feedback import BLOCK, Block, FeedbackMonitor, judge, tension_N, trip_of
+from hil_forceps.control.gate.feedback import BLOCK_SAMPLES, Block, FeedbackMonitor, judge, tension_N, trip_of
 from hil_forceps.control.gate.trip import WORDS, GateTrip
 from hil_forceps.rig.plant import PlantParameters
 
@@ -141,7 +141,7 @@ def test_it_says_when_it_has_decided() -> None:
     monitor.restart(0, 0.0)
     assert [monitor.see(k * MS, 0.0, 0.0, 0.0) for k in range(1, 17)] == ([False] * 7 + [True]) * 2
     assert monitor.see(17 * MS, 9.0, 0.0, 0.0)
-    assert BLOCK == 8
+    assert BLOCK_SAMPLES == 8
 
 
 @pytest.mark.parametrize("place", range(8))

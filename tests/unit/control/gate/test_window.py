@@ -5,7 +5,7 @@ import random
 import pytest
 
 from hil_forceps.control.gate.verdicts import Bounds
-from hil_forceps.control.gate.window import PARTS, WINDOW_NS, TravelWindow
+from hil_forceps.control.gate.window import WINDOW_NS, WINDOW_PARTS, TravelWindow
 
 MS = 1_000_000
 PART_NS = 15_625_000
@@ -20,7 +20,7 @@ def window_of(*seen: tuple[float, int]) -> TravelWindow:
 
 
 def test_it_is_250_ms_in_sixteen_parts() -> None:
-    assert (WINDOW_NS, PARTS, PART_NS * PARTS) == (250 * MS, 16, WINDOW_NS)
+    assert (WINDOW_NS, WINDOW_PARTS, PART_NS * WINDOW_PARTS) == (250 * MS, 16, WINDOW_NS)
 
 
 def test_without_a_past_the_bounds_stay_as_they_are() -> None:
@@ -70,4 +70,4 @@ def test_memory_is_bounded_and_never_less_than_the_window() -> None:
         longer = [angle for time_ns, angle in seen[-400:] if now_ns - time_ns <= WINDOW_NS + PART_NS]
         assert max(longer) - 0.5 >= low >= max(last) - 0.5
         assert min(longer) + 0.5 <= high <= min(last) + 0.5
-    assert len(window._parts) <= PARTS + 1
+    assert len(window._parts) <= WINDOW_PARTS + 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_forceps.data.readers.surgical_tool import read_surgical_tool
+from hil_forceps.data.readers.surgical_tool.reader import read_surgical_tool
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.audit.audit import Finding, audit
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_protocol.frames import Frame
-from hil_forceps.bridge.bus_log import open_bus_log
-from hil_forceps.data.readers.bus_frames import read_frames
+from hil_forceps.bridge.logs.bus_log import open_bus_log
+from hil_forceps.data.readers.bus_logs.frames import read_frames
 from hil_forceps.drives.dynamixel import packets as wire
 from hil_forceps.drives.dynamixel.packets import Reader, encode
 from hil_forceps.drives.dynamixel.profile import decode
@@ -20,7 +20,9 @@ from virtual_bus.drives import dynamixel_packets as peer
 GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())
 IDS = st.integers(0, wire.MAX_ID) | st.just(wire.BROADCAST_ID)
 LIVELY = st.sampled_from([0xFF, 0xFD, 0x00, 0x01, 0xFE])  # what headers and stuffing are made of
-DATA = st.binary(min_size=1, max_size=wire.MAX_DATA) | st.lists(LIVELY, min_size=1, max_size=wire.MAX_DATA).map(bytes)
+DATA = st.binary(min_size=1, max_size=wire.MAX_DATA_BYTES) | st.lists(
+    LIVELY, min_size=1, max_size=wire.MAX_DATA_BYTES
+).map(bytes)
 
 
 @pytest.mark.parametrize("example", GOLDEN, ids=lambda each: each["name"])
@@ -75,7 +77,7 @@ def test_others_pack_the_same(servo_id: int, data: bytes) -> None:
     assert Reader().feed(packet) == [frame] == peer.ServoReader().feed(packet)
 
 
-@given(IDS, st.binary(min_size=1, max_size=wire.MAX_DATA))
+@given(IDS, st.binary(min_size=1, max_size=wire.MAX_DATA_BYTES))
 def test_others_understand_what_is_packed(servo_id: int, data: bytes) -> None:
     assert unpacked_by_sdk(encode(wire.packet(servo_id, data.replace(b"\xff", b"\xfe")))) == data.replace(
         b"\xff", b"\xfe"
@@ -163,7 +165,7 @@ def test_no_bytes_raise_and_memory_is_bounded(chunks: list[bytes]) -> None:
         for frame in reader.feed(chunk):
             decode(frame)
         servo.feed(chunk)
-    assert len(reader._partial) <= 7 + wire.MAX_DATA * 4 // 3 + 2
+    assert len(reader._partial) <= 7 + wire.MAX_DATA_BYTES * 4 // 3 + 2
 
 
 @pytest.mark.parametrize(

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from motor_driver import canmotorlib
 
 from hil_forceps.drives.mit import messages as wire
-from hil_forceps.drives.mit.messages import CODES, POSITION_CODES, Codes, Special
+from hil_forceps.drives.mit.messages import MAX_CODE, MAX_POSITION_CODE, Codes, Special
 
 GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())["frames"]
 NODE = 5
 FIELDS = ("position_rad", "speed_rad_per_s", "kp", "kd", "torque_N_m")
 
-positions = st.integers(0, POSITION_CODES)
-twelve = st.integers(0, CODES)
+positions = st.integers(0, MAX_POSITION_CODE)
+twelve = st.integers(0, MAX_CODE)
 commands = st.builds(Codes, positions, twelve, twelve, twelve, twelve)
 STEP = 1.000001  # of a field; the last digits are the floats'
 
@@ -38,7 +38,7 @@ def test_golden_frames_without_values(frame: dict[str, Any]) -> None:
 
 def span(name: str, ranges: dict[str, float]) -> tuple[float, float, int]:
     low = 0.0 if name in ("kp", "kd") else -ranges[name]
-    return low, ranges[name], POSITION_CODES if name == "position_rad" else CODES
+    return low, ranges[name], MAX_POSITION_CODE if name == "position_rad" else MAX_CODE
 
 
 @of_kind("command")
@@ -64,16 +64,16 @@ def test_golden_answers(frame: dict[str, Any]) -> None:
     assert wire.fault_of(frame["variant"], reply) == frame["fault"]
     reach, torque = frame["ranges"]["position_rad"], frame["ranges"]["torque_N_m"]
     # 1e-3 rad is what the user of the one on the bench wrote down
-    near = max(2.0 * reach / POSITION_CODES, 1e-3)
-    assert wire.measured(reply.position, reach, POSITION_CODES) == pytest.approx(
+    near = max(2.0 * reach / MAX_POSITION_CODE, 1e-3)
+    assert wire.measured(reply.position, reach, MAX_POSITION_CODE) == pytest.approx(
         frame["values"]["position_rad"], abs=near
     )
-    assert wire.measured(reply.torque, torque, CODES) == pytest.approx(frame["values"]["torque_N_m"], abs=1e-12)
+    assert wire.measured(reply.torque, torque, MAX_CODE) == pytest.approx(frame["values"]["torque_N_m"], abs=1e-12)
 
 
 def test_the_code_for_no_torque_is_as_near_to_zero_as_any() -> None:
     for code, sign in ((wire.ZERO_SPEED_CODE, 1.0), (wire.ZERO_TORQUE_CODE, -1.0)):
-        assert wire.value_of(code, -18.0, 18.0, CODES) == pytest.approx(sign * 18.0 / CODES)
+        assert wire.value_of(code, -18.0, 18.0, MAX_CODE) == pytest.approx(sign * 18.0 / MAX_CODE)
 
 
 @pytest.mark.parametrize("length", [0, 1, 5, 9])
@@ -92,7 +92,7 @@ def test_codes_that_the_fields_do_not_hold_raise(codes: Codes) -> None:
 @pytest.mark.parametrize("value", [-12.6, 12.6, float("nan")])
 def test_a_value_beyond_its_range_is_not_wrapped(value: float) -> None:
     with pytest.raises(ValueError, match="is beyond"):
-        wire.code_of(value, -12.5, 12.5, POSITION_CODES)
+        wire.code_of(value, -12.5, 12.5, MAX_POSITION_CODE)
 
 
 def damiao_motor() -> DaMiaoMotor:
@@ -109,7 +109,7 @@ DM4310 = {"position_rad": 12.5, "speed_rad_per_s": 30.0, "kp": 500.0, "kd": 5.0,
 @given(commands)
 def test_damiao_motor_packs_what_we_do(codes: Codes) -> None:
     """It cuts off: it is given the middle of each step."""
-    half = {name: value / (POSITION_CODES if name == "position_rad" else CODES) for name, value in DM4310.items()}
+    half = {name: value / (MAX_POSITION_CODE if name == "position_rad" else MAX_CODE) for name, value in DM4310.items()}
     value = values_of(codes, DM4310)
     middle = {name: value[name] + half[name] * (0.5 if name in ("kp", "kd") else 1.0) for name in FIELDS}
     theirs = damiao_motor().encode_cmd_msg(
@@ -129,8 +129,8 @@ def test_damiao_motor_reads_answers_as_we_do_but_for_half_a_step(
     assert wire.is_from("damiao", int(theirs["can_id"]), reply)
     assert wire.status_of("damiao", reply) == theirs["status_code"]
     for ours, name, reach, steps in (
-        (wire.measured(reply.position, 12.5, POSITION_CODES), "pos", 12.5, POSITION_CODES),
-        (wire.measured(reply.torque, 10.0, CODES), "torq", 10.0, CODES),
+        (wire.measured(reply.position, 12.5, MAX_POSITION_CODE), "pos", 12.5, MAX_POSITION_CODE),
+        (wire.measured(reply.torque, 10.0, MAX_CODE), "torq", 10.0, MAX_CODE),
     ):
         assert ours - theirs[name] == pytest.approx(reach / steps)  # the middle of a step against its lower end
 
@@ -175,5 +175,5 @@ def test_mini_cheetah_driver_reads_answers_as_we_do_but_for_half_a_step(position
     angle, _, last = controller.convert_raw_to_physical_rad(*controller.decode_motor_status(data))
     reply = wire.parse_reply(data)
     assert reply is not None
-    assert wire.measured(reply.position, 12.5, POSITION_CODES) - angle == pytest.approx(12.5 / POSITION_CODES)
-    assert wire.measured(reply.torque, 18.0, CODES) - last == pytest.approx(18.0 / CODES)
+    assert wire.measured(reply.position, 12.5, MAX_POSITION_CODE) - angle == pytest.approx(12.5 / MAX_POSITION_CODE)
+    assert wire.measured(reply.torque, 18.0, MAX_CODE) - last == pytest.approx(18.0 / MAX_CODE)

@@ -1,0 +1,1 @@
+"""Runs without the bus: samples go straight to estimator, compensation and gate."""

@@ -1,0 +1,1 @@
+"""What a run leaves beside its recording: the raw bus, and the second before a fault."""

@@ -1,0 +1,242 @@
+"""One step in place of several, while motor and jaw move on: exact for the linear plant, fourth order for effects.
+
+What the effects drive over the step is the parabola through its values at the start, in the middle and at the end,
+which are looked for until they no longer change. What a parabola leaves has neither mean nor first moment: it moves no
+free pulley.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.model.composition import Physics, backward_friction_N_m, forward_friction_N_m, motor_friction_N_m
+from hil_forceps.model.kernel import inlined, returning_arrays
+from hil_forceps.model.linear.gains import JAW_SPEED, MOTOR_SPEED, Gains
+from hil_forceps.model.physics import Kind, State, Wire, grip_N_m, grips, jaw_level_N_m, rub_N_m, slid, slide
+from hil_forceps.model.step.effects import excess_of, linear_tension_N, nothing_else, remembered, wire_at_ends
+from hil_forceps.model.step.motion import Drive, Motion, Torques, added, free_motion, row_of
+
+# Of the motor's friction where it is quick, dry and viscous; of each other torque as far as it is felt at the motor:
+_MAX_CHANGE_SHARE = 0.2  # what a torque may change by over the step, ...
+_MAX_BEND_SHARE = 0.1  # ... bend by, ...
+_CONVERGED_SHARE = 1e-3  # ... and change by in one more round where it is found
+_USUAL_STEPS = 4  # of a sample: where more are asked, all is to be more exact
+_MAX_ITERATIONS = 8
+_SLOW_CONTRACTION = 0.5  # what a round leaves of the last one's change: of friction over speed, ...
+_FAST_CONTRACTION = 0.1  # ... and of all else
+
+
+class Forces(NamedTuple):
+    """What effects and dry friction drive at an instant."""
+
+    motor: float
+    jaw: float
+    wire: Wire
+
+
+class More(NamedTuple):
+    """What is driven more than at the start, in the middle of the step and at its end."""
+
+    motor_middle: float
+    motor_end: float
+    jaw_middle: float
+    jaw_end: float
+
+
+@inlined
+def suits(p: Physics, kind: Kind, steps: int) -> bool:
+    """Whether `whole_step` can be tried with so many steps a sample.
+
+    Not with falling friction, which amplifies any difference; nor where a current isn't steady or the wire turns with
+    its oscillations, which a parabola doesn't follow.
+    """
+    return (
+        p.stribeck_friction_rise_N_m == 0.0
+        and p.wire_hysteresis_force_N == 0.0
+        and p.electrical_lag_time_constant_s == 0.0
+        and p.actuation_delay_delay_s == 0.0
+        and _even(kind, steps)
+    )
+
+
+@inlined
+def _even(kind: Kind, steps: int) -> bool:
+    return kind.plain or steps % 2 == 0
+
+
+@returning_arrays
+def decays(p: Physics, steps: int, step_s: float) -> NDArray[np.float64]:
+    """Return what creep keeps over one step, over two, and so on."""
+    kept = np.empty(steps)
+    for k in range(steps):
+        kept[k] = math.exp(-(k + 1) * step_s / p.wire_creep_time_constant_s)
+    return kept
+
+
+@inlined
+def whole_step(
+    p: Physics, kind: Kind, g: Gains, kept: NDArray[np.float64], steps: int, x: State, d: Drive
+) -> tuple[bool, State]:
+    """Return the plant's state after some steps, and whether it is that: motor and jaw must move on.
+
+    `g` and `kept`: of one step, of two, and so on; `steps` is even unless the plant is plain. `d`: with a steady
+    current.
+    """
+    if x.omega_m_rad_per_s == 0.0 or x.omega_j_rad_per_s == 0.0:
+        return False, x
+    now = Motion(x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s)
+    first = _forces(p, kind, g, x, now, x.creep_m, d)
+    u = Torques(d.torque_constant * d.current + first.motor, 0.0, first.jaw - d.load, -d.load_slope)
+    end, last = free_motion(p, g, steps - 1, x, u), first.wire
+    if not kind.plain:
+        found, more, last = _more(p, kind, g, kept, steps, x, d, first, u, end)
+        if not found:
+            return False, x
+        torques = _over_all(more)
+        u = Torques(u.motor + torques.motor, torques.motor_slope, u.jaw + torques.jaw, u.jaw_slope + torques.jaw_slope)
+        end = added(g, steps - 1, end, torques)
+    there = _moved(x, end)
+    if not (_on(x, there) and _on_between(p, g, steps, x, u)):
+        return False, x
+    if kind.steady:
+        return True, nothing_else(x, there, d.current_end)
+    return True, remembered(p, x, there, first.wire, last, kept[steps - 1], d.current_end)
+
+
+@inlined
+def _more(
+    p: Physics,
+    kind: Kind,
+    g: Gains,
+    kept: NDArray[np.float64],
+    steps: int,
+    x: State,
+    d: Drive,
+    first: Forces,
+    start: Torques,
+    end: Motion,
+) -> tuple[bool, More, Wire]:
+    """Return whether it was found, what is driven more than `first`, and the wire at the end.
+
+    `start`: the torques with `first` all along; `end`: the ways and speeds that follow from them.
+    """
+    half = steps // 2 - 1
+    middle = free_motion(
+        p, g, half, x, Torques(start.motor, 0.0, start.jaw - 0.25 * start.jaw_slope, 0.5 * start.jaw_slope)
+    )
+    drawn = p.wire_creep_share * first.wire.tension_N / p.k  # where creep goes
+    creep, creep_end = drawn + kept[half] * (x.creep_m - drawn), drawn + kept[steps - 1] * (x.creep_m - drawn)
+    scale = motor_friction_N_m(p, x.omega_m_rad_per_s, first.wire.tension_N) + p.film_friction_level_N_m
+    scale += d.viscosity * abs(x.omega_m_rad_per_s)
+    felt = scale / (jaw_level_N_m(p, x.theta_j_rad) + scale * p.r_j / p.r_m)  # of a torque on the jaw
+    scale *= min(1.0, (_USUAL_STEPS / g.shape[0]) ** 4)
+    left = _SLOW_CONTRACTION if kind.steady else _FAST_CONTRACTION
+    more, moved, wire_end = More(0.0, 0.0, 0.0, 0.0), 0.0, first.wire
+    for _ in range(_MAX_ITERATIONS):
+        at = _moved(x, added(g, half, middle, _over_half(more)))
+        at_end = _moved(x, added(g, steps - 1, end, _over_all(more)))
+        if not (_on(x, at) and _on(x, at_end)):
+            break
+        m, e = _forces(p, kind, g, x, at, creep, d), _forces(p, kind, g, x, at_end, creep_end, d)
+        was, more = more, More(m.motor - first.motor, e.motor - first.motor, m.jaw - first.jaw, e.jaw - first.jaw)
+        if not (_smooth(more, felt, scale) and _same_wire(p, x, first.wire, m.wire, e.wire)):
+            break
+        before, moved, wire_end = moved, _apart(more, was, felt), e.wire
+        if before > 0.0:
+            left = min(_SLOW_CONTRACTION, moved / before)
+        if moved * left <= _CONVERGED_SHARE * scale:
+            return True, more, wire_end
+    return False, more, wire_end
+
+
+@inlined
+def _forces(p: Physics, kind: Kind, g: Gains, x: State, at: Motion, creep_m: float, d: Drive) -> Forces:
+    """Return what effects and friction drive at an instant after x, all of it gone one way and with no play left."""
+    motor, jaw = 0.0, 0.0
+    w = Wire(0.0, 0.0 if kind.plain else linear_tension_N(p, at), p.r_m, p.r_j, False)
+    if not kind.steady:
+        way = at.theta_m - x.theta_m_rad
+        w = wire_at_ends(p, kind, at, x.lost_rad, creep_m, x.loop)
+        more = excess_of(p, kind, g, 0, at, w, d, d.current)
+        presliding, loaded = slid(p, x.presliding, x.loaded, way)
+        gripped = slide(x.gripped, at.theta_j - x.theta_j_rad, p.jaw_presliding_angle_rad) if grips(p) else 0.0
+        motor = more.motor - p.r_m * more.wire - rub_N_m(p, presliding, loaded, w.tension_N)
+        jaw = more.jaw + p.r_j * more.wire - grip_N_m(p, gripped, w.tension_N)
+    level, level_j = motor_friction_N_m(p, at.omega_m, w.tension_N), jaw_level_N_m(p, at.theta_j)
+    if at.omega_m > 0.0:
+        motor -= level + forward_friction_N_m(p)
+    else:
+        motor += level + backward_friction_N_m(p)
+    return Forces(motor, jaw - level_j if at.omega_j > 0.0 else jaw + level_j, w)
+
+
+@inlined
+def _smooth(more: More, felt: float, scale: float) -> bool:
+    """Whether a parabola is as good as what it stands for; a half wave through the middle would not bend it."""
+    motor, jaw = max(abs(more.motor_middle), abs(more.motor_end)), max(abs(more.jaw_middle), abs(more.jaw_end))
+    bend, bend_j = abs(more.motor_end - 2.0 * more.motor_middle), abs(more.jaw_end - 2.0 * more.jaw_middle)
+    return max(motor, felt * jaw) <= _MAX_CHANGE_SHARE * scale and max(bend, felt * bend_j) <= _MAX_BEND_SHARE * scale
+
+
+@inlined
+def _apart(a: More, b: More, felt: float) -> float:
+    motor = max(abs(a.motor_middle - b.motor_middle), abs(a.motor_end - b.motor_end))
+    return max(motor, felt * abs(a.jaw_middle - b.jaw_middle), felt * abs(a.jaw_end - b.jaw_end))
+
+
+@inlined
+def _same_wire(p: Physics, x: State, first: Wire, middle: Wire, last: Wire) -> bool:
+    """Tell whether the wire stays taut on the same side and the pulley follows the motor."""
+    if p.wire_slack_half_width_m > 0.0 and not (
+        first.tension_N * middle.tension_N > 0.0 and middle.tension_N * last.tension_N > 0.0
+    ):
+        return False
+    return p.transmission_play_half_width_rad == 0.0 or x.lost_rad == (
+        p.transmission_play_half_width_rad if x.omega_m_rad_per_s > 0.0 else -p.transmission_play_half_width_rad
+    )
+
+
+@inlined
+def _on_between(p: Physics, g: Gains, steps: int, x: State, u: Torques) -> bool:
+    """Tell whether motor and jaw go the way they went where each step but the last would have ended."""
+    stretch = p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad
+    speed_m, speed_j = x.omega_m_rad_per_s, x.omega_j_rad_per_s
+    for k in range(steps - 1):
+        share = (k + 1.0) / steps
+        until = 0.5 * (share - 1.0)  # from the middle of all steps to that of those up to here
+        part = Torques(
+            u.motor + until * u.motor_slope, share * u.motor_slope, u.jaw + until * u.jaw_slope, share * u.jaw_slope
+        )
+        if not row_of(g, k, MOTOR_SPEED, stretch, speed_m, speed_j, part) * speed_m > 0.0:
+            return False
+        if not row_of(g, k, JAW_SPEED, stretch, speed_m, speed_j, part) * speed_j > 0.0:
+            return False
+    return True
+
+
+@inlined
+def _on(x: State, m: Motion) -> bool:
+    """Tell whether motor and jaw go the way they went."""
+    return x.omega_m_rad_per_s * m.omega_m > 0.0 and x.omega_j_rad_per_s * m.omega_j > 0.0
+
+
+@inlined
+def _moved(x: State, way: Motion) -> Motion:
+    """Return angles for ways."""
+    return Motion(x.theta_m_rad + way.theta_m, way.omega_m, x.theta_j_rad + way.theta_j, way.omega_j)
+
+
+@inlined
+def _over_all(more: More) -> Torques:
+    """Return mean and slope over the step of the parabolas from 0 on."""
+    motor, jaw = (4.0 * more.motor_middle + more.motor_end) / 6.0, (4.0 * more.jaw_middle + more.jaw_end) / 6.0
+    return Torques(motor, more.motor_end, jaw, more.jaw_end)
+
+
+@inlined
+def _over_half(more: More) -> Torques:
+    """Return the same over the first half of it."""
+    motor, jaw = (8.0 * more.motor_middle - more.motor_end) / 24.0, (8.0 * more.jaw_middle - more.jaw_end) / 24.0
+    return Torques(motor, more.motor_middle, jaw, more.jaw_middle)
