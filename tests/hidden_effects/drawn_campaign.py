@@ -46,6 +46,9 @@ def run_case(case: Drawn, *, usual: bool) -> Outcome:
         )
         found = identify(fitted, unseen, made.assumed, mapper=map, without=without)
         record |= _told(found, made.assumed, made.true)
+        if case.kind == "deleted":
+            whole = judge(identify(fitted, unseen, made.assumed, mapper=map), made.assumed)
+            record["only_candidate"] = whole.sets == (case.effects,)
     except Exception as problem:  # whatever goes wrong is a result of the campaign
         where = traceback.extract_tb(problem.__traceback__)[-1]
         record["error"] = f"{type(problem).__name__}: {problem} ({where.name}, line {where.lineno})"
@@ -129,6 +132,10 @@ def counts(records: Iterable[Outcome]) -> list[str]:
             row(f"{name}: or the truth in the set", here, [_all_named(r) or _found(r) for r in here])
     here = [r for r in done if r["kind"] == "deleted"]
     row("deleted: unnamed", here, [r.get("verdict") == "unnamed" for r in here])
+    here = [r for r in here if r.get("only_candidate")]
+    row(
+        "deleted, with the whole catalogue its only candidate: unnamed", here, [r["verdict"] == "unnamed" for r in here]
+    )
     quiet = [r for r in done if r["kind"] in {"none", "shift"} and r.get("verdict") in {"consistent", "parameters"}]
     named = [
         (r, c, e in r["effects"])
