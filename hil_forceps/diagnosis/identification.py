@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.error_rates import INEXACT_SHARE
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Adapt, Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
@@ -43,9 +44,6 @@ LIKE_A_LOAD = frozenset(entry.id for entry in EFFECTS if entry.location == "jaw"
 
 MOST_EFFECTS = 6
 TIMING_ROUNDS = 3  # the first tells hosts that are always alike, two more those that aren't: shares then move by < 1 %
-# Of what is explained: the model's step and the rows at which it switches are exact to 3 % of an amplitude, and
-# what such an error gains is no entry's merit.
-INEXACT_SHARE = 1e-3  # tuned: a current's limit of d = 2700
 
 
 class Identified(NamedTuple):

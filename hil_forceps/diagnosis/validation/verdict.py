@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEFT_OVER_CHANCE, UNEXPLAINED_SHARE
+from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, INEXACT_SHARE, LEFT_OVER_CHANCE
 from hil_forceps.diagnosis.hypotheses.candidate import Step
 from hil_forceps.diagnosis.identification import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, inverted
@@ -35,7 +35,7 @@ class Judgement(NamedTuple):
     reasons: tuple[str, ...]
 
 
-def judge(found: Identified, rig: Rig, room: tuple[float, float] = (UNEXPLAINED_SHARE, UNEXPLAINED_SHARE)) -> Judgement:
+def judge(found: Identified, rig: Rig, room: tuple[float, float] = (INEXACT_SHARE, INEXACT_SHARE)) -> Judgement:
     """Return the verdict; `room`: shares of what is explained that may be left in fitted and in held-out runs."""
     best = found.found.best
     shifts = parameter_shifts(best.fit, rig)

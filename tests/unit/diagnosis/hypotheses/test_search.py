@@ -4,9 +4,10 @@ from collections.abc import Mapping
 
 import pytest
 
+from hil_forceps.diagnosis.error_rates import INEXACT_SHARE
 from hil_forceps.diagnosis.hypotheses.candidate import Search
 from hil_forceps.diagnosis.hypotheses.search import Found, search
-from hil_forceps.diagnosis.identification import INEXACT_SHARE, adapting
+from hil_forceps.diagnosis.identification import adapting
 from hil_forceps.diagnosis.inference.dispersion import over_dispersion
 from hil_forceps.diagnosis.inference.parameters import values_of
 from hil_forceps.model import parameters
