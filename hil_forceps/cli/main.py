@@ -37,7 +37,7 @@ for _name, _path, _help in (
     ("bench", "runs.bench", "Run the paper's simulations through the bus; write table, figures and recordings."),
     ("run", "runs.run", "Control a motor driver, real or simulated, on a CAN interface or serial port."),
     ("drive", "drives.drive", "Start the simulated drive and forceps in a separate process."),
-    ("conformance", "drives.conformance", "Test a drive against the requirements of the protocol; write a certificate."),
+    ("conformance", "drives.conformance", "Test a drive against the protocol's requirements; write a certificate."),
     ("decode", "drives.decode", "Decode frames or bus logs into signals."),
     ("diagnose", "measured.diagnose", "Compare a simulation with measured runs, and find the cause of the difference."),
     ("trend", "measured.trend", "Estimate parameters over many sessions; report which change, and since when."),
@@ -58,9 +58,7 @@ for _name, _path, _help in (
 ):
     # `drive` passes on its whole command line, --help too: only the drive itself knows its options.
     _own: dict[str, Any] = {"help_flags": [], "version_flags": []} if _name == "drive" else {}
-    _own["help_epilogue"] = (
-        f"Example:\n\n    {EXAMPLES[_name]}\n\nWith --quiet only errors go to standard error."
-    )
+    _own["help_epilogue"] = f"Example:\n\n    {EXAMPLES[_name]}\n\nWith --quiet only errors go to standard error."
     _function = _path.rpartition(".")[2]
     app.command(f"hil_forceps.cli.commands.{_path}:{_function}", name=_name, help=_help, **_own)
 app.register_install_completion_command(help="Install completion of commands and options for your shell.")

@@ -22,7 +22,9 @@ def make_folder(path: Path, inside: Path | None = None) -> None:
     try:
         make(path)
         if inside is not None and not _leads_into(path, inside.resolve()):
-            raise UserError(f"--out {inside}: {path.name} in it links out of it; remove the link, or name another folder")
+            raise UserError(
+                f"--out {inside}: {path.name} in it links out of it; remove the link, or name another folder"
+            )
         _refuse_links_outside(path)
         probe = path / ".writable"
         probe.touch()
@@ -36,7 +38,9 @@ def _refuse_links_outside(folder: Path) -> None:
     home = folder.resolve()
     for entry in home.iterdir():
         if entry.is_symlink() and not entry.is_dir() and not _leads_into(entry, home):
-            raise UserError(f"--out {folder}: {entry.name} in it links out of it; remove the link, or name another folder")
+            raise UserError(
+                f"--out {folder}: {entry.name} in it links out of it; remove the link, or name another folder"
+            )
 
 
 def _leads_into(link: Path, home: Path) -> bool:

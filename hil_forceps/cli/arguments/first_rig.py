@@ -36,8 +36,8 @@ class Hardware:
     gear: Annotated[
         float | None,
         Parameter(
-            help="Turns of the motor for one turn of its pulley, negative if they turn in opposite directions; default: "
-            "1. The preset of an actuator contains its gear."
+            help="Turns of the motor for one turn of its pulley, negative if they turn opposite ways; default: 1. "
+            "The preset of an actuator contains its gear."
         ),
     ] = None
     encoder_counts: Annotated[

@@ -108,9 +108,7 @@ def _print(results: list[Simulation]) -> None:
             errors = [f"{shown.error_scale * error:.4g}" for error in (result.rmse(channel), result.scatter(channel))]
             table.add_row(result.name, channel, *errors, share, shown.error_unit)
     print_table(table, FILE_COLUMNS)
-    loops = {
-        "in closed loop" if result.is_closed_loop else "with the measured motion as input" for result in results
-    }
+    loops = {"in closed loop" if result.is_closed_loop else "with the measured motion as input" for result in results}
     sys.stdout.write(f"simulated: {', '.join(sorted(loops))}\n")
     for result in results:
         for note in result.notes:

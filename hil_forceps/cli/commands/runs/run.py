@@ -79,7 +79,7 @@ def run(
     live_bind: OfLive[str] = "",
     foxglove: OfLive[bool] = False,
 ) -> int:
-    """Control a motor driver on a python-can interface or serial port: estimate the load, compensate the wire's stretch.
+    """Control a motor driver on a CAN interface or serial port: estimate the load, compensate the stretch of the wire.
 
     Writes OUT/run.mcap (every sample and reference), OUT/bus.log (raw frames) and OUT/run.json (result, counters,
     timing). Ctrl-C and SIGTERM disable the drive before the program ends. Exit code 2 if the run ended early or with a
