@@ -12,6 +12,7 @@ WIDTH: Final = 80
 _VERDICT_COLUMNS: Final = 5
 _ID_COLUMNS: Final = 22
 _INDENT: Final = _VERDICT_COLUMNS + _ID_COLUMNS
+_COUNTED: Final = {Verdict.OK: "ok", Verdict.WARN: "warn", Verdict.FAIL: "fail", Verdict.UNKNOWN: "not checked"}
 _SHORT: Final = {Verdict.OK: "ok", Verdict.WARN: "warn", Verdict.FAIL: "FAIL", Verdict.UNKNOWN: "-"}
 
 
@@ -22,7 +23,7 @@ def lines(checks: Sequence[Check]) -> Iterator[str]:
             yield from _row(check)
     yield from _not_looked_at(checks)
     counts = Counter(check.verdict for check in checks)
-    yield ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict])
+    yield ", ".join(f"{counts[verdict]} {_COUNTED[verdict]}" for verdict in Verdict if counts[verdict])
 
 
 def _not_looked_at(checks: Sequence[Check]) -> Iterator[str]:

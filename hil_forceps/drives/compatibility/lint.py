@@ -98,7 +98,7 @@ def _watchdog(rig: Rig) -> Iterator[Finding]:
         return
     key, watchdog_s, period_s = "motor_driver.watchdog_s", rig.motor_driver.watchdog_s, rig.bench.host_period_s
     if watchdog_s == 0.0:
-        yield Finding("problem", key, "is 0: nothing stops the motor where this program or the bus fails")
+        yield Finding("problem", key, "is 0: nothing stops the motor if this program or the bus fails")
     elif watchdog_s < MIN_WATCHDOG_PERIODS * period_s:
         yield Finding(
             "problem",

@@ -83,7 +83,7 @@ def test_the_last_second_of_everything_is_kept(tmp_path: Path, capsys: pytest.Ca
     lines = capsys.readouterr().err.splitlines()
     assert lines == [
         "hil-forceps: the drive latched a fault: WATCHDOG (watchdog: no fresh reference in time)",
-        f"  {fault['time_ns'] / 1e9:.3f} s after the start, while running; at the end the drive says FAULT",
+        f"  {fault['time_ns'] / 1e9:.3f} s after the start, while running; last state of the drive: FAULT",
         f"  the last second is in {out}/fault.json; hil-forceps explain {out}",
     ]
 

@@ -249,17 +249,17 @@ def test_one_time_base_in_all_that_tells_of_a_run(
     with pytest.raises(SystemExit):
         cli.main(["explain", str(tmp_path / "out")])
     said = capsys.readouterr().out
-    assert "Course (s since the start of the run" in said
+    assert "Events (time in s since the start of the run" in said
     course, _, end = said.partition("End\n")
     for time_s, words in (
         (trip_s, "the gate's check encoder_jump fails: 1.15 rad, the limit is 0.3522 rad"),
         (held["first_s"], "50 ticks had their references held"),
         (latched_s, "1 tick had its reference denied: the gate has latched"),
-        (stopped_s, "the drive is asked for no torque"),
+        (stopped_s, "the drive is requested to remove torque"),
     ):
         assert f"{time_s:9.3f}  {words}" in course
     assert end.startswith(f"  {stopped_s:9.3f}  the gate has latched")
-    rows = end.partition("The samples around that check, and the last ones")[2]
+    rows = end.partition("The samples around the failed check, and the last samples")[2]
     assert [rows.count(word) for word in ("PASSED", "FROZEN", "DENIED_LATCHED", "...")] == [3, 4, 1, 1]
 
 
