@@ -28,7 +28,8 @@ class Cause(NamedTuple):
 
 _WATCHDOG = Cause(
     "fresh references did not reach the drive in its watchdog's time",
-    "the wiring, the bus load (hil-forceps check RIG.yaml), and whether the watchdog is long enough for bench.host_period_s",
+    "the wiring, the bus load (hil-forceps check RIG.yaml), and whether the watchdog is long enough for "
+    "bench.host_period_s",
 )
 # By words in the fault message of a drive, of the makers and of the project's protocol.
 _BY_WORDS: tuple[tuple[str, Cause], ...] = (
@@ -36,8 +37,10 @@ _BY_WORDS: tuple[tuple[str, Cause], ...] = (
     (
         "overcurrent|current limit|over current|phase current|overload",
         Cause(
-            "the motor needed more current than the drive allows: the jaw is blocked, or the gains of the position loop are too high",
-            "whether the jaw moves freely by hand; whether current limit and gains of the drive agree with drive: of the rig",
+            "the motor needed more current than the drive allows: the jaw is blocked, or the gains of the position "
+            "loop are too high",
+            "whether the jaw moves freely by hand; whether current limit and gains of the drive agree with drive: "
+            "of the rig",
         ),
     ),
     (
@@ -73,10 +76,18 @@ _BY_WORDS: tuple[tuple[str, Cause], ...] = (
 )
 _BY_REASON: dict[str, tuple[Cause, ...]] = {
     "no_drive": (
-        Cause("the drive has no power, or another node id, bit rate or port", "hil-forceps scan lists the drives on the line"),
-        Cause("the cable or the termination", "the wiring; whether bus.log has frames of other devices (hil-forceps decode)"),
+        Cause(
+            "the drive has no power, or another node id, bit rate or port",
+            "hil-forceps scan lists the drives on the line",
+        ),
+        Cause(
+            "the cable or the termination",
+            "the wiring; whether bus.log has frames of other devices (hil-forceps decode)",
+        ),
     ),
-    "version_refused": (Cause("drive and host have different protocol versions", "the drive's firmware, and motor_driver:"),),
+    "version_refused": (
+        Cause("drive and host have different protocol versions", "the drive's firmware, and motor_driver:"),
+    ),
     "enable_failed": (
         Cause("the angle at rest is outside limits:", "theta_m_rad in the table, compared with limits: of the rig"),
         Cause("the drive does not accept references", "the answers of the drive in bus.log (hil-forceps decode)"),
@@ -94,9 +105,14 @@ _BY_REASON: dict[str, tuple[Cause, ...]] = {
         Cause("the loop paused for longer than the gate allows", "other load on this host"),
     ),
     "feedback_implausible": (
-        Cause("a fault of the encoder, its cable or its coupling to the motor", "theta_m_rad and current_A in the table"),
+        Cause(
+            "a fault of the encoder, its cable or its coupling to the motor", "theta_m_rad and current_A in the table"
+        ),
         Cause("the motor is blocked, by the jaw or by a wire off its pulley", "whether it turns freely without torque"),
-        Cause("the rig file has too small a value for the motor, such as its friction or inertia", "the values that each check uses (docs/safety-gate.md)"),
+        Cause(
+            "the rig file has too small a value for the motor, such as its friction or inertia",
+            "the values that each check uses (docs/safety-gate.md)",
+        ),
     ),
     "gate_latched": (
         Cause("the load or friction needs more than limits: allow", "the check above, and the load on the jaw"),
@@ -105,21 +121,27 @@ _BY_REASON: dict[str, tuple[Cause, ...]] = {
         Cause("the adapter was unplugged, or its interface is down", "cable and `ip -details link show`"),
         Cause("the controller is bus-off after too many errors", "bit rate, termination, and other senders"),
     ),
-    "recording_failed": (Cause("the disk is full or was removed", "the free space (df) and the state of the file system"),),
+    "recording_failed": (
+        Cause("the disk is full or was removed", "the free space (df) and the state of the file system"),
+    ),
     "reference_lost": (
         Cause("the sender of references stopped, or the network lost them", "the sender, and `outside` in run.json"),
         Cause("another program uses the port or sends to the axis", "other_sender and wrong_session in run.json"),
     ),
     "emergency_stop": (
-        Cause("an operator pressed the emergency stop of the live page", "the reason for the stop, before the next run"),
+        Cause(
+            "an operator pressed the emergency stop of the live page", "the reason for the stop, before the next run"
+        ),
     ),
     "other_axis": (Cause("another axis failed, and then all axes are stopped", "hil-forceps explain of that axis"),),
     "crashed": (Cause("an error of this program", "please report it, with fault.json"),),
     "": (
-        Cause("the program was killed, or the power failed, before it could end the recording",
-              "hil-forceps recover lists what is missing; `dmesg` shows whether memory ran out"),
+        Cause(
+            "the program was killed, or the power failed, before it could end the recording",
+            "hil-forceps recover lists what is missing; `dmesg` shows whether memory ran out",
+        ),
     ),
-}  # fmt: skip
+}
 _DAMAGED = Cause(
     "the file was damaged after the run: its end was written, but can't be read any more",
     "hil-forceps recover lists the damage and reads the data after it; then the disk, and how the file was copied",
@@ -153,7 +175,8 @@ def _seen(evidence: Evidence, events: list[Event]) -> Iterator[Cause]:
     if takes_samples and len(references) and np.mean(references["verdict"] == Verdict.STALE) > 0.5:
         yield Cause(
             "samples were too old, so that most of the last references were not sent",
-            "whether limits.max_sample_age_s exceeds bench.latency_s, the delay of the adapter and the drive's sample period",
+            "whether limits.max_sample_age_s exceeds bench.latency_s, the delay of the adapter and the drive's "
+            "sample period",
         )
     gaps = {code for code, name in evidence.verdicts.items() if name == "DENIED_GAP"}
     if np.isin(references["verdict"], list(gaps)).any():

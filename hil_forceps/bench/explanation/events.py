@@ -64,8 +64,12 @@ def stretches(mask: Mask, times: NDArray[np.int64]) -> Iterator[tuple[int, int, 
 
 
 def _stages(evidence: Evidence) -> Iterator[Event]:
-    words = {"connecting": "the service looks for the drive", "enabling": "the drive answers, and torque is requested",
-             "running": "references follow the trajectory", "stopping": "the drive is requested to remove torque"}  # fmt: skip
+    words = {
+        "connecting": "the service looks for the drive",
+        "enabling": "the drive answers, and torque is requested",
+        "running": "references follow the trajectory",
+        "stopping": "the drive is requested to remove torque",
+    }
     for time_ns, stage in evidence.stages:
         if stage in words:
             yield Event(evidence.time_s(time_ns), "stage", words[stage])
@@ -113,7 +117,7 @@ def _zero(evidence: Evidence) -> Iterator[Event]:
 
 
 def _approach(evidence: Evidence) -> Iterator[Event]:
-    """Yield the approach: the difference between the reference and the compensated trajectory (10), and how long it lasts."""
+    """Yield the approach: how far the reference is from the compensated trajectory (10), and for how long."""
     references = evidence.references
     rows = np.flatnonzero((references["trajectory_ns"] >= 0) & np.isfinite(references["requested_rad"]))
     if evidence.rig is None or not rows.size:
@@ -163,7 +167,7 @@ def _ticks(evidence: Evidence) -> Iterator[Event]:
 
 
 def _told(evidence: Evidence, mask: Mask, text: str, least: int) -> Iterator[Event]:
-    """Yield an event for each stretch; in `text` `{its}` stands for the references of its ticks, `{lasts}` for its time."""
+    """Yield an event for each stretch; in `text` `{its}` means the references of its ticks, `{lasts}` its time."""
     times = evidence.references["tick_ns"]
     for first, last, count in stretches(mask, times):
         if count >= least:

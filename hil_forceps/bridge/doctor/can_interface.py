@@ -19,7 +19,10 @@ def checks(reads: Reads, device: str, bench: BenchSettings | None, limits: Limit
     what = f"the CAN device {device}"
     state = read(reads, device)
     if state is None:
-        remedy = "ip -brief link show type can lists the devices; the adapter may need its driver, or `sudo modprobe can_raw`"
+        remedy = (
+            "ip -brief link show type can lists the devices; the adapter may need its driver, or `sudo modprobe "
+            "can_raw`"
+        )
         yield Check("can.up", what, Verdict.FAIL, f"there is no CAN device {device}", remedy)
         return
     if state.link_type not in {"can", None}:
@@ -92,7 +95,10 @@ def _sample_point(name: str, what: str, state: CanState, point: float | None, re
     text = f"{100.0 * point:g} %"
     if low <= point <= high:
         return Check(name, what, Verdict.OK, text, "", point, "")
-    text += f", outside of {100.0 * low:g} to {100.0 * high:g} %: bus errors are likely on long lines and with other nodes' clock tolerance"
+    text += (
+        f", outside of {100.0 * low:g} to {100.0 * high:g} %: bus errors are likely on long lines and with other "
+        "nodes' clock tolerance"
+    )
     return Check(name, what, Verdict.WARN, text, f"{remedy} sample-point 0.875", point, "")
 
 

@@ -162,7 +162,10 @@ def _counts(rig: Rig, said: Said) -> Check:
     told, wanted = said.counts_per_rev, rig.encoder.counts_per_rev or ANGLE_LSB_PER_REV
     if told == wanted:
         return Check(name, what, Verdict.OK, str(told), "", told, "counts")
-    text = f"the drive has {told}, the rig {rig.encoder.counts_per_rev or 'an ideal encoder'}: angles and their noise would be wrong"
+    text = (
+        f"the drive has {told}, the rig {rig.encoder.counts_per_rev or 'an ideal encoder'}: angles and their noise "
+        "would be wrong"
+    )
     return Check(name, what, Verdict.FAIL, text, f"set encoder.counts_per_rev: {told} in the rig", told, "counts")
 
 

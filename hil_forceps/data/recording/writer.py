@@ -4,7 +4,7 @@ Every chunk is written whole and handed to the system at once, in real time to t
 full (`CHUNK_BYTES`, a quarter of a second at 1 kHz) or with the first message that comes `FLUSH_NS` after it began: so
 long is what a killed process loses at most, and what lies on a disk that the power leaves is older by no more than the
 disk's own writing. `hil_forceps.data.recording.reader` reads what is there.
-Where the disk is full or was removed, the recording ends at the last whole chunk, `failure` says why, and what comes later is
+Where the disk is full, or gone, the recording ends at the last whole chunk, `failure` says why, and what comes later is
 dropped: writing never raises into the motor loop. Where the disk is too slow for the thread's bounded queue, whole
 chunks are dropped and counted. The same messages give the same bytes, with a thread or without.
 """
