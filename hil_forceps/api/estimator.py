@@ -40,7 +40,7 @@ class Estimator:
             longest = f"no drive of a rig samples slower than every {MAX_SAMPLE_TIME_S:g} s"
             raise ValueError(f"sample_time_s: is {sample_time_s:g} s, and {longest}; give it in seconds")
         if algorithm not in ALGORITHMS:
-            raise UserError(f"unknown algorithm '{algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
+            raise UserError(f"unknown algorithm '{algorithm}'; use one of {', '.join(ESTIMATOR_IDS)}")
         known = as_rig(rig)
         self.algorithm = algorithm
         self.sample_time_s = sample_time_s

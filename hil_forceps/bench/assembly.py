@@ -73,7 +73,7 @@ def make_pipeline(rig: Rig, settings: Settings, outside: Callable[[float], float
     if reference is None:
         raise ValueError("a pipeline needs a trajectory, or references from outside")
     if settings.algorithm not in ALGORITHMS:
-        raise UserError(f"unknown algorithm '{settings.algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
+        raise UserError(f"unknown algorithm '{settings.algorithm}'; use one of {', '.join(ESTIMATOR_IDS)}")
     return Pipeline(
         make_estimator(settings.algorithm, rig, settings.sample_time_s),
         reference,
@@ -105,7 +105,7 @@ def settings_of(recording: Recording) -> tuple[Rig, Settings]:
         rig = parse_rig(recording.metadata["rig"], f"{recording.name}: rig")
         return rig, _settings(parse_json(recording.metadata["settings"]))
     except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"{recording.name}: does not say which rig and settings it was made with ({error})") from error
+        raise UserError(f"{recording.name}: its rig and settings can't be read ({error})") from error
 
 
 def _settings(values: Any) -> Settings:

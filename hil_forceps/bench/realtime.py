@@ -59,7 +59,7 @@ def run_realtime(
                 link_end = open_link(link)
                 executed = run_on(link_end, spec, rig, seed, out, stop_requested, how.estimator_rig, how.view)
         if not told:
-            raise UserError(f"{spec.name}: the drive's process ended before its time: {executed.record.ending}")
+            raise UserError(f"{spec.name}: the drive's process ended early: {executed.record.ending}")
         executed.record.timing["accounting"] = account(executed.record.timing["counters"], told)
         (out / f"{spec.name}.drive.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
         done(executed)
@@ -119,7 +119,7 @@ def drive_process(arguments: Sequence[str], told: dict[str, Any]) -> Iterator[No
     try:
         if not process.stdout.readline().startswith("ready"):
             _, errors = process.communicate(timeout=END_TIMEOUT_S)
-            raise UserError([f"drive: {line}" for line in errors.splitlines()] or "drive: ended without a word")
+            raise UserError([f"drive: {line}" for line in errors.splitlines()] or "drive: ended without a message")
         yield
     finally:
         process.terminate()

@@ -89,11 +89,13 @@ class LiveServer:
         """Hand out a file of the page, or let a socket of it through (None)."""
         host = _only(request.headers, "Host")
         if not is_our_host(host, self._names):
-            return self._refuse(connection, HTTPStatus.MISDIRECTED_REQUEST, "this server has another address\n")
+            return self._refuse(
+                connection, HTTPStatus.MISDIRECTED_REQUEST, "the host name is not that of this server\n"
+            )
         path = request.path.partition("?")[0]
         if path == SOCKET_PATH:
             if not is_our_page(_only(request.headers, "Origin"), host):
-                return self._refuse(connection, HTTPStatus.FORBIDDEN, "only the page itself may open this\n")
+                return self._refuse(connection, HTTPStatus.FORBIDDEN, "only the live page may open this connection\n")
             return None
         if path not in self._page:
             return self._refuse(connection, HTTPStatus.NOT_FOUND, "no such page\n")
@@ -122,7 +124,7 @@ class LiveServer:
         try:
             if not await self._has_token(connection):
                 self.counters["refused"] += 1
-                await connection.close(CLOSE_WRONG_TOKEN, "the token is wrong; open the address that the run printed")
+                await connection.close(CLOSE_WRONG_TOKEN, "wrong token; open the address that the run printed")
                 return
             self.counters["clients"] += 1
             await connection.send(json.dumps(self._told))

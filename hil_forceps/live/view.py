@@ -30,7 +30,7 @@ def live_options(*, live: bool, control: bool, bind: str, foxglove: bool) -> Liv
     if not live:
         wanting = {"--live-control": control, "--live-bind": bool(bind), "--foxglove": foxglove}
         if extra := [name for name, is_given in wanting.items() if is_given]:
-            raise UserError(f"{extra[0]} goes with --live")
+            raise UserError(f"{extra[0]}: only with --live; add it, or leave {extra[0]} out")
         return None
     host, port = parse_address(bind, "--live-bind") if bind else (LOOPBACK, 0)
     return LiveOptions(host, port, control, foxglove)
@@ -48,7 +48,7 @@ class View(NamedTuple):
         """Return what a user should know."""
         told = [f"live page: {self.address}"]
         if not is_loopback(self.options.host):
-            told.append(f"the live page is open to the network at {self.options.host}, and not encrypted")
+            told.append(f"the live page is reachable from the network at {self.options.host}, without encryption")
         if self.foxglove_address:
             told.append(f"Foxglove: open a connection to {self.foxglove_address}")
         return told
@@ -77,8 +77,8 @@ def live_view(description: Description, options: LiveOptions) -> Iterator[View]:
             process.stdin.flush()
         word, _, rest = process.stdout.readline().strip().partition(" ")
         if word != "ready":
-            why = rest or "its process ended without a word"
-            raise UserError(f"the live page can't be served at {options.host}:{options.port}: {why}")
+            why = rest or "its process ended without a message"
+            raise UserError(f"--live: the page can't be served at {options.host}:{options.port}: {why}")
         port, foxglove = rest.split(" ", 1)
         host = f"[{options.host}]" if ":" in options.host else options.host
         yield View(

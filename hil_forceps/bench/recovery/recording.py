@@ -149,7 +149,9 @@ def _with_log(result: Recovery, path: Path, tables: Tables, missing: Sequence[Ga
     result.notes += found.notes
     lacking = found.references - int(np.count_nonzero(tables.references["outcome"] == Outcome.SENT))
     if found.holds and lacking > 0:
-        result.notes.append(f"{path.name} has {lacking} references sent that the recording lacks; they stay missing")
+        result.notes.append(
+            f"{path.name} has {lacking} sent references that the recording does not contain; they stay missing"
+        )
     result.restored = [_lost(result, gap) for gap in found.gaps]
     result.messages = list(_merged(result.messages, found.messages))
     return still_missing(missing, found.gaps)

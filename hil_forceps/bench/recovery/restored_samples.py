@@ -43,15 +43,17 @@ def samples_of_log(path: Path, recording: Recording, missing: Sequence[Gap], *, 
     try:
         rig, settings = settings_of(recording)
         if rig.drive_profile != "native":
-            told = f"samples of a drive that speaks {rig.drive_profile} aren't restored from it"
+            told = f"samples of a drive with the profile {rig.drive_profile} can't be restored from it"
             return nothing._replace(notes=(f"{path.name}: {told}; hil-forceps decode shows its frames",))
         drives, remarks = heard_drives(path, rig.bench.node_id)
     except UserError as error:
-        return nothing._replace(notes=(f"{path.name} isn't used: {error}",))
+        return nothing._replace(notes=(f"{path.name} was not used: {error}",))
     notes = tuple(f"{path.name}: {remark}" for remark in remarks)
     aligned = _aligned(drives, samples)
     if aligned is None:
-        return nothing._replace(notes=(*notes, f"{path.name} isn't used: none of its samples is in the recording"))
+        return nothing._replace(
+            notes=(*notes, f"{path.name} was not used: it has no sample in common with the recording")
+        )
     heard, references = aligned
     wanted = list(_wanted(heard, samples, missing, has_end))
     filled = [gap for gap, _ in wanted]

@@ -113,7 +113,7 @@ def test_a_run_whose_motor_was_let_go_before_its_end_is_not_completed(
 
 @pytest.mark.parametrize(
     ("said", "words"),
-    [(DriveState.OPERATIONAL, "another one drives it: end that first"), (DriveState.ARMED, "0 samples seen")],
+    [(DriveState.OPERATIONAL, "another one drives it: end that first"), (DriveState.ARMED, "0 samples received")],
 )
 def test_a_drive_that_another_program_drives_is_told_as_that(said: DriveState, words: str) -> None:
     drive, line = (

@@ -59,7 +59,7 @@ def test_each_simulated_drive_is_told(rig: str, row: tuple[str, ...], capsys: py
         ("odrive", (), "idle; sends encoder estimates and Iq"),
         ("cia402", (), "just booted"),
         ("vesc", (), "broadcasts STATUS"),
-        ("moteus", ("--ask", "moteus"), "stopped; answers, and says nothing by itself"),
+        ("moteus", ("--ask", "moteus"), "stopped; answers, and sends nothing unasked"),
         ("dynamixel", ("--ask", "dynamixel"), "XM430-W350"),
     ],
 )
@@ -82,7 +82,7 @@ def test_a_moteus_is_heard_on_a_bus_with_fd_where_another_program_asks_it(capsys
             other.send(can.Message(arbitration_id=0x8005, data=bytes.fromhex("1100110f"), is_fd=True, dlc=4))
         code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "busy", "--fd")
     assert code == 0
-    assert "stopped; answers, and says nothing by itself" in out
+    assert "stopped; answers, and sends nothing unasked" in out
 
 
 def test_a_moteus_is_asked_what_moves_nothing_and_changes_nothing() -> None:
@@ -114,11 +114,11 @@ def test_a_moteus_is_told_by_its_answers_to_somebody_else() -> None:
     timeout = bytes.fromhex("24040b000000000000002300000000 50".replace(" ", ""))
     base, wide = Frame(0x500, reply, True), Frame(0x800, timeout, True, True)
     assert heard(base, base, wide, wide) == [
-        ("moteus", 5, "position; answers, and says nothing by itself"),
+        ("moteus", 5, "position; answers, and sends nothing unasked"),
     ]
     fault = Frame(0x800, bytes.fromhex("2100012 10f21".replace(" ", "")), True, True)
     assert heard(fault, fault) == [
-        ("moteus", 8, "fault 33 (motor driver fault, often under voltage); answers, and says nothing by itself")
+        ("moteus", 8, "fault 33 (motor driver fault, often under voltage); answers, and sends nothing unasked")
     ]
     for other in (
         base._replace(is_fd=False, data=reply[:8]),

@@ -60,7 +60,7 @@ def test_a_line_has_one_rate(capsys: pytest.CaptureFixture[str], tmp_path: Path)
         ("watchdog_s: 0.1", "watchdog_s: 0.05", "motor_driver.watchdog_s: is 0.05 s, but a servo's bus watchdog takes"),
         ("watchdog_s: 0.1", "watchdog_s: 2.56", "multiples of 0.02 s up to 2.54 s"),
         ("zero_rev: 0.25", "zero_rev: 256.0", "motor_driver.encoder_zero_rev: with `limits:` the servo would go from"),
-        ("limit_A: 1.0   ", "limit_A: 0.001 ", "less than a servo's unit of 0.00269 A"),
+        ("limit_A: 1.0   ", "limit_A: 0.001 ", "less than the servo's resolution of 0.00269 A"),
     ],
 )
 def test_what_a_servo_can_not_be_told_is_refused(
@@ -97,7 +97,7 @@ def test_run_refuses_what_check_calls_a_problem(
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("  mit_variant: bgkatz\n", "", "motor_driver.mit_variant: is missing; give bgkatz, cubemars or damiao"),
+        ("  mit_variant: bgkatz\n", "", "motor_driver.mit_variant: is missing; set bgkatz, cubemars or damiao"),
         (
             "  torque_range_N_m: 1.35e-2 ",
             "  # ",
