@@ -45,7 +45,7 @@ def check_sample(name: str, value: object) -> None:
     if not isinstance(value, Real):
         raise TypeError(f"{name}: must be a number, not {kind(value)}; `estimate` takes a whole record")
     if not math.isfinite(value):
-        raise UserError(f"{name}: is {value}, not a finite number; leave such a sample out, gaps are bridged")
+        raise UserError(f"{name}: is {value}, not a finite number; leave this sample out, gaps are allowed")
 
 
 def check_stamp(name: str, value: object) -> None:

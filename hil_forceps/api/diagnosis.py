@@ -108,7 +108,7 @@ class Wishes(NamedTuple):
     def check(self) -> None:
         """UserError, by the name of the parameter, for what can't be."""
         if unknown := [name for name in self.without if name not in EFFECT_IDS]:
-            raise UserError(f"without {unknown[0]}: is no effect of the catalogue; see docs/diagnosis.md")
+            raise UserError(f"without {unknown[0]}: is not an effect of the catalogue; docs/rig-file.md lists all")
         if self.jobs is not None and self.jobs < 1:
             raise UserError(f"jobs {self.jobs}: must be 1 or more")
         if self.seed < 0:
@@ -179,7 +179,7 @@ def conclude(
         return wishes.budget_s is not None and time.monotonic() > began_s + wishes.budget_s
 
     if wishes.budget_s is not None and even_runs(runs, rig) is None:
-        raise UserError("budget_s: needs runs of a drive whose law and references are known; leave it out for these")
+        raise UserError("budget_s: only for runs of a drive with known law and references; leave it out for these runs")
     with ThreadPoolExecutor(wishes.threads) as pool:
         mapper = over_threads(pool, wishes.threads)
         without = frozenset(wishes.without)

@@ -64,7 +64,7 @@ class Estimator:
         check_stamp("stamp_ns", stamp_ns)
         if self._state is not None and stamp_ns < self._stamp_ns:
             told = f"stamp_ns: {stamp_ns} comes before the last sample's {self._stamp_ns}"
-            raise UserError(f"{told}; leave out what is late, or call reset() for another record")
+            raise UserError(f"{told}; leave out late samples, or call reset() before another record")
         stamp_ns = int(stamp_ns)  # numpy's would overflow
         sample = Sample(stamp_ns, theta_m_rad, self._torque_per_A * current_A)
         estimator = self._estimator
@@ -86,7 +86,9 @@ class Estimator:
         shapes = {values.shape for values in columns.values()}
         if len(shapes) > 1 or columns["theta_m_rad"].ndim != 1 or not columns["theta_m_rad"].size:
             told = ", ".join(f"{name} {values.shape}" for name, values in columns.items())
-            raise ValueError(f"{', '.join(columns)}: must be of one length, 1 or more, in one row; they are {told}")
+            raise ValueError(
+                f"{', '.join(columns)}: must be one-dimensional arrays of equal length, at least 1; they are {told}"
+            )
         for name, values in columns.items():
             if (row := bad_row(values, increasing=False)) is not None:
                 raise UserError(f"{name}[{row}]: is {values[row]}, not a finite number; correct or remove the row")
@@ -115,7 +117,7 @@ def _stamps(time_s: Vector) -> NDArray[np.int64]:
     if late.size:
         row = int(late[0])
         told = f"time_s[{row}]: {time_s[row]:.9g} does not come after {time_s[row - 1]:.9g}"
-        raise UserError(f"{told}; sort the rows and leave out repeated ones, or call estimate for each record")
+        raise UserError(f"{told}; sort the rows and remove repeated ones, or call estimate for each record")
     if time_s.size > 1:
         check_time_unit(time_s, "estimate", is_table=False)
     return np.rint(time_s * 1e9).astype(np.int64)

@@ -52,7 +52,7 @@ def read_runs(
             told = f"no runs can be read from {kind(source)}{several}"
             raise TypeError(f"source {place + 1}: {told}: it must be a file, a table or a Run")
     if not found:
-        raise UserError("no runs were given")
+        raise UserError("no runs were given; add at least one")
     if names is None:
         return _with_own_names(found)
     if len(names) != len(found) or len(set(names)) < len(names):

@@ -138,7 +138,7 @@ class Service:
         if not (math.isfinite(lasts_s) and lasts_s > 0.0):
             raise ValueError(f"trajectory: lasts {lasts_s} s; give duration_s, or a trajectory that lasts")
         if (excess := first_excess(trajectory, lasts_s, self.rig.plant(), self.rig.limits)) is not None:
-            raise UserError(f"the trajectory: {excess.words}; change it or the limit")
+            raise UserError(f"trajectory: {excess.words}; change it or the limit")
         _ready(self._algorithm, self.rig)
         with TemporaryDirectory() if out is None else _folder(Path(out)) as name:
             folder = Path(name)
@@ -169,7 +169,9 @@ def _baudrate(rig: Rig, serial: str, wanted: int | None) -> int:
         return NATIVE_BAUDRATE if wanted is None else wanted
     profile, settings = found
     if profile.link == "can" and serial:
-        raise UserError(f"serial {serial!r}: the rig's {profile.name} is on a CAN bus; give interface and channel")
+        raise UserError(
+            f"serial {serial!r}: the rig's drive ({profile.name}) is on a CAN bus; give interface and channel"
+        )
     if profile.link == "serial" and wanted not in {None, settings.baudrate_bit_per_s}:
         told = (
             f"the rig says motor_driver.baudrate_bit_per_s: {settings.baudrate_bit_per_s}, by which samples are stamped"
@@ -192,7 +194,7 @@ def _folder(path: Path) -> Iterator[str]:
     try:
         path.mkdir(parents=True, exist_ok=True)
         if there := [name for name in RUN_FILES if (path / name).is_file()]:
-            raise UserError(f"out {path}: holds a run ({there[0]}); name another folder")
+            raise UserError(f"out {path}: contains a run ({there[0]}); name another folder")
     except OSError as error:
         raise UserError(f"out {path}: can't be made: {error.strerror}; name another folder") from error
     try:

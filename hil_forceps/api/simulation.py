@@ -57,7 +57,10 @@ class Simulation:
         Only a simulated motion has all of them.
         """
         if "theta_m_rad" not in self.columns:
-            raise UserError(f"{self.name}: was driven by the measured motion, so its angle is no result; use the run")
+            raise UserError(
+                f"{self.name}: the measured motion was the input, so that the angle is not a result; use the run's "
+                "angle"
+            )
         return Run(self.name, dict(self.columns), self.notes)
 
     def to_pandas(self) -> Any:
@@ -119,5 +122,5 @@ def _along(rig: Rig, trajectory: Trajectory, load_N_m: Trajectory | float, durat
         "tau_w_N_m": load,
     }
     if wild := [name for name, values in columns.items() if not np.all(np.isfinite(values))]:
-        raise UserError(f"the simulation diverges in {wild[0]}; check the rig's values and its drive")
+        raise UserError(f"the simulation diverges in {wild[0]}; check the values of the rig and its section drive")
     return Simulation("simulation", True, columns)

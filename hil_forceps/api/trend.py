@@ -75,7 +75,7 @@ class TrendResult:
         write_report(self.trend, Path(path))
 
     def __str__(self) -> str:
-        said = "\n".join(self.changes) or "nothing changes beyond the scatter between sessions"
+        said = "\n".join(self.changes) or "no change was found beyond the scatter between sessions"
         used = sum(line.reason is None for line in self.sessions)
         return f"{said}\n({used} of {len(self.sessions)} sessions used)"
 
@@ -119,7 +119,7 @@ def trend(
     _check(false_alarms, seed, jobs, executor)
     home, results = Path(folder), Path(out)
     if home.resolve().is_relative_to((results / SESSIONS).resolve()):
-        raise UserError(f"out {results}: results would be put among the logs in {home}; name another folder")
+        raise UserError(f"out {results}: is within the folder of the logs, {home}; name a folder outside it")
     one = Path(str(rig)) if isinstance(rig, str | PathLike) else None
     given = as_rig(rig) if rig is not None else None
     sessions = sessions_of(home, one or (Path("rig") if given is not None else None), results)

@@ -119,7 +119,7 @@ class Rig(Section):
     def require_drive(self) -> DriveLaw:
         """Return the drive's law; UserError when the rig has none."""
         if self.drive is None:
-            raise UserError("drive: the section is missing and the closed loop can't be simulated without; add it")
+            raise UserError("drive: the section is missing, and the closed loop can't be simulated without it; add it")
         return self.drive
 
     def require_bench(self) -> None:

@@ -73,7 +73,7 @@ def sets_of(folder: Path, rig: Path | None, out: Path) -> list[Set]:
     if problems:
         raise UserError(problems)
     if not found:
-        raise UserError(f"{folder}: no logs in it; `hil-forceps import` says what can be read")
+        raise UserError(f"{folder}: contains no logs; see `hil-forceps import --help` for the formats")
     for each in found:
         _refuse_among_logs(each.path.resolve(), (out / each.name).resolve())
     return found
@@ -81,7 +81,7 @@ def sets_of(folder: Path, rig: Path | None, out: Path) -> list[Set]:
 
 def _refuse_among_logs(logs: Path, results: Path) -> None:
     if results.is_relative_to(logs) or logs.is_relative_to(results):
-        raise UserError(f"out {results.parent}: results would be put among the logs in {logs}; name another folder")
+        raise UserError(f"out {results.parent}: is within the folder of the logs, {logs}; name a folder outside it")
 
 
 def tasks_of(

@@ -42,7 +42,7 @@ def sessions_of(folder: Path, rig: Path | None, out: Path | None = None) -> list
     if problems:
         raise UserError(list(dict.fromkeys(problems)))
     if not found:
-        raise UserError(f"{folder}: no logs in it; `hil-forceps import` says what can be read")
+        raise UserError(f"{folder}: contains no logs; see `hil-forceps import --help` for the formats")
     count = Counter(session.name for session in found)
     named = [s if count[s.name] == 1 else s._replace(name=s.path.relative_to(folder).as_posix()) for s in found]
     return sorted(named, key=lambda session: session.name)

@@ -49,7 +49,7 @@ class DynamixelInquiry:
         said.fault = f"it alerts: {table.HARDWARE_ERROR_STATUS} has the error" if status.alert else ""
         if model is None:
             known = ", ".join(f"{each.name} ({each.number})" for each in table.MODELS.values())
-            said.misfit = f"this model is not known here; those that are: {known}"
+            said.misfit = f"unknown model; known models: {known}"
         else:
             said.counts_per_rev = table.COUNTS_PER_REV
         if firmware < table.MIN_FIRMWARE:

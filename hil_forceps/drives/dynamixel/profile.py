@@ -139,7 +139,7 @@ class _Listener:
             return False
         number = int.from_bytes(status.data[:2], "little")
         model = table.MODELS.get(number)
-        name = f"model number {number}, which is not known here" if model is None else model.name
+        name = f"unknown model number {number}" if model is None else model.name
         alert = f"; alerts: {table.HARDWARE_ERROR_STATUS} has the error" if status.alert else ""
         self._pinged[frame.arbitration_id] = f"{name}, firmware {status.data[2]}{alert}"
         return True

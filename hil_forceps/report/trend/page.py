@@ -48,7 +48,7 @@ def _changes(trend: Trend) -> str:
         for text in parameter.sentences()
     ]
     if not said:
-        return "<p>Nothing changes beyond the scatter between sessions.</p>"
+        return "<p>No change was found beyond the scatter between sessions.</p>"
     return f"<ul>{''.join(said)}</ul>"
 
 

@@ -140,7 +140,7 @@ def test_sources_of_all_kinds_in_their_order_under_names_that_differ(tmp_path: P
 
 
 def test_what_is_no_source() -> None:
-    with pytest.raises(hf.UserError, match="no runs were given"):
+    with pytest.raises(hf.UserError, match="no runs were given; add at least one"):
         hf.read_runs()
     with pytest.raises(hf.UserError, match=r"nowhere\.csv: no such file"):
         hf.read_runs("nowhere.csv")
