@@ -69,7 +69,9 @@ def execute_direct(
 def _world_factory() -> Callable[[Rig, int, int], World]:
     found = {point.name: point for point in entry_points(group=GROUP)}
     if WORLD not in found:
-        raise UserError(f"no world '{WORLD}' is installed (entry point group {GROUP}); `make install` installs it")
+        raise UserError(
+            f"the simulated world '{WORLD}' is not installed (entry point group {GROUP}); run `make install`"
+        )
     factory: Callable[[Rig, int, int], World] = found[WORLD].load()
     return factory
 

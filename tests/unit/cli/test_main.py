@@ -190,7 +190,7 @@ WRONG = [
     ("info empty.mcap", "empty.mcap: is a run and no rig file; hil-forceps explain empty.mcap tells its course"),
     ("info emptydir", "emptydir: is a folder; name a rig file (YAML)"),
     (f"doctor --rig {PAPER}", "the line to its drive is missing; give --interface and --channel, or --serial"),
-    ("doctor --interface foo", "foo: there is no such CAN interface; interfaces: "),
+    ("doctor --interface foo", "foo: unknown CAN interface; known interfaces: "),
     (f"replay empty --rig {TOOL} --out o", "empty: "),
     (f"replay . --rig {TOOL} --out o", "no run in it"),
     ("info --rig none.yaml", "none.yaml: can't be read"),

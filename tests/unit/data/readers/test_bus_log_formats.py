@@ -20,7 +20,7 @@ from tests.reader_fuzz import sound_logs
 from tests.reader_fuzz.sound_logs import BEGIN_NS, Timed, traffic
 
 COUNT = 40
-DATES = "its dates are taken as they stand, of the clock where it was recorded"
+DATES = "its dates are those of the clock of the recording computer"
 TRAFFIC = traffic(COUNT)
 FRAMES = [frame for _, frame in TRAFFIC]
 
@@ -146,7 +146,7 @@ def test_a_relative_log_ends_where_an_event_is_lost(tmp_path: Path) -> None:
     found, account = read(tmp_path / "a.asc", b"".join([*lines[:20], b"   0.000x97 1  81  Rx   d 0\n", *lines[20:]]))
     assert [each.frame for each in found] == FRAMES[: len(found)]
     assert 10 < len(found) < 20
-    assert "with relative stamps what follows has no time" in " ".join(account.told())
+    assert "with relative stamps the following frames have no time" in " ".join(account.told())
     absolute = sound_logs.asc(TRAFFIC)
     found, account = read(
         tmp_path / "a.asc", b"".join([*absolute[:20], b"   0.000x97 1  81  Rx   d 0\n", *absolute[20:]])

@@ -40,7 +40,7 @@ def test_speed_and_torque_become_angle_and_torque(tmp_path: Path, rig: Rig) -> N
     np.testing.assert_allclose(run.columns["tau_m_N_m"], 9.84e-3 * np.array([0.0, 0.1, -0.5]))
     np.testing.assert_allclose(run.columns["tau_w_N_m"], 3.0e-4)
     assert ANGLE_FROM_SPEED in run.notes
-    assert "load: 0.0003 N m throughout, as the rig says" in run.notes
+    assert "load: 0.0003 N m throughout, from the rig file" in run.notes
 
 
 def test_position_demand_and_current_are_taken_where_they_were_recorded(tmp_path: Path, rig: Rig) -> None:

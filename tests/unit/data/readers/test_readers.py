@@ -114,7 +114,7 @@ def test_other_delimiters_and_decimal_marks(delimiter: str, decimal: str, tmp_pa
     path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
     (again,) = read_run(path)
     assert same(run, again)
-    assert again.notes == (("decimal commas were read as such",) if decimal == "," else ())
+    assert again.notes == (("decimal commas were converted",) if decimal == "," else ())
 
 
 def test_rows_written_twice_are_dropped_and_told(tmp_path: Path) -> None:
@@ -198,7 +198,7 @@ def test_hidden_files_and_tables_of_others_in_a_folder_are_left_out(tmp_path: Pa
     (run,) = read_run(tmp_path)
     assert run.notes == (
         "._b.csv was left out: a hidden file",
-        "shopping.csv was left out: no column of a run is in it",
+        "shopping.csv was left out: it has no column of a run",
     )
     (tmp_path / "b.csv").unlink()
     with pytest.raises(UserError, match="none of the columns of a run"):

@@ -140,7 +140,7 @@ def test_texts_in_the_style_of_other_programs(name: str, tmp_path: Path) -> None
     for what, note in (
         ("footer", "behind the table, was left out: 'End of data;;;'"),
         ("twice", "1 line with the header again: left out"),
-        ("trailing", "at the end of each line of samples was passed over"),
+        ("trailing", "at the end of each line was ignored"),
         ("lvm", "before the table: left out"),
         ("no_names", "#1 is the first"),
         ("controldesk", "was read as units"),
