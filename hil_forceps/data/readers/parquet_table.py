@@ -43,7 +43,7 @@ def read_parquet(
     except OSError as error:
         raise UserError(f"{path}: {error.strerror or _first_line(error)}") from error
     except (arrow.ArrowException, ValueError, MemoryError) as error:
-        raise UserError(f"{path}: not a valid Parquet file:  {_first_line(error)}; export it again") from error
+        raise UserError(f"{path}: not a valid Parquet file: {_first_line(error)}; export it again") from error
     return Run(run.name, run.columns, (*run.notes, note)) if note else run
 
 

@@ -59,7 +59,7 @@ def test_every_motor_goes_with_every_drive(call: Call, motor: str, drive: str, m
     if own not in {None, drive}:
         assert (code, out) == (2, "")
         assert err.startswith(f"hil-forceps: --drive {drive}: ")
-        assert f"give --drive {own}" in err
+        assert f"use --drive {own}" in err
         assert not Path("r.yaml").exists()
         return
     assert code == 0, err
@@ -93,7 +93,7 @@ def test_nothing_is_written_over_without_being_told(call: Call) -> None:
     Path("r.yaml").write_text("mine")
     line = ("init", "r.yaml", "--motor", "paper", "--drive", "native", *needed("paper"), *FORCEPS)
     code, out, err = call(*line)
-    assert (code, out, err) == (2, "", "hil-forceps: r.yaml: is there already; name another file, or --overwrite\n")
+    assert (code, out, err) == (2, "", "hil-forceps: r.yaml: already exists; name another file, or use --overwrite\n")
     assert Path("r.yaml").read_text() == "mine"
     assert call(*line, "--overwrite")[0] == 0
     load_rig("r.yaml")
@@ -140,7 +140,7 @@ def test_on_a_terminal_it_asks_for_what_is_missing(
     del capsys
     assert code == 0, err
     assert "did you mean maxon-ec13" in err
-    assert "The most current, A [0.312]:" in err
+    assert "Current limit, A [0.312]:" in err
     rig = load_rig("r.yaml")
     assert rig.drive_profile == "moteus"
     assert rig.motor.torque_constant_N_m_per_A.value == 8.03e-3

@@ -167,8 +167,7 @@ def test_what_a_ping_brings_is_told_also_of_servos_that_are_not_known() -> None:
         Found(
             "dynamixel",
             7,
-            "model number 1060, which is not known here, firmware 38; alerts: Hardware Error Status (70) says what is "
-            "wrong",
+            "unknown model number 1060, firmware 38; alerts: Hardware Error Status (70) has the error",
         ),
     ]
     assert heard(Frame(3, bytes.fromhex("5500060426"))) == []  # on a CAN bus that may be anybody's
@@ -181,15 +180,15 @@ def test_nobody_is_an_answer_of_its_own(capsys: pytest.CaptureFixture[str]) -> N
         capsys, "--interface", "virtual_forceps", "--channel", "short", "--option", rig, "--seconds", "0.05"
     )
     assert code == 1
-    assert "nobody recognised in 0.05 s" in out
-    assert "no heartbeat of a drive that is known here" in out
+    assert "no drive recognised in 0.05 s" in out
+    assert "none of them a heartbeat of a known drive" in out
 
 
 def test_a_drive_that_only_answers_is_not_heard_and_that_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     rig = f"rig={CONFIGS / 'drives' / 'mit.yaml'}"
     code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "mit", "--option", rig)
     assert code == 1
-    assert "a mini cheetah drive (mit) says nothing by itself" in out
+    assert "A mini cheetah drive (mit) sends nothing unasked" in out
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "1e9"])
@@ -219,7 +218,7 @@ def test_a_frame_of_ours_is_no_heartbeat_of_an_odrive() -> None:
 def test_a_vesc_is_told_by_what_it_broadcasts() -> None:
     status = Frame(0x905, bytes.fromhex("00000000fffe0000"), is_extended=True)
     assert heard(status) == []  # one frame may be anybody's
-    assert heard(status, status) == [("vesc", 5, "broadcasts STATUS; 0.2 A; its state is told only to who asks")]
+    assert heard(status, status) == [("vesc", 5, "broadcasts STATUS; 0.2 A; it reports its state only on request")]
     assert heard(*[status._replace(is_extended=False)] * 2) == []
     assert heard(*[status._replace(arbitration_id=0x8000905)] * 2) == []
     assert heard(*[status._replace(data=bytes(7))] * 2) == []

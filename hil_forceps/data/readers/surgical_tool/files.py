@@ -71,7 +71,7 @@ def _archive(path: Path) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(path)
     except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
-        raise UserError(f"{path}: neither a folder nor a valid zip file:  {str(error)[:_SHOWN_CHARACTERS]}") from error
+        raise UserError(f"{path}: neither a folder nor a valid zip file: {str(error)[:_SHOWN_CHARACTERS]}") from error
 
 
 def _bounded(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, label: str) -> bytes:

@@ -79,7 +79,7 @@ def test_a_healthy_fd_device_is_well(tmp_path: Path) -> None:
         ({"state": "ERROR-PASSIVE"}, "can.state", Verdict.WARN, "ERROR-PASSIVE", "termination"),
         ({"berr_counter": {"tx": 0, "rx": 135}}, "can.errors", Verdict.FAIL, "passive from 128", "candump -e can0"),
         ({"berr_counter": {"tx": 96, "rx": 0}}, "can.errors", Verdict.FAIL, "warning from 96", "candump -e can0"),
-        ({"berr_counter": {"tx": 8, "rx": 0}}, "can.errors", Verdict.WARN, "damaged lately", "candump -e can0"),
+        ({"berr_counter": {"tx": 8, "rx": 0}}, "can.errors", Verdict.WARN, "damaged recently", "candump -e can0"),
         ({"restart_ms": 100}, "can.restart", Verdict.WARN, "after 100 ms", "restart-ms 0"),
     ],
 )

@@ -156,7 +156,7 @@ def test_another_kind_of_drive_is_told() -> None:
             "drive.counts",
             "the drive has 16384, the rig 4096",
         ),
-        ("native", ("counts_per_rev: 16384", "counts_per_rev: ideal"), "drive.counts", "the rig an ideal one"),
+        ("native", ("counts_per_rev: 16384", "counts_per_rev: ideal"), "drive.counts", "the rig an ideal encoder"),
         ("cia402", ("counts_per_rev: 16384", "counts_per_rev: 4096"), "drive.counts", "the drive has 16384"),
         ("dynamixel", ("counts_per_rev: 4096", "counts_per_rev: 16384"), "drive.counts", "the drive has 4096"),
         ("native", ("feedback_divider: 2", "feedback_divider: 1"), "drive.sample_period", "1 ms, the rig's 0.5 ms"),
@@ -170,7 +170,12 @@ def test_another_kind_of_drive_is_told() -> None:
             "timing.watchdog",
             "20 ms by the drive, 2.0 peri",
         ),
-        ("cia402", ("current_limit_A: 1.0", "current_limit_A: 0.5"), "drive.current_limit", "it may pull harder"),
+        (
+            "cia402",
+            ("current_limit_A: 1.0", "current_limit_A: 0.5"),
+            "drive.current_limit",
+            "the motor can give more torque",
+        ),
     ],
 )
 def test_a_rig_that_is_another_drives_fails(

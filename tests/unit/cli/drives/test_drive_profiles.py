@@ -59,7 +59,7 @@ def test_a_line_has_one_rate(capsys: pytest.CaptureFixture[str], tmp_path: Path)
     [
         ("watchdog_s: 0.1", "watchdog_s: 0.05", "motor_driver.watchdog_s: is 0.05 s, but a servo's bus watchdog takes"),
         ("watchdog_s: 0.1", "watchdog_s: 2.56", "multiples of 0.02 s up to 2.54 s"),
-        ("zero_rev: 0.25", "zero_rev: 256.0", "motor_driver.encoder_zero_rev: with `limits:` the servo would go from"),
+        ("zero_rev: 0.25", "zero_rev: 256.0", "motor_driver.encoder_zero_rev: with `limits:` the servo's range is"),
         ("limit_A: 1.0   ", "limit_A: 0.001 ", "less than the servo's resolution of 0.00269 A"),
     ],
 )
@@ -74,7 +74,7 @@ def test_what_a_servo_can_not_be_told_is_refused(
 
 def test_a_rig_of_another_drive_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     said = refused(capsys, "run", "--rig", str(ODRIVE), "--drive", "cia402", "--out", str(tmp_path / "out"))
-    assert "speaks odrive" in said
+    assert "profile odrive" in said
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_foreign_files_are_refused_in_words(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="not an MCAP file"):
         read_recording(foreign)
     data, _ = record(10)
-    with pytest.raises(UserError, match="not a recording of the bench"):
+    with pytest.raises(UserError, match="not a recording of `run` or `bench`"):
         parse_recording(data.replace(b"hil_forceps", b"hil_fffceps"), "x")
 
 

@@ -83,7 +83,7 @@ def test_a_wrong_table_is_refused_with_its_line(tmp_path: Path, table: str, said
 def test_no_rig_no_folder_and_no_logs_are_refused_with_a_remedy(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no such folder"):
         sessions_of(tmp_path / "nowhere", None)
-    with pytest.raises(UserError, match="no logs in it"):
+    with pytest.raises(UserError, match="contains no logs"):
         sessions_of(tmp_path, Path("given.yaml"))
     made(tmp_path, "a.csv", "b.csv")
     with pytest.raises(UserError, match="name one for all with --rig") as refused:

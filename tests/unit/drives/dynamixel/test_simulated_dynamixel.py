@@ -94,9 +94,9 @@ def test_another_id_is_no_drive(tmp_path: Path, capsys: pytest.CaptureFixture[st
 @pytest.mark.parametrize(
     ("what", "reason", "said"),
     [
-        ("restart", "drive_lost", "fell silent or restarted"),
+        ("restart", "drive_lost", "sent no more samples or restarted"),
         ("overload", "drive_fault", "the drive latched a fault: hardware error 0x20 (overload)"),
-        ("torque", "drive_stopped", "left operation by itself"),
+        ("torque", "drive_stopped", "left the operational state without a request"),
     ],
 )
 def test_what_happens_to_a_running_servo_ends_the_run_in_one_line(

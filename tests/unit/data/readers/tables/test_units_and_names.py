@@ -149,7 +149,7 @@ KNOWN = "time_s,theta_m_rad,current_A\n"
         ("time_s,a,a,current_A\n0,1,1,1\n", ("theta_m_rad=a:rad",), "2 columns have that name; give the place of one"),
         (KNOWN + ROWS, ("speed=a",), "--map speed=a: 'speed' is no column of a run"),
         (KNOWN + ROWS, ("theta_m_rad",), "--map theta_m_rad: write NAME=COLUMN[:UNIT]"),
-        (KNOWN + ROWS, ("theta_m_rad=",), "no column is named"),
+        (KNOWN + ROWS, ("theta_m_rad=",), "the column is missing"),
         (KNOWN + ROWS, ("none/there.yaml",), "none/there.yaml: No such file"),
     ],
 )  # fmt: skip
