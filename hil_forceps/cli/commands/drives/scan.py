@@ -132,8 +132,8 @@ def _tell(listener: BusListener, seconds: float) -> int:
         )
         return EXIT_NOBODY
     table = Table(box=SIMPLE_HEAD, padding=(0, 1))
-    for name in ("profile", "node", "says"):
-        table.add_column(name, no_wrap=name != "says")
+    for name in ("profile", "node", "state"):
+        table.add_column(name, no_wrap=name != "state")
     for each in found:
         table.add_row(each.profile, str(each.node), each.says)
     print_table(table, TABLE_WIDTH)
