@@ -1,4 +1,4 @@
-"""Where the work of many sessions is done: processes of this machine, or a cluster, all through joblib."""
+"""Executors for the work of many sessions: processes of this computer or a cluster, through joblib."""
 
 import importlib
 import importlib.util
@@ -17,7 +17,7 @@ Result = TypeVar("Result")
 
 
 def check_executor(executor: str) -> None:
-    """UserError where an executor is none of those known, or what it needs is not installed."""
+    """UserError for an unknown executor, or if its package is not installed."""
     name = executor.partition("://")[0]
     known = executor in {PROCESSES, "ray"} or (name in {"dask", "ray"} and executor.partition("://")[2])
     if not known:
@@ -29,9 +29,9 @@ def check_executor(executor: str) -> None:
 
 
 def spread(work: Callable[[Task], Result], tasks: Sequence[Task], executor: str, jobs: int | None) -> Iterator[Result]:
-    """Yield the results of tasks as they come, in no order; `jobs`: at a time, by default all processors.
+    """Yield the results of tasks in the order in which they end; `jobs`: processes, by default all processors.
 
-    `work` and its tasks are sent to other processes: a function of a module, and plain data. UserError where a cluster
+    `work` is a function of a module, tasks are plain data: both are sent to other processes. UserError if a cluster
     can't be reached or a process is lost.
     """
     check_executor(executor)
@@ -63,7 +63,7 @@ def spread(work: Callable[[Task], Result], tasks: Sequence[Task], executor: str,
 
 @contextmanager
 def _backend(executor: str, joblib: Any) -> Iterator[int]:
-    """Make joblib's backend that of an executor; yield how many workers it has, 0 where that is not told."""
+    """Select joblib's backend for an executor; yield its number of workers, 0 if unknown."""
     name, _, address = executor.partition("://")
     if name == "dask":
         with _dask(executor, address) as workers, joblib.parallel_config("dask"):

@@ -107,7 +107,7 @@ def _open_can(spec: LinkSpec) -> Connection:
     if spec.fd:
         options.setdefault("data_bitrate", spec.data_bitrate_bit_per_s)
     try:
-        # ty: python-can takes whatever the interface knows
+        # ty: python-can accepts any option of the interface
         bus = can.Bus(channel=spec.channel or None, interface=spec.interface, ignore_config=True, **options)  # type: ignore[arg-type]
     except NotImplementedError as error:
         known = ", ".join(sorted(can.VALID_INTERFACES))
