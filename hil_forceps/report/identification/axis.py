@@ -185,7 +185,7 @@ def open_loop_figure(found: AxisComparison) -> Figure:
 
 
 def networks_figure(found: AxisComparison) -> Figure:
-    """Error of the position in open loop during the fit of networks, and that of the law; training and first test run."""
+    """Error of the position in open loop during the fit of networks and of the law; training and first test run."""
     best = found.open_loop_chosen
     own = (best.train_rmse_m, best.test_rmse_m[0])
     with house_style():

@@ -134,7 +134,7 @@ def run(
     live
         Show the run on a live page in the browser, only on this machine (docs/live.md).
     live_control
-        With --live: buttons for emergency stop and reset on the page.
+        With --live: buttons for emergency stop and clear on the page.
     live_bind
         With --live: PORT or ADDRESS:PORT of the page; default: a free port on 127.0.0.1.
     foxglove
