@@ -187,7 +187,7 @@ def test_it_listens_on_loopback_unless_told_otherwise_and_then_wants_a_token(tmp
         read_token(token)
     token.chmod(0o600)
     assert read_token(token) == TOKEN
-    with pytest.raises(UserError, match="can't be had"):  # an address that this machine has not
+    with pytest.raises(UserError, match="can't be opened"):  # an address that this machine has not
         open_references([rig], "192.0.2.1:47100", token, None)
     token.write_bytes(b"short")
     with pytest.raises(UserError, match="must hold 16 to 4096 bytes"):

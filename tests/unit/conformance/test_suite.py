@@ -193,7 +193,7 @@ class PushesItself(Device):
 
 def test_a_load_that_pushes_the_motor_beyond_its_limits_ends_the_run() -> None:
     suite = opened(DirectPort(PushedLater(theta_max_raw=ANGLE + (1 << 19))))
-    with pytest.raises(Disturbed, match="something pushed the motor"):
+    with pytest.raises(Disturbed, match="an external torque moved the motor"):
         suite.run(REQUIREMENTS)
 
 

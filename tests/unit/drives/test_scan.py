@@ -105,7 +105,7 @@ def test_a_moteus_says_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> 
     rig = f"rig={CONFIGS / 'drives' / 'moteus.yaml'}"
     code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "moteus", "--option", rig)
     assert code == 1
-    assert "nothing came" in out
+    assert "no frame was received" in out
 
 
 def test_a_moteus_is_told_by_its_answers_to_somebody_else() -> None:
@@ -137,7 +137,7 @@ def test_a_servo_that_says_nothing_by_itself_is_asked_by_a_ping(capsys: pytest.C
     channel = ("--interface", "virtual_forceps", "--channel", "asked", "--option", rig)
     code, out = scan(capsys, *channel, "--seconds", "0.2")
     assert code == 1
-    assert "nothing came" in out
+    assert "no frame was received" in out
     code, out = scan(capsys, *channel, "--seconds", "0.2", "--ask", "dynamixel")
     assert code == 0
     assert [line.split() for line in out.splitlines() if "XM430" in line] == [

@@ -144,7 +144,7 @@ def test_another_kind_of_drive_is_told() -> None:
     check = looked(rig_of("native"), simulated("odrive"))[0]["drive.answers"]
     assert check.verdict is Verdict.FAIL
     assert "odrive 5" in check.text
-    assert "nothing came" in looked(rig_of("native"))[0]["drive.answers"].text
+    assert "no frame was received" in looked(rig_of("native"))[0]["drive.answers"].text
 
 
 @pytest.mark.parametrize(
