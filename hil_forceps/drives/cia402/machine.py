@@ -304,7 +304,7 @@ class Cia402:
         self._cycle.see_position(counts)
         if self._cycle.answers.is_too_high:
             self._refuse(
-                f"node {self.config.node} answers SYNC more than once:  two drives have this id, or "
+                f"node {self.config.node} answers SYNC more than once: two drives have this id, or "
                 "another master sends SYNC; give each drive its own id (2000h), and use one master only"
             )
 

@@ -256,7 +256,7 @@ class Mit:
         node = self.config.node
         if self._exchange.unasked >= MAX_UNASKED_ANSWERS:
             self._refuse(
-                f"node {node} sends more answers than requested:  two drives have this id, or another program "
+                f"node {node} sends more answers than requested: two drives have this id, or another program "
                 "commands it"
             )
         elif self.drive_state is DriveState.DISABLED and self._position_rad is not None:

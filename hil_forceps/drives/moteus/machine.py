@@ -180,7 +180,7 @@ class Moteus:
         self._answers.answer()
         if self._answers.is_too_high:
             self._refuse(
-                f"node {self.config.node} sends more answers than requested:  two drives have this id, or another "
+                f"node {self.config.node} sends more answers than requested: two drives have this id, or another "
                 f"program uses the same host id, {wire.HOST_ID}; give each drive its own id (id.id), or end the "
                 "other program"
             )

@@ -280,7 +280,7 @@ class Vesc:
         self._requests.end()
         if self._requests.are_answered_too_often:
             self._refuse(
-                f"node {self.config.node} sends more answers than requested:  two VESCs have this id; give each its "
+                f"node {self.config.node} sends more answers than requested: two VESCs have this id; give each its "
                 "own (App Settings, General, VESC ID)"
             )
         if not answer.payload:

@@ -140,7 +140,7 @@ def test_runs_come_in_any_form(frozen: hf.Run) -> None:
 @pytest.mark.parametrize(
     ("wish", "said"),
     [
-        ({"without": ["gremlins"]}, "without gremlins: is no effect of the catalogue"),
+        ({"without": ["gremlins"]}, "without gremlins: is not an effect of the catalogue"),
         ({"hold_out": ["nobody"]}, "hold_out nobody: no such run; the runs are still"),
         ({"hold_out": ["still"]}, "hold_out: every run is held out"),
         ({"jobs": 0}, "jobs 0: must be 1 or more"),

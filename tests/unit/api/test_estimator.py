@@ -59,7 +59,9 @@ def test_what_is_refused() -> None:
         hf.Estimator("kalman", RIG, 0.0)
     estimator = hf.Estimator("kalman", RIG, 1e-3)
     for angle, current in ((ANGLE, CURRENT[:3]), (np.zeros((2, 2)), np.zeros((2, 2))), ([], [])):
-        with pytest.raises(ValueError, match="theta_m_rad, current_A: must be of one length, 1 or more"):
+        with pytest.raises(
+            ValueError, match="theta_m_rad, current_A: must be one-dimensional arrays of equal length, at least 1"
+        ):
             estimator.estimate(angle, current)
 
 

@@ -110,7 +110,10 @@ def test_a_host_that_comes_right_behind_another_is_told_what_to_do(forceps_bench
     assert service.run(still, 0.1).ok
     run = service.run(still, 0.1)
     assert (run.ok, run.reason) == (False, "enable_failed")
-    assert "it stays DISABLED; where another program drove it just before: it enables a new host 0.1 s" in run.message
+    assert (
+        "it stays DISABLED; if another program controlled it just before: it enables a new host only 0.1 s"
+        in run.message
+    )
     with can.Bus(interface=bench.interface, channel=bench.channel) as bus:
         world: Any = bus
         world.advance_until_ns(world.now_ns() + 150_000_000)

@@ -92,7 +92,7 @@ def restarts_for_20_ms(drive: Any, now_ns: int) -> None:
     drive.deaf_until_ns = now_ns + 20_000_000
 
 
-GEAR = "the gate denies the measured angle: DENIED_CLOSED; is it within `limits:`?"
+GEAR = "the gate denies the measured angle: DENIED_CLOSED; check whether it is within `limits:`"
 NOBODY = "no drive answered"
 LOST = "the drive sent no more samples or restarted"
 DAMIAO = (("mit_variant: bgkatz", "mit_variant: damiao"),)
@@ -114,21 +114,21 @@ TABLE = (
     Row("cia402", "gear sign", "error code 0x8130; the gate denied the reference: DENIED_CLOSED"),
     Row("cia402", "node id", NOBODY, host=OTHER_NODE),
     Row("cia402", "firmware", "node 5 refuses 1A01h:01 (abort 0x06040041", lacks_its_current),
-    Row("cia402", "one id", "node 5 answers SYNC more often than it is asked", twice=True),
+    Row("cia402", "one id", "node 5 answers SYNC more than once", twice=True),
     Row("cia402", "silence", LOST, running=mute, is_confirmed=False),
     Row("cia402", "reset", LOST, running=lambda drive, now_ns: drive.reboot(now_ns), is_confirmed=False),
-    Row("moteus", "mode", "node 5 is in mode 10 already", is_driven_by_another),
+    Row("moteus", "mode", "node 5 is already in mode 10", is_driven_by_another),
     Row("moteus", "gear sign", GEAR),
     Row("moteus", "node id", NOBODY, host=OTHER_NODE),
-    Row("moteus", "firmware", "has version 4 of moteus' registers", lambda drive: setattr(drive, "_register_map", 4)),
-    Row("moteus", "one id", "node 5 answers more often than it is asked", drives=2),
+    Row("moteus", "firmware", "has register map version 4", lambda drive: setattr(drive, "_register_map", 4)),
+    Row("moteus", "one id", "node 5 sends more answers than requested", drives=2),
     Row("moteus", "silence", LOST, running=mute, is_confirmed=False),
     Row("moteus", "reset", LOST, running=lambda drive, now_ns: drive.reboot(now_ns)),
     Row("mit", "mode", "the drive did not become operational", is_deaf_to_special, both=DAMIAO),
     Row("mit", "gear sign", GEAR),
     Row("mit", "node id", NOBODY, host=OTHER_NODE),
     Row("mit", "firmware", "answers have 7 bytes; check motor_driver.mit_variant", host=DAMIAO),
-    Row("mit", "one id", "node 5 answers more often than it is asked", drives=2, is_confirmed=False),
+    Row("mit", "one id", "node 5 sends more answers than requested", drives=2, is_confirmed=False),
     Row("mit", "silence", LOST, running=mute, is_confirmed=False),
     Row("mit", "reset", LOST, running=restarts_for_20_ms),
     Row("dynamixel", "mode", "left the operational state without a request", running=goes_to_another_mode),

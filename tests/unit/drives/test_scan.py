@@ -98,7 +98,7 @@ def test_a_drive_on_a_can_bus_is_not_asked_over_a_serial_line(capsys: pytest.Cap
     with pytest.raises(SystemExit) as ended:
         cli.main(["scan", "--serial", "/dev/null", "--ask", "moteus"])
     assert ended.value.code == 2
-    assert "--ask moteus: such a drive is on a CAN bus" in capsys.readouterr().err
+    assert "--ask moteus: this drive is on a CAN bus" in capsys.readouterr().err
 
 
 def test_a_moteus_says_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
@@ -149,7 +149,7 @@ def test_a_drive_that_tells_by_itself_is_not_asked(capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit) as ended:
         cli.main(["scan", "--interface", "virtual", "--ask", "odrive"])
     assert ended.value.code == 2
-    assert "--ask odrive: such a drive tells by itself" in capsys.readouterr().err
+    assert "--ask odrive: this profile has no read-only request" in capsys.readouterr().err
 
 
 def test_what_a_ping_brings_is_told_also_of_servos_that_are_not_known() -> None:

@@ -247,7 +247,7 @@ def test_trc_events_of_every_kind(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("size", "told"),
-    [(0, "says that it has 0 bytes"), (15, "says that it has 15 bytes"), (0xFFFFFFFF, "has 4294967295 bytes")],
+    [(0, "has the length 0 bytes"), (15, "has the length 15 bytes"), (0xFFFFFFFF, "has the length 4294967295 bytes")],
 )
 @pytest.mark.parametrize("packed", [True, False])
 def test_a_blf_object_that_lies_about_its_size_ends_the_reading(
@@ -271,7 +271,7 @@ def test_blf_damage_of_other_kinds_is_told_with_its_place(tmp_path: Path) -> Non
         (whole[: second + 33] + b"\xff" + whole[second + 34 :], f"at byte {second}, which can't be unpacked"),
         (whole[:second] + b"JUNK" + whole[second + 4 :], f"byte {second}, where no object begins"),
         (whole[: second + 8] + bytes(4) + whole[second + 12 :], f"byte {second}, where an object has the length 0"),
-        (whole[: second + 8] + b"\xff" * 4 + whole[second + 12 :], "where an object says that it has 4294967295"),
+        (whole[: second + 8] + b"\xff" * 4 + whole[second + 12 :], "where an object has the length 4294967295"),
         (whole[: second + 16] + b"\x07" + whole[second + 17 :], "packed by method 7; only zlib"),
     ):
         found, account = read(tmp_path / "a.blf", changed)

@@ -138,7 +138,7 @@ ZEROS = "line 5 contains zero bytes, as after a power cut; it and the rest of th
         (HEAD + "0,1,2\n0,1,3\n", ":3: time_s: 0 does not come after 0 (comes twice with different values)"),
         (HEAD + "0.1,1,2\n0,1,2\n", "(time goes back)"),
         (HEAD + "0,1,2\n", "1 samples are too few"),
-        (HEAD + "0,1,2\n0,1,2\n", "all 2 rows are the same one"),
+        (HEAD + "0,1,2\n0,1,2\n", "all 2 rows are identical"),
         (HEAD + "0,1,0,5,2,3\n", "if commas are decimal marks, put semicolons between the cells"),
         (HEAD.replace(",", ";") + "0;1.000,5;2\n", ":2: column 2 (theta_m_rad): '1.000,5' has two decimal marks"),
         (HEAD.encode("utf-16"), ":1: 0 samples are too few"),
@@ -227,7 +227,7 @@ def test_parquet_of_others_is_checked(tmp_path: Path) -> None:
     assert run.columns["theta_m_rad"].tolist() == [1.0, 2.0, 3.0]
     assert run.notes == ("column 'room' is not a column of a run and was left out",)
     for change, message in (
-        ({"current_A": ["a", "b", "c"]}, "column current_A holds string, not numbers"),
+        ({"current_A": ["a", "b", "c"]}, "column current_A contains string, not numbers"),
         ({"current_A": [1.0, None, None]}, ": row 2: current_A is empty or NaN in 2 of 3 rows"),
         ({"current_A": [1.0, 2.0, np.inf]}, ": row 3: current_A is not a finite number"),
         ({"time_s": [0.0, 0.2, 0.1]}, ": row 3: time_s: 0.1 does not come after 0.2"),
@@ -252,7 +252,7 @@ def test_emps_keeps_its_numbers_and_says_what_they_are(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run.columns["tau_w_N_m"], 0.0)
     assert "written at a radius of 5 mm" in run.notes[0]
     for change, message in (
-        ({"vir": None}, "no numbers vir in it"),
+        ({"vir": None}, "the numbers vir are missing"),
         ({"qm": np.zeros(3)}, "samples: t 200, qm 3"),
         ({"gtau": np.ones(2)}, "gtau is no single number"),
         ({"qg": np.array(["x"])}, "no numbers qg in it"),

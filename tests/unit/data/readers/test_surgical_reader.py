@@ -99,7 +99,7 @@ def replaced(line: int, change: Callable[[str], str]) -> str:
         (replaced(9, lambda line: line.replace("0.3000", "nan")), ":9: column 7: not a finite number"),
         (replaced(9, lambda line: "0.001" + line[5:]), ":9: column 1: time does not increase"),
         (text().replace("0.00", "0.0"), "column 1"),
-        ("\x00\xff", ": 0 samples; a run has at least 100; line 1 holds zero bytes"),
+        ("\x00\xff", ": 0 samples; a run has at least 100; line 1 contains zero bytes"),
         (HEADER + "é" * 9 + "\n", ":3: not a text file"),
     ],
 )
@@ -145,7 +145,7 @@ def test_paths_that_hold_no_data_set(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="contains no run"):
         read_surgical_tool(zipped(tmp_path / "empty.zip", {"readme.txt": "x"}))
     two = zipped(tmp_path / "two.zip", {"a/00.TXT": text(), "b/00.TXT": text()})
-    with pytest.raises(UserError, match=r"several data sets in it \(a, b\)"):
+    with pytest.raises(UserError, match=r"contains several data sets \(a, b\)"):
         read_surgical_tool(two)
 
 

@@ -65,11 +65,11 @@ def test_the_table_says_otherwise(tmp_path: Path) -> None:
     [
         ("name\na", "sessions.csv:1: the column session is missing"),
         ("session,when\na,b", "sessions.csv:1: column 'when' is unknown"),
-        ("session,date\na", "sessions.csv:2: 1 cells under 2 columns"),
-        ("session,date\na,soon", "sessions.csv:2: date 'soon': is no date"),
+        ("session,date\na", "sessions.csv:2: 1 cells, but 2 columns"),
+        ("session,date\na,soon", "sessions.csv:2: date 'soon': is not a date"),
         ("session,rig\na,none.yaml", "sessions.csv:2: rig none.yaml: no such file"),
         ("session\nz", "sessions.csv:2: session z: no such log"),
-        ("session\n,", "sessions.csv:2: 2 cells under 1 columns"),
+        ("session\n,", "sessions.csv:2: 2 cells, but 1 columns"),
     ],
 )
 def test_a_wrong_table_is_refused_with_its_line(tmp_path: Path, table: str, said: str) -> None:

@@ -130,7 +130,7 @@ def test_what_a_frame_does_not_hold_can_not_be_mapped(count: int, abort: int) ->
     ("change", "said"),
     [
         ({"encoder.counts_per_rev": "ideal"}, "encoder.counts_per_rev: is ideal"),
-        ({"bench.host_period_s": 1.5e-3}, "bench.host_period_s: 0.0015 s is no whole number of ms"),
+        ({"bench.host_period_s": 1.5e-3}, "bench.host_period_s: 0.0015 s is not a whole number of ms"),
         ({"motor_driver.node_id": 0}, "node_id: is 0, but the nodes of the profile cia402 are 1 to 126"),
         ({"motor_driver.encoder_zero_rev": 1e6}, r"encoder_zero_rev: is 1e\+06; .* 1.64e\+10 counts"),
     ],

@@ -57,7 +57,7 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
             {"motor_driver.torque_range_N_m": 18.0},
             "problem",
             "motor_driver.torque_range_N_m",
-            "in steps of 8.79",
+            "resolution of 8.79",
         ),
         ("mit", {"motor_driver.torque_range_N_m": 0.5}, "note", "motor_driver.torque_range_N_m", "in steps of 0.244"),
         ("mit", {"motor_driver.kp_range_N_m_per_rad": 500.0}, "problem", "motor_driver.kp_N_m_per_rad", "sent as 0:"),
@@ -181,13 +181,13 @@ def test_a_drive_whose_law_is_not_known_is_driven_all_the_same(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("speed_max_rad_per_s", 1e-12, "to make up for a load of 2 mN m; raise it"),
-        ("acceleration_max_rad_per_s2", 1e-12, "to make up for a load of 2 mN m; raise it"),
-        ("jerk_max_rad_per_s3", 1e-12, "to make up for a load of 2 mN m; raise it"),
-        ("window_travel_max_rad", 1e-12, "to make up for a load of 2 mN m; raise it"),
+        ("speed_max_rad_per_s", 1e-12, "to compensate a load of 2 mN m; raise it"),
+        ("acceleration_max_rad_per_s2", 1e-12, "to compensate a load of 2 mN m; raise it"),
+        ("jerk_max_rad_per_s3", 1e-12, "to compensate a load of 2 mN m; raise it"),
+        ("window_travel_max_rad", 1e-12, "to compensate a load of 2 mN m; raise it"),
         ("tension_max_N", 1e-12, "so that the gate latches; raise it"),
         ("current_max_A", 1e-12, "so that the gate latches; raise it"),
-        ("position_max_rad", -0.5 + 1e-12, "above position_min_rad, the way that makes up for a load"),
+        ("position_max_rad", -0.5 + 1e-12, "above position_min_rad, and the compensation of a load"),
     ],
 )
 def test_limits_within_which_nothing_moves_are_problems(key: str, value: float, said: str) -> None:

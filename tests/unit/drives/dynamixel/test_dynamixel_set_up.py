@@ -68,8 +68,8 @@ def test_a_servo_that_answers_little_is_told_to_answer_all(level: int) -> None:
     [
         ((0, 1060), "servo 5 has the unknown model number 1060; known models: XM430-W350 (1020)"),
         ((6, 37), "servo 5 has the firmware 37, which has no bus watchdog; update it to 38"),
-        ((20, 100), "servo 5 has Homing Offset (20) 100, where 0 is wanted"),
-        ((38, 100), "servo 5 has Current Limit (38) 100, where at least 372 is wanted: motor_driver.current_limit_A"),
+        ((20, 100), "servo 5 has Homing Offset (20) 100, but 0 is required"),
+        ((38, 100), "servo 5 has Current Limit (38) 100, but at least 372 is required: motor_driver.current_limit_A"),
     ],
 )
 def test_a_servo_that_can_not_be_used_is_refused_in_one_line(entry: tuple[int, int], said: str) -> None:

@@ -161,7 +161,7 @@ def test_a_fault_of_before_is_told_and_reset_on_demand(
     monkeypatch.setattr(SimulatedDynamixel, "__init__", broken)
     code, result = run(tmp_path)
     assert (code, result["reason"]) == (2, "drive_fault")
-    assert "holds a fault from before: hardware error 0x20 (overload)" in capsys.readouterr().err
+    assert "has a latched fault: hardware error 0x20 (overload)" in capsys.readouterr().err
     code, result = run(tmp_path, RIG_FILE, "--reset-fault", "--overwrite")
     assert (code, result["reason"]) == (0, "completed")
 

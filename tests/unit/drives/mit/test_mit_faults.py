@@ -95,7 +95,7 @@ def test_answers_that_nobody_asked_for_are_no_samples() -> None:
 @pytest.mark.parametrize(
     ("frame", "said"),
     [
-        (answer(reply_id=0x15), "answers come under the id 015h, not 000h; set motor_driver.reply_id"),
+        (answer(reply_id=0x15), "answers have the id 015h, not 000h; set motor_driver.reply_id"),
         (Frame(0, bytes((NODE, 1, 2))), "answers have 3 bytes"),
     ],
 )
