@@ -59,7 +59,7 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
             "motor_driver.torque_range_N_m",
             "resolution of 8.79",
         ),
-        ("mit", {"motor_driver.torque_range_N_m": 0.5}, "note", "motor_driver.torque_range_N_m", "in steps of 0.244"),
+        ("mit", {"motor_driver.torque_range_N_m": 0.5}, "note", "motor_driver.torque_range_N_m", "resolution of 0.244"),
         ("mit", {"motor_driver.kp_range_N_m_per_rad": 500.0}, "problem", "motor_driver.kp_N_m_per_rad", "sent as 0:"),
         ("mit", {"motor_driver.kd_range_N_m_s_per_rad": 5.0}, "problem", "motor_driver.kd_N_m_s_per_rad", "sent as 0:"),
         ("mit", {"motor_driver.kp_range_N_m_per_rad": 60.0}, "note", "motor_driver.kp_N_m_per_rad", "sent as 0.044"),
@@ -68,7 +68,7 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
         ("mit", {"motor_driver.mit_variant": "cubemars"}, "note", "motor_driver.watchdog_s", "documents no time-out"),
         ("mit", {"motor_driver.watchdog_s": 0.0}, "problem", "motor_driver.watchdog_s", "nothing stops the motor"),
         ("moteus", {"bench.transport": "classic"}, "problem", "bench.transport", "only CAN FD"),
-        ("moteus", {"bench.bitrate_bit_per_s": 500_000}, "problem", "bench.bitrate_bit_per_s", "a moteus has 1000000"),
+        ("moteus", {"bench.bitrate_bit_per_s": 500_000}, "problem", "bench.bitrate_bit_per_s", "fixed value 1000000"),
         ("moteus", {"bench.data_bitrate_bit_per_s": 2_000_000}, "problem", "bench.data_bitrate_bit_per_s", "5000000"),
         ("moteus", {"limits.max_sample_age_s": 1.2e-3}, "problem", "limits.max_sample_age_s", "one tick before"),
         ("moteus", {"bench.latency_s": 4e-4}, "note", "bench.host_period_s", "of a reference and its answer"),
@@ -77,7 +77,13 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
         ("moteus", {"motor_driver.watchdog_s": 0.0}, "problem", "motor_driver.watchdog_s", "nothing stops the motor"),
         ("dynamixel", {"limits.max_sample_age_s": 1.2e-3}, "problem", "limits.max_sample_age_s", "one tick before"),
         ("dynamixel", {"encoder.counts_per_rev": "ideal"}, "note", "encoder.counts_per_rev", "X series has 4096"),
-        ("dynamixel", {}, "note", "encoder.counts_per_rev", "steps of 3.1 µm at the wire, 6 % of its stretch"),
+        (
+            "dynamixel",
+            {},
+            "note",
+            "encoder.counts_per_rev",
+            "resolution of the angle is 3.1 µm at the wire, 6 % of its stretch",
+        ),
         ("dynamixel", {"motor_driver.current_limit_A": 0.1}, "note", "motor_driver.current_limit_A", "saturates"),
         ("dynamixel", {"motor_driver.watchdog_s": 0.0}, "problem", "motor_driver.watchdog_s", "nothing stops"),
         (
@@ -92,7 +98,7 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
             {"motor.torque_constant_N_m_per_A": 1.78},  # an XM430-W350 at its horn
             "note",
             "motor.torque_constant_N_m_per_A",
-            "steps of 2.69 mA, 3.4 mN m at the jaw, 168 % of a load of 2 mN m",
+            "resolution of the current is 2.69 mA, 3.4 mN m at the jaw, 168 % of a load of 2 mN m",
         ),
         (
             "dynamixel",
