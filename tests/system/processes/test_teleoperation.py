@@ -190,7 +190,7 @@ def test_it_listens_on_loopback_unless_told_otherwise_and_then_wants_a_token(tmp
     with pytest.raises(UserError, match="can't be opened"):  # an address that this machine has not
         open_references([rig], "192.0.2.1:47100", token, None)
     token.write_bytes(b"short")
-    with pytest.raises(UserError, match="must hold 16 to 4096 bytes"):
+    with pytest.raises(UserError, match="must have 16 to 4096 bytes"):
         read_token(token)
     with pytest.raises(UserError, match="No such file"):
         read_token(tmp_path / "none")

@@ -110,7 +110,7 @@ def test_nothing_is_written_over_without_being_told(call: Call) -> None:
         ),
         ("--motor own --drive native", "missing: --torque-constant"),
         ("--motor paper --drive odrve", "did you mean odrive?"),
-        ("--motor paper --drive native --gear 0", "0.0: is no gear"),
+        ("--motor paper --drive native --gear 0", "0.0: must be"),
         ("--motor paper --drive native --motor-pulley-radius-mm -2", "must be above 0, the radius in mm"),
         ("--motor paper --drive native --motor-pulley-radius-mm 2000", "must be at most 200"),
         ("--motor paper --drive native --encoder-counts 3", "must be a whole number of counts, 4 to"),

@@ -93,7 +93,7 @@ def test_a_host_that_stands_still_all_the_time_fails_nobody() -> None:
     assert not by_verdict(results, Verdict.FAIL)
     assert {81, 84, 98, 120} <= by_verdict(results, Verdict.INCONCLUSIVE)
     assert not is_well(results, ())
-    assert "this host stood still in each of 5 tries" in results[1].evidence
+    assert "this host was blocked in each of 5 attempts" in results[1].evidence
 
 
 def test_a_host_that_stood_still_once_tries_again() -> None:

@@ -169,7 +169,7 @@ def test_what_is_no_can_device_or_not_there_fails(tmp_path: Path) -> None:
     said = link()
     said[0]["link_type"] = "loopback"
     assert looked(tmp_path, said)["can.up"].verdict is Verdict.FAIL
-    assert "no device can0" in looked(tmp_path, None)["can.up"].text
+    assert "no CAN device can0" in looked(tmp_path, None)["can.up"].text
     recorded = Recorded(tmp_path, {"/sys/class/net/eth0/flags": "0x1003", "/sys/class/net/eth0/type": "1"})
     (check,) = can_interface.checks(recorded, "eth0", None, Limits())
     assert check.verdict is Verdict.FAIL

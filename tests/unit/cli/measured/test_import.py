@@ -91,7 +91,7 @@ def test_names_that_meet_are_told_apart_or_refused(call: Call, tmp_path: Path) -
     assert code == 0
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["x-a.csv", "y-a.csv"]
     code, _, err = call(tmp_path / "x" / "a.csv", tmp_path / "y" / "a.csv", "--out", tmp_path / "out")
-    assert (code, "two of the runs would be written as a.csv" in err) == (2, True)
+    assert (code, "two runs would have the file name a.csv" in err) == (2, True)
     before = (tmp_path / "x" / "a.csv").read_bytes()
     code, _, err = call(tmp_path / "x" / "a.csv", "--out", tmp_path / "x")
     assert (code, "is also a source, and would be overwritten" in err) == (2, True)
@@ -106,7 +106,7 @@ def test_one_bus_of_a_log_may_be_chosen(call: Call, tmp_path: Path) -> None:
     code, out, _ = call(tmp_path / "two.log", "--out", tmp_path / "out", "--bus", "can1", "--node", "1")
     assert (code, "1 run, 28 samples" in out) == (0, True)
     code, _, err = call(tmp_path / "two.log", "--out", tmp_path / "out", "--bus", "can1", "--node", "9")
-    assert (code, "--node takes one of node 1" in err) == (2, True)
+    assert (code, "use --node with one of node 1" in err) == (2, True)
 
 
 def test_out_is_needed(call: Call, tmp_path: Path) -> None:

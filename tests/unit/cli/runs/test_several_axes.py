@@ -113,7 +113,7 @@ def test_what_does_not_go_together_is_told(tmp_path: Path, capsys: pytest.Captur
     twin = tmp_path / "b" / "left.yaml"
     twin.write_text(left.read_text(), encoding="utf-8")
     assert run(tmp_path, left, twin) == 2
-    assert "another rig is named left, too" in capsys.readouterr().err
+    assert "another rig file is also named left" in capsys.readouterr().err
 
 
 def test_a_full_bus_is_told_before_anything_is_opened(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

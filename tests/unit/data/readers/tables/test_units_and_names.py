@@ -109,7 +109,7 @@ def test_a_mapping_kept_beside_the_data_is_taken_and_told(tmp_path: Path) -> Non
     (tmp_path / "columns.yaml").write_text("time_s: clock:ms\nspeed: 'Pos:deg'\n")
     assert f"{tmp_path}/columns.yaml:2: 'speed' is not a column of a run" in refused(tmp_path, "clock,Pos,iq\n" + ROWS)
     (tmp_path / "columns.yaml").write_text("time_s: 3\n")
-    assert "columns.yaml:1: time_s: 3 is no column" in refused(tmp_path, "clock,Pos,iq\n" + ROWS)
+    assert "columns.yaml:1: time_s: 3 is not a column" in refused(tmp_path, "clock,Pos,iq\n" + ROWS)
 
 
 def test_speed_is_integrated_and_counts_take_the_rigs_encoder(tmp_path: Path) -> None:
