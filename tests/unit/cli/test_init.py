@@ -103,12 +103,12 @@ def test_nothing_is_written_over_without_being_told(call: Call) -> None:
     ("line", "words"),
     [
         ("", "--motor NAME, --drive NAME, --motor-pulley-radius-mm R, --jaw-pulley-radius-mm R, --encoder-counts N"),
-        ("--motor paper --drive native --motor-pulley-radius-mm 2", "missing: --jaw-pulley-radius-mm R"),
+        ("--motor paper --drive native --motor-pulley-radius-mm 2", "missing options: --jaw-pulley-radius-mm R"),
         (
             "--motor maxon-ec13 --drive native",
             "--motor maxon-ec13: there is no such preset; did you mean maxon-ec13-30519",
         ),
-        ("--motor own --drive native", "missing: --torque-constant"),
+        ("--motor own --drive native", "missing options: --torque-constant"),
         ("--motor paper --drive odrve", "did you mean odrive?"),
         ("--motor paper --drive native --gear 0", "0.0: must be"),
         ("--motor paper --drive native --motor-pulley-radius-mm -2", "must be above 0, the radius in mm"),
@@ -151,7 +151,7 @@ def test_the_end_of_the_input_is_no_answer(call: Call, monkeypatch: pytest.Monke
     monkeypatch.setattr("hil_forceps.cli.arguments.first_rig.can_ask", lambda: True)
     code, _, err = call("init", "r.yaml")
     assert code == 2
-    assert "hil-forceps: missing: --motor NAME" in err
+    assert "hil-forceps: missing options: --motor NAME" in err
 
 
 def test_the_list_and_json(call: Call) -> None:

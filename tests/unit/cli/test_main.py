@@ -174,7 +174,7 @@ WRONG = [
     (f"run --rig {PAPER} --out o --serial p --bus-log txt", "--bus-log"),
     (f"run --rig {PAPER} --out file --serial p", "--out file: can't be written to"),
     (f"run --rig {TOOL} --out o --serial p", "limits: is missing"),
-    (f"drive --kind none --rig {PAPER} --serial-pty p", "no drive 'none' is installed"),
+    (f"drive --kind none --rig {PAPER} --serial-pty p", "--kind none: no such drive is installed"),
     ("replay none.mcap", "none.mcap: no such file"),
     ("replay empty.mcap", "empty.mcap: not an MCAP file"),
     ("replay foreign.mcap", "foreign.mcap: not an MCAP file"),
@@ -237,7 +237,7 @@ def test_bench_without_what_it_needs_names_all_of_it(call: Call) -> None:
 
 
 def test_trajectory_file_is_checked_to_the_line(call: Call, tmp_path: Path) -> None:
-    table, from_zero = tmp_path / "t.csv", "from the first sample in operation"
+    table, from_zero = tmp_path / "t.csv", "from the first operational sample"
     for rows, words in [
         ("0,1\n1\n", ":3: '1' is not two finite numbers; correct the line"),
         ("0,1\n0,1\n", ":3: time_s does not increase; sort the points, and remove duplicate times"),

@@ -20,4 +20,4 @@ def test_a_setting_of_the_rig_is() -> None:
     rig = load_rig(CONFIGS / "realistic.yaml").with_changes({"limits.speed_max_rad_per_s": 1e-12})
     (found,) = checks(rig)
     assert (found.id, found.verdict) == ("rig.limits.speed_max_rad_per_s", Verdict.FAIL)
-    assert found.remedy == "change limits.speed_max_rad_per_s in the rig"
+    assert found.remedy == "change limits.speed_max_rad_per_s in the rig file"
