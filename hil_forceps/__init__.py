@@ -2,8 +2,8 @@
 
     import hil_forceps as hf
 
-What stands in `__all__` is what programs may rely on; docs/python-api.md has an example of each. What is below, in the
-packages, may move.
+The names in `__all__` are the public API; docs/python-api.md has an example of each. Names in the subpackages may
+change.
 """
 
 from importlib import import_module
@@ -44,8 +44,8 @@ __all__ = [
     "virtual_bench",
 ]
 
-# Where each name lives: importing this package loads none of it, for a name costs what it needs when it is first asked
-# for. The layers below take `__version__` from here, so no import statement may lead up to the API.
+# Module of each name. Importing this package loads none of them; a name is loaded at its first use.
+# The layers below import `__version__` from here, so that this file must not import the API.
 _HOMES = {
     "DiagnosisResult": "api.diagnosis",
     "Estimator": "api.estimator",
@@ -68,7 +68,7 @@ _HOMES = {
 }
 
 
-if not TYPE_CHECKING:  # else any name would do for a type checker
+if not TYPE_CHECKING:  # else a type checker would accept any name
 
     def __getattr__(name: str) -> object:
         home = _HOMES.get(name)

@@ -146,7 +146,7 @@ class Probe:
             if self.port.send(frame):
                 return now_ns
             if now_ns >= give_up_ns:
-                raise Inconclusive("the line takes no more frames")
+                raise Inconclusive("the line accepts no more frames")
             self._watch_host(now_ns)  # it is the line that makes us wait
             self.port.wait_until(now_ns + self.margins.gap_ns // 4)
 

@@ -231,7 +231,7 @@ class Session(Probe):
                 self.silence()
             else:
                 return
-        raise Inconclusive(f"the drive could not be brought back: {last}")
+        raise Inconclusive(f"the drive could not be restored: {last}")
 
     def _to_disabled(self) -> None:
         self.heartbeat(LOW)
@@ -350,8 +350,9 @@ class Session(Probe):
         if self._was_pushed:
             low, high = self._position_limits
             raise Disturbed(
-                f"something pushed the motor to {self.measured().theta_m}, beyond its limits {low} to {high} (2^-24 "
-                "rev), while the drive gave it no torque; take the load off the jaw, or hold it"
+                f"an external torque moved the motor to {self.measured().theta_m}, beyond its limits {low} to {high} "
+                "(2^-24 "
+                "rev), while the drive gave no torque; take the load off the jaw, or hold it"
             )
 
     def close(self) -> None:

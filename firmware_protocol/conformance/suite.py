@@ -128,7 +128,7 @@ class Suite:
         timings = tuple(self.session.timings)
         if excuse == "host":
             verdict = Verdict.INCONCLUSIVE
-            evidence += f" (this host stood still in each of {attempts} tries)"
+            evidence += f" (this host was blocked in each of {attempts} attempts)"
         self._recover(each)
         if verdict is not Verdict.PASS:
             self.session.require_undisturbed()

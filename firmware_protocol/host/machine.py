@@ -337,6 +337,6 @@ class HostMachine:
 
 def _version_words(node: int, major: int, minor: int) -> str:
     return (
-        f"drive at node {node} speaks protocol {major}.{minor}, this host speaks {PROTOCOL_MAJOR}.{PROTOCOL_MINOR}: "
+        f"drive at node {node} has protocol {major}.{minor}, this host has {PROTOCOL_MAJOR}.{PROTOCOL_MINOR}: "
         f"the major version must be the same, so update the {'host' if major > PROTOCOL_MAJOR else 'drive'}"
     )

@@ -1,1 +1,1 @@
-"""What Python programs call, and the commands of the command line too: few functions over the packages below."""
+"""The Python API, which the command line uses, too: a few functions over the other packages."""

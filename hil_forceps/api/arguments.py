@@ -1,6 +1,6 @@
-"""What callers of the API hand over, looked at before anything begins: an error names the argument and the remedy.
+"""Checks of the arguments of the API before any work begins; each error names the argument and the remedy.
 
-TypeError for what is of another kind, ValueError for a value that can't be, both raised at once.
+TypeError for a wrong type, ValueError for a wrong value.
 """
 
 import math
@@ -13,13 +13,13 @@ from hil_forceps.rig.errors import UserError
 
 
 def kind(value: object) -> str:
-    """Return what a value is, with its article."""
+    """Return the type of a value in words, with an article."""
     name = "None" if value is None else type(value).__name__
     return name if value is None else f"an {name}" if name[0].lower() in "aeiou" else f"a {name}"
 
 
 def check_number(name: str, value: object, unit: str, *, is_positive: bool = False) -> None:
-    """Refuse what is no finite number, and where asked none above 0."""
+    """Refuse values that are not finite numbers, or not above 0 if that is required."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name}: must be a number ({unit}), not {kind(value)}")
     if not math.isfinite(value) or (is_positive and not float(value) > 0.0):
@@ -27,7 +27,7 @@ def check_number(name: str, value: object, unit: str, *, is_positive: bool = Fal
 
 
 def check_whole(name: str, value: object, least: int | None = 0) -> None:
-    """Refuse what is no whole number, or below the least where there is one."""
+    """Refuse values that are not integers, or below a minimum."""
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name}: must be a whole number, not {kind(value)}")
     if least is not None and int(value) < least:
@@ -35,33 +35,33 @@ def check_whole(name: str, value: object, least: int | None = 0) -> None:
 
 
 def check_duration(name: str, value: object) -> None:
-    """Refuse what no run can last; None is the default and passes."""
+    """Refuse durations that are not positive; None, the default, passes."""
     if value is not None:
         check_number(name, value, "s", is_positive=True)
 
 
 def check_sample(name: str, value: object) -> None:
-    """Refuse what is no finite number; UserError for the latter, since it was measured."""
+    """Refuse values that are not finite numbers; UserError if not finite, because samples are measured."""
     if not isinstance(value, Real):
         raise TypeError(f"{name}: must be a number, not {kind(value)}; `estimate` takes a whole record")
     if not math.isfinite(value):
-        raise UserError(f"{name}: is {value}, not a finite number; leave such a sample out, gaps are bridged")
+        raise UserError(f"{name}: is {value}, not a finite number; leave this sample out, gaps are allowed")
 
 
 def check_stamp(name: str, value: object) -> None:
-    """Refuse what is no whole number of nanoseconds."""
+    """Refuse values that are not an integer number of nanoseconds."""
     if not isinstance(value, Integral):
         raise TypeError(f"{name}: must be whole nanoseconds, not {kind(value)}; of seconds: round(1e9 * t)")
 
 
 def check_text(name: str, value: object) -> None:
-    """Refuse what is no text."""
+    """Refuse values that are not texts."""
     if not isinstance(value, str):
         raise TypeError(f"{name}: must be a text, not {kind(value)}")
 
 
 def check_texts(name: str, value: object) -> None:
-    """Refuse what is no sequence of texts; one text alone would be taken letter by letter."""
+    """Refuse values that are not sequences of texts; a single text would be iterated by letters."""
     if isinstance(value, str):
         raise TypeError(f"{name}: must be a list of texts, not one; write [{value!r}]")
     if not isinstance(value, Sequence):
@@ -72,7 +72,7 @@ def check_texts(name: str, value: object) -> None:
 
 
 def check_motion(name: str, value: object) -> None:
-    """Refuse what is no trajectory, and one whose beginning no run comes to."""
+    """Refuse values that are not trajectories, and trajectories that begin before time 0."""
     if not isinstance(value, Trajectory):
         raise TypeError(f"{name}: must be a Trajectory, not {kind(value)}; write hf.Trajectory(times_s, angles_rad)")
     if value.times_s[0] < 0.0:
@@ -83,7 +83,7 @@ def check_motion(name: str, value: object) -> None:
 
 
 def load_trajectory(name: str, load: Any) -> Trajectory:
-    """Return a load as a trajectory of torques [N m]; a number is a load that stays."""
+    """Return a load as a trajectory of torques [N m]; a number is a constant load."""
     if isinstance(load, Trajectory):
         return load
     if not isinstance(load, Real):

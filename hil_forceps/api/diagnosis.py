@@ -1,4 +1,4 @@
-"""`diagnose`: what a rig's simulation gets wrong about measured runs, why, and what mending it gains."""
+"""`diagnose`: differences between a rig's simulation and measured runs, their causes, and an extended rig."""
 
 import os
 import time
@@ -25,23 +25,23 @@ from hil_forceps.rig.errors import UserError
 
 
 class FittedParameter(NamedTuple):
-    """A number that was fitted, with its 95 % interval."""
+    """A fitted value with its 95 % interval."""
 
     name: str  # dotted, as a rig file has it: `effects.cogging.sine_N_m`, `motor.motor_inertia_kg_m2`
     value: float
     low: float
     high: float
     unit: str
-    assumed: float | None  # what the rig said; None for an effect, and where it didn't know
+    assumed: float | None  # value in the rig file; None for an effect or an unknown value
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DiagnosisResult:
-    """What a diagnosis found; printed it is what the command line says, in a notebook a table."""
+    """The result of a diagnosis; printed as on the command line, in a notebook as a table."""
 
     diagnosis: Diagnosis  # everything, as plain data
-    extended_rig: Rig  # with the causes in it; the rig as given where none was found
-    next_trajectory: Trajectory | None  # of the jaw, for the experiment that would tell more
+    extended_rig: Rig  # the rig with the effects that were found; unchanged if there are none
+    next_trajectory: Trajectory | None  # of the jaw, for an experiment that would give more information
 
     @property
     def verdict(self) -> Verdict:
@@ -55,12 +55,12 @@ class DiagnosisResult:
 
     @property
     def causes(self) -> tuple[NamedEffect, ...]:
-        """The effects that were named: `id`, `location`, `confidence` (0 to 1), `parameters`."""
+        """The effects that were found: `id`, `location`, `confidence` (0 to 1), `parameters`."""
         return self.diagnosis.effects
 
     @property
     def parameters(self) -> tuple[FittedParameter, ...]:
-        """Every number that was fitted: those of the causes, and known ones that turned out to be others."""
+        """All fitted values: parameters of the effects, and known parameters that differ from the rig."""
         of_effects = [
             FittedParameter(f"effects.{effect.id}.{name}", p.value, p.low, p.high, p.unit, None)
             for effect in self.diagnosis.effects
@@ -75,7 +75,7 @@ class DiagnosisResult:
 
     @property
     def gain(self) -> Mapping[str, Gain]:
-        """What the extended rig gains on the runs that were held out, by channel."""
+        """Improvement by the extended rig on the runs held out, for each channel."""
         return self.diagnosis.gain
 
     def to_json(self) -> dict[str, Any]:
@@ -83,7 +83,7 @@ class DiagnosisResult:
         return to_json(self.diagnosis)
 
     def report(self, path: str | PathLike[str]) -> None:
-        """Write the report, one HTML page that opens offline; raises OSError as the disk does."""
+        """Write the report, one HTML page that opens offline; OSError if writing fails."""
         write_report(self.diagnosis, Path(path))
 
     def __str__(self) -> str:
@@ -97,7 +97,7 @@ class DiagnosisResult:
 
 
 class Wishes(NamedTuple):
-    """How to diagnose, as a user says it."""
+    """Options of a diagnosis, as the user gives them."""
 
     hold_out: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
@@ -106,9 +106,9 @@ class Wishes(NamedTuple):
     budget_s: float | None = None
 
     def check(self) -> None:
-        """UserError, by the name of the parameter, for what can't be."""
+        """UserError, beginning with the parameter's name, for invalid options."""
         if unknown := [name for name in self.without if name not in EFFECT_IDS]:
-            raise UserError(f"without {unknown[0]}: is no effect of the catalogue; see docs/diagnosis.md")
+            raise UserError(f"without {unknown[0]}: is not an effect of the catalogue; docs/rig-file.md lists all")
         if self.jobs is not None and self.jobs < 1:
             raise UserError(f"jobs {self.jobs}: must be 1 or more")
         if self.seed < 0:
@@ -117,12 +117,12 @@ class Wishes(NamedTuple):
             raise UserError(f"budget_s {self.budget_s}: must be more than 0 seconds")
 
     def check_names(self, runs: Sequence[Run]) -> None:
-        """UserError for a run to hold out that isn't there, and where none is left to fit."""
+        """UserError if a run to hold out does not exist, or if no run is left to fit."""
         split_runs(runs, self.hold_out)
 
     @property
     def threads(self) -> int:
-        """How many compute at a time."""
+        """Number of threads."""
         return self.jobs or os.cpu_count() or 1
 
 
@@ -137,18 +137,18 @@ def diagnose(
     budget_s: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> DiagnosisResult:
-    """Show what a rig's simulation gets wrong about measured runs, name the cause, extend the rig, measure the gain.
+    """Compare the simulation of a rig with measured runs, and find the effects that explain the difference.
 
-    `runs`: what `read_runs` takes, one or several. `hold_out`: names of runs that are neither fitted nor chosen by;
-    the last third by default. `without`: effects of the catalogue to leave out. `seed`: of bootstraps; the same one
-    gives the same numbers. `jobs`: threads, by default all processors. `budget_s`: seconds after which nothing new is
-    begun: the best answer so far, and what was not looked at. `progress`: told each step in words. UserError for what
-    can't be used; data that say nothing give the verdict `undetermined` with its reasons.
+    `runs`: one or several sources of `read_runs`. `hold_out`: names of runs held out from fitting and selection; the
+    last third by default. `without`: effects of the catalogue to exclude. `seed`: of bootstraps; the same one gives the
+    same numbers. `jobs`: number of threads, by default all processors. `budget_s`: time after which no further step
+    begins; the result is the best so far and lists what was not tested. `progress`: called with the name of each step.
+    UserError for unusable data; data without information give the verdict `undetermined` with its reasons.
     """
     began = time.monotonic()
     check_texts("hold_out", hold_out)
     check_texts("without", without)
-    check_whole("seed", seed, least=None)  # what value it may have is `Wishes.check`'s matter
+    check_whole("seed", seed, least=None)  # its range is checked by `Wishes.check`
     if jobs is not None:
         check_whole("jobs", jobs, least=None)
     if budget_s is not None:
@@ -170,8 +170,8 @@ def conclude(
     progress: Callable[[str], None],
     to_draw: Callable[[Diagnosis], None],
 ) -> DiagnosisResult:
-    """Diagnose runs that are read; `began_s`: monotonic time from which the budget counts. `to_draw`: see `Options`."""
-    # What computes takes a second to load, and the module has names that need none of it.
+    """Diagnose runs that have been read; `began_s`: monotonic time of the budget's start. `to_draw`: see `Options`."""
+    # Imported here because it takes a second to load, and other names of this module do not need it.
     from hil_forceps.diagnosis.conclude import diagnose as diagnose_runs  # noqa: PLC0415
     from hil_forceps.diagnosis.validation.conclusion import even_runs  # noqa: PLC0415
 
@@ -179,7 +179,7 @@ def conclude(
         return wishes.budget_s is not None and time.monotonic() > began_s + wishes.budget_s
 
     if wishes.budget_s is not None and even_runs(runs, rig) is None:
-        raise UserError("budget_s: needs runs of a drive whose law and references are known; leave it out for these")
+        raise UserError("budget_s: only for runs of a drive with known law and references; leave it out for these runs")
     with ThreadPoolExecutor(wishes.threads) as pool:
         mapper = over_threads(pool, wishes.threads)
         without = frozenset(wishes.without)

@@ -1,4 +1,4 @@
-"""`Estimator`: reaction torque and wire elongation from what a motor driver measures, sample by sample or at once."""
+"""`Estimator`: reaction torque and wire elongation from motor angle and current, for single samples or a record."""
 
 from typing import NamedTuple
 
@@ -18,18 +18,18 @@ Vector = NDArray[np.float64]
 
 
 class Estimates(NamedTuple):
-    """What an estimator says at each sample of a record."""
+    """Estimates for each sample of a record."""
 
     tau_w_N_m: Vector
     elongation_m: Vector
 
 
 class Estimator:
-    """An estimator with a rig's numbers, which remembers the samples it was fed.
+    """An estimator with a rig's parameters and the state after its samples.
 
     `algorithm`: `kalman`, `improved`, `improved_as_published`, `previous`, or one that was added. `sample_time_s`:
-    nominal time between samples. `over_wire`: samples are rounded as the protocol does it. Effects of the rig are taken
-    into account as docs/estimators.md says. UserError for a name that is no algorithm, or a rig that lacks a value;
+    nominal time between samples. `over_wire`: samples are rounded to the protocol's resolution. Effects of the rig are
+    corrected for as in docs/estimators.md. UserError for an unknown algorithm, or a rig without a required value;
     ValueError for a sample time that isn't positive, or longer than any drive's.
     """
 
@@ -40,7 +40,7 @@ class Estimator:
             longest = f"no drive of a rig samples slower than every {MAX_SAMPLE_TIME_S:g} s"
             raise ValueError(f"sample_time_s: is {sample_time_s:g} s, and {longest}; give it in seconds")
         if algorithm not in ALGORITHMS:
-            raise UserError(f"unknown algorithm '{algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
+            raise UserError(f"unknown algorithm '{algorithm}'; use one of {', '.join(ESTIMATOR_IDS)}")
         known = as_rig(rig)
         self.algorithm = algorithm
         self.sample_time_s = sample_time_s
@@ -51,11 +51,11 @@ class Estimator:
         self._stamp_ns = 0
 
     def step(self, theta_m_rad: float, current_A: float, stamp_ns: int | None = None) -> Estimate:
-        """Take the next sample; return what is known after it, `tau_w_N_m` and `elongation_m`.
+        """Process the next sample; return the estimates after it, `tau_w_N_m` and `elongation_m`.
 
         `current_A` was held over the interval that ended at `stamp_ns`, a stamp of the drive's clock; without one the
-        sample comes `sample_time_s` after the last. Gaps are bridged; a stamp that is there already changes nothing.
-        UserError for a sample that isn't finite, and for a stamp before the last one.
+        sample comes `sample_time_s` after the last. Gaps are allowed; a repeated stamp changes nothing. UserError for a
+        sample that isn't finite, and for a stamp before the last one.
         """
         check_sample("theta_m_rad", theta_m_rad)
         check_sample("current_A", current_A)
@@ -64,7 +64,7 @@ class Estimator:
         check_stamp("stamp_ns", stamp_ns)
         if self._state is not None and stamp_ns < self._stamp_ns:
             told = f"stamp_ns: {stamp_ns} comes before the last sample's {self._stamp_ns}"
-            raise UserError(f"{told}; leave out what is late, or call reset() for another record")
+            raise UserError(f"{told}; leave out late samples, or call reset() before another record")
         stamp_ns = int(stamp_ns)  # numpy's would overflow
         sample = Sample(stamp_ns, theta_m_rad, self._torque_per_A * current_A)
         estimator = self._estimator
@@ -73,11 +73,11 @@ class Estimator:
         return estimator.estimate(self._state)
 
     def estimate(self, theta_m_rad: ArrayLike, current_A: ArrayLike, time_s: ArrayLike | None = None) -> Estimates:
-        """Run a whole record through at once, from its first sample on: the same numbers as `step` for each.
+        """Estimate a whole record from its first sample on, with the same results as `step` for each sample.
 
-        Arrays of one length, 1 or more; without `time_s` rows are `sample_time_s` apart. What `step` was fed is neither
-        used nor changed. UserError, as `read_runs`, for what isn't finite, for time that doesn't increase or is in
-        another unit; ValueError for arrays of other shapes, TypeError for what holds no numbers.
+        Arrays of equal length, at least 1; without `time_s` rows are `sample_time_s` apart. The state of `step` is
+        neither used nor changed. UserError, as of `read_runs`, for values that aren't finite, for time that doesn't
+        increase or has another unit; ValueError for arrays of other shapes, TypeError for arrays without numbers.
         """
         given = {"theta_m_rad": theta_m_rad, "current_A": current_A}
         if time_s is not None:
@@ -86,7 +86,9 @@ class Estimator:
         shapes = {values.shape for values in columns.values()}
         if len(shapes) > 1 or columns["theta_m_rad"].ndim != 1 or not columns["theta_m_rad"].size:
             told = ", ".join(f"{name} {values.shape}" for name, values in columns.items())
-            raise ValueError(f"{', '.join(columns)}: must be of one length, 1 or more, in one row; they are {told}")
+            raise ValueError(
+                f"{', '.join(columns)}: must be one-dimensional arrays of equal length, at least 1; they are {told}"
+            )
         for name, values in columns.items():
             if (row := bad_row(values, increasing=False)) is not None:
                 raise UserError(f"{name}[{row}]: is {values[row]}, not a finite number; correct or remove the row")
@@ -110,12 +112,12 @@ def _numbers(name: str, values: ArrayLike) -> Vector:
 
 
 def _stamps(time_s: Vector) -> NDArray[np.int64]:
-    """Return whole nanoseconds; UserError for time that stands or goes back, or is hardly in seconds."""
+    """Return integer nanoseconds; UserError for time that doesn't increase, or is probably not in seconds."""
     late = np.flatnonzero(~(np.diff(time_s) > 0.0)) + 1
     if late.size:
         row = int(late[0])
         told = f"time_s[{row}]: {time_s[row]:.9g} does not come after {time_s[row - 1]:.9g}"
-        raise UserError(f"{told}; sort the rows and leave out repeated ones, or call estimate for each record")
+        raise UserError(f"{told}; sort the rows and remove repeated ones, or call estimate for each record")
     if time_s.size > 1:
         check_time_unit(time_s, "estimate", is_table=False)
     return np.rint(time_s * 1e9).astype(np.int64)

@@ -1,4 +1,4 @@
-"""`read_runs`: measured runs out of files, DataFrames and arrays."""
+"""`read_runs`: measured runs from files, DataFrames and arrays."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -25,16 +25,16 @@ def read_runs(
     node: int | None = None,
     columns: Sequence[str] = (),
 ) -> list[Run]:
-    """Return every run of every source, in their order, under names that differ.
+    """Return all runs of all sources, in their order, with unique names.
 
     A source is a file or a folder of any format that `hil-forceps import` reads, a DataFrame of pandas or polars, a
     pyarrow table, a mapping of arrays, a structured array, or a `Run`. Columns are named and in units as in a CSV:
     `time_s`, `theta_m_rad`, and `current_A` or `tau_m_N_m` at least; other names are left out and noted.
 
-    `rig`: says what recordings leave out (`recording:`). `names`: of all runs that come out; else files name
-    theirs, and a table is `table0`, `table1`, ... by its place among the sources. `bus`, `node`: which of those in a
-    bus log. `columns`: which column of a file or table is which of a run, as `--map` takes it ("theta_m_rad=pos:deg").
-    UserError names file or run, the place in it and the remedy; TypeError for what is no source.
+    `rig`: has values that recordings do not contain (`recording:`). `names`: of all runs; by default files name theirs,
+    and a table is `table0`, `table1`, ... by its place among the sources. `bus`, `node`: those to read of a bus log.
+    `columns`: map from columns of a file or table to those of a run, as for `--map` ("theta_m_rad=pos:deg"). UserError
+    names file or run, the place in it and the remedy; TypeError for other types.
     """
     known = None if rig is None else as_rig(rig)
     _check(names, bus, node, columns)
@@ -52,7 +52,7 @@ def read_runs(
             told = f"no runs can be read from {kind(source)}{several}"
             raise TypeError(f"source {place + 1}: {told}: it must be a file, a table or a Run")
     if not found:
-        raise UserError("no runs were given")
+        raise UserError("no runs were given; add at least one")
     if names is None:
         return _with_own_names(found)
     if len(names) != len(found) or len(set(names)) < len(names):
@@ -61,7 +61,7 @@ def read_runs(
 
 
 def as_rig(rig: RigSource) -> Rig:
-    """Return a rig, read where a path is given; UserError as `load_rig`, TypeError for anything else."""
+    """Return a rig, read from a file if a path is given; UserError as of `load_rig`, TypeError for other types."""
     if isinstance(rig, Rig):
         return rig
     if not isinstance(rig, str | PathLike):
@@ -80,14 +80,14 @@ def _check(names: object, bus: object, node: object, columns: object) -> None:
 
 
 def _is_several(source: object) -> bool:
-    """Tell whether it holds what may be sources."""
+    """Return whether a value is a sequence of sources."""
     return isinstance(source, list | tuple) and all(
         isinstance(each, str | PathLike | Run) or is_table(each) for each in source
     )
 
 
 def _with_own_names(runs: Sequence[Run]) -> list[Run]:
-    """Number the runs that share a name."""
+    """Number runs that have the same name."""
     count = Counter(run.name for run in runs)
     met: Counter[str] = Counter()
     result = []

@@ -1,4 +1,4 @@
-"""`Service`: estimate and compensate against a motor driver, real or simulated, on any link."""
+"""`Service`: estimation and compensation with a motor driver, real or simulated, on any link."""
 
 import math
 import threading
@@ -38,22 +38,21 @@ NATIVE_BAUDRATE = 1_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ServiceRun:
-    """How a run of the service ended, and what was recorded.
+    """The end of a run of the service, and its recorded data.
 
-    `recorded` and `estimates` have a row for each sample of the drive in operation, from its zero; None where it never
-    came to operate. `folder` holds run.mcap and bus.log where they were wanted,
-    and fault.json where the run did not end as it was meant to.
+    `recorded` and `estimates` have a row for each sample of the drive in operation, from its zero; None if it never
+    operated. `folder` contains run.mcap and bus.log if `out` was given, and fault.json if the run did not end normally.
     """
 
     reason: str  # "completed", "stop_requested", "no_drive", ... of `StopReason`
     message: str
-    ok: bool  # ended as it was meant to, the drive disabled and all recorded
+    ok: bool  # the run ended normally, the drive is disabled, and everything was recorded
     drive_disabled: bool
     recorded: Run | None
     estimates: Estimates | None
     counters: Mapping[str, Mapping[str, int]]  # of the service, the pipeline, the host's machine, the link
-    gate: Mapping[str, int]  # references that the gate limited, held or denied, by what it said
-    notes: tuple[str, ...]  # what a user should know of the rig and the link, and what could not be recorded
+    gate: Mapping[str, int]  # number of references that the gate limited, held or denied, by its verdict
+    notes: tuple[str, ...]  # notes on the rig and the link, and what could not be recorded
     folder: Path | None
 
     def __repr__(self) -> str:
@@ -61,12 +60,12 @@ class ServiceRun:
 
 
 class Service:
-    """The service for one drive, on a python-can interface or a serial port; each `run` opens the link anew.
+    """The service for one drive, on a python-can interface or a serial port; each `run` opens the link again.
 
     `interface`, `channel`, `options`: of python-can; or `serial`: a port, a pyserial URL, or udp://ADDRESS:PORT, with
-    its `baudrate` where the rig doesn't say. `algorithm`: as of `Estimator`. `compensate`: send the motor angle that
-    makes up for the stretched wire, else only estimate. UserError for a rig that doesn't go with its drive or lacks
-    `limits:`.
+    its `baudrate` if the rig has none. `algorithm`: as of `Estimator`. `compensate`: send the motor angle that
+    compensates the stretch of the wire, else only estimate. UserError for a rig that is inconsistent with its drive or
+    has no `limits:`.
     """
 
     def __init__(
@@ -108,7 +107,7 @@ class Service:
             framing=framing_for(self.rig),
         )
         check_spec(self._link)
-        machine_for(self.rig)  # so that a rig it can't be made for is refused here
+        machine_for(self.rig)  # so that an unusable rig is refused here
         make_pipeline(self.rig, self._settings(PAPER_TRAJECTORY))
 
     def run(
@@ -123,12 +122,12 @@ class Service:
     ) -> ServiceRun:
         """Connect, enable the drive, follow a trajectory of the jaw, disable the drive, close the link.
 
-        It should begin where the jaw is, and ask for no more than the rig's `limits:`. Without one it is the paper's,
-        90 to 10 degrees in 5 s. `duration_s`: from the first sample in operation, by default to the
-        trajectory's end. `out`: a folder for run.mcap and bus.log. `reset_fault`: clear a fault that the drive holds
-        from before. An interrupt (Ctrl-C, or a notebook's stop) ends it cleanly, drive first, where it runs in the main
-        thread; so does `stop_requested`, asked once a period. What goes wrong with the drive is told in the result;
-        UserError where the trajectory is beyond the limits, and where no link or file can be opened.
+        The trajectory should begin at the jaw's angle and stay within the rig's `limits:`. Without one it is the
+        paper's, 90 to 10 degrees in 5 s. `duration_s`: from the first sample in operation, by default to the
+        trajectory's end. `out`: a folder for run.mcap and bus.log. `reset_fault`: reset a fault that the drive latched
+        before the run. An interrupt (Ctrl-C, or a notebook's stop) disables the drive and ends the run, if it is in the
+        main thread; so does `stop_requested`, which is called once a period. The result has faults of the drive;
+        UserError if the trajectory exceeds the limits, or if the link or a file can't be opened.
         """
         check_motion("trajectory", trajectory)
         check_duration("duration_s", duration_s)
@@ -138,7 +137,7 @@ class Service:
         if not (math.isfinite(lasts_s) and lasts_s > 0.0):
             raise ValueError(f"trajectory: lasts {lasts_s} s; give duration_s, or a trajectory that lasts")
         if (excess := first_excess(trajectory, lasts_s, self.rig.plant(), self.rig.limits)) is not None:
-            raise UserError(f"the trajectory: {excess.words}; change it or the limit")
+            raise UserError(f"trajectory: {excess.words}; change it or the limit")
         _ready(self._algorithm, self.rig)
         with TemporaryDirectory() if out is None else _folder(Path(out)) as name:
             folder = Path(name)
@@ -169,7 +168,9 @@ def _baudrate(rig: Rig, serial: str, wanted: int | None) -> int:
         return NATIVE_BAUDRATE if wanted is None else wanted
     profile, settings = found
     if profile.link == "can" and serial:
-        raise UserError(f"serial {serial!r}: the rig's {profile.name} is on a CAN bus; give interface and channel")
+        raise UserError(
+            f"serial {serial!r}: the rig's drive ({profile.name}) is on a CAN bus; give interface and channel"
+        )
     if profile.link == "serial" and wanted not in {None, settings.baudrate_bit_per_s}:
         told = (
             f"the rig says motor_driver.baudrate_bit_per_s: {settings.baudrate_bit_per_s}, by which samples are stamped"
@@ -179,7 +180,7 @@ def _baudrate(rig: Rig, serial: str, wanted: int | None) -> int:
 
 
 def _ready(algorithm: str, rig: Rig) -> None:
-    """Call the estimator's kernels once: the first call compiles, and a drive doesn't wait for that."""
+    """Call the estimator's kernels once: the first call compiles, too long for a drive to wait."""
     period_s = sample_period_s(rig)
     estimator = make_estimator(algorithm, rig, period_s)
     state = estimator.start(Sample(0, 0.0, 0.0))
@@ -192,12 +193,12 @@ def _folder(path: Path) -> Iterator[str]:
     try:
         path.mkdir(parents=True, exist_ok=True)
         if there := [name for name in RUN_FILES if (path / name).is_file()]:
-            raise UserError(f"out {path}: holds a run ({there[0]}); name another folder")
+            raise UserError(f"out {path}: contains a run ({there[0]}); name another folder")
     except OSError as error:
         raise UserError(f"out {path}: can't be made: {error.strerror}; name another folder") from error
     try:
         yield str(path)
-    except UserError:  # a run that is refused leaves no folder behind
+    except UserError:  # a refused run leaves no empty folder
         for each in missing:
             if not any(each.iterdir()):
                 each.rmdir()
@@ -206,7 +207,7 @@ def _folder(path: Path) -> Iterator[str]:
 
 @contextmanager
 def _stoppable() -> Iterator[StopFlag]:
-    """Turn signals into a clean stop; only the main thread can."""
+    """Turn signals into a clean stop; only possible in the main thread."""
     flag = StopFlag()
     if threading.current_thread() is not threading.main_thread():
         yield flag

@@ -1,4 +1,4 @@
-"""`simulate`: the rig's plain simulation, beside a measured run or along a motion of the jaw."""
+"""`simulate`: the rig's simulation of a measured run or of a motion of the jaw."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,19 +22,19 @@ from hil_forceps.rig.errors import UserError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
-    """What a simulation gave: columns over `time_s`, named as those of a run.
+    """Result of a simulation: columns over `time_s`, named as those of a run.
 
-    `measured` holds the same channels of the run that was simulated, at the same times; it is empty for a motion.
+    `measured` has the same channels of the measured run at the same times; it is empty for a motion.
     """
 
     name: str
-    is_closed_loop: bool  # else the measured motion drove it
+    is_closed_loop: bool  # else the measured motion is its input
     columns: Mapping[str, Column]
     measured: Mapping[str, Column] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def __getitem__(self, column: str) -> Column:
-        """Return a simulated column, or `time_s`; KeyError where it was not simulated."""
+        """Return a simulated column, or `time_s`; KeyError if it was not simulated."""
         if column not in self.columns:
             raise KeyError(f"{column}: was not simulated; there are {', '.join(self.columns)}")
         return self.columns[column]
@@ -48,20 +48,23 @@ class Simulation:
         return float(np.sqrt(np.mean(np.square(self._error(channel)))))
 
     def scatter(self, channel: str) -> float:
-        """Return the same with the mean error taken out: what is left where a sensor's zero is unknown."""
+        """Return the same without the mean error, for sensors with an unknown zero."""
         return float(np.std(self._error(channel)))
 
     def to_run(self) -> Run:
-        """Return the columns as a run, as if they had been measured; UserError where one that a run needs is not there.
+        """Return the columns as a run, as if they had been measured; UserError if a required column is missing.
 
         Only a simulated motion has all of them.
         """
         if "theta_m_rad" not in self.columns:
-            raise UserError(f"{self.name}: was driven by the measured motion, so its angle is no result; use the run")
+            raise UserError(
+                f"{self.name}: the measured motion was the input, so that the angle is not a result; use the run's "
+                "angle"
+            )
         return Run(self.name, dict(self.columns), self.notes)
 
     def to_pandas(self) -> Any:
-        """Return the columns as a pandas DataFrame; UserError where pandas is not installed."""
+        """Return the columns as a pandas DataFrame; UserError if pandas is not installed."""
         return to_pandas(self.columns)
 
     def _error(self, channel: str) -> Column:
@@ -74,13 +77,13 @@ class Simulation:
 def simulate(
     rig: RigSource, like: Run | Trajectory, *, load_N_m: Trajectory | float = 0.0, duration_s: float | None = None
 ) -> Simulation:
-    """Simulate a rig, its values as they are, without noise.
+    """Simulate a rig with its values, without noise.
 
-    `like` a run: what was measured, as it was driven (reference and load of the run; the measured motion where the rig
-    has no `drive` or the run no reference), to be compared channel by channel. `like` a trajectory of the jaw [rad]:
-    from rest, with the drive's law, uncompensated, under `load_N_m` on the jaw, a number or a trajectory of torques,
-    for `duration_s`, by default to the trajectory's end. UserError where the rig or the run lacks what that takes;
-    ValueError for a duration that isn't positive, and for a load or a duration beside a run.
+    `like` a run: with its reference and load (or with its measured motion as input, if the rig has no `drive` or the
+    run no reference), for a comparison of each channel. `like` a trajectory of the jaw [rad]: from rest, with the
+    drive's law, uncompensated, under `load_N_m` on the jaw, a number or a trajectory of torques, for `duration_s`, by
+    default to the trajectory's end. UserError if the rig or the run lacks required values; ValueError for a duration
+    that isn't positive, and for a load or a duration together with a run.
     """
     known = as_rig(rig)
     load_trajectory("load_N_m", load_N_m)
@@ -119,5 +122,5 @@ def _along(rig: Rig, trajectory: Trajectory, load_N_m: Trajectory | float, durat
         "tau_w_N_m": load,
     }
     if wild := [name for name, values in columns.items() if not np.all(np.isfinite(values))]:
-        raise UserError(f"the simulation diverges in {wild[0]}; check the rig's values and its drive")
+        raise UserError(f"the simulation diverges in {wild[0]}; check the values of the rig and its section drive")
     return Simulation("simulation", True, columns)

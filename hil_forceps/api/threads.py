@@ -1,4 +1,4 @@
-"""Work shared out over a pool of threads."""
+"""Work distributed over a pool of threads."""
 
 import itertools
 import threading
@@ -10,7 +10,7 @@ from hil_forceps.diagnosis.evidence import Mapper
 
 
 class _Shared:
-    """Tasks that any thread may take the next of, as long as there are any."""
+    """A queue of tasks for several threads."""
 
     def __init__(self, work: Callable[[Any], Any], tasks: Iterable[Any]) -> None:
         self._work, self.tasks = work, list(tasks)
@@ -18,16 +18,16 @@ class _Shared:
         self._places = itertools.count()
 
     def help(self) -> None:
-        """Do what no other has taken."""
+        """Execute tasks until none is left."""
         while (place := next(self._places)) < len(self.tasks):
             self.results[place] = self._work(self.tasks[place])
 
 
 def over_threads(pool: Executor, threads: int) -> Mapper:
-    """Return a mapper over a pool of so many threads; what a task maps in turn it shares with those that are idle.
+    """Return a mapper over a pool of `threads` threads; nested maps share their work with idle threads.
 
-    Of that the task's own thread does whatever no other takes: were all handed to the pool, its threads could come to
-    wait for work that only they would do.
+    The calling thread executes the tasks that no other takes. If all were handed to the pool, its threads could wait
+    for work that only they can do.
     """
     here = threading.local()
 

@@ -1,4 +1,4 @@
-"""`track` and `trend`: the known parameters of one session, and of hundreds of them over days."""
+"""`track` and `trend`: the known parameters of one session, and of many sessions over time."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -32,10 +32,10 @@ FALSE_ALARM_RATE = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TrendResult:
-    """What became of instruments over their sessions; printed it is what the command line says."""
+    """Parameters of instruments over their sessions; printed as on the command line."""
 
     trend: Trend  # everything, as plain data
-    rows: tuple[dict[str, Any], ...]  # of estimates.parquet: one of each session and parameter
+    rows: tuple[dict[str, Any], ...]  # of estimates.parquet: one for each session and parameter
 
     @property
     def instruments(self) -> tuple[InstrumentTrend, ...]:
@@ -44,12 +44,12 @@ class TrendResult:
 
     @property
     def sessions(self) -> tuple[SessionLine, ...]:
-        """Each session: its date, where that is from, and why it could not be used."""
+        """Each session: its date, the source of the date, and the reason if it could not be used."""
         return self.trend.sessions
 
     @property
     def changes(self) -> tuple[str, ...]:
-        """What changes, in words."""
+        """The changes that were found, one sentence each."""
         several = len(self.instruments) > 1
         return tuple(
             f"{instrument.name}: {text}" if several else text
@@ -63,19 +63,19 @@ class TrendResult:
         return to_json(self.trend)
 
     def to_pandas(self) -> Any:
-        """Return the estimates as a pandas DataFrame; UserError where pandas is not installed."""
+        """Return the estimates as a pandas DataFrame; UserError if pandas is not installed."""
         names = self.rows[0] if self.rows else ()
         columns = {name: np.array([row[name] for row in self.rows], dtype=object) for name in names}
         return to_pandas(columns).infer_objects()
 
     def report(self, path: str | PathLike[str]) -> None:
-        """Write the report, one HTML page that opens offline; raises OSError as the disk does."""
+        """Write the report, one HTML page that opens offline; OSError if writing fails."""
         from hil_forceps.report.trend.files import write_report  # noqa: PLC0415 - matplotlib takes a while to load
 
         write_report(self.trend, Path(path))
 
     def __str__(self) -> str:
-        said = "\n".join(self.changes) or "nothing changes beyond the scatter between sessions"
+        said = "\n".join(self.changes) or "no change was found beyond the scatter between sessions"
         used = sum(line.reason is None for line in self.sessions)
         return f"{said}\n({used} of {len(self.sessions)} sessions used)"
 
@@ -86,8 +86,8 @@ class TrendResult:
 def track(runs: Source | Sequence[Source], rig: RigSource) -> SessionFit:
     """Fit the known parameters of a rig to the runs of one session, without the catalogue of effects.
 
-    `runs`: what `read_runs` takes, one or several. What the rig says is a starting point only: estimates and their
-    deviations are by the likelihood of these runs. UserError for runs that can't be used, or say nothing.
+    `runs`: one or several sources of `read_runs`. The rig has starting values only: estimates and their deviations
+    follow from the likelihood of these runs. UserError for runs that can't be used or have no information.
     """
     known = as_rig(rig)
     sources = runs if isinstance(runs, list | tuple) else [runs]
@@ -107,19 +107,19 @@ def trend(
     columns: Sequence[str] = (),
     progress: Callable[[str], None] | None = None,
 ) -> TrendResult:
-    """Follow the parameters of instruments over the sessions of a folder; tell what changes, and since when.
+    """Estimate the parameters of instruments in each session of a folder; find changes and their onsets.
 
-    `rig`: of sessions that have no rig.yaml above them. `out`: folder for the results; what is there already of the
-    same logs is not done again. `false_alarms`: how often an instrument that doesn't change is said to. `file_dates`:
-    take the time of a file where nothing else dates a session. `seed`: of the draws of the test. `jobs`: processes.
-    `executor`: `processes`, `dask://HOST:PORT`, `ray`, `ray://HOST:PORT`; the results are the same. `columns`: as of
-    `read_runs`. UserError for what can't be used; a log that can't be used has its reason among the sessions.
+    `rig`: for sessions without a rig.yaml above them. `out`: folder for the results; stored results of the same logs
+    are reused. `false_alarms`: false-alarm rate of an instrument. `file_dates`: use the modification time of a file as
+    date of a session without another. `seed`: of the bootstrap. `jobs`: processes. `executor`: `processes`,
+    `dask://HOST:PORT`, `ray`, `ray://HOST:PORT`; the results are the same. `columns`: as of `read_runs`. UserError for
+    invalid arguments; for an unusable log the list of sessions has the reason.
     """
     say = progress or (lambda _: None)
     _check(false_alarms, seed, jobs, executor)
     home, results = Path(folder), Path(out)
     if home.resolve().is_relative_to((results / SESSIONS).resolve()):
-        raise UserError(f"out {results}: results would be put among the logs in {home}; name another folder")
+        raise UserError(f"out {results}: is within the folder of the logs, {home}; name a folder outside it")
     one = Path(str(rig)) if isinstance(rig, str | PathLike) else None
     given = as_rig(rig) if rig is not None else None
     sessions = sessions_of(home, one or (Path("rig") if given is not None else None), results)
@@ -153,14 +153,14 @@ def _instruments(
 
 
 def _in_order(work: Callable[[Any], Any], tasks: Any, jobs: int | None) -> list[Any]:
-    """Share tasks over processes where they are long enough for that, and return their results in order."""
+    """Distribute tasks over processes if they are long enough, and return their results in order."""
     from hil_forceps.api.batch.ordered import over_processes  # noqa: PLC0415 - as above
 
     return over_processes(work, list(tasks), jobs)
 
 
 def _rigs(sessions: Sequence[Session], one: Path, given: Rig | None) -> dict[Path, Rig]:
-    """Return each rig that sessions name, read once; UserError, a line for each problem."""
+    """Read each rig of the sessions once; UserError with a line for each problem."""
     found: dict[Path, Rig] = {} if given is None else {one: given}
     problems: list[str] = []
     for path in sorted({session.rig for session in sessions} - found.keys()):

@@ -1,4 +1,4 @@
-"""Between rows of estimates and what the search for changes takes: dates, order, one table."""
+"""Rows of estimates as input for the search for changes: dates, order, one table."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -15,12 +15,12 @@ from hil_forceps.diagnosis.drift.result import SessionLine, When
 def session_lines(
     sessions: Sequence[Session], rows: Sequence[dict[str, Any]], *, file_dates: bool
 ) -> tuple[list[SessionLine], dict[str, datetime]]:
-    """Return a line of each session, in their order, and the dates of those that have one, by name."""
+    """Return a line for each session, in their order, and the known dates by name."""
     first = {row["session"]: row for row in reversed(rows)}
     lines, dates = [], {}
     for session in sessions:
         row = first[session.name]
-        # Of a log in another folder than this one there is only the path.
+        # For a log in another folder only its path is known.
         file_time_s = session.path.stat().st_mtime if file_dates and session.path.is_file() else None
         dated = date_of(session.name, session.told_date, row["recorded_utc"] or "", file_time_s)
         reason = row["reason"] if row["parameter"] is None else None
@@ -40,7 +40,7 @@ def iso(date: datetime) -> str:
 
 
 def estimated(rows: Rows, dates: dict[str, datetime]) -> list[Estimated]:
-    """Return the parameters of one instrument over its dated sessions; of one instant in the order of names."""
+    """Return the parameters of one instrument over its dated sessions; those of one date are in order of names."""
     measured = [row for row in rows if row["value"] is not None and row["session"] in dates]
     measured.sort(key=lambda row: (dates[row["session"]], row["session"]))
     found = []

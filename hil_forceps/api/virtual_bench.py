@@ -1,4 +1,4 @@
-"""`virtual_bench`: a simulated forceps with its drive and bus, in virtual time, for programs and tests."""
+"""`virtual_bench`: simulated forceps with drive and bus, in virtual time, for programs and tests."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -18,16 +18,16 @@ from hil_forceps.control.trajectories import PAPER_TRAJECTORY, Trajectory
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
-INTERFACE: Final = "virtual_forceps"  # an entry point of python-can: the world is reached as hardware is
-# Between runs: until the drive has noticed that its host is gone (0.1 s without a heartbeat). The heartbeats of the
-# next host count from the beginning and would be stale to it before.
+INTERFACE: Final = "virtual_forceps"  # an entry point of python-can: the world is opened like hardware
+# Time between runs: the drive must detect that its host has ended (0.1 s without a heartbeat). The heartbeats of the
+# next host count from the beginning and would be stale before.
 PAUSE_NS: Final = 500_000_000
 _channels = count()
 
 
 class _TruthLog(Protocol):
     def columns(self) -> Mapping[str, NDArray[np.int64] | NDArray[np.float64]]:
-        """Return what was logged."""
+        """Return the logged columns."""
 
 
 class _World(Protocol):
@@ -35,22 +35,22 @@ class _World(Protocol):
         """Return virtual time."""
 
     def advance_until_ns(self, time_ns: int) -> None:
-        """Let the world go on until then."""
+        """Advance the simulation to this time."""
 
     def shutdown(self) -> None:
-        """Leave it."""
+        """Close the bus."""
 
     def truth_log(self) -> _TruthLog:
         """Return the log of the world's drive."""
 
 
 class VirtualBench:
-    """A simulated forceps on a bus: `interface` and `channel` lead to it as they would to hardware."""
+    """Simulated forceps on a bus; `interface` and `channel` are those of python-can, as for hardware."""
 
     interface = INTERFACE
 
     def __init__(self, rig: Rig, channel: str, world: _World) -> None:
-        self.rig = rig  # what the forceps really is like
+        self.rig = rig  # of the simulated forceps
         self.channel = channel
         self._world = world
         self._has_run = False
@@ -70,10 +70,10 @@ class VirtualBench:
         compensate: bool = True,
         out: str | PathLike[str] | None = None,
     ) -> ServiceRun:
-        """Run the service against it, as `Service.run`; `rig`: what the service takes it for, where it is wrong.
+        """Run the service with the simulated forceps, as `Service.run`; `rig`: the service's rig, if it differs.
 
-        The next run goes on with the same forceps, 0.5 s later; a load that is still there moves it meanwhile, for the
-        drive gives no torque then. For a run from the beginning open another bench.
+        The next run continues with the same forceps, 0.5 s later; a remaining load moves the jaw meanwhile, because the
+        drive gives no torque then. For a run from the initial state open another bench.
         """
         if self._is_closed:
             raise ValueError("run: the bench is closed, since its `with` block has ended; run within the block")
@@ -90,12 +90,12 @@ class VirtualBench:
         return service.run(trajectory, duration_s, out=out)
 
     def truth(self) -> dict[str, NDArray[np.int64] | NDArray[np.float64]]:
-        """Return what really was at each sample so far: `stamp_ns` of the drive, and in SI what no sensor says."""
+        """Return the true values at each sample so far, in SI, with `stamp_ns` of the drive."""
         return dict(self._world.truth_log().columns())
 
 
 class _Opening(AbstractContextManager[VirtualBench]):
-    """A bench that a `with` block opens and closes."""
+    """Context manager of a bench."""
 
     def __init__(self, bench: AbstractContextManager[VirtualBench]) -> None:
         self._bench = bench
@@ -106,7 +106,7 @@ class _Opening(AbstractContextManager[VirtualBench]):
     def __exit__(self, *raised: Any) -> bool | None:
         return self._bench.__exit__(*raised)
 
-    if not TYPE_CHECKING:  # a type checker knows that there is no such attribute
+    if not TYPE_CHECKING:  # type checkers report the missing attribute themselves
 
         def __getattr__(self, name: str) -> object:
             told = "the bench is not open; write `with hf.virtual_bench(...) as bench:` and in its block"
@@ -121,12 +121,12 @@ def virtual_bench(
     faults: str | PathLike[str] | Sequence[object] | None = None,
     truth_duration_s: float = 60.0,
 ) -> AbstractContextManager[VirtualBench]:
-    """Open a world of a rig, in virtual time, in a `with` block, and close it at the end of the block.
+    """Open a simulated bench of a rig in virtual time, as a context manager.
 
-    The forceps has the rig's values, its sensors' noise and the `effects:` in it: what a model is not told of is hidden
-    there. It begins at rest with the jaw at 90 degrees. `load_N_m`: on the jaw, a number or a trajectory of torques
-    that begins with the first sample in operation. The same `seed` gives the same bytes. `faults`: of the bus, a file
-    or a list. `truth_duration_s`: how much truth is logged. UserError for what can't be simulated.
+    The forceps has the rig's values, its sensors' noise and its `effects:`. Effects that the rig of the service lacks
+    are hidden effects. It begins at rest with the jaw at 90 degrees. `load_N_m`: on the jaw, a number or a trajectory
+    of torques from the first sample in operation on. The same `seed` gives the same bytes. `faults`: of the bus, a file
+    or a list. `truth_duration_s`: duration for which true values are logged. UserError if the rig can't be simulated.
     """
     known = as_rig(rig)
     load = load_trajectory("load_N_m", load_N_m)
@@ -148,7 +148,7 @@ def virtual_bench(
 def _open(rig: Rig, options: Mapping[str, object]) -> Iterator[VirtualBench]:
     channel = f"virtual_bench{next(_channels)}"
     try:
-        # ty: python-can takes whatever the interface knows
+        # ty: python-can accepts any option of the interface
         world = cast(_World, can.Bus(channel=channel, interface=INTERFACE, ignore_config=True, **options))  # type: ignore[arg-type]
     except can.CanInitializationError as error:
         raise UserError(str(error)) from error

@@ -1,4 +1,4 @@
-"""From a rig and a few settings to a pipeline, and back from what a recording says about itself."""
+"""Build a pipeline from a rig and settings, and read both back from a recording."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -20,35 +20,35 @@ from hil_forceps.rig import Rig, dump_rig, parse_rig
 from hil_forceps.rig.errors import UserError
 
 MAX_GAP_PERIODS = 5
-MAX_STEP_PERIODS = 2  # whose way a reference may go at once: a native drive takes no more by default (HFP-116)
+MAX_STEP_PERIODS = 2  # travel of a reference within it is limited as a native drive does by default (HFP-116)
 MAX_SAMPLE_TIME_S = 100.0  # the rig's longest, a thousand times over
 
 
 class Settings(NamedTuple):
-    """What a pipeline is made of, besides the rig."""
+    """Settings of a pipeline, besides the rig."""
 
     algorithm: str
     compensated: bool
     sample_time_s: float  # nominal interval of the samples
-    trajectory: Trajectory | None  # of the jaw angle; None where references come from outside while it runs
+    trajectory: Trajectory | None  # of the jaw angle; None with external references
     same_clock: bool = False  # the drive's stamps are the host's own clock
 
 
-# What an estimator goes by; the rest of a rig is the bench's and the drive's.
+# Sections that the estimator uses; the others belong to bench and drive.
 BELIEVED = ("forceps", "motor", "encoder", "noise", "estimators", "effects")
 
 
 class Rigs(NamedTuple):
-    """What is there, and what the estimator takes for it."""
+    """The rig of the plant, and that of the estimator."""
 
     plant: Rig
     estimator: Rig
 
 
 def rigs_for(spec: RunSpec, rig: Rig, estimator_rig: Rig | None) -> Rigs:
-    """Return the rig for the plant, and where a run asks for it that with all that estimators go by from another one.
+    """Return the rig of the plant, and that of the estimator, with the sections of `estimator_rig` if the run has one.
 
-    ValueError when the run asks for one and there is none.
+    ValueError if the run needs one and there is none.
     """
     if not spec.estimator_rig:
         return Rigs(rig, rig)
@@ -58,22 +58,22 @@ def rigs_for(spec: RunSpec, rig: Rig, estimator_rig: Rig | None) -> Rigs:
 
 
 def gate_for(rig: Rig, sample_time_s: float) -> Gate:
-    """Return the rig's gate; a host slower than the gate's default expects is slow, not stuck."""
+    """Return the rig's gate, with times that allow for a slow host."""
     period_s = rig.bench.host_period_s
     step_s = MAX_STEP_PERIODS * max(period_s, sample_time_s)
     return Gate(rig.limits, feedback_bounds(rig), max(DEFAULT_MAX_GAP_S, MAX_GAP_PERIODS * period_s), step_s)
 
 
 def make_pipeline(rig: Rig, settings: Settings, outside: Callable[[float], float] | None = None) -> Pipeline:
-    """Bind estimator, trajectory and gate; UserError for an unknown algorithm or a rig that leaves values open.
+    """Combine estimator, trajectory and gate; UserError for an unknown algorithm or a rig without required values.
 
-    `outside`: the jaw's reference where the settings have no trajectory. ValueError where there is neither.
+    `outside`: source of the jaw's reference if the settings have no trajectory. ValueError if there is neither.
     """
     reference = settings.trajectory or outside
     if reference is None:
         raise ValueError("a pipeline needs a trajectory, or references from outside")
     if settings.algorithm not in ALGORITHMS:
-        raise UserError(f"unknown algorithm '{settings.algorithm}'; there are {', '.join(ESTIMATOR_IDS)}")
+        raise UserError(f"unknown algorithm '{settings.algorithm}'; use one of {', '.join(ESTIMATOR_IDS)}")
     return Pipeline(
         make_estimator(settings.algorithm, rig, settings.sample_time_s),
         reference,
@@ -86,7 +86,7 @@ def make_pipeline(rig: Rig, settings: Settings, outside: Callable[[float], float
 
 
 def metadata(rig: Rig, settings: Settings, more: Mapping[str, str]) -> dict[str, str]:
-    """Return what a recording says of itself: enough to build the same pipeline again."""
+    """Return the metadata of a recording, from which the same pipeline can be built again."""
     trajectory = None if settings.trajectory is None else asdict(settings.trajectory)
     return {
         "version": __version__,
@@ -100,16 +100,16 @@ def metadata(rig: Rig, settings: Settings, more: Mapping[str, str]) -> dict[str,
 
 
 def settings_of(recording: Recording) -> tuple[Rig, Settings]:
-    """Return the rig and the settings that a recording was made with; UserError when it doesn't say."""
+    """Return the rig and the settings of a recording; UserError if they can't be read."""
     try:
         rig = parse_rig(recording.metadata["rig"], f"{recording.name}: rig")
         return rig, _settings(parse_json(recording.metadata["settings"]))
     except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"{recording.name}: does not say which rig and settings it was made with ({error})") from error
+        raise UserError(f"{recording.name}: its rig and settings can't be read ({error})") from error
 
 
 def _settings(values: Any) -> Settings:
-    """Return settings out of JSON; TypeError or ValueError for what they can't be."""
+    """Return settings from JSON; TypeError or ValueError if they are not valid."""
     if not isinstance(values, dict) or not isinstance(points := values.get("trajectory", 0), dict | None):
         raise TypeError("no settings with a trajectory")
     trajectory = None if points is None else Trajectory(**{name: _numbers(each) for name, each in points.items()})

@@ -1,4 +1,4 @@
-"""All runs of a bench, in processes of their own, in an order that does not depend on which ends first."""
+"""All runs of a bench, in parallel processes, with results in the order of the runs."""
 
 import multiprocessing
 import os
@@ -18,7 +18,7 @@ Done = Callable[[Executed], None]
 
 
 def default_jobs() -> int:
-    """Return how many processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
@@ -32,11 +32,10 @@ def run_all(
     stop_requested: Callable[[], bool] = never,
     estimator_rig: Rig | None = None,
 ) -> list[Executed]:
-    """Execute every spec and return them in the order of `specs`; `done` is called as each ends.
+    """Execute all specs and return the results in the order of `specs`; `done` is called at the end of each.
 
-    The first run that raises ends the campaign with its exception; runs not yet begun are dropped. On
-    `stop_requested` the runs under way end early and clean, and what has ended is returned. `estimator_rig`: of the
-    specs that name one.
+    The first run that raises ends the campaign with its exception; runs not yet begun are dropped. On `stop_requested`
+    the current runs are stopped, and the finished results are returned. `estimator_rig`: of the specs that name one.
     """
     if jobs == 1 or len(specs) == 1:
         results = []
@@ -46,7 +45,7 @@ def run_all(
                 done(results[-1])
         return results
     with _worker_pool(min(jobs, len(specs))) as pool:
-        # Long runs first, or the last one keeps a single processor busy while the others idle.
+        # Long runs first; otherwise the last one occupies one processor while the others are idle.
         order = sorted(specs, key=lambda spec: spec.sample_time_s)
         futures = {pool.submit(_execute_in_worker, spec, rig, seed, out, estimator_rig): spec for spec in order}
         by_spec = _collect(futures, done, stop_requested)
@@ -74,7 +73,7 @@ def _collect(
 
 
 def _worker_pool(jobs: int) -> ProcessPoolExecutor:
-    # Spawned, not forked: a fork would inherit threads of the libraries in an unknown state.
+    # Spawned, not forked: a fork would inherit locks of the libraries' threads in an unknown state.
     return ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _listen_to_parent)
 
 
@@ -82,7 +81,7 @@ _worker_stop = StopFlag()
 
 
 def _listen_to_parent() -> None:
-    """In a worker: Ctrl-C reaches the whole group, but only the parent decides, and says so by SIGTERM."""
+    """In a worker: ignore Ctrl-C, which reaches the whole process group; the parent sends SIGTERM instead."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda _number, _frame: _worker_stop.set())

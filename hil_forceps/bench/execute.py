@@ -23,14 +23,14 @@ from hil_forceps.rig.errors import UserError
 
 
 class Executed(NamedTuple):
-    """A run that has been made."""
+    """A finished run."""
 
     record: RunRecord
     traces: RunTraces
 
 
 def rig_for(spec: RunSpec, rig: Rig) -> Rig:
-    """Return the rig as this run needs it: runs without the bus have their own rate and no delays."""
+    """Return the rig for this run: runs without the bus have their own rate and no delays."""
     if spec.on_bus:
         return rig
     period_s = spec.sample_time_s
@@ -49,7 +49,7 @@ def rig_for(spec: RunSpec, rig: Rig) -> Rig:
 
 
 def never() -> bool:
-    """Tell that nobody wants a run to stop early."""
+    """Return False: no stop is requested."""
     return False
 
 
@@ -61,9 +61,9 @@ def execute(
     stop_requested: Callable[[], bool] = never,
     estimator_rig: Rig | None = None,
 ) -> Executed:
-    """Run `spec` in virtual time; `estimator_rig`: where it names one. UserError when its files can't be written.
+    """Run `spec` in virtual time; `estimator_rig`: if the spec names one. UserError if its files can't be written.
 
-    A run on the bus leaves `out`/NAME.mcap and `out`/NAME.log, one without nothing but what it returns.
+    A run on the bus writes `out`/NAME.mcap and `out`/NAME.log; a run without the bus writes no files.
     """
     rig = rig_for(spec, rig)
     if not spec.on_bus:
@@ -89,7 +89,7 @@ def run_on(
     estimator_rig: Rig | None = None,
     view: View | None = None,
 ) -> Executed:
-    """Run the service on an open link, with recording and bus log, and judge what was recorded."""
+    """Run the service on an open link, with recording and bus log, and compute the metrics of the recording."""
     same_clock = connection.virtual_time and rig.bench.drive_clock_ppm == 0.0
     settings = Settings(spec.algorithm, spec.compensated, sample_period_s(rig), PAPER_TRAJECTORY, same_clock)
     plan = Plan(

@@ -1,4 +1,4 @@
-"""`fault.json`: what an axis leaves behind where its run ended in a fault."""
+"""`fault.json`: the data of an axis whose run ended with a fault."""
 
 import math
 from pathlib import Path
@@ -14,25 +14,25 @@ from hil_forceps.rig import Rig
 
 
 class KeptFault(NamedTuple):
-    """Why a run ended in a fault, and where the last second before it is kept."""
+    """Reason of a fault, and the file with the last second before it."""
 
     reason: FaultReason
-    began_ns: int  # the run, on the host's clock
-    ended_ns: int  # the run, when torque was no longer asked for
-    drive_state: str  # what the drive said of itself, at the end
+    began_ns: int  # start of the run, host's clock
+    ended_ns: int  # end of the run, when torque was no longer requested
+    drive_state: str  # last state that the drive reported
     path: Path
-    problem: str  # why it is not there; empty when it is
+    problem: str  # why the file was not written; empty if it was
 
 
 def fault_path(recording: Path) -> Path:
-    """Return where the last second before a fault goes, beside a recording."""
+    """Return the path of `fault.json` for a recording."""
     return recording.with_name(FAULT_NAME if recording.stem == "run" else f"{recording.stem}.{FAULT_NAME}")
 
 
 def fault_content(axis: Axis, rig: Rig, service: Service, recent: Recent, crash: str) -> bytes | None:
-    """Return the file's content; None after a run that ended as it was meant to.
+    """Return the file's content; None after a run that ended normally.
 
-    `crash`: what went wrong in this program, if it did.
+    `crash`: the error of this program, if there was one.
     """
     if crash and axis.fault is None:
         stage = axis.course.stage.value
@@ -63,7 +63,7 @@ def fault_content(axis: Axis, rig: Rig, service: Service, recent: Recent, crash:
 
 
 def write_fault(axis: Axis, recording: Path, content: bytes | None) -> KeptFault | None:
-    """Write the content beside the recording; None where there is none."""
+    """Write the content to the folder of the recording; None if there is no content."""
     if content is None or axis.fault is None:
         return None
     path, problem = fault_path(recording), ""
@@ -76,7 +76,7 @@ def write_fault(axis: Axis, recording: Path, content: bytes | None) -> KeptFault
 
 
 def ended_of(stages: Stages, otherwise_ns: int) -> int:
-    """Return when a run began to end; what failed may have been seen before, as a gate's check is."""
+    """Return when a run began to end; the failure may be earlier, for example a check of the gate."""
     ends = (time_ns for time_ns, stage in stages if stage in {Stage.STOPPING.value, Stage.ENDED.value})
     return min(ends, default=otherwise_ns)
 

@@ -1,4 +1,4 @@
-"""Which runs a bench file asks for, as data."""
+"""The runs of a bench file, as data."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -7,23 +7,23 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
 PAPER_DURATION_S = 20.0
-ESTIMATOR_RIG = "estimator_rig"  # in the names of what runs with another rig in the estimator leave
+ESTIMATOR_RIG = "estimator_rig"  # part of the file names of runs with another rig for the estimator
 
 
 class RunSpec(NamedTuple):
-    """One run of the bench: what moves, what estimates, and over which wire."""
+    """One run of the bench: simulation, algorithm, sample time, and with or without bus."""
 
     simulation: int
     algorithm: str
     compensated: bool
     sample_time_s: float
-    on_bus: bool  # False: samples go to the estimator as they are taken, for rates that no CAN carries
-    duration_s: float = PAPER_DURATION_S  # a shorter run is recorded all the same, and judged as not finished
-    estimator_rig: str = ""  # name of the rig that the estimator believes in; empty: that of the bench
+    on_bus: bool  # False: samples go directly to the estimator, for rates that are too high for CAN
+    duration_s: float = PAPER_DURATION_S  # a shorter run is recorded, too, and counts as not finished
+    estimator_rig: str = ""  # name of the estimator's rig; empty: that of the bench
 
     @property
     def name(self) -> str:
-        """Return a file name for what this run leaves behind."""
+        """Return the file name of this run's results."""
         compensation = "compensated" if self.compensated else "uncompensated"
         believed = f"_{ESTIMATOR_RIG}" if self.estimator_rig else ""
         return f"sim{self.simulation}_{self.algorithm}_{compensation}_{self.sample_time_s:g}s{believed}"
@@ -36,7 +36,8 @@ def run_matrix(
 
     Every algorithm runs compensated and uncompensated on the bus; at the direct sample times only compensated, since
     the uncompensated jaw error does not depend on the rate. With the name of an `estimator_rig` each run comes twice,
-    first with the bench's own rig in the estimator. UserError for a simulation or algorithm the file does not have.
+    first with the bench's own rig for the estimator. UserError for a simulation or algorithm that the file does not
+    have.
     """
     bench = rig.bench
     simulations = _chosen("simulation", bench.simulations, simulation)

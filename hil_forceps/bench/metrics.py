@@ -1,4 +1,4 @@
-"""What a run of the bench is judged by."""
+"""Metrics of a run of the bench."""
 
 from typing import NamedTuple
 
@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from hil_forceps.report.traces import RunTraces
 
-# The paper shows 9–20 s: the ramp and the settling are over, the load comes on at 10 s.
+# The paper shows 9–20 s: the ramp and the settling have ended, and the load begins at 10 s.
 ERROR_WINDOW_S = (9.0, 20.0)
 # Half a second under steady load: the end of simulation 1, the end of simulation 2's last pulse.
 STEADY_WINDOW_S = {1: (19.5, 20.0), 2: (17.0, 17.5)}
 
 
 class Metrics(NamedTuple):
-    """Errors of one run over `ERROR_WINDOW_S`; None where the run did not stay finite to its end."""
+    """Errors of one run over `ERROR_WINDOW_S`; None if the estimate is not finite to the end."""
 
     finite: bool
     tau_w_rmse_N_m: float | None

@@ -1,4 +1,4 @@
-"""Runs of the bench by the wall clock, against the simulated drive in a process of its own."""
+"""Runs of the bench in real time, with the simulated drive in a separate process."""
 
 import json
 import subprocess
@@ -20,12 +20,12 @@ Wire = Literal["pty", "udp_multicast"]
 MULTICAST_CHANNEL = "239.74.163.2"
 END_TIMEOUT_S = 10.0
 SPARE_TIME_S = 60.0  # for starting, enabling and ending
-# Why a drive does not follow a setpoint that arrived whole: its own counters.
+# Counters of the drive for setpoints that arrived undamaged and were refused.
 REFUSALS = ("not_enabled", "setpoint_stale", "sample_old", "sample_future")
 
 
 class RealTime(NamedTuple):
-    """How runs by the wall clock are made."""
+    """Settings of runs in real time."""
 
     config: Path  # rig file, for the drive's process
     wire: Wire
@@ -42,9 +42,9 @@ def run_realtime(
     done: Callable[[Executed], None],
     stop_requested: Callable[[], bool] = never,
 ) -> list[Executed]:
-    """Execute `specs` one after the other; each leaves also `out`/NAME.drive.json, what the drive counted.
+    """Execute `specs` one after the other; each also writes `out`/NAME.drive.json, the counters of the drive.
 
-    On `stop_requested` the run under way ends early and clean, and those not yet begun are dropped.
+    On `stop_requested` the current run is stopped, and later ones are not begun.
     """
     results = []
     for spec in specs:
@@ -54,12 +54,12 @@ def run_realtime(
             where, link = _both_ends(how.wire, Path(folder) / "drive", rig)
             told: dict[str, Any] = {}
             asked = ["--rig", str(how.config), "--seed", str(seed), "--simulation", str(spec.simulation), *where]
-            # It ends by itself too: were this process killed, it would run on alone.
+            # The duration ends the drive even if this process is killed.
             with drive_process([*asked, "--duration", str(spec.duration_s + SPARE_TIME_S)], told):
                 link_end = open_link(link)
                 executed = run_on(link_end, spec, rig, seed, out, stop_requested, how.estimator_rig, how.view)
         if not told:
-            raise UserError(f"{spec.name}: the drive's process ended before its time: {executed.record.ending}")
+            raise UserError(f"{spec.name}: the drive's process ended early: {executed.record.ending}")
         executed.record.timing["accounting"] = account(executed.record.timing["counters"], told)
         (out / f"{spec.name}.drive.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
         done(executed)
@@ -68,10 +68,10 @@ def run_realtime(
 
 
 def account(host: Mapping[str, Mapping[str, int]], drive: Mapping[str, Any]) -> dict[str, dict[str, int]]:
-    """Say what became of every cyclic frame, by sequence number: what one end sent against what the other took.
+    """Account for all cyclic frames by sequence number: sent by one end, and received, refused or lost at the other.
 
-    `feedback` counts from the first one that the host heard. `unaccounted` is what no counter explains: what was
-    under way when a run ended, and zero otherwise.
+    `feedback` counts from the first frame that the host received. `unaccounted` are frames that no counter explains:
+    those in transit when a run ended, otherwise zero.
     """
     counts, heard, machine = host["host"], drive["received"], drive["drive"]
     refused = {name: machine[name] for name in REFUSALS}
@@ -106,12 +106,12 @@ def _both_ends(wire: Wire, port: Path, rig: Rig) -> tuple[list[str], LinkSpec]:
 
 @contextmanager
 def drive_process(arguments: Sequence[str], told: dict[str, Any]) -> Iterator[None]:
-    """Run `hil-forceps drive` while the body runs; `told` receives the summary that it ends with.
+    """Run `hil-forceps drive` while the block runs; `told` receives the summary that it prints at its end.
 
-    UserError with the drive's own words when it does not come up.
+    UserError with the drive's messages if it does not start.
     """
     command = [sys.executable, "-m", "hil_forceps.cli.main", "drive", *arguments]
-    # In a session of its own: Ctrl-C would end it before the host has disabled it.
+    # In a separate session: otherwise Ctrl-C would end it before the host has disabled the drive.
     process = subprocess.Popen(  # noqa: S603 - this interpreter and this package, no shell
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -119,7 +119,7 @@ def drive_process(arguments: Sequence[str], told: dict[str, Any]) -> Iterator[No
     try:
         if not process.stdout.readline().startswith("ready"):
             _, errors = process.communicate(timeout=END_TIMEOUT_S)
-            raise UserError([f"drive: {line}" for line in errors.splitlines()] or "drive: ended without a word")
+            raise UserError([f"drive: {line}" for line in errors.splitlines()] or "drive: ended without a message")
         yield
     finally:
         process.terminate()

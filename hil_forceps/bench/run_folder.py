@@ -1,4 +1,4 @@
-"""What a run leaves in its folder, by name."""
+"""File names in the folder of a run."""
 
 from hil_forceps.data.recording.format import FAULT_NAME, RECORDING_NAME
 

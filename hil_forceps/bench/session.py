@@ -1,4 +1,4 @@
-"""One run of the service from an open link to files on disk: what `bench` and `run` share."""
+"""One run of the service from an open link to files on disk, for `bench` and `run`."""
 
 import json
 import time
@@ -30,30 +30,30 @@ from hil_forceps.rig import Rig
 
 
 class Plan(NamedTuple):
-    """What to run on one axis and where to leave it."""
+    """The run of one axis, and the paths of its results."""
 
     rig: Rig
     settings: Settings
     drive: DriveMachine
     config: ServiceConfig
     recording: Path
-    bus_log: Path  # one for all axes of a service: the first plan's
-    about: Mapping[str, str]  # more for the recording's metadata
-    name: str = ""  # of the axis, where there are several
+    bus_log: Path  # one for all axes: that of the first plan
+    about: Mapping[str, str]  # further metadata of the recording
+    name: str = ""  # of the axis, if there are several
 
 
 class SessionResult(NamedTuple):
-    """How an axis ended, and what became of the files."""
+    """How the run of an axis ended, and the state of its files."""
 
     service: ServiceResult
     recording: RecordingReport
     bus_log: LogReport
     wall_s: float
-    fault: KeptFault | None = None  # where the run didn't end as it was meant to
+    fault: KeptFault | None = None  # if the run did not end normally
 
     @property
     def failures(self) -> list[str]:
-        """What was not recorded, in words; empty when all was."""
+        """What was not recorded, in words; empty if all was."""
         dropped = [
             f"{name}: {report.dropped} entries dropped, the disk was too slow"
             for name, report in (("recording", self.recording), ("bus log", self.bus_log))
@@ -63,7 +63,7 @@ class SessionResult(NamedTuple):
 
 
 def stamps_are_host_time(rig: Rig) -> bool:
-    """Tell whether a rig's drive sends no stamps of its own, so that samples are stamped by the host's clock."""
+    """Return whether a rig's drive sends no stamps, so that samples get stamps of the host's clock."""
     return rig.drive_profile != "native"
 
 
@@ -99,10 +99,10 @@ def run_axes(
     view: View | None = None,
     remote: UdpReferences | None = None,
 ) -> tuple[SessionResult, ...]:
-    """Run the service to its end and close everything, whatever happens; UserError when a file can't be created.
+    """Run the service to its end, and close link and files in any case; UserError if a file can't be created.
 
-    `go_on`: the other axes do where one fails. `use`: adds up the frames. `view`: shows the run while it lasts.
-    `remote`: where references come from outside, with an input for each plan.
+    `go_on`: if an axis fails, the others continue. `use`: counts the frames. `view`: live page of the run. `remote`:
+    source of external references, with an input for each plan.
     """
     link, clock = connection.link, connection.clock
     threaded = not connection.virtual_time

@@ -1,4 +1,4 @@
-"""A clean stop on a signal: whoever runs a loop asks once a tick."""
+"""Clean stop on a signal: the loop checks a flag once a tick."""
 
 import signal
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class StopFlag:
-    """Set by a signal handler, never cleared."""
+    """A flag that a signal handler sets; never cleared."""
 
     def __init__(self) -> None:
         self._set = False
@@ -19,13 +19,13 @@ class StopFlag:
         self._set = True
 
     def is_set(self) -> bool:
-        """Tell whether somebody has asked."""
+        """Return whether a stop was requested."""
         return self._set
 
 
 @contextmanager
 def stopped_by_signals(flag: StopFlag) -> Iterator[None]:
-    """Turn SIGINT, SIGTERM and SIGHUP into a clean stop while the body runs; what is ignored (nohup) stays so."""
+    """Turn SIGINT, SIGTERM and SIGHUP into a clean stop while the block runs; ignored signals (nohup) stay ignored."""
 
     def handle(_number: int, _frame: FrameType | None) -> None:
         flag.set()

@@ -1,4 +1,4 @@
-"""`summary.json` and `timing.json`: what a bench leaves for programs to read."""
+"""`summary.json` and `timing.json`: results of a bench for other programs."""
 
 import json
 from pathlib import Path
@@ -14,18 +14,18 @@ from hil_forceps.rig import Rig
 
 
 class RunRecord(NamedTuple):
-    """One run: what was asked, what came out, and how its clock behaved."""
+    """One run: its spec, metrics and timing."""
 
     spec: RunSpec
     metrics: Metrics
     frames_sent: int
     frames_lost: int
     ending: str  # why the run ended, in words
-    timing: dict[str, Any]  # all that depends on the wall clock
+    timing: dict[str, Any]  # everything that depends on the wall clock
 
 
 def summary(records: list[RunRecord], seed: int) -> dict[str, Any]:
-    """Return what `summary.json` holds: no entry of it depends on the wall clock in virtual time."""
+    """Return the content of `summary.json`; in virtual time no entry depends on the wall clock."""
     return {"runs": [_run(record) for record in records], "seed": seed}
 
 
@@ -47,7 +47,7 @@ def _run(record: RunRecord) -> dict[str, Any]:
 
 
 def timing(records: list[RunRecord], simulated_s: float, wall_s: float) -> dict[str, Any]:
-    """Return what `timing.json` holds; `real_time_factor` is the median over the runs on the bus, one core each."""
+    """Return the content of `timing.json`; `real_time_factor` is the median over the runs on the bus, one core each."""
     factors = sorted(r.timing["real_time_factor"] for r in records if r.spec.on_bus and r.metrics.finite)
     return {
         "real_time_factor": factors[len(factors) // 2] if factors else None,
@@ -58,7 +58,7 @@ def timing(records: list[RunRecord], simulated_s: float, wall_s: float) -> dict[
 
 
 def timing_traces(record: RunRecord, rig: Rig, wire: str) -> TimingTraces:
-    """Return what the figure of a run by the wall clock shows; ages and lateness as fine as their histograms."""
+    """Return the data of the timing figure of a run in real time; ages and lateness as fine as their histograms."""
     loop = record.timing["loop"]
     feedback = dict(record.timing["accounting"]["feedback"])
     duration_s = record.timing["simulated_s"]
@@ -85,5 +85,5 @@ def _marks(histogram: dict[str, Any]) -> dict[str, float]:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON with a fixed layout; numbers that aren't finite are refused (ValueError)."""
+    """Write JSON with a fixed layout; ValueError for numbers that aren't finite."""
     path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

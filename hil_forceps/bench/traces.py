@@ -1,4 +1,4 @@
-"""From a recording of a bench run to the traces that metrics and figures take."""
+"""Traces of a bench run, from its recording, for metrics and figures."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from hil_forceps.rig.plant import PlantParameters
 
 
 def traces_of(recording: Recording, spec: RunSpec, plant: PlantParameters, trajectory: Trajectory) -> RunTraces:
-    """Put estimates and the bench's own sensors on the time axis of the drive's samples, from the zero on.
+    """Align estimates and the bench's sensors on the time axis of the drive's samples, from the zero on.
 
-    The true elongation is r_m·θ_m − r_j·θ_j (3) of what encoder and jaw sensor read at the same instant, so it is
-    as fine as the encoder. Samples without bench values are left out.
+    The true elongation is r_m·θ_m − r_j·θ_j (3) from encoder and jaw sensor at the same instant, so that it is as fine
+    as the encoder. Samples without bench values are left out.
     """
     index = match_bench(recording.samples, recording.bench)
     zero_ns = recording.zero_ns

@@ -43,7 +43,7 @@ class VirtualTimeBus(Protocol):
         """Return the virtual time."""
 
     def advance_until_ns(self, time_ns: int) -> None:
-        """Let the world go on until then."""
+        """Advance the simulation to this time."""
 
     def send_frame(self, frame: Frame) -> bool:
         """Queue a frame now; False when the transmit queue is full."""

@@ -23,7 +23,7 @@ from hil_forceps.data.recording.writer import Recorder
 from hil_forceps.drives.port import NO_TORQUE, DriveMachine
 
 # Until then it takes the heartbeats of the next host for old ones (HFP-085), and does not see ENABLE rise.
-REFUSED_HOST: Final = "it enables a new host 0.1 s after the last one fell silent: start again"
+REFUSED_HOST: Final = "it enables a new host only 0.1 s after the last one stopped; start again"
 SETTLE_PERIODS: Final = 5  # before the drive's word counts: what arrives first was said before the request
 SILENT_PERIODS: Final = 20  # at least so many without a sample before a drive counts as silent, however slow the loop
 
@@ -87,7 +87,7 @@ class Course:
 
     def bus_is_down(self) -> None:
         """End at once: nothing can be said to the drive any more."""
-        self._end(StopReason.BUS_DOWN, "the bus is gone; the drive's own watchdog stops the motor")
+        self._end(StopReason.BUS_DOWN, "the bus failed; the drive's watchdog stops the motor")
 
     def stop(self, reason: StopReason, message: str, now_ns: int) -> None:
         """End for a reason from outside, whatever the stage; nothing where it ends already."""
@@ -131,18 +131,17 @@ class Course:
                 self._host.reset_fault()
         elif phase is HostPhase.FAULT:
             words = self._host.fault_words()
-            self._end(StopReason.DRIVE_FAULT, f"the drive holds a fault from before: {words}; clear it first")
+            self._end(StopReason.DRIVE_FAULT, f"the drive has a latched fault: {words}; reset it with --reset-fault")
         elif phase is HostPhase.READY:
             if self._may_enable():
                 self._host.enable()
                 self._enter(Stage.ENABLING, now_ns, self._config.enable_timeout_ns)
         elif now_ns >= self._end_ns:
             frames = self.frames_received
-            heard = f"{frames} frames came, none that fits" if frames else "nothing came over the bus"
+            heard = f"{frames} frames were received, none of this drive" if frames else "no frame was received"
             self._end(
                 StopReason.NO_DRIVE,
-                f"no drive answered: {heard}; check node id, bit rate and wiring; "
-                "`hil-forceps scan` tells who is there",
+                f"no drive answered: {heard}; check node id, bit rate and wiring; `hil-forceps scan` lists the drives",
             )
 
     def _enabling(self, now_ns: int) -> None:
@@ -159,16 +158,19 @@ class Course:
         elif phase is HostPhase.REFUSED:
             self._stop(StopReason.VERSION_REFUSED, self._host.refusal, now_ns)
         elif phase is HostPhase.DISCONNECTED:
-            self._stop(StopReason.DRIVE_LOST, "the drive fell silent or restarted while enabling", now_ns)
+            self._stop(StopReason.DRIVE_LOST, "the drive sent no more samples or restarted while enabling", now_ns)
         elif now_ns >= self._end_ns:
             line = self._pipeline
-            why = f"{line.counters['samples']} samples seen"
+            why = f"{line.counters['samples']} samples received"
             if line.denied_in_a_row:
-                why = f"the gate denies the measured angle: {VERDICT_NAMES[line.verdict]}; is it within `limits:`?"
+                why = (
+                    f"the gate denies the measured angle: {VERDICT_NAMES[line.verdict]}; check whether it is within "
+                    "`limits:`"
+                )
             elif self._host.drive_state is DriveState.OPERATIONAL:
-                why = "it says that it is operational, but not for this program; another one drives it: end that first"
+                why = "it is operational, but for another program; end that program first"
             elif self._host.drive_state is DriveState.DISABLED:
-                why += f", and it stays DISABLED; where another program drove it just before: {REFUSED_HOST}"
+                why += f", and it stays DISABLED; if another program controlled it just before: {REFUSED_HOST}"
             self._stop(
                 StopReason.ENABLE_FAILED, f"the drive did not become operational: {why}{self._lateness()}", now_ns
             )
@@ -188,9 +190,9 @@ class Course:
         if host.phase is HostPhase.DISCONNECTED or silent_ns > self._silence_ns:
             return (
                 StopReason.DRIVE_LOST,
-                f"the drive fell silent or restarted: last sample {silent_ns / 1e6:.0f} ms ago",
+                f"the drive sent no more samples or restarted: last sample {silent_ns / 1e6:.0f} ms ago",
             )
-        return StopReason.DRIVE_STOPPED, "the drive left operation by itself, without a fault"
+        return StopReason.DRIVE_STOPPED, "the drive left the operational state without a request and without a fault"
 
     def _lateness(self) -> str:
         """Return words where references stayed away because samples came too late: a watchdog then did what it must."""
@@ -199,7 +201,9 @@ class Course:
             return f"; the gate denied the reference: {VERDICT_NAMES[self._pipeline.verdict]}"
         if counters["stale"] <= counters["passed"]:
             return ""
-        return f"; {counters['stale']} references stayed away, their samples were older than limits.max_sample_age_s"
+        return (
+            f"; {counters['stale']} references were not sent, because samples were older than limits.max_sample_age_s"
+        )
 
     def _enough(self) -> tuple[StopReason, str] | None:
         pipeline, config = self._pipeline, self._config
@@ -226,10 +230,10 @@ class Course:
             return StopReason.COMPLETED, "completed"
         why = "samples were older than limits.max_sample_age_s"
         if self._pipeline.denied_in_a_row:
-            why = f"the gate denied it: {VERDICT_NAMES[self._pipeline.verdict]}"
+            why = f"the gate denied them: {VERDICT_NAMES[self._pipeline.verdict]}"
         return (
             StopReason.REFERENCE_DENIED,
-            f"no reference has left for the last {without_ns / 1e6:.0f} ms of the run: {why}",
+            f"no reference was sent in the last {without_ns / 1e6:.0f} ms of the run: {why}",
         )
 
     def _latched(self) -> tuple[StopReason, str]:
@@ -284,5 +288,5 @@ class Course:
         else:
             self.drive_disabled = said is None or said in NO_TORQUE
             if not self.drive_disabled:
-                self.message += "; the drive has torque, which this run did not ask for"
+                self.message += "; the drive has torque that this run did not request"
         self.stage = Stage.ENDED

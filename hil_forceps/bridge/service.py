@@ -163,7 +163,7 @@ class Service:
             return
         for axis in self._axes:
             if axis.course.reason is None:
-                words = f"stopped, since {failed.name} ended: {failed.course.message}"
+                words = f"stopped, because axis {failed.name} ended: {failed.course.message}"
                 axis.course.stop(StopReason.OTHER_AXIS, words, now_ns)
 
     def _listen(self, now_ns: int) -> None:

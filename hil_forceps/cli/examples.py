@@ -1,4 +1,4 @@
-"""An example of each command, shown below its help: a line that can be typed as it is in this project's folder."""
+"""One example for each command, shown below its help; each line can be run in the project's folder."""
 
 EXAMPLES = {
     "bench": "hil-forceps bench --config configs/paper.yaml --out out/paper",

@@ -1,4 +1,4 @@
-"""Compiled kernels made ready before anything is timed, and said so when that means compiling."""
+"""Compile kernels before anything is timed, with a note to the user if they have to be compiled."""
 
 import sys
 from collections.abc import Iterator
@@ -15,31 +15,31 @@ MESSAGE = "Compiling numerical kernels; they are cached, so this happens once ..
 
 
 class _Announcer(event.Listener):
-    """Says so when the first kernel is compiled and not found in the cache."""
+    """Writes the message when the first kernel is compiled, not loaded from the cache."""
 
     def __init__(self) -> None:
         self._has_said = False
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002
-        """Say it once."""
+        """Write the message once."""
         if not self._has_said:
             self._has_said = True
             if not is_quiet():
                 sys.stderr.write(MESSAGE)
 
     def on_end(self, event: event.Event) -> None:
-        """Nothing to say."""
+        """Do nothing."""
 
 
 @contextmanager
 def telling_when_compiling() -> Iterator[None]:
-    """Tell the user on standard error when something inside has to be compiled."""
+    """Write a message to standard error if a kernel has to be compiled within the block."""
     with event.install_listener("numba:compile", _Announcer()):
         yield
 
 
 def ready_kernels(rig: Rig, sample_time_s: float) -> None:
-    """Call every kernel of the estimators once; tell the user on standard error when that means compiling."""
+    """Call every kernel of the estimators once; write a message to standard error if one has to be compiled."""
     with telling_when_compiling():
         for name in ESTIMATOR_IDS:
             estimator = make_estimator(name, rig, sample_time_s)

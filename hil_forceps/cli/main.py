@@ -16,8 +16,8 @@ from hil_forceps.rig.errors import UserError
 EXIT_USER_ERROR = 2
 EXIT_INTERRUPTED = 130
 
-# Commands share their work among threads or processes of their own, and BLAS's beside them would only fight for the
-# cores: a diagnosis takes up to three times as long. Read when numpy is loaded, later than this.
+# Commands use their own threads or processes. Threads of BLAS would compete with them for the cores: a diagnosis takes
+# up to three times as long. numpy reads this when it is loaded, later than here.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Optimised at level 2, kernels are as fast as at 3, numba's own, and compile in three quarters of the time.
 # Read when numba is loaded.
@@ -35,48 +35,46 @@ app = App(
 # Commands are named by import path, so that `--help` loads none of them; each is a function named as its file.
 for _name, _path, _help in (
     ("bench", "runs.bench", "Run the paper's simulations through the bus; write table, figures and recordings."),
-    ("run", "runs.run", "Drive a motor driver, real or simulated, on any CAN interface or serial port."),
-    ("drive", "drives.drive", "Start the simulated drive with its forceps as a process of its own."),
-    ("conformance", "drives.conformance", "Run the protocol's requirements against a drive; write a certificate."),
-    ("decode", "drives.decode", "Turn frames or bus logs into readable signals."),
-    ("diagnose", "measured.diagnose", "Show what a simulation gets wrong about measured runs, and name the cause."),
-    ("trend", "measured.trend", "Follow parameters over hundreds of sessions; tell what changes, and since when."),
-    ("replay", "runs.replay", "Send a recording, or a measured run of a real forceps, through the estimators."),
-    ("recover", "runs.recover", "Say what a damaged recording still holds; make a sound one of it."),
-    ("explain", "runs.explain", "Tell the course of a run, what ended it, and what may be behind that."),
-    ("import", "measured.import_", "Turn measured runs of any known format into the project's own; audit them."),
-    ("simulate", "measured.simulate", "Simulate beside a measured run, as it was driven; compare channel by channel."),
+    ("run", "runs.run", "Control a motor driver, real or simulated, on a CAN interface or serial port."),
+    ("drive", "drives.drive", "Start the simulated drive and forceps in a separate process."),
+    ("conformance", "drives.conformance", "Test a drive against the protocol's requirements; write a certificate."),
+    ("decode", "drives.decode", "Decode frames or bus logs into signals."),
+    ("diagnose", "measured.diagnose", "Compare a simulation with measured runs, and find the cause of the difference."),
+    ("trend", "measured.trend", "Estimate parameters over many sessions; report which change, and since when."),
+    ("replay", "runs.replay", "Run the estimators again on a recording, or on measured runs of real forceps."),
+    ("recover", "runs.recover", "List what a damaged recording contains, and write a valid recording from it."),
+    ("explain", "runs.explain", "List the events of a run, what ended it, and likely causes."),
+    ("import", "measured.import_", "Convert measured runs to the project's format, and audit the data."),
+    ("simulate", "measured.simulate", "Simulate a measured run with a rig file, and compare each channel."),
     ("fmu", "fmu", "Write plant or estimator as an FMU for Simulink, Dymola, OpenModelica and others."),
-    ("init", "init", "Write a first rig file from motor, drive, encoder and pulleys, with their sources."),
-    ("schema", "schema", "Print the JSON schema of rig or bench files, for editors."),
+    ("init", "init", "Write a first rig file from motor, drive, encoder and pulleys."),
+    ("schema", "schema", "Print the JSON schema of rig files or bench files, for editors."),
     ("docs", "docs", "List the pages of the documents, or print one."),
     ("open", "open_", "Open the newest report of a folder in the browser."),
-    ("check", "drives.check", "Look for settings of a rig that don't go together, before anything is connected."),
-    ("doctor", "drives.doctor", "Look at machine, line, rig and drive before motion; each check with its remedy."),
-    ("scan", "drives.scan", "Tell which drives are on a bus or port, by listening alone."),
-    ("info", "info", "Say what is installed and reachable, and what a rig file means."),
+    ("check", "drives.check", "Check whether the settings of a rig file are consistent; nothing is connected."),
+    ("doctor", "drives.doctor", "Check computer, line, rig file and drive before motion; each check has a remedy."),
+    ("scan", "drives.scan", "List the drives on a bus or port, by listening only."),
+    ("info", "info", "Show what is installed and connected, or figures derived from a rig file."),
 ):
-    # `drive` hands its whole line on, the call for help too: only the drive itself knows its options.
+    # `drive` passes on its whole command line, --help too: only the drive itself knows its options.
     _own: dict[str, Any] = {"help_flags": [], "version_flags": []} if _name == "drive" else {}
-    _own["help_epilogue"] = (
-        f"Example:\n\n    {EXAMPLES[_name]}\n\nWith --quiet nothing but errors goes to standard error."
-    )
+    _own["help_epilogue"] = f"Example:\n\n    {EXAMPLES[_name]}\n\nWith --quiet only errors go to standard error."
     _function = _path.rpartition(".")[2]
     app.command(f"hil_forceps.cli.commands.{_path}:{_function}", name=_name, help=_help, **_own)
 app.register_install_completion_command(help="Install completion of commands and options for your shell.")
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run one command; exit code 2 with one clear line for each thing that the user can mend."""
-    logging.getLogger("can").setLevel(logging.CRITICAL)  # every problem is told once, by us
+    """Run one command; exit code 2 with one line for each problem that the user can solve."""
+    logging.getLogger("can").setLevel(logging.CRITICAL)  # each problem is reported once, by this program
     if _is_closed(sys.stdout):
-        sys.stderr.write("hil-forceps: standard output is closed; send it to a file, or to /dev/null\n")
+        sys.stderr.write("hil-forceps: standard output is closed; redirect it to a file or to /dev/null\n")
         sys.exit(EXIT_USER_ERROR)
     try:
         code = _run(arguments)
         sys.stdout.flush()
     except BrokenPipeError:
-        # The reader of our output went away (`| head`): that is its right.
+        # The reader of the output ended early (`| head`): no error.
         _drop_output()
         code = 0
     except OSError as error:
@@ -95,7 +93,7 @@ def _run(arguments: list[str] | None) -> int:
     made_folders.forget()
     try:
         words = sys.argv[1:] if arguments is None else arguments
-        if words[:1] != ["drive"]:  # whose line is its own
+        if words[:1] != ["drive"]:  # the drive parses its own line
             words = without_quiet(words)
             _help_in_full(words)
         result = app(words, exit_on_error=False, print_error=False)
@@ -112,19 +110,19 @@ def _run(arguments: list[str] | None) -> int:
     except KeyboardInterrupt:
         sys.stderr.write("hil-forceps: interrupted\n")
         return EXIT_INTERRUPTED
-    except SystemExit as ended:  # the drive's own parser, and a help text whose reader went away
+    except SystemExit as ended:  # from the drive's own parser, or from a help text whose reader ended
         result = ended.code
     return result if isinstance(result, int) else 0
 
 
 def _help_in_full(words: list[str]) -> None:
-    """Show all of a command's docstring where its own help is asked for; the list of commands has a line of each."""
+    """Show a command's whole docstring for `COMMAND --help`; the list of commands has one line for each."""
     if words[:1] and words[0] in EXAMPLES and {"--help", "-h"} & set(words):
         app[words[0]].help = None
 
 
 def _drop_output() -> None:
-    """Point standard output at nothing, so that what its buffer still holds fails no second time at the exit."""
+    """Redirect standard output to the null device, so that flushing its buffer at exit can't fail again."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)

@@ -1,20 +1,20 @@
-"""What the memory of a long computation is got from."""
+"""Settings of memory allocation for long computations."""
 
 import ctypes
 import gc
 import sys
 
-COLLECTION_THRESHOLD = 100_000  # objects made between two looks for cycles of them; 700 by default
+COLLECTION_THRESHOLD = 100_000  # allocations between two runs of the garbage collector; 700 by default
 
 M_TRIM_THRESHOLD, M_MMAP_MAX, M_ARENA_MAX = -1, -4, -8  # mallopt(3)
 
 
 def keep_pages() -> None:
-    """Have the process keep the memory it frees: one matrix after the other then has pages that are there already.
+    """Keep freed memory in the process, and run the garbage collector seldom.
 
-    Large arrays are otherwise given back to the system at once. Where that gives out pages slowly, as in virtual
-    machines, a sixth of a diagnosis is waiting for them (with the C library of GNU only). And cycles of objects are
-    looked for seldom: a diagnosis makes few, and looks through all that is loaded each time.
+    By default glibc returns large arrays to the system at once. Where the system allocates pages slowly, as in virtual
+    machines, this costs a sixth of the time of a diagnosis. The garbage collector costs time because each run scans
+    all loaded objects; a diagnosis makes few cycles.
     """
     gc.freeze()
     gc.set_threshold(COLLECTION_THRESHOLD)

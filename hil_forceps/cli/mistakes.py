@@ -1,4 +1,4 @@
-"""What to say of a command line that isn't understood: one line, with what was meant where that can be told."""
+"""Message for a wrong command line: one line, with the nearest known word if there is one."""
 
 import difflib
 from collections.abc import Iterable
@@ -14,11 +14,11 @@ def told(error: CycloptsError, commands: Iterable[str]) -> str:
     see = f"see hil-forceps {command} --help" if command else "see hil-forceps --help"
     if isinstance(error, UnknownCommandError):
         wrong = next(iter(error.unused_tokens or error.root_input_tokens or ["?"]))
-        return f"{wrong}: there is no such command{_meant(wrong, commands)}; {see} for all of them"
+        return f"{wrong}: unknown command{_meant(wrong, commands)}; {see} for the list"
     if isinstance(error, UnknownOptionError):
         known = [name for each in error.argument_collection for name in (*each.names, *each.negatives)]
         wrong = (error.token.keyword or error.token.value).partition("=")[0]
-        return f"{wrong}: {command or 'hil-forceps'} has no such option{_meant(wrong, known)}; {see}"
+        return f"{wrong}: unknown option of {command or 'hil-forceps'}{_meant(wrong, known)}; {see}"
     return f"{' '.join(str(error).split()).rstrip('.')}; {see}"
 
 

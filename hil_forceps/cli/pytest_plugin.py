@@ -1,7 +1,7 @@
 """pytest plugin: `pytest --hfp-serial /dev/ttyUSB0` adds a test for each requirement of the protocol.
 
-The fixture `forceps_bench` opens simulated forceps, for tests of programs that talk to one (docs/python-api.md).
-Nothing heavy is imported before an option asks for it: every pytest run in the environment loads this module.
+The fixture `forceps_bench` opens a simulated bench, for tests of programs that use one (docs/python-api.md). Heavy
+imports are local, because every pytest run in the environment loads this module.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,23 +18,23 @@ if TYPE_CHECKING:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the options; each means what it means for `hil-forceps conformance`."""
+    """Add the options; they have the same meaning as in `hil-forceps conformance`."""
     group = parser.getgroup("hfp", "conformance of a motor driver (hil-forceps)")
-    group.addoption("--hfp-interface", default="", help="python-can interface that leads to the drive")
+    group.addoption("--hfp-interface", default="", help="python-can interface to the drive")
     group.addoption("--hfp-channel", default="", help="channel of that interface")
-    group.addoption("--hfp-serial", default="", help="serial port or pyserial URL instead")
-    group.addoption("--hfp-baudrate", type=int, default=1_000_000, help="of the serial port")
+    group.addoption("--hfp-serial", default="", help="serial port or pyserial URL instead of a CAN interface")
+    group.addoption("--hfp-baudrate", type=int, default=1_000_000, help="rate of the serial port in bit/s")
     group.addoption("--hfp-fd", action="store_true", help="open the bus for CAN FD")
     group.addoption("--hfp-option", action="append", default=[], help="KEY=VALUE for the interface")
-    group.addoption("--hfp-node", type=int, default=None, help="node id, where several drives answer")
-    group.addoption("--hfp-allow-motion", action="store_true", help="also run what gives torque")
-    group.addoption("--hfp-line-ms", type=float, default=None, help="what the line may add to a round trip")
+    group.addoption("--hfp-node", type=int, default=None, help="node id, if several drives answer")
+    group.addoption("--hfp-allow-motion", action="store_true", help="also run checks that give torque")
+    group.addoption("--hfp-line-ms", type=float, default=None, help="time in ms that the line may add to a round trip")
     group.addoption("--hfp-out", default="", help="folder for the certificate")
 
 
 @pytest.fixture
 def forceps_bench() -> "Iterator[Callable[..., VirtualBench]]":
-    """Open a bench as `virtual_bench(rig, ...)` does, as often as is wanted; each is closed after the test."""
+    """Yield a function with the arguments of `virtual_bench`; each bench is closed after the test."""
     from hil_forceps import virtual_bench  # noqa: PLC0415 - see above
 
     with ExitStack() as benches:
@@ -52,7 +52,7 @@ class Bench:
         self._problem: BaseException | None = None
 
     def judge(self, number: int) -> "Result":
-        """Run a requirement's checks; the same error for all when the drive can't be opened."""
+        """Run a requirement's checks; raise the same error for all if the drive can't be opened."""
         if self._problem is not None:
             raise self._problem
         if self._suite is None:
@@ -66,7 +66,7 @@ class Bench:
         return result
 
     def close(self) -> None:
-        """Leave the drive as it was found; write the certificate where one is wanted."""
+        """Restore the drive's state; write the certificate if an output folder is given."""
         if self._suite is not None:
             from hil_forceps.cli.commands.drives.conformance import write_results  # noqa: PLC0415 - see above
 
@@ -109,30 +109,30 @@ class RequirementItem(pytest.Item):
         self._bench = bench
 
     def runtest(self) -> None:
-        """Judge it."""
+        """Test the requirement."""
         from firmware_protocol.conformance.case import settle  # noqa: PLC0415
 
         settle(self._bench.judge(self._number))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:  # noqa: ARG002
-        """Say what is wrong in words: a trace through the suite tells nobody anything."""
+        """Return the message without a traceback, which would only show the suite."""
         return str(excinfo.value)
 
     def reportinfo(self) -> tuple[Path, None, str]:
-        """Name it."""
+        """Return path and name."""
         return self.path, None, self.name
 
 
 _BENCH = pytest.StashKey[Bench]()
 
 
-@pytest.hookimpl(tryfirst=True)  # so that -k and -m choose among these tests, too
+@pytest.hookimpl(tryfirst=True)  # so that -k and -m also select these tests
 def pytest_collection_modifyitems(session: pytest.Session, config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Add the requirements where a line to a drive is given."""
+    """Add the requirements if a line to a drive is given."""
     if not (config.getoption("hfp_interface") or config.getoption("hfp_serial")):
         return
     if hasattr(config, "workerinput"):
-        raise pytest.UsageError("one drive can't be tested by several processes at once; leave out -n")
+        raise pytest.UsageError("-n: several processes can't test one drive at the same time; leave it out")
     from firmware_protocol.conformance.case import JUDGED  # noqa: PLC0415
     from firmware_protocol.conformance.catalogue import REQUIREMENTS  # noqa: PLC0415
 
@@ -143,7 +143,7 @@ def pytest_collection_modifyitems(session: pytest.Session, config: pytest.Config
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Leave the drive as it was found."""
+    """Restore the drive's state."""
     bench = session.config.stash.get(_BENCH, None)
     if bench is not None:
         bench.close()

@@ -28,8 +28,8 @@ class Excess(NamedTuple):
         """The same for a user, without the trajectory's name."""
         unit = "rad/s" if self.key.endswith("_per_s") else "rad"
         return (
-            f"at {self.time_s:g} s the motor would go {'at' if unit == 'rad/s' else 'to'} {self.asked:.4g} "
-            f"{unit} (r_j/r_m times the jaw), beyond limits.{self.key} of {self.limit:g}"
+            f"at {self.time_s:g} s the motor reference is {self.asked:.4g} "
+            f"{unit} (r_j/r_m times that of the jaw), beyond limits.{self.key} of {self.limit:g}"
         )
 
 

@@ -17,8 +17,8 @@ def split_name(column: str) -> tuple[str, str]:
 def left_out(name: str) -> str:
     """Say that a column was left out, with the name that was probably meant."""
     near = difflib.get_close_matches(name[:_MAX_SHOWN_CHARACTERS], KNOWN_COLUMNS, n=1)
-    guess = f" (meant {near[0]}?)" if near else ""
-    return f"column {show_name(name)} is not one of a run and was left out{guess}"
+    guess = f" (did you mean {near[0]}?)" if near else ""
+    return f"column {show_name(name)} is not a column of a run and was left out{guess}"
 
 
 def show_name(name: str) -> str:

@@ -15,5 +15,5 @@ def to_pandas(columns: Mapping[str, NDArray[np.float64]]) -> Any:
     try:
         pandas = import_module("pandas")
     except ImportError as error:
-        raise UserError(f"to_pandas needs pandas, which can't be imported ({error}): pip install pandas") from error
+        raise UserError(f"to_pandas needs pandas, which can't be imported ({error}); pip install pandas") from error
     return pandas.DataFrame({name: values.copy() for name, values in columns.items()})

@@ -81,7 +81,7 @@ class Run:
         return self.columns[column]
 
     def to_pandas(self) -> Any:
-        """Return the columns as a pandas DataFrame; UserError where pandas is not installed."""
+        """Return the columns as a pandas DataFrame; UserError if pandas is not installed."""
         return to_pandas(self.columns)
 
     @property

@@ -38,7 +38,7 @@ def drop_repeats(columns: Columns, label: str, where: Callable[[int], str]) -> t
     kept = np.ones(len(time_s), dtype=bool)
     kept[late] = False
     if np.count_nonzero(kept) < 2:
-        raise UserError(f"{label}: all {len(time_s)} rows are the same one; at least 2 samples are needed")
+        raise UserError(f"{label}: all {len(time_s)} rows are identical; at least 2 different samples are needed")
     count = f"{late.size} row{'s repeat' if late.size > 1 else ' repeats'}"
     note = (
         f"{count} the row before and {'were' if late.size > 1 else 'was'} dropped, the first at {where(int(late[0]))}"
@@ -56,6 +56,6 @@ def check_time_unit(time_s: Column, label: str, *, is_table: bool = True) -> Non
         return
     units = ((unit, size) for unit, size in _UNITS_S.items() if usual_s * size <= MAX_SAMPLE_TIME_S)
     unit, size = next(units, ("ns", 1e-9))
-    told = f"time_s: rows are {usual_s:.6g} s apart, and no drive of a rig samples slower than every 0.1 s"
+    told = f"time_s: rows are {usual_s:.6g} s apart, longer than any sample period of a drive (0.1 s)"
     mapped = f", or add --map time_s=COLUMN:{unit}" if is_table else ""
     raise UserError(f"{label}: {told}; if the stamps are {unit}, multiply them by {size:g}{mapped}")

@@ -79,7 +79,7 @@ class NativeInquiry:
         said = Said(firmware=f"protocol {heard.protocol_major}.{heard.protocol_minor}")
         if not self._fits():
             older = "host" if heard.protocol_major > PROTOCOL_MAJOR else "drive"
-            said.misfit = f"this host speaks protocol {PROTOCOL_MAJOR}; update the {older}"
+            said.misfit = f"this host has protocol version {PROTOCOL_MAJOR}; update the {older}"
         if self._heartbeat is not None:
             said.fault = fault_words(self._heartbeat.fault) if self._heartbeat.fault else ""
             if self._heartbeat.state in set(DriveState):

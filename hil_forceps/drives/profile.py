@@ -65,7 +65,7 @@ def torque_constant_N_m_per_A(rig: Rig) -> float:
     """Return the torque on the motor pulley per ampere; UserError where it isn't known."""
     value = rig.motor.torque_constant_N_m_per_A.value
     if value is None:
-        raise UserError("motor.torque_constant_N_m_per_A: its value isn't known and is needed here; give a value")
+        raise UserError("motor.torque_constant_N_m_per_A: has no value, but one is needed here; give a value")
     return value
 
 
@@ -106,8 +106,8 @@ def check_node(settings: MotorDriver, lowest: int, highest: int) -> None:
     """UserError where the node id isn't one of the protocol."""
     if not lowest <= settings.node_id <= highest:
         raise UserError(
-            f"motor_driver.node_id: is {settings.node_id}, but a drive of the profile {settings.profile} has "
-            f"{lowest} to {highest}; give its own"
+            f"motor_driver.node_id: is {settings.node_id}, but the nodes of the profile {settings.profile} are "
+            f"{lowest} to {highest}; correct it"
         )
 
 
@@ -116,7 +116,9 @@ def host_ids(candidates: Iterable[int], nodes: Iterable[int], count: int) -> lis
     taken = set(nodes)
     free = [each for each in candidates if each not in taken][:count]
     if len(free) < count:
-        raise UserError(f"motor_driver: {count} drives are too many for one bus here; {len(free)} may be on it")
+        raise UserError(
+            f"motor_driver: {count} drives on one bus; the profile supports at most {len(free)}; use several buses"
+        )
     return free
 
 
@@ -127,7 +129,7 @@ def too_old_by_polling(rig: Rig) -> Iterator[Finding]:
         yield Finding(
             "problem",
             "limits.max_sample_age_s",
-            f"is {age_s:g} s, but a sample is asked for a tick before it is used: at least {2.0 * period_s:g} s",
+            f"is {age_s:g} s, but a sample is requested one tick before it is used; set at least {2.0 * period_s:g} s",
         )
 
 

@@ -73,7 +73,7 @@ def write_fmu(
         for platform in (each for each in PLATFORMS if each.name in platforms):
             where = platform.fmi2 if fmi == 2 else platform.name
             if not where:
-                raise UserError(f"FMI 2.0 has no name for {platform.name}; write an FMU for FMI 3 (--fmi 3)")
+                raise UserError(f"--platform {platform.name}: not defined in FMI 2.0; use --fmi 3")
             library = folder / f"{unit.name}{platform.ending}"
             _compile(_compiler(platform, zig=zig), folder / main, library)
             content[f"binaries/{where}/{library.name}"] = library.read_bytes()
@@ -84,7 +84,7 @@ def _headers(fmi: int) -> dict[str, str]:
     """Return the standard's own headers, which fmpy has with it."""
     found = find_spec("fmpy")
     if found is None or found.origin is None:
-        raise UserError(f"fmpy is not installed, and the headers of the standard come with it; {_INSTALL}")
+        raise UserError(f"fmpy is missing, which contains the headers of the FMI standard; {_INSTALL}")
     folder = Path(found.origin).parent / "c-code"
     platform = "fmi2TypesPlatform.h" if fmi == 2 else "fmi3PlatformTypes.h"
     names = (f"fmi{fmi}Functions.h", f"fmi{fmi}FunctionTypes.h", platform)
@@ -98,7 +98,7 @@ def _compiler(platform: Platform, *, zig: bool) -> list[str]:
     own = shutil.which("cc")
     if platform == _HERE and own is not None:
         return [own]
-    raise UserError(f"no compiler of C for {platform.name} is here; {_INSTALL}, which brings one for all platforms")
+    raise UserError(f"no C compiler for {platform.name} was found; {_INSTALL}, which includes one for all platforms")
 
 
 def _compile(compiler: list[str], source: Path, library: Path) -> None:

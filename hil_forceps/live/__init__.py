@@ -1,1 +1,1 @@
-"""A look at a run while it lasts: a channel in shared memory that the loop never waits for, and a page behind it."""
+"""Live view of a run: a channel in shared memory that the loop never waits for, and a page that reads it."""

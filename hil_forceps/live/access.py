@@ -1,9 +1,9 @@
-"""Who may see a live page: rules on what a browser sends with a request. Pure.
+"""Access rules of the live page, from the headers of a request; pure functions.
 
-Other users of the machine reach a port on loopback, and so does any web page that a browser on it shows. Against both
-there is a token, which the page's address carries behind `#`, where no server and no log sees it. `Host` has to be an
-address under which the page was opened, so that a name that somebody points at 127.0.0.1 (DNS rebinding) gets nothing;
-`Origin` has to be the page itself, so that no other page opens the socket.
+Other users of the computer can reach a port on loopback, and so can any web page in a browser on it. Against both there
+is a token in the page's address after `#`, which is not sent to a server or log. `Host` must be an address of the page,
+so that another name for 127.0.0.1 (DNS rebinding) is refused; `Origin` must be the page itself, so that no other page
+opens the socket.
 """
 
 import hmac
@@ -22,17 +22,17 @@ LOOPBACK: Final = "127.0.0.1"
 
 
 def new_token() -> str:
-    """Return a token that nobody guesses: 256 bits."""
+    """Return a random token of 256 bits."""
     return secrets.token_urlsafe(32)
 
 
 def parse_address(text: str, option: str) -> tuple[str, int]:
-    """Return host and port of `PORT`, `ADDRESS:PORT` or `[ADDRESS]:PORT`; without address loopback. UserError."""
+    """Return host and port of `PORT`, `ADDRESS:PORT` or `[ADDRESS]:PORT`; default address: loopback. UserError."""
     host, _, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]") or LOOPBACK
     try:
         number = int(port)
-        if ipaddress.ip_address(host).is_unspecified:  # a browser's `Host` could be anything then
+        if ipaddress.ip_address(host).is_unspecified:  # then the allowed values of `Host` are unknown
             number = -1
     except ValueError:
         number = -1
@@ -44,12 +44,12 @@ def parse_address(text: str, option: str) -> tuple[str, int]:
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether an address is this machine's own."""
+    """Return whether an address is a loopback address."""
     return ipaddress.ip_address(host).is_loopback
 
 
 def names_of(host: str, port: int) -> frozenset[str]:
-    """Return what a browser may call the server that is bound to `host`: the values of `Host`."""
+    """Return the allowed values of the header `Host` for a server at `host`."""
     address = ipaddress.ip_address(host)
     named = f"[{host}]" if address.version == 6 else host
     hosts = {named, "localhost"} if address.is_loopback else {named}
@@ -57,15 +57,15 @@ def names_of(host: str, port: int) -> frozenset[str]:
 
 
 def is_our_host(host: str | None, names: frozenset[str]) -> bool:
-    """Tell whether a request was meant for us."""
+    """Return whether the header `Host` is allowed."""
     return host is not None and host.lower() in names
 
 
 def is_our_page(origin: str | None, host: str | None) -> bool:
-    """Tell whether a socket was opened by the page of the same address."""
+    """Return whether a socket was opened by the page at the same address."""
     return origin is not None and host is not None and origin.lower() == f"http://{host.lower()}"
 
 
 def is_token(given: object, token: str) -> bool:
-    """Tell whether a token is the right one, in a time that does not depend on where it differs."""
+    """Compare a token in a time that does not depend on where it differs."""
     return isinstance(given, str) and hmac.compare_digest(given.encode(), token.encode())

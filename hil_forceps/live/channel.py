@@ -1,9 +1,9 @@
-"""The channel between a loop and the process that shows it: shared memory that the loop writes and never waits for.
+"""The channel from a loop to the process of the live page: shared memory that the loop writes without waiting.
 
-A ring of slots holds the messages, a board the newest status as JSON, and two bytes what an operator asks for. There is
-one writer of each and no lock. A slot is filled before its number is set, and the count of all slots after that; but no
-processor promises the order in which another one sees it, so each slot and each board has a CRC, and what does not fit
-is not taken. A reader that is too slow loses the oldest slots, and counts them.
+A ring of slots contains the messages, a board the newest status as JSON, and two bytes the operator's requests. There
+is one writer of each and no lock. A slot is filled before its number is set, and the count of all slots after that. But
+the order in which another processor sees these writes is not guaranteed. Therefore each slot and each board has a CRC,
+and data with a wrong CRC are not used. A reader that is too slow loses the oldest slots, and counts them.
 """
 
 import json
@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 PAYLOAD_BYTES: Final = 80
 SLOTS: Final = 1 << 16  # 15 s of four messages a tick at 1 kHz; 6 MiB
 BOARD_BYTES: Final = 1 << 15
-STATUS_PERIOD_NS: Final = 200_000_000  # from one status on the board to the next
+STATUS_PERIOD_NS: Final = 200_000_000  # between two statuses
 _HEAD: Final = struct.Struct("<QIBBH")  # number (from 1 on), CRC, topic, axis, bytes of the message
 _COUNT: Final = struct.Struct("<Q")
 _BOARD: Final = struct.Struct("<III")  # serial number, length, CRC
 _SLOT_BYTES: Final = _HEAD.size + PAYLOAD_BYTES
-_ESTOP_AT: Final = 64  # each writer's words in a cache line of their own
+_ESTOP_AT: Final = 64  # each writer has its own cache line
 _CLEAR_AT: Final = 65
 _BOARDS_AT: Final = 128
 _SLOTS_AT: Final = _BOARDS_AT + 2 * (_BOARD.size + BOARD_BYTES)
@@ -36,12 +36,12 @@ SLOT: Final = np.dtype(
 
 
 def size_bytes(slots: int = SLOTS) -> int:
-    """Return how much memory a channel takes."""
+    """Return the size of a channel's memory."""
     return _SLOTS_AT + slots * _SLOT_BYTES
 
 
 def create(slots: int = SLOTS) -> tuple[int, mmap.mmap]:
-    """Return memory without a name, as a file descriptor that a child may inherit, and mapped."""
+    """Return anonymous memory as a file descriptor that a child can inherit, and mapped."""
     if hasattr(os, "memfd_create"):
         descriptor = os.memfd_create("hil_forceps_live")
     else:
@@ -52,7 +52,7 @@ def create(slots: int = SLOTS) -> tuple[int, mmap.mmap]:
 
 
 class Writer:
-    """The loop's end. Nothing here waits; a message costs about a microsecond."""
+    """The loop's end of the channel. Nothing waits; a message costs about a microsecond."""
 
     def __init__(self, memory: mmap.mmap) -> None:
         self._memory = memory
@@ -61,7 +61,7 @@ class Writer:
         self._boards = 0
 
     def put(self, topic: int, axis: int, message: bytes) -> None:
-        """Write one message, over the oldest where the ring is full."""
+        """Write one message; if the ring is full, it overwrites the oldest."""
         memory, number = self._memory, self._written
         at = _SLOTS_AT + number % self._slots * _SLOT_BYTES
         size = len(message)
@@ -71,7 +71,7 @@ class Writer:
         _COUNT.pack_into(memory, 0, number)
 
     def post(self, status: object) -> None:
-        """Write the status, over the one before the last; what is too long for the board is left out."""
+        """Write the status to the older of two places; a status that is too long is dropped."""
         text = json.dumps(status, separators=(",", ":")).encode()
         if len(text) > BOARD_BYTES:
             return
@@ -81,38 +81,38 @@ class Writer:
         _BOARD.pack_into(self._memory, at, self._boards, len(text), crc32(text))
 
     def stop_asked(self) -> bool:
-        """Tell whether an operator has asked for an emergency stop: once asked, for ever."""
+        """Return whether an operator has requested an emergency stop; never reset."""
         return self._memory[_ESTOP_AT] != 0
 
     def clears_asked(self) -> int:
-        """Return how often an operator has asked to clear it, modulo 256."""
+        """Return the number of an operator's requests to clear the stop, modulo 256."""
         return self._memory[_CLEAR_AT]
 
 
 class Operator:
-    """What somebody at the page asks for; the loop looks at it once a tick."""
+    """Requests of an operator at the page; the loop reads them once a tick."""
 
     def __init__(self, memory: mmap.mmap) -> None:
         self._memory = memory
 
     def stop(self) -> None:
-        """Ask for an emergency stop."""
+        """Request an emergency stop."""
         self._memory[_ESTOP_AT] = 1
 
     def clear(self) -> None:
-        """Ask to clear it."""
+        """Request to clear the emergency stop."""
         self._memory[_CLEAR_AT] = (self._memory[_CLEAR_AT] + 1) % 256
 
 
 class Taken(NamedTuple):
-    """Slots as they were read, in order, and how many were lost before or among them."""
+    """Slots in order, and the number of lost ones."""
 
     slots: NDArray[np.void]
     lost: int
 
 
 class Reader:
-    """The other end. Bad memory never raises: it is skipped, and counted where it stood for a message."""
+    """The reader's end. Invalid memory never raises: it is skipped, and counted if it was a message."""
 
     def __init__(self, memory: mmap.mmap) -> None:
         if len(memory) < size_bytes(1):
@@ -124,7 +124,7 @@ class Reader:
         self._waited_for = -1
 
     def take(self, limit: int = 1 << 14) -> Taken:
-        """Return what was written since the last call, `limit` messages at most."""
+        """Return the messages written since the last call, at most `limit`."""
         (written,) = _COUNT.unpack_from(self._memory, 0)
         behind = max(0, written - self._slots - self._next)
         self._next += behind
@@ -140,7 +140,7 @@ class Reader:
         return self._checked(slots, behind)
 
     def _checked(self, slots: NDArray[np.void], lost: int) -> Taken:
-        """Leave out what is not whole: what was overwritten meanwhile is lost, what is not there yet comes later."""
+        """Remove incomplete slots: overwritten ones are lost, unfinished ones are read later."""
         expected = np.arange(self._next + 1, self._next + 1 + len(slots), dtype=np.uint64)
         is_whole = slots["number"] == expected
         for place in np.flatnonzero(is_whole):
@@ -149,7 +149,7 @@ class Reader:
             is_whole[place] = size <= PAYLOAD_BYTES and crc32(slot["data"].tobytes()[:size]) == slot["crc"]
         early = np.flatnonzero(~is_whole & (slots["number"] <= expected))
         end = len(slots)
-        # One that is still not there when it is looked at again never comes.
+        # A slot that is still unfinished at the second look is lost.
         if early.size and self._waited_for != self._next + int(early[0]):
             end = int(early[0])
             self._waited_for = self._next + end
@@ -157,7 +157,7 @@ class Reader:
         return Taken(slots[:end][is_whole[:end]], lost + end - int(np.count_nonzero(is_whole[:end])))
 
     def status(self) -> Any | None:
-        """Return the newest status where there is one since the last call, None otherwise."""
+        """Return the newest status if there is one since the last call, None otherwise."""
         found: tuple[int, Any] | None = None
         for place in (0, 1):
             at = _BOARDS_AT + place * (_BOARD.size + BOARD_BYTES)

@@ -1,6 +1,6 @@
-"""What a producer of live data says of it: topics of fixed messages, and which of their fields a page draws.
+"""Description of live data: topics with fixed messages, and the fields that a page draws.
 
-Plain data, sent to the page's process as JSON. Names, titles and units are texts; none is ever markup or code.
+Plain data, sent to the page's process as JSON. Names, titles and units are texts, never markup or code.
 """
 
 import json
@@ -37,12 +37,12 @@ class Topic(NamedTuple):
 
     @property
     def dtype(self) -> np.dtype[np.void]:
-        """The same as numpy sees it."""
+        """The message as a numpy type."""
         return np.dtype([(field.name, np.dtype(field.type).newbyteorder("<")) for field in self.fields])
 
 
 class Trace(NamedTuple):
-    """A field as a curve. `holds`: its value stands until the next, so it is drawn as steps."""
+    """A field as a curve. `holds`: its value is held until the next, so that it is drawn as steps."""
 
     topic: str
     field: str
@@ -60,7 +60,7 @@ class Panel(NamedTuple):
 
 
 class Code(NamedTuple):
-    """A value of a lane: its name, and whether it is good, of note or bad."""
+    """A value of a lane: its name and its level."""
 
     name: str
     level: str = "ok"  # ok, note, warn, bad, off
@@ -76,24 +76,24 @@ class Lane(NamedTuple):
 
 
 class Description(NamedTuple):
-    """All that a page has to know. A message belongs to an axis, by its place in `axes`."""
+    """Everything that a page needs. A message belongs to an axis, by its index in `axes`."""
 
     title: str
     axes: tuple[str, ...]
     topics: tuple[Topic, ...]
     panels: tuple[Panel, ...]
     lanes: tuple[Lane, ...]
-    start_ns: int  # host's time where the page's time begins
+    start_ns: int  # origin of the page's time, host's clock
 
     def shown(self, topic: Topic) -> tuple[str, ...]:
-        """Return the fields of a topic that the page gets: its time first, then what is drawn, each once."""
+        """Return the fields of a topic for the page: its time first, then the drawn fields, each once."""
         drawn = [trace.field for panel in self.panels for trace in panel.traces if trace.topic == topic.name]
         drawn += [lane.field for lane in self.lanes if lane.topic == topic.name]
         return (topic.time, *(name for name in dict.fromkeys(drawn) if name != topic.time))
 
 
 class AxisStatus(NamedTuple):
-    """What a producer posts of an axis beside its messages; texts for people, empty where there is nothing to say."""
+    """Status of an axis besides its messages; texts for people, may be empty."""
 
     name: str
     stage: str
@@ -107,7 +107,7 @@ class AxisStatus(NamedTuple):
     counters: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
 
     def as_data(self) -> dict[str, Any]:
-        """Return it as the page takes it."""
+        """Return the status as data for the page."""
         return {**self._asdict(), "counters": dict(self.counters)}
 
 
@@ -140,7 +140,7 @@ def from_json(text: str) -> Description:
 
 
 def for_page(description: Description) -> dict[str, Any]:
-    """Return what the page is told, as plain data: every stream with its fields, panels and lanes."""
+    """Return the description for the page as plain data: every stream with its fields, panels and lanes."""
     return {
         "title": description.title,
         "axes": list(description.axes),

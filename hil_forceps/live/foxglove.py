@@ -1,9 +1,9 @@
-"""The same messages over Foxglove's own protocol, by its SDK: `hil-forceps[foxglove]`.
+"""The messages over Foxglove's protocol, by its SDK: `hil-forceps[foxglove]`.
 
-Topics, schemas and bytes are those of a recording, so one layout serves both. The SDK's server asks for no token and
-looks at no `Origin`: any page in a browser on this machine that finds it could read along. So it listens where none
-looks, on an address in 127.0.0.0/8 and a port that are drawn anew for every run, 2**37 of them; nobody else is told.
-It takes nothing from its clients.
+Topics, schemas and bytes are those of a recording, so that one layout fits both. The SDK's server has no token and does
+not check `Origin`: any page in a browser on this computer that finds it could read the data. Therefore its address in
+127.0.0.0/8 and its port are random in each run, with 2**37 possibilities, and are printed to the user only. It accepts
+no data from its clients.
 """
 
 import secrets
@@ -19,12 +19,12 @@ CDR_HEAD: Final = b"\x00\x01\x00\x00"  # little-endian, no options
 
 
 class FoxgloveServer:
-    """Serves the topics of one run. `address` is host:port. RuntimeError where none can be had."""
+    """Server of the topics of one run. `address` is host:port. RuntimeError if it can't be started."""
 
     def __init__(self, description: Description) -> None:
         import foxglove  # noqa: PLC0415 - an optional extra, and heavy
 
-        self._context = context = foxglove.Context()  # channels close when it is gone
+        self._context = context = foxglove.Context()  # keeps the channels open
         self._topics = description.topics
         self._times = [topic.dtype.fields[topic.time][1] for topic in description.topics if topic.dtype.fields]
         self._channels = [
@@ -46,7 +46,7 @@ class FoxgloveServer:
         self.address = f"{host}:{self._server.port}"
 
     def send(self, slots: NDArray[np.void]) -> None:
-        """Hand over messages as they came out of the channel; those of no topic are left out."""
+        """Send messages from the channel; those of unknown topics are dropped."""
         for slot in slots:
             topic, axis = int(slot["topic"]), int(slot["axis"])
             if topic >= len(self._channels) or axis >= len(self._channels[topic]):
@@ -63,6 +63,6 @@ class FoxgloveServer:
 
 
 def hidden_host() -> str:
-    """Return an address of this machine's own that nobody guesses: 24 bits, besides those of the port."""
+    """Return a random loopback address: 24 bits, besides those of the port."""
     draw = secrets.randbelow
     return f"127.{draw(256)}.{draw(256)}.{1 + draw(254)}"

@@ -1,9 +1,9 @@
-"""The last seconds of every stream as columns, and what each client has had of them. No clock, no IO.
+"""The last seconds of every stream as columns, and the position of each client. No clock, no IO.
 
-A stream is one topic of one axis. A client that keeps up gets every row. One that has fallen behind by more than
-`MAX_BACKLOG_S` gets the rows between as an envelope: for each stretch of time a row of least and a row of greatest
-values, so that no peak is missed, and a count of the rows that it stands for. What is older than the history is lost to
-it, and counted.
+A stream is one topic of one axis. A client without backlog gets every row. A client with a backlog of more than
+`MAX_BACKLOG_S` gets the rows of the backlog as an envelope: for each interval a row of minima and a row of maxima, so
+that no peak is missed, and the number of rows that it replaces. Rows older than the history are lost to the client, and
+counted.
 """
 
 import json
@@ -19,14 +19,14 @@ from hil_forceps.live.description import Description
 HISTORY_S: Final = 60.0
 MAX_BACKLOG_S: Final = 1.0
 ENVELOPE_PAIRS: Final = 250  # of rows, for each backlog of one stream
-MAX_ROWS_PER_FRAME: Final = 2_000  # of one stream in a frame; the rest goes into the next
+MAX_ROWS_PER_FRAME: Final = 2_000  # of one stream in a frame; the rest is in the next frame
 _HEAD: Final = struct.Struct("<II")
 
 Columns = NDArray[np.float64]  # fields × rows
 
 
 class Piece(NamedTuple):
-    """Rows of one stream: `first` counts from the beginning of the run."""
+    """Rows of one stream; `first` is the number of the first row since the beginning of the run."""
 
     first: int
     columns: Columns
@@ -45,7 +45,7 @@ class Stream:
         return self.pieces[0].first if self.pieces else self.rows
 
     def add(self, columns: Columns) -> None:
-        """Take new rows, and forget those older than the history."""
+        """Append rows, and drop those older than the history."""
         if not columns.shape[1]:
             return
         self.pieces.append(Piece(self.rows, columns))
@@ -76,7 +76,7 @@ class History:
         self.not_understood = 0
 
     def add(self, slots: NDArray[np.void]) -> None:
-        """Sort what came out of the channel into the streams; what is of no topic is counted."""
+        """Append messages of the channel to their streams; messages of unknown topics are counted."""
         known = (slots["topic"] < len(self._dtypes)) & (slots["axis"] < self._axes)
         for topic, dtype in enumerate(self._dtypes):
             known &= (slots["topic"] != topic) | (slots["size"] == dtype.itemsize)
@@ -97,17 +97,17 @@ class History:
 
 
 class Cursor:
-    """What one client has had; `frame` goes on from there."""
+    """Position of one client; `frame` continues from there."""
 
     def __init__(self, history: History) -> None:
         self._history = history
         self._rows = [stream.first for stream in history.streams]
-        self._is_current = False  # has had the whole history once
+        self._is_current = False  # was sent the whole history once
         self.enveloped = 0  # rows that were sent as an envelope
-        self.lost = 0  # rows that were gone before the client took them
+        self.lost = 0  # rows dropped before the client received them
 
     def frame(self) -> bytes | None:
-        """Return what is new as one binary message, None where nothing is."""
+        """Return the new rows as one binary message, None if there are none."""
         parts: list[dict[str, int]] = []
         blocks: list[bytes] = []
         is_rest = False
@@ -135,12 +135,12 @@ class Cursor:
         if not parts:
             return None
         head = json.dumps({"parts": parts, "enveloped": self.enveloped, "lost": self.lost}).encode()
-        head += b" " * (-(len(head) + _HEAD.size) % 8)  # doubles want to begin at a multiple of their size
+        head += b" " * (-(len(head) + _HEAD.size) % 8)  # doubles must be aligned to their size
         return b"".join((_HEAD.pack(1, len(head)), head, *blocks))
 
 
 def envelope(columns: Columns, pairs: int) -> Columns:
-    """Return least and greatest values of each stretch of rows by turns; times are those of its first and last row."""
+    """Return alternating minima and maxima of each block of rows; their times are those of its first and last row."""
     rows = columns.shape[1]
     if rows <= 2 * pairs:
         return columns

@@ -1,8 +1,8 @@
-"""The page's process: reads the channel, serves the page, ends when its parent does.
+"""The process of the live page: reads the channel, serves the page, and ends with its parent.
 
-Its parent hands over the channel as an open file, and on standard input a line of JSON with the settings and one with
-the description. It answers with a line on standard output, `ready ADDRESS` or `failed WORDS`. Standard input is the
-lifeline: when it closes, the run has ended, however that happened.
+Its parent passes the channel as an open file, and on standard input a line of JSON with the settings and one with the
+description. It answers with a line on standard output, `ready ADDRESS` or `failed WORDS`. Standard input is the signal
+of the end: when it closes, the run has ended, for whatever reason.
 """
 
 import argparse
@@ -19,8 +19,8 @@ from hil_forceps.live.description import Description, for_page, from_json
 from hil_forceps.live.history import History
 from hil_forceps.live.server import FRAME_S, LiveServer
 
-NICENESS: Final = 10  # the loop comes first
-LINGER_S: Final = 3.0  # for pages to take the last frames
+NICENESS: Final = 10  # the loop has priority
+LINGER_S: Final = 3.0  # time for pages to receive the last frames
 
 
 async def _read(reader: Reader, history: History, server: LiveServer, foxglove: Any, ended: asyncio.Event) -> None:
@@ -79,7 +79,7 @@ def _say(line: str) -> None:
 
 
 def _line() -> str:
-    """Return a line of standard input, which may not be buffered: what follows is waited for by the loop."""
+    """Return a line of standard input without buffering, because the loop waits for what follows."""
     taken = bytearray()
     while (byte := os.read(sys.stdin.fileno(), 1)) not in {b"", b"\n"}:
         taken += byte
@@ -87,12 +87,12 @@ def _line() -> str:
 
 
 def main() -> int:
-    """Run the process; see above."""
+    """Run the process."""
     parser = argparse.ArgumentParser(prog="hil_forceps.live.process")
     parser.add_argument("descriptor", type=int, help="of the channel's memory")
     arguments = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # the parent says when it is over
+        signal.signal(number, signal.SIG_IGN)  # the parent ends this process
     os.nice(NICENESS)
     settings = json.loads(_line())
     description = from_json(_line())

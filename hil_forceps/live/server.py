@@ -1,7 +1,7 @@
-"""The page's server: files over HTTP, data over a websocket, to whoever has the token.
+"""The server of the live page: files over HTTP, data over a websocket for clients with the token.
 
-Every client has a task of its own that waits until its socket takes the next frame. A slow one therefore holds up
-nobody, neither the loop, which is another process, nor other clients; what it gets is thinned (`history`).
+Every client has its own task, which waits until its socket accepts the next frame. A slow client therefore delays
+neither the loop, which is another process, nor other clients; its data are thinned (`history`).
 """
 
 import asyncio
@@ -26,7 +26,7 @@ FRAME_S: Final = 1.0 / 30.0
 TOKEN_TIMEOUT_S: Final = 5.0
 MAX_CLIENTS: Final = 16
 MAX_MESSAGE_BYTES: Final = 1 << 10
-SEND_BUFFER_BYTES: Final = 1 << 16  # so that what waits for a slow client is short
+SEND_BUFFER_BYTES: Final = 1 << 16  # limits the data queued for a slow client
 CLOSE_WRONG_TOKEN: Final = 4401
 CLOSE_FULL: Final = 4503
 SOCKET_PATH: Final = "/live"
@@ -44,7 +44,7 @@ PAGE_FILES: Final = {
 
 
 class LiveServer:
-    """Serves one run. `told` is what the page needs to know at first; `operator` is None where it may only look."""
+    """Server of one run. `told`: first message to the page; `operator` is None if the page has no control."""
 
     def __init__(self, history: History, told: dict[str, Any], token: str, operator: Operator | None) -> None:
         self._history = history
@@ -61,7 +61,7 @@ class LiveServer:
         self.counters = {"refused": 0, "clients": 0, "stops": 0, "clears": 0}
 
     async def start(self, host: str, port: int) -> tuple[Server, int]:
-        """Listen; return the server and its port. OSError where the address can't be had."""
+        """Listen; return the server and its port. OSError if the address can't be bound."""
         listening = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)  # accepted ones take it over
         number = int(listening.getsockname()[1])
@@ -70,14 +70,14 @@ class LiveServer:
             self._client,
             sock=listening,
             process_request=self._answer,
-            compression=None,  # costs more than it saves on a machine's own wires
+            compression=None,  # costs more than it saves on loopback
             max_size=MAX_MESSAGE_BYTES,
             server_header=None,
         )
         return server, number
 
     def publish(self, status: Any | None, lost: int, *, has_ended: bool = False) -> None:
-        """Tell that the history has grown, and what has changed besides."""
+        """Notify the clients of new rows and of the changed status."""
         if status is not None:
             self._status = status
         self._lost = lost
@@ -86,14 +86,16 @@ class LiveServer:
         news.set()
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Hand out a file of the page, or let a socket of it through (None)."""
+        """Return a file of the page, or None to accept a websocket."""
         host = _only(request.headers, "Host")
         if not is_our_host(host, self._names):
-            return self._refuse(connection, HTTPStatus.MISDIRECTED_REQUEST, "this server has another address\n")
+            return self._refuse(
+                connection, HTTPStatus.MISDIRECTED_REQUEST, "the host name is not that of this server\n"
+            )
         path = request.path.partition("?")[0]
         if path == SOCKET_PATH:
             if not is_our_page(_only(request.headers, "Origin"), host):
-                return self._refuse(connection, HTTPStatus.FORBIDDEN, "only the page itself may open this\n")
+                return self._refuse(connection, HTTPStatus.FORBIDDEN, "only the live page may open this connection\n")
             return None
         if path not in self._page:
             return self._refuse(connection, HTTPStatus.NOT_FOUND, "no such page\n")
@@ -122,7 +124,7 @@ class LiveServer:
         try:
             if not await self._has_token(connection):
                 self.counters["refused"] += 1
-                await connection.close(CLOSE_WRONG_TOKEN, "the token is wrong; open the address that the run printed")
+                await connection.close(CLOSE_WRONG_TOKEN, "wrong token; open the address that the run printed")
                 return
             self.counters["clients"] += 1
             await connection.send(json.dumps(self._told))
@@ -163,7 +165,7 @@ class LiveServer:
             await news.wait()
 
     async def _listen(self, connection: ServerConnection) -> None:
-        """Take what an operator asks for. Anything else is dropped."""
+        """Receive the operator's requests; anything else is dropped."""
         asked: dict[str, Callable[[], None]] = {"stop": self._stop, "clear": self._clear}
         async for message in connection:
             action = asked.get(message) if isinstance(message, str) else None
@@ -182,7 +184,7 @@ class LiveServer:
 
 
 def _only(headers: Headers, name: str) -> str | None:
-    """Return a header that is there once; None where there is none, or several that may disagree."""
+    """Return a header that occurs once; None if it is missing or occurs several times."""
     values = headers.get_all(name)
     return values[0] if len(values) == 1 else None
 

@@ -1,4 +1,4 @@
-"""Starting and ending the page's process beside a loop."""
+"""Start and end of the live page's process."""
 
 import json
 import os
@@ -17,7 +17,7 @@ END_TIMEOUT_S: Final = 10.0
 
 
 class LiveOptions(NamedTuple):
-    """How a run is shown. `control`: who has the page may stop the drive. Port 0: one that is free."""
+    """Options of the live page. `control`: the page can stop the drive. Port 0: any free port."""
 
     host: str = LOOPBACK
     port: int = 0
@@ -26,29 +26,29 @@ class LiveOptions(NamedTuple):
 
 
 def live_options(*, live: bool, control: bool, bind: str, foxglove: bool) -> LiveOptions | None:
-    """Return how a run is to be shown, None for not at all; UserError for options that want `--live`."""
+    """Return the options of the live page, None without one; UserError for options that need `--live`."""
     if not live:
         wanting = {"--live-control": control, "--live-bind": bool(bind), "--foxglove": foxglove}
         if extra := [name for name, is_given in wanting.items() if is_given]:
-            raise UserError(f"{extra[0]} goes with --live")
+            raise UserError(f"{extra[0]}: only with --live; add it, or leave {extra[0]} out")
         return None
     host, port = parse_address(bind, "--live-bind") if bind else (LOOPBACK, 0)
     return LiveOptions(host, port, control, foxglove)
 
 
 class View(NamedTuple):
-    """A page that is being served. Only who has `address` sees anything."""
+    """A live page that is being served. Only clients with `address` get data."""
 
     writer: Writer
     address: str
-    foxglove_address: str  # empty where none was asked for
+    foxglove_address: str  # empty if not requested
     options: LiveOptions
 
     def notes(self) -> list[str]:
-        """Return what a user should know."""
+        """Return notes for the user."""
         told = [f"live page: {self.address}"]
         if not is_loopback(self.options.host):
-            told.append(f"the live page is open to the network at {self.options.host}, and not encrypted")
+            told.append(f"the live page is reachable from the network at {self.options.host}, without encryption")
         if self.foxglove_address:
             told.append(f"Foxglove: open a connection to {self.foxglove_address}")
         return told
@@ -56,7 +56,7 @@ class View(NamedTuple):
 
 @contextmanager
 def live_view(description: Description, options: LiveOptions) -> Iterator[View]:
-    """Serve a page while the body runs, in a process of its own; UserError where that can't be."""
+    """Serve a page in a separate process while the block runs; UserError if that is not possible."""
     descriptor, memory = create()
     token = new_token()
     process = subprocess.Popen(  # noqa: S603 - this interpreter and this package, no shell
@@ -65,20 +65,20 @@ def live_view(description: Description, options: LiveOptions) -> Iterator[View]:
         stdout=subprocess.PIPE,
         pass_fds=(descriptor,),
         text=True,
-        start_new_session=True,  # Ctrl-C ends the run, and that the page
+        start_new_session=True,  # Ctrl-C ends the run, which ends the page
     )
     os.close(descriptor)
     assert process.stdin is not None
     assert process.stdout is not None
     try:
         settings = {**options._asdict(), "token": token}
-        with suppress(BrokenPipeError):  # then its answer says why
+        with suppress(BrokenPipeError):  # its answer has the reason
             process.stdin.write(f"{json.dumps(settings)}\n{to_json(description)}\n")
             process.stdin.flush()
         word, _, rest = process.stdout.readline().strip().partition(" ")
         if word != "ready":
-            why = rest or "its process ended without a word"
-            raise UserError(f"the live page can't be served at {options.host}:{options.port}: {why}")
+            why = rest or "its process ended without a message"
+            raise UserError(f"--live: the page can't be served at {options.host}:{options.port}: {why}")
         port, foxglove = rest.split(" ", 1)
         host = f"[{options.host}]" if ":" in options.host else options.host
         yield View(

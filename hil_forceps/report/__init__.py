@@ -1,1 +1,1 @@
-"""Figures out of results; no computing."""
+"""Figures and pages of results; no computation."""

@@ -1,4 +1,4 @@
-"""Figure of a simulation beside a run: each channel measured and simulated, its error underneath."""
+"""Figure of a simulation and a run: each channel measured and simulated, with its error."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -24,7 +24,7 @@ _PANEL_MM = 34.0
 
 
 class Shown(NamedTuple):
-    """How a column is written."""
+    """Label of a column."""
 
     symbol: str
     unit: str
@@ -43,7 +43,7 @@ SHOWN = {
 
 
 def beside_figure(time_s: Array, measured: Mapping[str, Array], simulated: Mapping[str, Array]) -> Figure:
-    """Draw one row a channel: both curves to the left, simulated less measured to the right."""
+    """Draw one row for each channel: both curves on the left, simulated less measured on the right."""
     with house_style():
         figure = new_figure(DOUBLE_COLUMN, 14.0 + _PANEL_MM * len(measured))
         grid = figure.subplots(len(measured), 2, sharex=True, squeeze=False, width_ratios=(3, 2))

@@ -1,4 +1,4 @@
-"""The house style of figures: sizes for print, fonts, and one look per algorithm."""
+"""The style of all figures: sizes for print, fonts, and one look for each algorithm."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,11 +16,11 @@ SINGLE_COLUMN = 85 * MM  # inches, as matplotlib counts
 DOUBLE_COLUMN = 175 * MM
 
 INK = "#222222"
-TRUTH = "#9a9a9a"  # drawn broad and underneath
+TRUTH = "#9a9a9a"  # drawn wide and in the background
 REFERENCE = "#000000"
 PAPER: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}  # behind text that crosses lines
 
-# Every font ships with matplotlib, so a figure looks the same, and has the same bytes, wherever it is drawn.
+# All fonts are part of matplotlib, so that a figure has the same bytes on every computer.
 RC: dict[Any, Any] = {
     "font.family": "STIXGeneral",
     "mathtext.fontset": "stix",
@@ -58,13 +58,13 @@ RC: dict[Any, Any] = {
     "savefig.dpi": 200,
     "path.simplify": True,
     "path.simplify_threshold": 0.2,
-    "pdf.fonttype": 42,  # editable text; journals refuse Type 3
+    "pdf.fonttype": 42,  # editable text; journals refuse fonts of Type 3
     "axes.unicode_minus": True,
 }
 
 
 class Look(NamedTuple):
-    """How one algorithm is drawn everywhere: colour safe for the colour-blind, line and marker tell it in grey."""
+    """Look of an algorithm: colours that colour-blind readers can distinguish; line and marker for prints in grey."""
 
     label: str
     color: str
@@ -72,7 +72,7 @@ class Look(NamedTuple):
     marker: str
 
 
-# Colours of Okabe and Ito, ordered so that their lightness in grey differs too.
+# Colours of Okabe and Ito, in an order in which their lightness differs, too.
 LOOKS = {
     "previous": Look("previous", "#d55e00", (0, (4, 1.2)), "s"),
     "improved_as_published": Look("improved, as published", "#cc79a7", (0, (1, 1)), "^"),
@@ -84,21 +84,21 @@ _SPARE = Look("", "#56565b", (0, (2, 1)), "v")
 
 
 def look(algorithm: str) -> Look:
-    """Return the look of an algorithm; one that is not in the table gets grey dashes and its own id."""
+    """Return the look of an algorithm; an unknown algorithm gets grey dashes and its id."""
     return LOOKS.get(algorithm) or _SPARE._replace(label=algorithm.replace("_", " "))
 
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw and save inside this; matplotlib's own settings are back afterwards."""
+    """Apply the style within the block; matplotlib's settings are restored afterwards."""
     with mpl.rc_context():
-        mpl.rcdefaults()  # a user's matplotlibrc must not change our figures
+        mpl.rcdefaults()  # a user's matplotlibrc must not change the figures
         mpl.rcParams.update(RC)
         yield
 
 
 def new_figure(width_in: float, height_mm: float) -> Figure:
-    """Make an empty figure that lays itself out; never touches pyplot."""
+    """Return an empty figure with automatic layout, without pyplot."""
     return Figure(figsize=(width_in, height_mm * MM), layout="constrained")
 
 
@@ -110,13 +110,13 @@ def panel_letter(axes: Axes, letter: str) -> None:
 
 
 def legend_above(figure: Figure, axes: Axes, columns: int) -> None:
-    """Put the legend of `axes` above all panels, where it hides nothing."""
+    """Put the legend of `axes` above all panels."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=columns)
 
 
 def thinned(time: Array, values: Array, bins: int = 1500) -> tuple[Array, Array]:
-    """Keep, per time bin, the samples where the values are lowest and highest: looks the same, prints small."""
+    """Keep the samples with minimum and maximum in each time bin, for small files of the same look."""
     if len(time) <= 4 * bins:
         return time, values
     width = -(-len(time) // bins)
@@ -132,7 +132,7 @@ def thinned(time: Array, values: Array, bins: int = 1500) -> tuple[Array, Array]
 
 
 def peak_limits(parts: list[Array], margin: float = 0.08, least: float = 0.0) -> tuple[float, float]:
-    """Return limits that hold every finite value with a margin; at least `least` apart."""
+    """Return limits around all finite values with a margin; at least `least` apart."""
     finite = [part[np.isfinite(part)] for part in parts]
     values = np.concatenate([*finite, np.zeros(1)])
     low, high = float(values.min()), float(values.max())

@@ -1,4 +1,4 @@
-"""What the figures are drawn from: plain arrays, filled by the bench and the replay."""
+"""Data of the figures as plain arrays, filled by bench and replay."""
 
 from typing import NamedTuple
 
@@ -30,11 +30,11 @@ class SummaryPoint(NamedTuple):
     algorithm: str
     simulation: int
     sample_time_s: float
-    tau_w_rmse_N_m: float | None  # None where the run was not finite
+    tau_w_rmse_N_m: float | None  # None if the run was not finite
 
 
 class TimingTraces(NamedTuple):
-    """Ages and lateness of one run against a clock, with what became of its frames."""
+    """Ages and lateness of one run in real time, with the account of its frames."""
 
     age_s: Array  # [samples] from a drive's sample to the reference computed from it being handed to the bus
     lateness_s: Array  # [ticks] from when a tick was due to when it ran

@@ -17,7 +17,7 @@ def load_rig(path: str | PathLike[str]) -> Rig:
         raise TypeError(f"path: must be the path of a rig file, not {type(path).__name__}")
     name = str(path)
     if FilePath(path).is_dir():
-        raise UserError(f"{name}: is a folder; name a rig file, a YAML")
+        raise UserError(f"{name}: is a folder; name a rig file (YAML)")
     try:
         with FilePath(path).open("rb") as file:
             content = file.read(MAX_FILE_BYTES + 1)
@@ -26,9 +26,7 @@ def load_rig(path: str | PathLike[str]) -> Rig:
     except ValueError as error:  # a NUL in the path
         raise UserError(f"{name!r}: can't be read: {error}; check the path") from None
     if len(content) > MAX_FILE_BYTES:
-        raise UserError(
-            f"{name}: is longer than {MAX_FILE_BYTES} bytes; that is no rig file, which is a YAML; name another"
-        )
+        raise UserError(f"{name}: larger than {MAX_FILE_BYTES} bytes, so not a rig file; name a rig file (YAML)")
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -113,13 +113,13 @@ class Rig(Section):
         named |= {f"motor.{key}": getattr(self.motor, key) for key in type(self.motor).model_fields}
         unknown = [key for key, parameter in named.items() if parameter.value is None]
         if unknown:
-            raise UserError([f"{key}: its value isn't known and is needed here; give a value" for key in unknown])
+            raise UserError([f"{key}: has no value, but one is needed here; give a value" for key in unknown])
         return PlantParameters(**{key.partition(".")[2]: parameter.value for key, parameter in named.items()})
 
     def require_drive(self) -> DriveLaw:
         """Return the drive's law; UserError when the rig has none."""
         if self.drive is None:
-            raise UserError("drive: the section is missing and the closed loop can't be simulated without; add it")
+            raise UserError("drive: the section is missing, and the closed loop can't be simulated without it; add it")
         return self.drive
 
     def require_bench(self) -> None:

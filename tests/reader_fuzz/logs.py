@@ -97,7 +97,7 @@ def check_cut_log(cut: Cut) -> bool:
         frames = frames_of(scratch() / f"whole{suffix}", whole, expected)
         part = frames_of(scratch() / f"part{suffix}", whole[:where] + bytes(cut.zeros), read)
     except UserError as error:
-        require("-td" in str(error) or "nothing in it is a frame" in str(error), f"refused: {error}")
+        require("-td" in str(error) or "it contains no frame" in str(error), f"refused: {error}")
         return False
     require(part == frames[: len(part)], f"cut at {where}: other frames than before the cut")
     others = whole.count(b"\n") - len(frames)  # lines of a head and of events

@@ -1,6 +1,6 @@
-"""The simulated drive as a process of its own, in real time, on any python-can interface or a pseudo terminal.
+"""The simulated drive as a separate process in real time, on a python-can interface or a pseudo terminal.
 
-It says one line, `ready ...`, when it listens, and one line of JSON at its end; nothing else goes to standard output.
+It prints one line, `ready ...`, when it listens, and one line of JSON at its end; nothing else on standard output.
 """
 
 import argparse
@@ -36,27 +36,43 @@ SHORTEST_TRUTH_S = 1e-9  # keeps one row; a page sees each
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="hil-forceps drive", description="A simulated drive in real time, on a bus or behind a serial port."
+        prog="hil-forceps drive",
+        description="Simulated drive and forceps in real time, on a CAN interface or a pseudo terminal.",
+        epilog="example: hil-forceps drive --rig configs/realistic.yaml --serial-pty /tmp/forceps",
     )
-    parser.add_argument("--rig", required=True, metavar="FILE", help="rig file that describes forceps and drive")
+    parser.add_argument("--rig", required=True, metavar="FILE", help="rig file with the forceps and the drive")
     where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument("--interface", metavar="NAME", help="python-can interface, as udp_multicast or socketcan")
-    where.add_argument("--serial-pty", metavar="LINK", help="make a pseudo terminal and a link to it here")
-    parser.add_argument("--channel", metavar="NAME", help="channel of the interface, as 239.74.163.2 or vcan0")
+    where.add_argument("--interface", metavar="NAME", help="python-can interface, such as udp_multicast or socketcan")
+    where.add_argument("--serial-pty", metavar="LINK", help="create a pseudo terminal, and a link of this name to it")
+    parser.add_argument("--channel", metavar="NAME", help="channel of the interface, such as 239.74.163.2 or vcan0")
     parser.add_argument(
-        "--option", action="append", default=[], metavar="KEY=VALUE", help="more for the interface, as port=43113"
+        "--option",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="option of the interface, such as port=43113; may be repeated",
     )
-    parser.add_argument("--simulation", type=int, choices=(0, 1, 2), default=2, help="load of the paper's; 0: none")
-    parser.add_argument("--seed", type=int, default=0, help="of sensor noise and faults")
-    parser.add_argument("--fd", action="store_true", default=None, help="CAN FD (default: what the rig says)")
-    parser.add_argument("--duration", type=_seconds, metavar="S", help="end after so long (default: when told to)")
-    parser.add_argument("--faults", metavar="FILE", help="fault schedule; times count from `ready`")
-    parser.add_argument("--live", action="store_true", help="show what really is on a page that this machine reaches")
-    parser.add_argument("--live-bind", default="", metavar="ADDRESS:PORT", help="of that page")
-    parser.add_argument("--foxglove", action="store_true", help="the same to Foxglove")
-    parser.add_argument("--fifo", action="store_true", help="real-time scheduling where permitted")
     parser.add_argument(
-        "--spin", type=_microseconds, default=DEFAULT_SPIN_NS, metavar="US", help="poll so long before each sample"
+        "--simulation",
+        type=int,
+        choices=(0, 1, 2),
+        default=2,
+        help="load: that of simulation 1 or 2 of the paper, 0 for none (default: 2)",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of sensor noise and faults (default: 0)")
+    parser.add_argument("--fd", action="store_true", default=None, help="use CAN FD (default: as in the rig file)")
+    parser.add_argument("--duration", type=_seconds, metavar="S", help="end after S seconds (default: run until ended)")
+    parser.add_argument("--faults", metavar="FILE", help="fault schedule; its times count from the line `ready`")
+    parser.add_argument("--live", action="store_true", help="show the true values on a live page, on this machine only")
+    parser.add_argument("--live-bind", default="", metavar="ADDRESS:PORT", help="address of the live page")
+    parser.add_argument("--foxglove", action="store_true", help="also send the data to Foxglove")
+    parser.add_argument("--fifo", action="store_true", help="use real-time scheduling, if permitted")
+    parser.add_argument(
+        "--spin",
+        type=_microseconds,
+        default=DEFAULT_SPIN_NS,
+        metavar="US",
+        help="poll for US microseconds before each sample is due",
     )
     return parser
 
@@ -78,15 +94,15 @@ def _microseconds(text: str) -> int:
 def _options(pairs: Sequence[str]) -> dict[str, str]:
     broken = [pair for pair in pairs if "=" not in pair]
     if broken:
-        raise UserError([f"--option {pair}: must be KEY=VALUE" for pair in broken])
+        raise UserError([f"--option {pair}: must be KEY=VALUE, such as --option port=43113" for pair in broken])
     return {key: value for key, _, value in (pair.partition("=") for pair in pairs)}
 
 
 def _faults(path: str | None) -> tuple[Fault, ...]:
-    """Read the schedule; what needs a simulated wire or the host's controller can't be done from here."""
+    """Read the schedule; UserError for faults that need the simulated bus or the host's controller."""
     faults = () if path is None else load_faults(path)
     problems = [
-        f"{path}: {fault.kind}: needs the simulated bus (virtual_forceps); a real one makes its own errors"
+        f"{path}: {fault.kind}: only possible on the simulated bus (virtual_forceps); remove it from the schedule"
         for fault in faults
         if fault.kind is FaultKind.CORRUPT_WIRE or (fault.kind is FaultKind.BUS_OFF and fault.sender is Side.HOST)
     ]
@@ -98,11 +114,11 @@ def _faults(path: str | None) -> tuple[Fault, ...]:
 def _open(arguments: argparse.Namespace, is_fd: bool, codec: LineCodec) -> tuple[CanTransport | SerialServer, str]:
     if arguments.serial_pty is not None:
         if arguments.channel is not None or arguments.option:
-            raise UserError("--channel and --option go with --interface, not with --serial-pty")
+            raise UserError("--channel and --option: only with --interface, not with --serial-pty; leave them out")
         server = SerialServer(arguments.serial_pty, codec)
         return server, f"serial {arguments.serial_pty} {server.device}"
     if arguments.channel is None:
-        raise UserError("--interface wants --channel")
+        raise UserError("--interface: needs --channel; add it")
     transport = open_can(arguments.interface, arguments.channel, is_fd, _options(arguments.option))
     return transport, f"{arguments.interface} {arguments.channel}"
 

@@ -100,8 +100,9 @@ def open_can(interface: str, channel: str, is_fd: bool, options: Mapping[str, st
         except (OSError, ValueError) as error:
             bus.shutdown()
             raise UserError(
-                f"{name}: can't be kept on this machine: {error}; give an IPv4 group, as --channel 239.74.163.2, or "
-                "let it out into the network with --option hop_limit=1"
+                f"{name}: can't be limited to this computer: {error}; use an IPv4 group, such as --channel "
+                "239.74.163.2, or "
+                "open it to the network with --option hop_limit=1"
             ) from None
     return CanTransport(bus)
 

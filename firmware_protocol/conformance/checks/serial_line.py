@@ -34,7 +34,7 @@ def send_bytes(s: Session, data: bytes) -> None:
         if s.port.send_bytes(data):
             return
         s.run(s.margins.gap_ns)
-    raise Inconclusive("the line takes no more bytes")
+    raise Inconclusive("the line accepts no more bytes")
 
 
 def answered(s: Session) -> bool:

@@ -1,1 +1,1 @@
-"""Many sessions at once: work spread over processes or a cluster, results kept as they come."""
+"""Many sessions: work distributed over processes or a cluster, each result stored when it is ready."""

@@ -1,4 +1,4 @@
-"""Many diagnoses: each log, and each folder of logs, by itself, with a folder of results of its own."""
+"""Many diagnoses: each log and each folder of logs separately, each with its folder of results."""
 
 import hashlib
 import json
@@ -25,7 +25,7 @@ REPORT, RESULT, EXTENDED, FIGURES = "report.html", "diagnosis.json", "extended.y
 
 
 class Set(NamedTuple):
-    """What is diagnosed together."""
+    """Logs that are diagnosed together."""
 
     name: str
     path: Path
@@ -33,7 +33,7 @@ class Set(NamedTuple):
 
 
 class DiagnosisTask(NamedTuple):
-    """One diagnosis to be made."""
+    """The input of one diagnosis."""
 
     of: Set
     rig: Rig
@@ -45,7 +45,7 @@ class DiagnosisTask(NamedTuple):
 
 
 class Line(NamedTuple):
-    """What came of it, a line of the table."""
+    """The result of one diagnosis: a row of the table."""
 
     name: str
     verdict: str  # "": it could not be made
@@ -55,9 +55,10 @@ class Line(NamedTuple):
 
 
 def sets_of(folder: Path, rig: Path | None, out: Path) -> list[Set]:
-    """Return what a folder holds to be diagnosed: each file and each folder in it.
+    """Return the sets of logs in a folder: each file and each folder in it.
 
-    UserError where it is no folder or holds nothing, where no rig is known, and where results would be put among logs.
+    UserError if it is not a folder or is empty, if a rig is missing, or if the results would be in the folder of the
+    logs.
     """
     require_folder(folder)
     found, problems = [], []
@@ -73,7 +74,7 @@ def sets_of(folder: Path, rig: Path | None, out: Path) -> list[Set]:
     if problems:
         raise UserError(problems)
     if not found:
-        raise UserError(f"{folder}: no logs in it; `hil-forceps import` says what can be read")
+        raise UserError(f"{folder}: contains no logs; see `hil-forceps import --help` for the formats")
     for each in found:
         _refuse_among_logs(each.path.resolve(), (out / each.name).resolve())
     return found
@@ -81,13 +82,13 @@ def sets_of(folder: Path, rig: Path | None, out: Path) -> list[Set]:
 
 def _refuse_among_logs(logs: Path, results: Path) -> None:
     if results.is_relative_to(logs) or logs.is_relative_to(results):
-        raise UserError(f"out {results.parent}: results would be put among the logs in {logs}; name another folder")
+        raise UserError(f"out {results.parent}: is within the folder of the logs, {logs}; name a folder outside it")
 
 
 def tasks_of(
     sets: Sequence[Set], rigs: dict[Path, Rig], out: Path, columns: Sequence[str], wishes: Wishes, *, figures: bool
 ) -> list[DiagnosisTask]:
-    """Return the tasks; each runs in one thread, for there are many of them."""
+    """Return the tasks; each runs in one thread, because many run in parallel."""
     mapping = read_map(columns)
     alone = wishes._replace(jobs=1)
     return [
@@ -105,7 +106,7 @@ def tasks_of(
 
 
 def done(task: DiagnosisTask) -> Line | None:
-    """Return what came of a diagnosis that was made already of the same bytes; None where it is to be made."""
+    """Return the result of an earlier diagnosis with the same inputs; None if there is none."""
     try:
         told = json.loads((task.out / VERDICT).read_text(encoding="utf-8"))
         if told["key"] != task.key:
@@ -116,7 +117,7 @@ def done(task: DiagnosisTask) -> Line | None:
 
 
 def diagnose_task(task: DiagnosisTask) -> Line:
-    """Make one diagnosis and write its results; whatever is wrong with its logs is its line, and no exception."""
+    """Make one diagnosis and write its results; an error in its logs is its row of the table, not an exception."""
     began_s = time.monotonic()
     figures: list[str] = []
     try:
@@ -146,7 +147,7 @@ def _diagnosed(task: DiagnosisTask, began_s: float) -> tuple[Line, list[str]]:
 
 
 def _clear(folder: Path) -> None:
-    """Remove what a diagnosis of other bytes has left, and nothing else: its verdict names its figures."""
+    """Remove only the results of an earlier diagnosis with other inputs; its verdict file names its figures."""
     try:
         told = json.loads((folder / VERDICT).read_text(encoding="utf-8"))
         figures = [Path(str(name)).name for name in told["figures"]]
@@ -163,7 +164,7 @@ def _unusable(task: DiagnosisTask, reason: str, began_s: float) -> Line:
 
 
 def _key(of: Set, rig: Rig, mapping: ColumnMap, wishes: Wishes, *, figures: bool) -> str:
-    """Return what the results hang on: the bytes of all files, the rig, the version and the options."""
+    """Return the key of the results: a digest of all files, the rig, the version and the options."""
     digest = hashlib.sha256(key_of(rig, mapping).encode())
     digest.update(repr((wishes, figures)).encode())
     files = sorted(of.path.rglob("*")) if of.path.is_dir() else [of.path]

@@ -1,4 +1,4 @@
-"""Where the work of many sessions is done: processes of this machine, or a cluster, all through joblib."""
+"""Executors for the work of many sessions: processes of this computer or a cluster, through joblib."""
 
 import importlib
 import importlib.util
@@ -17,13 +17,11 @@ Result = TypeVar("Result")
 
 
 def check_executor(executor: str) -> None:
-    """UserError where an executor is none of those known, or what it needs is not installed."""
+    """UserError for an unknown executor, or if its package is not installed."""
     name = executor.partition("://")[0]
     known = executor in {PROCESSES, "ray"} or (name in {"dask", "ray"} and executor.partition("://")[2])
     if not known:
-        raise UserError(
-            f"executor {executor}: is not known; there are processes, dask://HOST:PORT, ray, ray://HOST:PORT"
-        )
+        raise UserError(f"executor {executor}: is unknown; use processes, dask://HOST:PORT, ray or ray://HOST:PORT")
     needed = {"dask": ("dask", "distributed"), "ray": ("ray",)}.get(name, ())
     for module in needed:
         if importlib.util.find_spec(module) is None:
@@ -31,9 +29,9 @@ def check_executor(executor: str) -> None:
 
 
 def spread(work: Callable[[Task], Result], tasks: Sequence[Task], executor: str, jobs: int | None) -> Iterator[Result]:
-    """Yield the results of tasks as they come, in no order; `jobs`: at a time, by default all processors.
+    """Yield the results of tasks in the order in which they end; `jobs`: processes, by default all processors.
 
-    `work` and its tasks are sent to other processes: a function of a module, and plain data. UserError where a cluster
+    `work` is a function of a module, tasks are plain data: both are sent to other processes. UserError if a cluster
     can't be reached or a process is lost.
     """
     check_executor(executor)
@@ -58,14 +56,14 @@ def spread(work: Callable[[Task], Result], tasks: Sequence[Task], executor: str,
                 )
         except joblib.externals.loky.process_executor.TerminatedWorkerError as error:
             raise UserError(
-                "a process that fitted a log was ended from outside, for want of memory perhaps; run it again with "
-                "fewer --jobs: what is done stays"
+                "a process that fitted a log was killed, possibly for lack of memory; run the command again with "
+                "fewer --jobs; finished logs are kept"
             ) from error
 
 
 @contextmanager
 def _backend(executor: str, joblib: Any) -> Iterator[int]:
-    """Make joblib's backend that of an executor; yield how many workers it has, 0 where that is not told."""
+    """Select joblib's backend for an executor; yield its number of workers, 0 if unknown."""
     name, _, address = executor.partition("://")
     if name == "dask":
         with _dask(executor, address) as workers, joblib.parallel_config("dask"):
@@ -84,11 +82,15 @@ def _dask(executor: str, address: str) -> Iterator[int]:
     try:
         client = distributed.Client(f"tcp://{address}", timeout="10s")
     except (OSError, ValueError) as error:
-        raise UserError(f"executor {executor}: no scheduler answers there; start one with `dask scheduler`") from error
+        raise UserError(
+            f"executor {executor}: no scheduler answers at this address; start one with `dask scheduler`"
+        ) from error
     with client:
         workers = sum(int(each["nthreads"]) for each in client.scheduler_info(n_workers=-1)["workers"].values())
         if workers < 1:
-            raise UserError(f"executor {executor}: no workers there; start some with `dask worker {address}`")
+            raise UserError(
+                f"executor {executor}: the scheduler has no workers; start some with `dask worker {address}`"
+            )
         yield workers
 
 
@@ -101,7 +103,7 @@ def _ray(executor: str) -> Iterator[None]:
             address = executor if executor.startswith("ray://") else None
             ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level="ERROR")
     except (ConnectionError, OSError, RuntimeError, ValueError) as error:
-        raise UserError(f"executor {executor}: no cluster of Ray answers there; see `ray status`") from error
+        raise UserError(f"executor {executor}: no Ray cluster answers at this address; see `ray status`") from error
     register()
     try:
         yield

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all: what a kill leaves half written has another name."""
+"""Files that are written completely or not at all: a partial file has another name."""
 
 import json
 import os
@@ -10,7 +10,7 @@ from typing import Any
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Give a path to write to, which becomes `path` at the end of the body; raises OSError as the disk does."""
+    """Yield a temporary path, which is renamed to `path` at the end of the block; OSError if writing fails."""
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name}.{os.getpid()}")
     try:
@@ -21,6 +21,6 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON; ValueError for numbers that it has no word for."""
+    """Write JSON; ValueError for numbers that are not finite."""
     with whole(path) as unfinished:
         unfinished.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A few longer tasks over the processes of this machine, their results in order."""
+"""A few longer tasks over processes of this computer, with results in order."""
 
 import os
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def over_processes(work: Callable[[Any], Any], tasks: list[Any], jobs: int | None) -> list[Any]:
-    """Return the results of tasks in their order; in this process where there is one only."""
+    """Return the results of tasks in their order; a single task runs in this process."""
     count = min(jobs or os.cpu_count() or 1, len(tasks))
     if count <= 1:
         return [work(task) for task in tasks]

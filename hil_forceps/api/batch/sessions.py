@@ -1,4 +1,4 @@
-"""All sessions fitted: those that are done already read, the others spread over workers and kept as they come."""
+"""Fit of all sessions: stored results are read, the other sessions are distributed over workers."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ def fit_sessions(
     jobs: int | None,
     say: Callable[[str], None],
 ) -> Rows:
-    """Return the rows of all sessions, in their order. UserError where a cluster can't be reached."""
+    """Return the rows of all sessions, in their order. UserError if a cluster can't be reached."""
     keys = {path: key_of(rig, mapping) for path, rig in rigs.items()}
     clear_others(out, sessions)
     found: dict[str, Rows] = {}

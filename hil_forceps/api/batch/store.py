@@ -1,6 +1,6 @@
-"""Results of sessions as they come: a Parquet file each, written whole or not at all, and all of them as one table.
+"""Stored results of sessions: one Parquet file each, written completely or not at all, and one table of all.
 
-A session is done again when the bytes of its log, its rig, the version or the options are others.
+A session is fitted again if its log, its rig, the version or the options have changed.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ Rows = list[dict[str, Any]]
 
 
 def key_of(rig: Rig, mapping: ColumnMap) -> str:
-    """Return what results hang on besides the log."""
+    """Return the part of the key that does not depend on the log: rig, version and options."""
     text = json.dumps([__version__, METHOD, dump_rig(rig), sorted((str(k), str(v)) for k, v in mapping.items())])
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -60,14 +60,14 @@ def schema() -> Any:
 
 
 def file_of(out: Path, session: Session) -> Path:
-    """Return where a session's result is kept; names that differ never share a file."""
+    """Return the file of a session's result; different names have different files."""
     readable = "".join(c if c.isalnum() or c in "-_." else "_" for c in session.name)[-80:]
     own = hashlib.sha256(session.name.encode()).hexdigest()[:10]
     return out / SESSIONS / f"{readable}-{own}.parquet"
 
 
 def rows_of(outcome: Outcome) -> Rows:
-    """Return the rows of a session: one of each parameter, or one that says why there is none."""
+    """Return the rows of a session: one for each parameter, or one with the reason why there is none."""
     fit = outcome.fit
     common: dict[str, Any] = {
         "session": outcome.session.name,
@@ -100,7 +100,7 @@ def rows_of(outcome: Outcome) -> Rows:
 
 
 def write_rows(rows: Rows, columns: Any, path: Path) -> None:
-    """Write a table whole or not at all; raises OSError as the disk does."""
+    """Write a table completely or not at all; OSError if writing fails."""
     import pyarrow as pa  # noqa: PLC0415
     import pyarrow.parquet as pq  # noqa: PLC0415
 
@@ -115,7 +115,7 @@ def keep(outcome: Outcome, out: Path) -> None:
 
 
 def kept(out: Path, task: Task) -> Rows | None:
-    """Return the result of a session that is there already, None where it is to be done (again)."""
+    """Return the stored result of a session, None if it must be fitted."""
     import pyarrow as pa  # noqa: PLC0415
     import pyarrow.parquet as pq  # noqa: PLC0415
 
@@ -147,9 +147,9 @@ def _is_of(stamp: Stamp, path: Path) -> bool:
 
 
 def clear_others(out: Path, sessions: Sequence[Session]) -> None:
-    """Remove results of sessions that are not there any more, and what a killed process left half written.
+    """Remove results of sessions that no longer exist, and partial files of killed processes.
 
-    Other tables that lie in the folder stay: a result is known by the key in it.
+    Other tables in the folder stay: results are recognised by their key.
     """
     wanted = {file_of(out, session) for session in sessions}
     folder = out / SESSIONS

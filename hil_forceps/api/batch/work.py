@@ -1,4 +1,4 @@
-"""The work of one session: read its log, fit the known parameters. It runs in a process of its own, or elsewhere."""
+"""The work of one session: read its log, fit the known parameters. It may run in another process or computer."""
 
 import hashlib
 from pathlib import Path
@@ -17,7 +17,7 @@ MAX_REASON_CHARACTERS = 300
 
 
 class Task(NamedTuple):
-    """One session to be fitted."""
+    """The input of one session's fit."""
 
     session: Session
     rig: Rig
@@ -26,7 +26,7 @@ class Task(NamedTuple):
 
 
 class Stamp(NamedTuple):
-    """Which bytes a result came from."""
+    """Identity of the log from which a result was computed."""
 
     bytes: int
     changed_ns: int
@@ -34,7 +34,7 @@ class Stamp(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What came of a session."""
+    """The result of one session."""
 
     session: Session
     key: str
@@ -45,7 +45,7 @@ class Outcome(NamedTuple):
 
 
 def stamp_of(path: Path) -> Stamp:
-    """Return size, time and digest of a file; OSError as the disk does."""
+    """Return size, time and digest of a file; OSError if it can't be read."""
     stat = path.stat()
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
@@ -53,7 +53,7 @@ def stamp_of(path: Path) -> Stamp:
 
 
 def fit_task(task: Task) -> Outcome:
-    """Fit one session; whatever is wrong with it is its reason, and no exception."""
+    """Fit one session; an error in its data is the reason in the result, not an exception."""
     session, stamp, recorded = task.session, Stamp(0, 0, ""), ""
     try:
         stamp = stamp_of(session.path)
@@ -70,7 +70,7 @@ def fit_task(task: Task) -> Outcome:
 
 
 def recorded_begin(path: Path) -> str:
-    """Return when a recording says that it began, "" where it doesn't."""
+    """Return the start of a recording as it contains it, "" if it does not."""
     if path.suffix.lower() != ".mcap":
         return ""
     return read_recording(path).metadata.get(BEGUN_KEY, "")

@@ -1,1 +1,1 @@
-"""Runs without the bus: samples go straight to estimator, compensation and gate."""
+"""Runs without the bus: samples go directly to estimator, compensation and gate."""

@@ -1,6 +1,6 @@
-"""Runs without the bus: estimator, compensation and gate fed with samples as they are taken.
+"""Runs without the bus: samples go directly to estimator, compensation and gate.
 
-For sample times that no CAN carries. The world comes through an entry point, as drives do, so that the bench imports
+For sample times that are too short for CAN. The simulated world is loaded by entry point, as drives are, so that the
 none.
 """
 
@@ -37,14 +37,14 @@ class World(Protocol):
         """Latch all sensors now: time [ns], θ_m [rad], current [A], θ_j [rad], τ_w [N m]."""
 
     def advance(self, reference_rad: float) -> None:
-        """Move on by one sample under this reference of the motor angle."""
+        """Advance by one sample with this reference of the motor angle."""
 
     def compiled(self) -> CompiledWorld | None:
-        """Return it as it is at its start, to be stepped in a compiled loop instead; None where it can't."""
+        """Return the world in its initial state for a compiled loop; None if there is no compiled version."""
 
 
 class DirectRun(NamedTuple):
-    """What happened, one row per sample: time, τ_w, τ̂_w, θ_j, θ_j^ref, x, x̂; and why it ended."""
+    """Result, one row per sample: time, τ_w, τ̂_w, θ_j, θ_j^ref, x, x̂; and why the run ended."""
 
     rows: NDArray[np.float64]
     ending: str
@@ -53,7 +53,7 @@ class DirectRun(NamedTuple):
 def execute_direct(
     spec: RunSpec, rigs: Rigs, seed: int, stop_requested: Callable[[], bool]
 ) -> tuple[RunRecord, RunTraces]:
-    """Run `spec` at its sample time without protocol and bus; UserError when no world is installed."""
+    """Run `spec` at its sample time without protocol and bus; UserError if no world is installed."""
     world = _world_factory()(rigs.plant, spec.simulation, seed)
     began = time.perf_counter()
     run = run_direct(world, spec, rigs, stop_requested, ahead=True)
@@ -69,7 +69,9 @@ def execute_direct(
 def _world_factory() -> Callable[[Rig, int, int], World]:
     found = {point.name: point for point in entry_points(group=GROUP)}
     if WORLD not in found:
-        raise UserError(f"no world '{WORLD}' is installed (entry point group {GROUP}); `make install` installs it")
+        raise UserError(
+            f"the simulated world '{WORLD}' is not installed (entry point group {GROUP}); run `make install`"
+        )
     factory: Callable[[Rig, int, int], World] = found[WORLD].load()
     return factory
 
@@ -77,9 +79,9 @@ def _world_factory() -> Callable[[Rig, int, int], World]:
 def run_direct(
     world: World, spec: RunSpec, rigs: Rigs, stop_requested: Callable[[], bool], *, ahead: bool
 ) -> DirectRun:
-    """Step `world` through the run; ends early at the first reference that the gate denies, or on request.
+    """Step `world` through the run; end at the first reference that the gate denies, or on request.
 
-    `ahead`: compiled and ahead of the gate (`run_ahead`) where world and estimator can; the results are the same.
+    `ahead`: use the compiled loop of `run_ahead` if world and estimator allow; the results are the same.
     """
     estimator = make_estimator(spec.algorithm, rigs.estimator, spec.sample_time_s, over_wire=False)
     compiled = world.compiled() if ahead else None
@@ -90,7 +92,7 @@ def run_direct(
     believed, gate, trajectory = rigs.estimator.plant(), gate_for(rigs.plant, spec.sample_time_s), PAPER_TRAJECTORY
     r_m, r_j = rigs.plant.plant().motor_pulley_radius_m, rigs.plant.plant().jaw_pulley_radius_m
     torque_per_A = believed.torque_constant_N_m_per_A
-    samples = round(spec.duration_s / spec.sample_time_s) + 1  # both ends, as the service does
+    samples = round(spec.duration_s / spec.sample_time_s) + 1  # both ends, as in the service
     rows = np.empty((samples, 7))
     state = None
     for row in range(samples):
@@ -117,9 +119,9 @@ def run_direct(
 def _run_ahead(
     world: CompiledWorld, estimator: Compiled, spec: RunSpec, rigs: Rigs, stop_requested: Callable[[], bool]
 ) -> DirectRun | None:
-    """Run ahead of the gate; None where that changes so many references that it doesn't pay."""
+    """Run ahead of the gate; None if the gate changes so many references that this is slower."""
     gate, period_ns = gate_for(rigs.plant, spec.sample_time_s), round(spec.sample_time_s * 1e9)
-    samples = round(spec.duration_s / spec.sample_time_s) + 1  # both ends, as the service does
+    samples = round(spec.duration_s / spec.sample_time_s) + 1  # both ends, as in the service
     time_s = np.asarray(period_ns * np.arange(samples) * 1e-9, dtype=np.float64)
     theta_j_ref = PAPER_TRAJECTORY.angles(time_s)
     ahead = Ahead(world, estimator, Law(rigs.estimator.plant(), spec.compensated), period_ns, theta_j_ref)

@@ -1,1 +1,1 @@
-"""The course of a recorded run in plain sentences: what happened, what ended it, what may be behind it."""
+"""Explanation of a recorded run: its events, what ended it, and likely causes."""

@@ -1,4 +1,4 @@
-"""What happened in a run, in the order of time: one sentence for each stretch of ticks or samples of one kind."""
+"""Events of a run in the order of time: one sentence for each stretch of ticks or samples of one kind."""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -12,13 +12,13 @@ from hil_forceps.bridge.pipeline import Verdict
 from hil_forceps.control.gate import GateVerdict
 from hil_forceps.data.recording.writer import Outcome
 
-MAX_JOINED_GAP_NS = 50_000_000  # stretches of one kind that lie nearer together are one
-MIN_QUIET_TICKS = 3  # in a row without a new sample, to be told: clocks that drift make one or two
-MIN_APPROACH_RAD = 1e-9  # of the reference beside the trajectory, far above what rounding leaves
-MIN_UNHEARD_REFERENCES = 3  # that the drive's echo doesn't show: one or two are always under way
+MAX_JOINED_GAP_NS = 50_000_000  # stretches of one kind with a shorter gap between them are joined
+MIN_QUIET_TICKS = 3  # ticks in a row without a new sample that are an event; drift of the clocks causes one or two
+MIN_APPROACH_RAD = 1e-9  # difference between reference and trajectory, far above rounding errors
+MIN_UNHEARD_REFERENCES = 3  # references not confirmed by the drive; one or two are always in transit
 STATE_WORDS = {
     DriveState.DISABLED: "DISABLED, without torque",
-    DriveState.ARMED: "ARMED, waiting for a first reference",
+    DriveState.ARMED: "ARMED, waiting for the first reference",
     DriveState.OPERATIONAL: "OPERATIONAL, following references",
     DriveState.FAULT: "FAULT",
 }
@@ -26,7 +26,7 @@ Mask = NDArray[np.bool_]
 
 
 class Event(NamedTuple):
-    """Something that happened; time in s since the start."""
+    """An event; time in s since the start of the run."""
 
     time_s: float
     kind: str
@@ -34,7 +34,7 @@ class Event(NamedTuple):
 
 
 def events_of(evidence: Evidence) -> list[Event]:
-    """Return all of them, oldest first."""
+    """Return all events, oldest first."""
     sources: tuple[Callable[[Evidence], Iterator[Event]], ...] = (
         _stages, _states, _zero, _gate, _approach, _missing_samples, _ticks, _skipped_ticks, _unheard,
     )  # fmt: skip
@@ -43,7 +43,7 @@ def events_of(evidence: Evidence) -> list[Event]:
 
 
 def unheard_references(evidence: Evidence) -> tuple[int, int] | None:
-    """Return how many references left since the drive's echo last moved, and when that was; None before any."""
+    """Return the number of references sent since the drive last confirmed one, and that time; None before the first."""
     samples = evidence.samples[evidence.samples["received_ns"] <= evidence.ended_ns]
     moved = np.flatnonzero(np.diff(samples["setpoint_sequence"].astype(np.int16)))
     if not moved.size:
@@ -54,7 +54,7 @@ def unheard_references(evidence: Evidence) -> tuple[int, int] | None:
 
 
 def stretches(mask: Mask, times: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
-    """Yield first row, last row and count of each stretch of rows that hold, joined where they lie near together."""
+    """Yield first row, last row and number of rows of each stretch where `mask` is true; near stretches are joined."""
     rows = np.flatnonzero(mask)
     if not rows.size:
         return
@@ -64,15 +64,19 @@ def stretches(mask: Mask, times: NDArray[np.int64]) -> Iterator[tuple[int, int, 
 
 
 def _stages(evidence: Evidence) -> Iterator[Event]:
-    words = {"connecting": "the drive is looked for", "enabling": "it answers and is asked for torque",
-             "running": "references follow the trajectory", "stopping": "the drive is asked for no torque"}  # fmt: skip
+    words = {
+        "connecting": "the service looks for the drive",
+        "enabling": "the drive answers, and torque is requested",
+        "running": "references follow the trajectory",
+        "stopping": "the drive is requested to remove torque",
+    }
     for time_ns, stage in evidence.stages:
         if stage in words:
             yield Event(evidence.time_s(time_ns), "stage", words[stage])
 
 
 def _gate(evidence: Evidence) -> Iterator[Event]:
-    """Tell the check of the gate that ended the run."""
+    """Yield the failed check of the gate that ended the run."""
     if evidence.gate_trip_ns is not None and evidence.fault is not None:
         check, unit = evidence.fault["check"], evidence.fault["unit"]
         value, limit = (evidence.fault[key] for key in ("value", "limit"))
@@ -91,28 +95,29 @@ def _states(evidence: Evidence) -> Iterator[Event]:
         words = STATE_WORDS.get(DriveState(state), "") if state in set(DriveState) else f"state {state}"
         if state == DriveState.FAULT:
             words += f": {_fault_words(evidence, fault)}"
-        begin = "the drive says" if place else f"the first sample {'kept' if evidence.is_second else 'comes'}; it says"
+        first = "the first sample that was kept" if evidence.is_second else "the first sample arrives"
+        begin = "state of the drive:" if place else f"{first}; state of the drive:"
         yield Event(evidence.time_s(int(samples["received_ns"][row])), "state", f"{begin} {words}")
 
 
 def _fault_words(evidence: Evidence, fault: int) -> str:
-    """Return a fault in the words of the drive's maker, where they were kept."""
+    """Return the name of a fault, in the maker's words if fault.json has them."""
     if evidence.profile == "native":
         return fault_words(fault)
     if evidence.fault is not None:
         return str(evidence.fault["drive"].get("fault", ""))
-    return f"see below, and what {evidence.profile} has to say of it"
+    return f"see the message below, and the documents of {evidence.profile}"
 
 
 def _zero(evidence: Evidence) -> Iterator[Event]:
     rows = np.flatnonzero(evidence.samples["stamp_ns"] == (-1 if evidence.zero_ns is None else evidence.zero_ns))
     if rows.size:
         time_s = evidence.time_s(int(evidence.samples["received_ns"][rows[0]]))
-        yield Event(time_s, "zero", "zero: the time of the experiment counts from here")
+        yield Event(time_s, "zero", "zero: the time of trajectory and load counts from here")
 
 
 def _approach(evidence: Evidence) -> Iterator[Event]:
-    """Tell the way from where the jaw was to where the trajectory was, by what was added to the reference."""
+    """Yield the approach: how far the reference is from the compensated trajectory (10), and for how long."""
     references = evidence.references
     rows = np.flatnonzero((references["trajectory_ns"] >= 0) & np.isfinite(references["requested_rad"]))
     if evidence.rig is None or not rows.size:
@@ -126,12 +131,12 @@ def _approach(evidence: Evidence) -> Iterator[Event]:
         return
     end = int(np.argmin(moving)) if not moving.all() else len(rows) - 1
     begin_ns, end_ns = (int(references["tick_ns"][rows[row]]) for row in (0, end))
-    over = "" if not moving.all() else ", and is not over at the end"
+    over = "" if not moving.all() else ", and the approach is not over at the end"
     yield Event(
         evidence.time_s(begin_ns),
         "approach",
         f"approach: the motor is {float(added[0]):+.4f} rad from the trajectory; "
-        f"it fades out in {(end_ns - begin_ns) / 1e9:.3f} s{over}",
+        f"the difference is removed in {(end_ns - begin_ns) / 1e9:.3f} s{over}",
     )
 
 
@@ -144,7 +149,7 @@ def _missing_samples(evidence: Evidence) -> Iterator[Event]:
     jumps = (sequences[1:] - sequences[:-1] - 1) % 256
     for first, last, _ in stretches(jumps > 0, times[:-1]):
         count = int(jumps[first : last + 1].sum())
-        text = f"{_number(count, 'sample')} of the drive did not come, by their sequence numbers"
+        text = f"{_number(count, 'sample')} of the drive are missing, by their sequence numbers"
         yield Event(evidence.time_s(int(times[first])), "missing samples", text)
 
 
@@ -156,13 +161,13 @@ def _ticks(evidence: Evidence) -> Iterator[Event]:
         text = _verdict_words(code, evidence.verdicts.get(code, f"verdict {code}"))
         if text:
             yield from _told(evidence, mask, text, MIN_QUIET_TICKS if code == Verdict.NOTHING_NEW else 1)
-    for outcome, text in ((Outcome.QUEUE_FULL, "found the bus full, so {its} stayed away"),
-                          (Outcome.BUS_DOWN, "found no bus for {its}")):  # fmt: skip
+    for outcome, text in ((Outcome.QUEUE_FULL, "with a full send queue, so that {its} was not sent"),
+                          (Outcome.BUS_DOWN, "with the bus down, so that {its} was not sent")):  # fmt: skip
         yield from _told(evidence, references["outcome"] == outcome, text, 1)
 
 
 def _told(evidence: Evidence, mask: Mask, text: str, least: int) -> Iterator[Event]:
-    """Tell each stretch; in `text` `{its}` stands for the references of its ticks, `{lasts}` for their time."""
+    """Yield an event for each stretch; in `text` `{its}` means the references of its ticks, `{lasts}` its time."""
     times = evidence.references["tick_ns"]
     for first, last, count in stretches(mask, times):
         if count >= least:
@@ -173,18 +178,18 @@ def _told(evidence: Evidence, mask: Mask, text: str, least: int) -> Iterator[Eve
 
 
 def _verdict_words(code: int, name: str) -> str:
-    """Return what a tick with this verdict did; empty where it is nothing to tell."""
+    """Return the text for ticks with this verdict; empty if they are no event."""
     if name == GateVerdict.FROZEN.name:
-        return "had {its} held where the last one was, for {lasts}, since a check of the gate fails"
+        return "with {its} held at the last value for {lasts}, because a check of the gate fails"
     if name == GateVerdict.DENIED_LATCHED.name:
-        return "had {its} denied: the gate has latched, since the check went on failing for as long as it holds"
+        return "with {its} denied: the gate has latched, because the check failed for longer than the gate holds"
     if code == Verdict.NOTHING_NEW:
-        return "had no new sample, so no reference left"
+        return "without a new sample, so that no reference was sent"
     if code == Verdict.STALE:
-        return "had only a sample older than limits.max_sample_age_s, so no reference left"
+        return "without a sample younger than limits.max_sample_age_s, so that no reference was sent"
     if name.startswith("LIMITED_"):
-        return f"had {{its}} limited by the gate ({name[8:].lower()})"
-    return f"had {{its}} denied ({name})" if name.startswith("DENIED_") else ""
+        return f"with {{its}} limited by the gate ({name[8:].lower()})"
+    return f"with {{its}} denied ({name})" if name.startswith("DENIED_") else ""
 
 
 def _skipped_ticks(evidence: Evidence) -> Iterator[Event]:
@@ -198,14 +203,14 @@ def _skipped_ticks(evidence: Evidence) -> Iterator[Event]:
     for first, last, _ in stretches(steps > 1.5 * period, times[:-1]):
         skipped = int(np.round(steps[first : last + 1] / period - 1.0).sum())
         longest_ms = float(steps[first : last + 1].max()) / 1e6
-        text = f"this host was late: {_number(skipped, 'tick')} left out, the longest pause {longest_ms:.1f} ms"
+        text = f"this host was late: {_number(skipped, 'tick')} skipped, longest pause {longest_ms:.1f} ms"
         yield Event(evidence.time_s(int(times[first])), "overruns", text)
 
 
 def _unheard(evidence: Evidence) -> Iterator[Event]:
     found = unheard_references(evidence)
     if found is not None and found[0] >= MIN_UNHEARD_REFERENCES and evidence.profile == "native":
-        text = f"the drive takes its last reference; {found[0]} sent after it did not arrive, or were refused"
+        text = f"the drive accepts its last reference; the {found[0]} sent after it did not arrive, or were refused"
         yield Event(evidence.time_s(found[1]), "unheard", text)
 
 

@@ -1,4 +1,4 @@
-"""What there is to tell of a run: its recording, damaged or not, and the second that was kept before a fault."""
+"""Data for the explanation of a run: its recording, damaged or not, and the last second before a fault."""
 
 import json
 import math
@@ -30,34 +30,34 @@ Stages = tuple[tuple[int, str], ...]
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Tables as in a recording. Strings are empty and `rig` is None where nothing says it."""
+    """Tables as in a recording. Strings are empty and `rig` is None if the source does not contain them."""
 
     name: str
     samples: Table
     references: Table
-    reason: str  # a `StopReason`'s word, or "crashed"; empty where the run's end isn't recorded
+    reason: str  # the value of a `StopReason`, or "crashed"; empty if the end isn't recorded
     message: str
     began_ns: int  # host's clock
     ended_ns: int  # when the run began to end, or the last message
-    stages: Stages  # when each began; empty where nothing says it
+    stages: Stages  # start of each; may be empty
     zero_ns: int | None  # drive's clock
-    profile: str  # what the drive speaks
+    profile: str  # of the drive
     rig: Rig | None
     fault: Mapping[str, Any] | None  # of `fault.json`
     verdicts: Mapping[int, str]
-    lateness: NDArray[np.int64]  # rows of a tick's time and how late it was; none without `fault`
+    lateness: NDArray[np.int64]  # rows of a tick's time and its lateness; none without `fault`
     notes: tuple[str, ...]
-    is_damaged: bool = False  # the file was ended as it should, so what is missing in it went later
+    is_damaged: bool = False  # the file has its end, so that what is missing was lost later
 
     @property
     def gate_trip_ns(self) -> int | None:
-        """When the check of the gate failed that ended the run; None where none did, or nothing says it."""
+        """Time at which the check of the gate failed that ended the run; None if none did, or it is not known."""
         fault = self.fault or {}
         return int(fault["time_ns"]) if fault.get("check") in GATE_CHECKS else None
 
     @property
     def is_second(self) -> bool:
-        """Whether nothing but the last second is known."""
+        """Whether only the last second is available."""
         return self.rig is None and self.fault is not None
 
     def time_s(self, time_ns: int) -> float:
@@ -66,7 +66,7 @@ class Evidence:
 
 
 def read_evidence(path: Path) -> Evidence:
-    """Read a recording, or `fault.json` alone; UserError where it is neither."""
+    """Read a recording, or a `fault.json`; UserError if it is neither."""
     if path.suffix == ".json":
         return _of_fault(path.name, _fault_of(path.read_bytes(), str(path)), ())
     beside = fault_path(path)
@@ -102,7 +102,7 @@ def _of_recording(recording: Recording, path: Path, beside: Path) -> Evidence:
     elif fault is not None:
         ended_ns = int(fault["time_ns"])
     elif len(recording.references) and result.get("reason") not in {None, *(reason.value for reason in AS_MEANT)}:
-        ended_ns = int(recording.references["tick_ns"][-1])  # they stop where the run begins to end
+        ended_ns = int(recording.references["tick_ns"][-1])  # references stop when the run begins to end
     return Evidence(
         name=path.name,
         samples=recording.samples,
@@ -141,34 +141,32 @@ def _of_fault(name: str, fault: dict[str, Any], notes: tuple[str, ...]) -> Evide
         fault=fault,
         verdicts={int(code): str(words) for code, words in fault.get("verdicts", VERDICT_NAMES).items()},
         lateness=_lateness(fault),
-        notes=(*notes, "only the last second is known"),
+        notes=(*notes, "only the last second is available"),
     )
 
 
 def _fault_of(content: bytes, name: str) -> dict[str, Any]:
-    """Return the checked content of `fault.json`; UserError with what is wrong with it."""
+    """Return the content of `fault.json`; UserError if it is not valid."""
     try:
         fault: dict[str, Any] = parse_json(content.decode())
         if fault["format"] != FAULT_FORMAT:
-            raise UserError(f"{name}: of format {fault['format']!r}; use the version that wrote it")
+            raise UserError(f"{name}: has the format {fault['format']!r}; use the version of hil-forceps that wrote it")
         _check(fault)
         _table(fault["samples"], SAMPLE)
         _table(fault["references"], REFERENCE)
         _lateness(fault)
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        told = "a value in it is of another kind than was written"
+        told = "a value has the wrong type"
         if isinstance(error, KeyError):
-            told = f"{str(error.args[0])[:MAX_KEY_CHARACTERS]!r} is missing in it"
+            told = f"{str(error.args[0])[:MAX_KEY_CHARACTERS]!r} is missing"
         elif isinstance(error, UnicodeDecodeError | JSONDecodeError):
-            told = "it is no JSON in UTF-8"
-        raise UserError(
-            f"{name}: isn't the last second before a fault: {told}; take run.mcap, or save it again"
-        ) from error
+            told = "it is not JSON in UTF-8"
+        raise UserError(f"{name}: is not a valid fault.json: {told}; use run.mcap instead") from error
     return fault
 
 
 def _check(fault: dict[str, Any]) -> None:
-    """TypeError or LookupError for what isn't as it was written."""
+    """TypeError or LookupError for content of the wrong type."""
     drive = fault["drive"]
     texts = [*(fault[key] for key in ("reason", "check", "message", "stage", "unit")), drive["profile"], drive["fault"]]
     texts += [*fault["verdicts"].values(), *(stage for _, stage in fault["stages"])]
@@ -186,7 +184,7 @@ def _check(fault: dict[str, Any]) -> None:
 
 
 def _table(content: Mapping[str, Any], topic: Topic) -> Table:
-    """Return columns and rows as the recording has them; what isn't there is NaN, or 0 where it is a whole number."""
+    """Return columns and rows as in a recording; missing columns are NaN, or 0 for integers."""
     rows = content["rows"]
     table = np.zeros(len(rows), dtype=topic.dtype)
     for name in topic.dtype.names or ():
@@ -205,7 +203,7 @@ def _lateness(fault: Mapping[str, Any] | None) -> NDArray[np.int64]:
 
 
 def _stages(result: Mapping[str, str]) -> Stages:
-    """Return when each stage began, as the recording has it; none where an older version didn't say, or damage did."""
+    """Return the start of each stage; empty for recordings of older versions and for damaged content."""
     try:
         found = tuple((time_ns, stage) for time_ns, stage in parse_json(result["stages"]))
     except (LookupError, TypeError, ValueError):
@@ -217,7 +215,7 @@ def _stages(result: Mapping[str, str]) -> Stages:
 
 
 def _verdicts(recording: Recording) -> dict[int, str]:
-    """Return what verdicts were called when it was recorded; today's names where it doesn't say."""
+    """Return the names of verdicts from the recording; the current names if it has none."""
     try:
         said = json.loads(recording.metadata["verdicts"])
         return {int(code): str(words) for code, words in said.items()}

@@ -1,4 +1,4 @@
-"""A run told: its course, what ended it, the rows around it, the likely causes; as text and as JSON."""
+"""Explanation of a run: its events, what ended it, the last samples, likely causes; as text and as JSON."""
 
 import math
 from collections.abc import Iterator
@@ -14,32 +14,32 @@ from hil_forceps.bridge.fault import compared
 from hil_forceps.data.recording.reader import Table
 
 LAST_ROWS = 8
-MIN_LEFT_OUT_INTERVALS = 4.5  # of the usual one: between two rows there are others, or a gap that is told above
-MAX_TOLD_EVENTS = 40  # of more the first and the last
+MIN_LEFT_OUT_INTERVALS = 4.5  # median intervals between two rows above which the table shows an ellipsis
+MAX_TOLD_EVENTS = 40  # of more events, the first and the last are shown
 FIRST_EVENTS = 12
 START = "the start of the run, when the service began to look for the drive"
-FIRST_MESSAGE = "the first message there is; the start of the run is not recorded"
+FIRST_MESSAGE = "the first recorded message; the start of the run is not recorded"
 COLUMNS = ("time_s", "theta_m_rad", "current_A", "requested_rad", "passed_rad", "verdict", "state")
 
 
 class Story(NamedTuple):
-    """What `explain` tells."""
+    """The content of `explain`."""
 
     name: str
     notes: tuple[str, ...]
     events: list[Event]
     reason: str
     message: str
-    has_trip: bool  # a check of the gate ended it
-    compared: str  # the check that failed, with value and limit; empty where nothing was compared
+    has_trip: bool  # a check of the gate ended the run
+    compared: str  # the failed check, with value and limit; empty if nothing was compared
     ended_s: float
-    counted_from: str  # what all times here count from
+    counted_from: str  # origin of all times here
     rows: list[dict[str, Any]]
     causes: list[Cause]
 
 
 def story_of(evidence: Evidence) -> Story:
-    """Tell it."""
+    """Return the explanation of a run."""
     events = events_of(evidence)
     return Story(
         evidence.name,
@@ -57,7 +57,7 @@ def story_of(evidence: Evidence) -> Story:
 
 
 def last_rows(evidence: Evidence) -> list[dict[str, Any]]:
-    """Return the last samples up to the end, each with the reference computed from it; None where there is none."""
+    """Return the last samples up to the end, each with the reference computed from it, or None without one."""
     samples = _last_samples(evidence)
     references = evidence.references
     rows = []
@@ -80,7 +80,7 @@ def last_rows(evidence: Evidence) -> list[dict[str, Any]]:
 
 
 def _last_samples(evidence: Evidence) -> Table:
-    """Return the last ones; where a check of the gate failed before them, those around it first."""
+    """Return the last samples; if a check of the gate failed before them, first the samples around that time."""
     samples = evidence.samples[evidence.samples["received_ns"] <= evidence.ended_ns]
     last = len(samples)
     trip = last if evidence.gate_trip_ns is None else np.searchsorted(samples["received_ns"], evidence.gate_trip_ns)
@@ -91,7 +91,7 @@ def _last_samples(evidence: Evidence) -> Table:
 
 
 def text_of(story: Story) -> Iterator[str]:
-    """Yield the lines; what would steer a terminal is shown as a question mark."""
+    """Yield the lines; unprintable characters, which could control a terminal, become question marks."""
     for line in _lines(story):
         yield "".join(character if character.isprintable() else "?" for character in line)
 
@@ -100,28 +100,28 @@ def _lines(story: Story) -> Iterator[str]:
     yield f"{story.name}: {_headline(story)}"
     yield from (f"note: {note}" for note in story.notes)
     yield ""
-    yield f"Course (s since {story.counted_from})"
+    yield f"Events (time in s since {story.counted_from})"
     yield from (f"  {line}" for line in _told_events(story.events))
     yield ""
     yield "End"
-    yield f"  {story.ended_s:9.3f}  {story.message or 'the recording says nothing of it'}"
+    yield f"  {story.ended_s:9.3f}  {story.message or 'not recorded'}"
     if story.compared:
         yield f"             {story.compared}"
     if story.rows:
         yield ""
-        around = "The samples around that check, and the last ones" if story.has_trip else "The last samples"
+        around = "The samples around the failed check, and the last samples" if story.has_trip else "The last samples"
         yield f"{around}, with the reference computed from each"
         yield from (f"  {line}" for line in _table(story.rows))
     if story.causes:
         yield ""
-        yield "Likely causes, the likeliest first, and what to check"
+        yield "Likely causes, the most likely first, and what to check"
         for number, (cause, check) in enumerate(story.causes, 1):
             yield f"  {number}. {cause}"
             yield f"     check: {check}"
 
 
 def json_of(story: Story) -> dict[str, Any]:
-    """Return all of it for JSON."""
+    """Return the explanation for JSON."""
     return {
         **story._asdict(),
         "notes": list(story.notes),
@@ -132,10 +132,10 @@ def json_of(story: Story) -> dict[str, Any]:
 
 def _headline(story: Story) -> str:
     if not story.reason:
-        return "its end isn't recorded"
+        return "its end is not recorded"
     if story.reason in {"completed", "stop_requested"}:
-        return f"ended as it was meant to: {story.reason.replace('_', ' ')}"
-    return f"ended in a fault: {story.reason.replace('_', ' ')}"
+        return f"ended normally: {story.reason.replace('_', ' ')}"
+    return f"ended with a fault: {story.reason.replace('_', ' ')}"
 
 
 def _told_events(events: list[Event]) -> Iterator[str]:
@@ -143,7 +143,7 @@ def _told_events(events: list[Event]) -> Iterator[str]:
     for place, event in enumerate(events):
         if left_out > 0 and FIRST_EVENTS <= place < FIRST_EVENTS + left_out:
             if place == FIRST_EVENTS:
-                yield f"           {left_out} more, with --json"
+                yield f"           {left_out} more, shown with --json"
             continue
         yield f"{event.time_s:9.3f}  {event.text}"
 

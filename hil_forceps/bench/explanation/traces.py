@@ -1,4 +1,4 @@
-"""The last second of a run as the figure takes it."""
+"""Series of the last second of a run, for its figure."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from hil_forceps.report.bench.fault import FaultTraces
 
 
 def traces_of(evidence: Evidence) -> FaultTraces:
-    """Return the series from a second before the end on."""
+    """Return the series from one second before the end."""
     begin_ns = evidence.ended_ns - RECORDED_BEFORE_FAULT_NS
     samples = evidence.samples[evidence.samples["received_ns"] >= begin_ns]
     references = evidence.references[evidence.references["tick_ns"] >= begin_ns]

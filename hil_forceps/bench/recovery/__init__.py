@@ -1,1 +1,1 @@
-"""A damaged recording made whole as far as its file and its bus log allow."""
+"""Recovery of a damaged recording from its file and its bus log."""

@@ -1,6 +1,6 @@
-"""A recording made whole as far as it can be: what its file still holds, and what its bus log holds beside it.
+"""Recovery of a damaged recording from its readable parts and its bus log.
 
-References that were lost are not made up: what the gate saw of the clock is not in the log.
+Lost references are not restored: the log does not contain the clock that the gate read.
 """
 
 import json
@@ -33,7 +33,7 @@ from hil_forceps.rig.errors import UserError
 
 
 class Lost(NamedTuple):
-    """Messages by their numbers, and when: s since the first message there is; None at the begin or the end."""
+    """Missing messages by number and time in s since the first readable message; None at the beginning or the end."""
 
     topic: str
     first: int
@@ -44,20 +44,20 @@ class Lost(NamedTuple):
 
 @dataclass(slots=True)
 class Recovery:
-    """What was found, what is missing, and what a sound recording is made of."""
+    """What is readable, what is missing, and the content of a valid recording."""
 
     name: str
     size: int
     is_sound: bool
     damage: Sequence[Damage]
     remarks: Sequence[str]
-    has_end: bool  # how the run ended is recorded
+    has_end: bool  # the end of the run is recorded
     rows: dict[str, int]
     span_s: tuple[float, float]
     began_ns: int
     lost: list[Lost] = field(default_factory=list)
-    restored: list[Lost] = field(default_factory=list)  # what the bus log had of it
-    bus_log: str = ""  # what it holds; empty where there is none
+    restored: list[Lost] = field(default_factory=list)  # restored from the bus log
+    bus_log: str = ""  # its content in words; empty without a log
     notes: list[str] = field(default_factory=list)
     messages: list[Message] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -65,7 +65,7 @@ class Recovery:
 
     @property
     def is_whole(self) -> bool:
-        """Whether nothing is missing, or no longer."""
+        """Whether nothing is missing, or everything was restored."""
         return not self.lost and self.has_end
 
     @property
@@ -82,7 +82,7 @@ class Recovery:
 
 
 def recover(path: Path, bus_log: Path | None) -> Recovery:
-    """Return what there is; UserError where it is no recording. Nothing is written."""
+    """Return the readable content; UserError if the file is not a recording. Nothing is written."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -106,7 +106,7 @@ def recover(path: Path, bus_log: Path | None) -> Recovery:
 
 
 def sound_file(result: Recovery) -> bytes:
-    """Return a recording of all that there is, with checksums and summary; numbers are those it was recorded with."""
+    """Return a valid recording of all readable messages, with checksums, summary and the recorded message numbers."""
     stream = BytesIO()
     file = McapFile(stream, TOPICS)
     file.start()
@@ -140,7 +140,7 @@ def _empty_indexes() -> Mapping[int, "array[int]"]:
 
 
 def _with_log(result: Recovery, path: Path, tables: Tables, missing: Sequence[Gap]) -> list[Gap]:
-    """Add what the bus log has; return what is missing still."""
+    """Add samples from the bus log; return the remaining gaps."""
     empty = tables.samples[:0]
     metadata = result.metadata.get(METADATA_NAME, {})
     recording = Recording(result.name, metadata, {}, tables.samples, empty, empty, tables.order, ())
@@ -149,7 +149,9 @@ def _with_log(result: Recovery, path: Path, tables: Tables, missing: Sequence[Ga
     result.notes += found.notes
     lacking = found.references - int(np.count_nonzero(tables.references["outcome"] == Outcome.SENT))
     if found.holds and lacking > 0:
-        result.notes.append(f"{path.name} has {lacking} references sent that the recording lacks; they stay missing")
+        result.notes.append(
+            f"{path.name} has {lacking} sent references that the recording does not contain; they stay missing"
+        )
     result.restored = [_lost(result, gap) for gap in found.gaps]
     result.messages = list(_merged(result.messages, found.messages))
     return still_missing(missing, found.gaps)
@@ -177,7 +179,7 @@ def _begun(path: Path, size: int, found: Salvage, messages: Sequence[Message]) -
 
 
 def _merged(messages: Sequence[Message], restored: Sequence[Message]) -> Iterator[Message]:
-    """Yield all in the order of the file, restored samples before the first recorded one that follows them."""
+    """Yield all messages in the order of the file, restored samples before the next recorded sample."""
     rest = sorted(restored, key=lambda message: message.number)
     at = 0
     for message in messages:

@@ -1,8 +1,7 @@
-"""Samples that a bus log holds and a recording lacks.
+"""Samples that a bus log contains and a recording lacks.
 
-The log of the project's own protocol has every sample as it was measured, to the last bit; only when it arrived is
-known to no better than the log's microsecond. Estimates follow from the samples, so they are computed again, as long as
-none before is missing.
+The log of the project's own protocol has every sample as it was measured, to the last bit; only its arrival is rounded
+to the log's microsecond. Estimates are computed again from the samples, as long as no earlier sample is missing.
 """
 
 import math
@@ -27,7 +26,7 @@ _RAW = ["sequence", "stamp_ns", "theta_m_raw", "current_raw", "state", "fault", 
 
 
 class FromLog(NamedTuple):
-    """What a log gave. `holds` is empty where nothing in it could be used; `notes` say why."""
+    """Data from a log. `holds` is empty if none could be used; `notes` say why."""
 
     gaps: list[Gap]  # that it fills, or the ends of gaps
     messages: list[Message]
@@ -37,21 +36,23 @@ class FromLog(NamedTuple):
 
 
 def samples_of_log(path: Path, recording: Recording, missing: Sequence[Gap], *, has_end: bool) -> FromLog:
-    """Return the samples that are missing from a recording, and what can't be had; `has_end`: nothing comes behind."""
+    """Return the samples that a recording lacks, and the remaining gaps; `has_end`: the recording has its end."""
     nothing = FromLog([], [])
     samples = recording.samples
     try:
         rig, settings = settings_of(recording)
         if rig.drive_profile != "native":
-            told = f"samples of a drive that speaks {rig.drive_profile} aren't restored from it"
+            told = f"samples of a drive with the profile {rig.drive_profile} can't be restored from it"
             return nothing._replace(notes=(f"{path.name}: {told}; hil-forceps decode shows its frames",))
         drives, remarks = heard_drives(path, rig.bench.node_id)
     except UserError as error:
-        return nothing._replace(notes=(f"{path.name} isn't used: {error}",))
+        return nothing._replace(notes=(f"{path.name} was not used: {error}",))
     notes = tuple(f"{path.name}: {remark}" for remark in remarks)
     aligned = _aligned(drives, samples)
     if aligned is None:
-        return nothing._replace(notes=(*notes, f"{path.name} isn't used: none of its samples is in the recording"))
+        return nothing._replace(
+            notes=(*notes, f"{path.name} was not used: it has no sample in common with the recording")
+        )
     heard, references = aligned
     wanted = list(_wanted(heard, samples, missing, has_end))
     filled = [gap for gap, _ in wanted]
@@ -61,7 +62,7 @@ def samples_of_log(path: Path, recording: Recording, missing: Sequence[Gap], *, 
 
 
 def still_missing(missing: Sequence[Gap], filled: Sequence[Gap]) -> list[Gap]:
-    """Return the gaps less what fills them, which ends where they end."""
+    """Return the gaps without the samples that fill their ends."""
     left = []
     for gap in missing:
         found = next((each for each in filled if (each.channel, each.last) == (gap.channel, gap.last)), None)
@@ -73,9 +74,10 @@ def still_missing(missing: Sequence[Gap], filled: Sequence[Gap]) -> list[Gap]:
 
 
 def _aligned(drives: Sequence[HeardDrive], samples: Table) -> tuple[list[RawSample], int] | None:
-    """Return the log's samples with stamps, angles and times as the recording has them; None where none is in both.
+    """Return the log's samples with the recording's stamps, angles and times; None if they have no sample in common.
 
-    Both unwrap from the first sample that they heard, so they differ by whole ranges; the log's time begins with it.
+    Both unwrap from their first sample, so that they differ by whole ranges; the log's time begins with its first
+    sample.
     """
     if not len(samples):
         return (drives[0].samples, drives[0].references) if len(drives) == 1 else None
@@ -100,7 +102,7 @@ def _shifted(raw: RawSample, stamp_ns: int, theta_m: int, received_ns: int) -> R
 def _wanted(
     heard: Sequence[RawSample], samples: Table, missing: Sequence[Gap], has_end: bool
 ) -> Iterator[tuple[Gap, list[RawSample]]]:
-    """Yield for each gap in the recorded samples what the log has in it, no more than the numbers leave room for."""
+    """Yield the log's samples for each gap in the recording, at most as many as the sequence numbers allow."""
     recorded = samples["received_ns"]
     for gap in missing:
         if gap.channel != SAMPLE.channel:
@@ -122,7 +124,7 @@ def _wanted(
 def _packed(
     wanted: Sequence[tuple[Gap, list[RawSample]]], samples: Table, pipeline: Pipeline | None, rig: Rig
 ) -> list[Message]:
-    """Return the samples as messages; `pipeline` follows all samples, None where one is missing between them."""
+    """Return the samples as messages; `pipeline` computes their estimates, None if a sample before them is missing."""
     numbers = {raw.stamp_ns: gap.first + place for gap, raws in wanted for place, raw in enumerate(raws)}
     restored = [raw for _, raws in wanted for raw in raws]
     recorded = [RawSample(*row) for row in samples[_RAW].tolist()] if pipeline is not None else []

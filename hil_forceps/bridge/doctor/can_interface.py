@@ -19,16 +19,19 @@ def checks(reads: Reads, device: str, bench: BenchSettings | None, limits: Limit
     what = f"the CAN device {device}"
     state = read(reads, device)
     if state is None:
-        remedy = "ip -brief link show type can; it may need its driver, or `sudo modprobe can_raw`"
-        yield Check("can.up", what, Verdict.FAIL, f"there is no device {device}", remedy)
+        remedy = (
+            "ip -brief link show type can lists the devices; the adapter may need its driver, or `sudo modprobe "
+            "can_raw`"
+        )
+        yield Check("can.up", what, Verdict.FAIL, f"there is no CAN device {device}", remedy)
         return
     if state.link_type not in {"can", None}:
-        text = f"{device} is none ({state.link_type})"
+        text = f"{device} is not a CAN device ({state.link_type})"
         yield Check("can.up", what, Verdict.FAIL, text, "ip -brief link show type can; ip -brief link show type vcan")
         return
     yield _up(state, device, bench)
     if state.kind == "vcan":
-        yield Check("can.bit_rate", what, Verdict.OK, "vcan: frames take no time, there is no controller to look at")
+        yield Check("can.bit_rate", what, Verdict.OK, "vcan has no bit rate and no controller")
     else:
         yield from _bit_timing(state, device, bench)
         yield _controller(state, device)
@@ -50,7 +53,7 @@ def set_up_line(device: str, bench: BenchSettings | None) -> str:
 def _up(state: CanState, device: str, bench: BenchSettings | None) -> Check:
     name, what = "can.up", f"whether {device} is up"
     if state.is_up is None:
-        return unknown(name, what, "its flags are not told")
+        return unknown(name, what, "the system does not report its flags")
     if state.is_up:
         return Check(name, what, Verdict.OK, "up")
     return Check(name, what, Verdict.FAIL, "down", set_up_line(device, bench))
@@ -60,14 +63,14 @@ def _bit_timing(state: CanState, device: str, bench: BenchSettings | None) -> It
     wanted = None if bench is None else bench.bitrate_bit_per_s
     remedy = set_up_line(device, bench)
     yield _rate(
-        "can.bit_rate", f"bit rate of {device} beside the rig's", state, state.bitrate_bit_per_s, wanted, remedy
+        "can.bit_rate", f"bit rate of {device}, compared with the rig", state, state.bitrate_bit_per_s, wanted, remedy
     )
     yield _sample_point("can.sample_point", f"sample point of {device}", state, state.sample_point, remedy)
     if bench is None or bench.transport != "fd":
         return
-    what = f"bit rate of {device} in the data phase beside the rig's"
+    what = f"bit rate of {device} in the data phase, compared with the rig"
     if state.is_fd is False:
-        yield Check("can.data_bit_rate", what, Verdict.FAIL, "CAN FD is off, and the rig has transport: fd", remedy)
+        yield Check("can.data_bit_rate", what, Verdict.FAIL, "CAN FD is off, but the rig has transport: fd", remedy)
     else:
         fast, rate = state.data_bitrate_bit_per_s, bench.data_bitrate_bit_per_s
         yield _rate("can.data_bit_rate", what, state, fast, rate, remedy)
@@ -75,31 +78,34 @@ def _bit_timing(state: CanState, device: str, bench: BenchSettings | None) -> It
 
 def _rate(name: str, what: str, state: CanState, rate: int | None, wanted: int | None, remedy: str) -> Check:
     if rate is None:
-        return unknown(name, what, state.unread or "the device tells none")
+        return unknown(name, what, state.unread or "the device does not report it")
     text = f"{rate / 1e3:g} kbit/s"
     if wanted is None:
-        return Check(name, what, Verdict.OK, f"{text}; without --rig there is none to compare", "", rate, "bit/s")
+        return Check(name, what, Verdict.OK, f"{text}; not compared, because there is no --rig", "", rate, "bit/s")
     if rate != wanted:
-        text += f", the rig has {wanted / 1e3:g} kbit/s: nothing would be understood, and every frame an error"
+        text += f", the rig has {wanted / 1e3:g} kbit/s: no frame would be received, and each would be a bus error"
         return Check(name, what, Verdict.FAIL, text, remedy, rate, "bit/s")
     return Check(name, what, Verdict.OK, text, "", rate, "bit/s")
 
 
 def _sample_point(name: str, what: str, state: CanState, point: float | None, remedy: str) -> Check:
     if point is None:
-        return unknown(name, what, state.unread or "the device tells none")
+        return unknown(name, what, state.unread or "the device does not report it")
     low, high = VALID_SAMPLE_POINTS
     text = f"{100.0 * point:g} %"
     if low <= point <= high:
         return Check(name, what, Verdict.OK, text, "", point, "")
-    text += f", outside of {100.0 * low:g} to {100.0 * high:g} %: long lines and other nodes' crystals make errors"
+    text += (
+        f", outside of {100.0 * low:g} to {100.0 * high:g} %: bus errors are likely on long lines and with other "
+        "nodes' clock tolerance"
+    )
     return Check(name, what, Verdict.WARN, text, f"{remedy} sample-point 0.875", point, "")
 
 
 def _controller(state: CanState, device: str) -> Check:
     name, what = "can.state", f"state of {device}'s controller"
     if state.state is None:
-        return unknown(name, what, state.unread or "the device tells none")
+        return unknown(name, what, state.unread or "the device does not report it")
     times = f", {state.times_bus_off} times bus-off since it came up" if state.times_bus_off else ""
     text = f"{state.state}{times}"
     if state.state == "BUS-OFF":
@@ -116,14 +122,14 @@ def _controller(state: CanState, device: str) -> Check:
 def _errors(state: CanState, device: str) -> Check:
     name, what = "can.errors", f"error counters of {device}'s controller"
     if state.tx_errors is None or state.rx_errors is None:
-        return unknown(name, what, state.unread or "this controller's driver tells none")
+        return unknown(name, what, state.unread or "the driver of this controller does not report them")
     most = max(state.tx_errors, state.rx_errors)
     text = f"{state.tx_errors} sending, {state.rx_errors} receiving"
     remedy = f"check wiring, termination, bit rate, and that another node is on the bus; candump -e {device}"
     if most == 0:
         return Check(name, what, Verdict.OK, text, "", most, "errors")
     if most < ERROR_WARNING_COUNT:
-        return Check(name, what, Verdict.WARN, f"{text}: frames were damaged lately", remedy, most, "errors")
+        return Check(name, what, Verdict.WARN, f"{text}: frames were damaged recently", remedy, most, "errors")
     limit = (
         f"passive from {ERROR_PASSIVE_COUNT}" if most >= ERROR_PASSIVE_COUNT else f"warning from {ERROR_WARNING_COUNT}"
     )
@@ -133,10 +139,10 @@ def _errors(state: CanState, device: str) -> Check:
 def _restart(state: CanState, device: str) -> Check:
     name, what = "can.restart", f"whether {device} comes back by itself from bus-off (restart-ms)"
     if state.restart_ms is None:
-        return unknown(name, what, state.unread or "the device tells none")
+        return unknown(name, what, state.unread or "the device does not report it")
     if state.restart_ms == 0:
-        return Check(name, what, Verdict.OK, "it stays off", "", 0.0, "ms")
-    text = f"after {state.restart_ms} ms: references that waited in its queue leave then, late"
+        return Check(name, what, Verdict.OK, "no, it stays off", "", 0.0, "ms")
+    text = f"after {state.restart_ms} ms: references in its queue are then sent late"
     remedy = f"sudo ip link set {device} type can restart-ms 0"
     return Check(name, what, Verdict.WARN, text, remedy, state.restart_ms, "ms")
 
@@ -145,10 +151,10 @@ def _queue(state: CanState, device: str, bench: BenchSettings, limits: Limits) -
     name, what = "can.queue", f"how old a reference can get in {device}'s queue (txqueuelen)"
     frames = state.queue_frames
     if frames is None or frames < 0:
-        return unknown(name, what, state.unread or "the device tells none")
+        return unknown(name, what, state.unread or "the device does not report it")
     longest_s = frames * most_bits(_CLASSIC_BYTES, is_fd=False, is_extended=False)[0] / bench.bitrate_bit_per_s
     age_s = limits.max_sample_age_s
-    text = f"{frames} frames, {longest_s * 1e3:.3g} ms of a bus that only sends"
+    text = f"{frames} frames, {longest_s * 1e3:.3g} ms to send all of them"
     if longest_s <= age_s:
         return Check(name, what, Verdict.OK, text, "", frames, "frames")
     text += f"; limits.max_sample_age_s is {age_s * 1e3:g} ms"

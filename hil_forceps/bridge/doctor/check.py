@@ -1,11 +1,11 @@
-"""One thing that was looked at, and what came of it."""
+"""One check of `hil-forceps doctor`, and its result."""
 
 from enum import StrEnum
 from typing import NamedTuple
 
 
 class Verdict(StrEnum):
-    """What a check says."""
+    """Result of a check, as in JSON."""
 
     OK = "ok"
     WARN = "warn"
@@ -14,13 +14,13 @@ class Verdict(StrEnum):
 
 
 class Check(NamedTuple):
-    """A check's outcome. `text` may quote what files and drives say, so it is made printable where it is shown."""
+    """A check's outcome. `text` may quote files and drives; it is made printable when it is shown."""
 
     id: str
-    what: str  # was looked at
+    what: str  # was checked
     verdict: Verdict
-    text: str  # what was found; where it could not be looked at, why
-    remedy: str = ""  # a line to type, or what to change; empty where all is well
+    text: str  # what was found, or why the check was not possible
+    remedy: str = ""  # a command, or what to change; empty if the check passed
     value: float | None = None
     unit: str = ""
 
@@ -31,6 +31,6 @@ def unknown(check_id: str, what: str, why: str) -> Check:
 
 
 def why(error: OSError) -> str:
-    """Return what the system says against reading something, in words."""
+    """Return the system's reason for which something can't be read."""
     where = f"{error.filename}: " if error.filename else ""
     return f"{where}{error.strerror or error}"

@@ -36,11 +36,11 @@ def _space(free_bytes: int, duration_s: float, needed_bytes: float) -> Check:
     name, what = "disk.space", f"free disk for {duration_s:g} s of recording and bus log"
     text = f"{free_bytes / 1e6:.3g} MB free, {needed_bytes / 1e6:.3g} MB needed"
     value = free_bytes / 1e6
-    remedy = "free some, name another folder with --out, or a shorter --duration"
+    remedy = "free disk space, name another folder with --out, or use a shorter --duration"
     if free_bytes < needed_bytes:
         return Check(name, what, Verdict.FAIL, text, remedy, value, "MB")
     if free_bytes < MIN_FREE_SPACE_RATIO * needed_bytes:
-        return Check(name, what, Verdict.WARN, f"{text}: no room for a second run", remedy, value, "MB")
+        return Check(name, what, Verdict.WARN, f"{text}: not enough for a second run", remedy, value, "MB")
     return Check(name, what, Verdict.OK, text, "", value, "MB")
 
 

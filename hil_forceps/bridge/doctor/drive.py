@@ -18,7 +18,7 @@ LISTEN_S: Final = 2.0  # the service's own time for a drive to show
 POLL_NS: Final = 5_000_000
 MAX_PERIOD_ERROR_SHARE: Final = 0.05  # of a period measured over 20 of it, each end a frame late at most
 MAX_TORQUE_CONSTANT_ERROR_SHARE: Final = 0.01  # of K_t: 1 % of the torque that is estimated
-_NOT_TOLD: Final = "the drive doesn't tell it to somebody who only looks"
+_NOT_TOLD: Final = "the drive does not report it without being enabled"
 
 
 class Heard(NamedTuple):
@@ -74,15 +74,15 @@ def who_is_there(heard: Heard) -> Check:
     if heard.found:
         said = "; ".join(f"{each.profile} {each.node}: {each.says}" for each in heard.found)
         return Check(name, what, Verdict.OK, said, "", float(len(heard.found)), "drives")
-    came = f"{heard.frames} frames came, none of a drive that is known here" if heard.frames else "nothing came"
+    came = f"{heard.frames} frames were received, none of a known drive" if heard.frames else "no frame was received"
     remedy = "check power, wiring, termination, bit rate; then hil-forceps scan ..."
     return Check(name, what, Verdict.WARN, came, remedy, 0.0, "drives")
 
 
 def cannot_ask(rig: Rig) -> Check:
     """Return what is told of a drive that answers to commands alone."""
-    why = f"a drive of the profile {rig.drive_profile} answers to commands alone, and each takes its torque or gives it"
-    remedy = "hil-forceps conformance --rig ... (without --allow-motion), with nothing that the motor holds"
+    why = f"a drive of the profile {rig.drive_profile} answers only to commands, which switch its torque on or off"
+    remedy = "hil-forceps conformance --rig ... (without --allow-motion), while the motor holds no load"
     return Check("drive.answers", who(rig), Verdict.UNKNOWN, why, remedy)
 
 
@@ -108,13 +108,13 @@ def _answers(rig: Rig, said: Said | None, heard: Heard) -> Check:
     key = "bench.node_id" if profile == "native" else "motor_driver.node_id"
     same = [each.node for each in heard.found if each.profile == profile]
     if same:
-        text = f"node {node} doesn't, but {_nodes(same)} {'is' if len(same) == 1 else 'are'} there"
+        text = f"node {node} does not answer, but {_nodes(same)} {'does' if len(same) == 1 else 'do'}"
         return Check(name, what, Verdict.FAIL, text, f"set {key}: {same[0]} in the rig, or the drive's node to {node}")
     if heard.found:
         others = ", ".join(f"{each.profile} {each.node}" for each in heard.found)
-        text = f"nobody who speaks {profile}, but: {others}"
+        text = f"no drive with the profile {profile} answers; found: {others}"
         return Check(name, what, Verdict.FAIL, text, "change motor_driver.profile and node_id in the rig")
-    came = f"{heard.frames} frames came, none that fits" if heard.frames else "nothing came"
+    came = f"{heard.frames} frames were received, none of this drive" if heard.frames else "no frame was received"
     return Check(
         name, what, Verdict.FAIL, came, "check power, wiring, termination, bit rate; then hil-forceps scan ..."
     )
@@ -128,7 +128,7 @@ def _version(said: Said) -> Check:
     name, what = "drive.version", "version of the drive's firmware or protocol"
     if said.misfit:
         head, _, remedy = said.misfit.partition("; ")
-        return Check(name, what, Verdict.FAIL, f"{said.firmware or 'not told'}: {head}", remedy)
+        return Check(name, what, Verdict.FAIL, f"{said.firmware or 'not reported'}: {head}", remedy)
     if said.firmware is None:
         return unknown(name, what, _NOT_TOLD)
     return Check(name, what, Verdict.OK, said.firmware)
@@ -141,7 +141,9 @@ def _state(said: Said) -> Check:
     words = said.state.name.lower()
     if said.state in {DriveState.DISABLED, DriveState.FAULT}:
         return Check(name, what, Verdict.OK, words)
-    return Check(name, what, Verdict.FAIL, f"{words}: it may have torque", "end what else drives it")
+    return Check(
+        name, what, Verdict.FAIL, f"{words}: the motor may have torque", "stop the other program that controls it"
+    )
 
 
 def _fault(said: Said) -> Check:
@@ -150,34 +152,35 @@ def _fault(said: Said) -> Check:
         return unknown(name, what, _NOT_TOLD)
     if not said.fault:
         return Check(name, what, Verdict.OK, "none")
-    return Check(name, what, Verdict.FAIL, said.fault, "mend its cause; then hil-forceps run --reset-fault ...")
+    return Check(name, what, Verdict.FAIL, said.fault, "remove its cause; then hil-forceps run --reset-fault ...")
 
 
 def _counts(rig: Rig, said: Said) -> Check:
-    name, what = "drive.counts", "counts of the drive's encoder beside encoder.counts_per_rev"
+    name, what = "drive.counts", "counts of the drive's encoder, compared with encoder.counts_per_rev"
     if said.counts_per_rev is None:
         return unknown(name, what, _NOT_TOLD)
     told, wanted = said.counts_per_rev, rig.encoder.counts_per_rev or ANGLE_LSB_PER_REV
     if told == wanted:
         return Check(name, what, Verdict.OK, str(told), "", told, "counts")
     text = (
-        f"the drive has {told}, the rig {rig.encoder.counts_per_rev or 'an ideal one'}: angles and their noise differ"
+        f"the drive has {told}, the rig {rig.encoder.counts_per_rev or 'an ideal encoder'}: angles and their noise "
+        "would be wrong"
     )
     return Check(name, what, Verdict.FAIL, text, f"set encoder.counts_per_rev: {told} in the rig", told, "counts")
 
 
 def _sample_period(rig: Rig, said: Said) -> Check:
-    name, what = "drive.sample_period", "time between the drive's samples beside the rig's"
+    name, what = "drive.sample_period", "sample period of the drive, compared with the rig"
     if said.sample_period_s is None:
         return unknown(name, what, _NOT_TOLD)
     told_s = said.sample_period_s
     try:
         wanted_s = sample_period_s(rig)
     except UserError:
-        return unknown(name, what, "the rig has no `drive:`, so its own is not known")
+        return unknown(name, what, "the rig has no section `drive:`")
     if abs(told_s - wanted_s) <= MAX_PERIOD_ERROR_SHARE * wanted_s:
         return Check(name, what, Verdict.OK, f"{told_s * 1e3:.4g} ms", "", told_s * 1e3, "ms")
-    text = f"the drive's is {told_s * 1e3:.4g} ms, the rig's {wanted_s * 1e3:.4g} ms: estimators run at the rig's"
+    text = f"the drive's is {told_s * 1e3:.4g} ms, the rig's {wanted_s * 1e3:.4g} ms: the estimator uses the rig's"
     key = "drive.sample_time_s or bench.feedback_divider"
     if rig.motor_driver is not None and rig.drive_profile != "native":
         key = "motor_driver.feedback_period_s"
@@ -185,63 +188,63 @@ def _sample_period(rig: Rig, said: Said) -> Check:
 
 
 def _current_limit(rig: Rig, said: Said) -> Check:
-    name, what = "drive.current_limit", "the drive's current limit beside drive.current_limit_A"
+    name, what = "drive.current_limit", "current limit of the drive, compared with drive.current_limit_A"
     if said.current_limit_A is None:
         return unknown(name, what, _NOT_TOLD)
     if rig.drive is None:
-        return unknown(name, what, "the rig has no `drive:`, so its own is not known")
+        return unknown(name, what, "the rig has no section `drive:`")
     told_A, wanted_A = said.current_limit_A, rig.drive.current_limit_A
     text = f"the drive's is {told_A:g} A, the rig's {wanted_A:g} A"
     if told_A > wanted_A:
-        text += ": it may pull harder than the rig says"
+        text += ": the motor can give more torque than the rig allows"
         return Check(name, what, Verdict.FAIL, text, f"set the drive's to {wanted_A:g} A", told_A, "A")
     if told_A < wanted_A:
         remedy = f"set drive.current_limit_A: {told_A:g} in the rig"
-        return Check(name, what, Verdict.WARN, f"{text}: it saturates before the rig's does", remedy, told_A, "A")
+        return Check(
+            name, what, Verdict.WARN, f"{text}: the drive saturates below the rig's limit", remedy, told_A, "A"
+        )
     return Check(name, what, Verdict.OK, text, "", told_A, "A")
 
 
 def _torque_constant(rig: Rig, said: Said) -> Check:
-    name, what = "drive.torque_constant", "the drive's torque constant beside motor.torque_constant_N_m_per_A"
+    name, what = "drive.torque_constant", "torque constant of the drive, compared with motor.torque_constant_N_m_per_A"
     told = said.torque_constant_N_m_per_A
     if told is None:
         return unknown(name, what, _NOT_TOLD)
     try:
         wanted = rig.plant().torque_constant_N_m_per_A
     except UserError:
-        return unknown(name, what, "the rig doesn't give it as a number")
+        return unknown(name, what, "the rig has no value for it")
     text, unit = f"the drive's is {told:.4g} N m/A, the rig's {wanted:.4g} N m/A", "N m/A"
     if abs(told - wanted) <= MAX_TORQUE_CONSTANT_ERROR_SHARE * wanted:
         return Check(name, what, Verdict.OK, text, "", told, unit)
-    remedy = "measure it, and set it in both"
-    return Check(
-        name, what, Verdict.WARN, f"{text}: every torque here is the rig's times a current", remedy, told, unit
-    )
+    remedy = "measure it, and set it in the drive and in the rig"
+    return Check(name, what, Verdict.WARN, f"{text}: all torques are computed with the rig's value", remedy, told, unit)
 
 
 def _range(rig: Rig, said: Said) -> Check:
-    name, what = "drive.range", "positions that the drive takes beside `limits:`"
+    name, what = "drive.range", "range of positions of the drive, compared with `limits:`"
     if said.position_range_rad is None:
         return unknown(name, what, _NOT_TOLD)
     low, high = said.position_range_rad
     limits = rig.limits
     text = (
-        f"the drive takes {low:.4g} to {high:.4g} rad, the rig lets pass {limits.position_min_rad:.4g} to "
+        f"the drive accepts {low:.4g} to {high:.4g} rad, the rig allows {limits.position_min_rad:.4g} to "
         f"{limits.position_max_rad:.4g} rad"
     )
     is_within = low <= limits.position_min_rad + ANGLE_LSB_RAD and limits.position_max_rad - ANGLE_LSB_RAD <= high
     if is_within:
         return Check(name, what, Verdict.OK, text)
-    remedy = "make limits.position_min_rad and position_max_rad of the rig narrower, or the drive's range wider"
-    return Check(name, what, Verdict.FAIL, f"{text}: a reference beyond the drive's is a fault", remedy)
+    remedy = "narrow limits.position_min_rad and position_max_rad of the rig, or widen the range of the drive"
+    return Check(name, what, Verdict.FAIL, f"{text}: a reference outside the drive's range causes a fault", remedy)
 
 
 def _transport(rig: Rig, said: Said) -> Check:
-    name, what = "drive.transport", "whether the drive speaks CAN FD where the rig does"
+    name, what = "drive.transport", "whether drive and rig agree on CAN FD"
     if said.is_fd is None:
         return unknown(name, what, _NOT_TOLD)
     told = "fd" if said.is_fd else "classic"
     if told == rig.bench.transport:
         return Check(name, what, Verdict.OK, told)
-    text = f"the drive has {told}, the rig {rig.bench.transport}: no sample would be understood"
+    text = f"the drive has {told}, the rig {rig.bench.transport}: no sample would be received"
     return Check(name, what, Verdict.FAIL, text, f"set bench.transport: {told} in the rig")

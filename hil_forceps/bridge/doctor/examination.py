@@ -53,11 +53,11 @@ def examine(asked: Asked, reads: Reads, clock: Clock, wall_ns: Callable[[], int]
 def _together(rigs: Mapping[str, Rig]) -> Iterator[Check]:
     for found in findings_of_several(rigs):
         verdict = Verdict.FAIL if found.level == "problem" else Verdict.OK
-        yield Check(f"rigs.{found.key}", "whether the rigs go together on one line", verdict, found.text)
+        yield Check(f"rigs.{found.key}", "whether the rigs can share one line", verdict, found.text)
 
 
 def _no_line(each: Rig) -> Check:
-    return unknown("drive.answers", drive.who(each), "no line was named; give --interface and --channel, or --serial")
+    return unknown("drive.answers", drive.who(each), "no line was given; add --interface and --channel, or --serial")
 
 
 def _line(link: LinkSpec, reads: Reads, bench: BenchSettings | None, limits: Limits) -> Iterator[Check]:

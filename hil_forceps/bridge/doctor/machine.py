@@ -24,7 +24,7 @@ _CPUS: Final = "/sys/devices/system/cpu"
 _SOURCE: Final = "/sys/devices/system/clocksource/clocksource0/current_clocksource"
 _SLACK: Final = "/proc/self/timerslack_ns"
 _REAL_TIME_LINE: Final = (
-    "chrt --fifo 50 hil-forceps run ... (where that isn't permitted: `$USER - rtprio 50` in /etc/security/limits.conf)"
+    "chrt --fifo 50 hil-forceps run ... (if not permitted: `$USER - rtprio 50` in /etc/security/limits.conf)"
 )
 
 
@@ -47,7 +47,7 @@ def _scheduling(reads: Reads) -> Check:
     text = _CLASSES.get(policy, f"policy {policy}")
     if policy in _REAL_TIME:
         return Check(name, what, Verdict.OK, f"{text}, priority {priority}", "", float(priority), "priority")
-    text += ": any other process may keep the loop waiting"
+    text += ": other processes can delay the loop"
     return Check(name, what, Verdict.WARN, text, _REAL_TIME_LINE)
 
 
@@ -58,17 +58,17 @@ def _timer_slack(reads: Reads) -> Check:
     except OSError as error:
         return unknown(name, what, why(error))
     except ValueError:
-        return unknown(name, what, f"{_SLACK} holds no number")
+        return unknown(name, what, f"{_SLACK} contains no number")
     spin_ns = LinkSpec().spin_ns
-    text = f"{slack_ns / 1e3:g} µs; the loop spins through the last {spin_ns / 1e3:g} µs"
+    text = f"{slack_ns / 1e3:g} µs; the loop polls for the last {spin_ns / 1e3:g} µs"
     if slack_ns <= spin_ns:
         return Check(name, what, Verdict.OK, text, "", slack_ns / 1e3, "µs")
-    remedy = "start it from another shell: the slack is inherited, and 50 µs is the kernel's own"
+    remedy = "start it from another shell: the slack is inherited, and the kernel's default is 50 µs"
     return Check(name, what, Verdict.WARN, text, remedy, slack_ns / 1e3, "µs")
 
 
 def _governor(reads: Reads) -> Check:
-    name, what = "machine.governor", "whether the cores keep their frequency (cpufreq)"
+    name, what = "machine.governor", "whether the cores have a constant frequency (cpufreq)"
     governors: dict[str, str] = {}
     try:
         for core in reads.names(_CPUS):
@@ -77,28 +77,28 @@ def _governor(reads: Reads) -> Check:
     except OSError as error:
         return unknown(name, what, why(error))
     if not governors:
-        return unknown(name, what, f"{_CPUS} names no core")
+        return unknown(name, what, f"{_CPUS} lists no core")
     others = sorted({governor for governor in governors.values() if governor != "performance"})
     if not others:
         return Check(name, what, Verdict.OK, f"performance on {len(governors)} cores")
-    text = f"{', '.join(others)}: a core that idles has slowed down when a sample comes"
+    text = f"{', '.join(others)}: an idle core lowers its frequency, and is slow when a sample arrives"
     return Check(name, what, Verdict.WARN, text, "sudo cpupower frequency-set -g performance")
 
 
 def _isolated_cores(reads: Reads) -> Check:
-    name, what = "machine.cores", "whether cores that are kept free (isolcpus) are used"
+    name, what = "machine.cores", "whether isolated cores (isolcpus) are used"
     try:
         text, allowed = reads.text(f"{_CPUS}/isolated"), reads.cores()
     except OSError as error:
         return unknown(name, what, why(error))
     isolated = parse_cores(text)
     if isolated is None:
-        return unknown(name, what, f"{_CPUS}/isolated holds {text[:40]!r}, which is no list of cores")
+        return unknown(name, what, f"{_CPUS}/isolated contains {text[:40]!r}, which is not a list of cores")
     if not isolated:
-        return Check(name, what, Verdict.OK, f"none is kept free; this process may use {len(allowed)}")
+        return Check(name, what, Verdict.OK, f"no core is isolated; this process may use {len(allowed)}")
     if allowed <= isolated:
-        return Check(name, what, Verdict.OK, f"runs on {_listed(allowed)}, which nobody else uses")
-    text = f"{_listed(isolated)} kept free, but this process may run on {_listed(allowed)}"
+        return Check(name, what, Verdict.OK, f"this process runs on {_listed(allowed)}, which is isolated")
+    text = f"{_listed(isolated)} is isolated, but this process may run on {_listed(allowed)}"
     return Check(name, what, Verdict.WARN, text, f"taskset -c {min(isolated)} hil-forceps run ...")
 
 
@@ -119,25 +119,25 @@ def _listed(cores: frozenset[int]) -> str:
 
 
 def _clock_source(reads: Reads) -> Check:
-    name, what = "machine.clock_source", "what the kernel counts time by"
+    name, what = "machine.clock_source", "clock source of the kernel"
     try:
         source = reads.text(_SOURCE)
     except OSError as error:
         return unknown(name, what, why(error))
     if source not in _SLOW_SOURCES:
         return Check(name, what, Verdict.OK, source)
-    text = f"{source}: reading the time takes a microsecond and more, several times a tick"
+    text = f"{source}: reading the time takes a microsecond or more, several times in each tick"
     return Check(name, what, Verdict.WARN, text, f"cat {_SOURCE.replace('current', 'available')}; dmesg | grep -i tsc")
 
 
 def _clock(reads: Reads) -> Check:
-    name, what = "machine.clock", "whether the wall clock, by which the kernel stamps frames, is synchronised"
+    name, what = "machine.clock", "whether the wall clock, from which frames get their stamps, is synchronised"
     try:
         status = reads.clock_status()
     except OSError as error:
         return unknown(name, what, why(error))
     if status.is_synchronised:
-        text = f"synchronised, off by {status.max_error_s * 1e3:.3g} ms at most"
+        text = f"synchronised, error at most {status.max_error_s * 1e3:.3g} ms"
         return Check(name, what, Verdict.OK, text, "", status.max_error_s, "s")
-    text = "not synchronised: dates in recordings may be wrong, and it steps when it is set"
+    text = "not synchronised: dates in recordings may be wrong, and stamps jump when the clock is set"
     return Check(name, what, Verdict.WARN, text, "sudo timedatectl set-ntp true")

@@ -10,7 +10,7 @@ def checks(options: Mapping[str, object]) -> Iterator[Check]:
     name, what = "udp.scope", "how far frames over UDP multicast reach"
     hops = options.get("hop_limit", 0)
     if hops == 0:
-        yield Check(name, what, Verdict.OK, "this machine: the loopback interface alone", "", 0.0, "hops")
+        yield Check(name, what, Verdict.OK, "this computer only (loopback interface)", "", 0.0, "hops")
         return
-    text = f"hop_limit is {hops}: whoever is in this network can read all frames, and send references of his own"
-    yield Check(name, what, Verdict.WARN, text, "leave --option hop_limit out, or have a network of its own")
+    text = f"hop_limit is {hops}: every device in this network can read all frames and send references"
+    yield Check(name, what, Verdict.WARN, text, "leave --option hop_limit out, or use a separate network")

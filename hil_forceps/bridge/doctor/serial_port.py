@@ -15,7 +15,7 @@ _ASYNC_LOW_LATENCY: Final = 1 << 13  # linux/tty_flags.h; in /sys/class/tty/NAME
 def checks(reads: Reads, path: str, limits: Limits) -> Iterator[Check]:
     """Look at a port by its path; a URL has nothing to look at."""
     if "://" in path:
-        yield unknown("serial.port", f"the serial port {path}", "a URL; there is no device to look at")
+        yield unknown("serial.port", f"the serial port {path}", "it is a URL, not a device")
         return
     yield _port(reads, path)
     try:
@@ -31,12 +31,12 @@ def _port(reads: Reads, path: str) -> Check:
     name, what = "serial.port", f"whether {path} may be used"
     try:
         if reads.may_open(path):
-            return Check(name, what, Verdict.OK, "there, and may be read and written")
+            return Check(name, what, Verdict.OK, "it exists, and can be read and written")
     except OSError as error:
         remedy = "python3 -m serial.tools.list_ports"
         return Check(name, what, Verdict.FAIL, error.strerror or "there is no such port", remedy)
-    text = "there, but this user may not read and write it"
-    return Check(name, what, Verdict.FAIL, text, "sudo usermod -aG dialout $USER, then log in anew")
+    text = "it exists, but this user may not read and write it"
+    return Check(name, what, Verdict.FAIL, text, "sudo usermod -aG dialout $USER, then log in again")
 
 
 def _driver(reads: Reads, device: str) -> Check:
@@ -44,7 +44,7 @@ def _driver(reads: Reads, device: str) -> Check:
     try:
         return Check(name, what, Verdict.OK, PurePath(reads.target(f"/sys/class/tty/{device}/device/driver")).name)
     except (OSError, RuntimeError):
-        return unknown(name, what, "no driver is told: a pseudo terminal, or a port without hardware")
+        return unknown(name, what, "no driver is listed: a pseudo terminal, or a port without hardware")
 
 
 def _latency(reads: Reads, device: str, limits: Limits) -> Check:
@@ -53,17 +53,17 @@ def _latency(reads: Reads, device: str, limits: Limits) -> Check:
     try:
         latency_ms = int(reads.text(path))
     except OSError:
-        return unknown(name, what, "this adapter has none that can be set")
+        return unknown(name, what, "this adapter has no latency timer")
     except ValueError:
-        return unknown(name, what, f"{path} holds no number")
+        return unknown(name, what, f"{path} contains no number")
     text, age_ms = f"{latency_ms} ms", limits.max_sample_age_s * 1e3
     if latency_ms <= MIN_LATENCY_MS:
         return Check(name, what, Verdict.OK, text, "", latency_ms, "ms")
     remedy = f"echo {MIN_LATENCY_MS} | sudo tee {path}"
     if latency_ms > age_ms:
-        text += f": samples come older than limits.max_sample_age_s ({age_ms:g} ms), so no reference leaves"
+        text += f": samples are older than limits.max_sample_age_s ({age_ms:g} ms), so that no reference is sent"
         return Check(name, what, Verdict.FAIL, text, remedy, latency_ms, "ms")
-    return Check(name, what, Verdict.WARN, f"{text}: so much is added to each sample's age", remedy, latency_ms, "ms")
+    return Check(name, what, Verdict.WARN, f"{text}: added to the age of each sample", remedy, latency_ms, "ms")
 
 
 def _low_latency(reads: Reads, device: str) -> Check:
@@ -74,7 +74,7 @@ def _low_latency(reads: Reads, device: str) -> Check:
     except OSError as error:
         return unknown(name, what, why(error))
     except ValueError:
-        return unknown(name, what, f"{path} holds no number")
+        return unknown(name, what, f"{path} contains no number")
     if flags & _ASYNC_LOW_LATENCY:
         return Check(name, what, Verdict.OK, "set")
     return Check(name, what, Verdict.WARN, "not set", f"setserial /dev/{device} low_latency")

@@ -47,43 +47,43 @@ def _wake_up(late_s: Sequence[float], period_s: float) -> Check:
     name, what = "timing.wake_up", f"how late {len(late_s)} wake-ups were, {period_s * 1e3:g} ms apart"
     worst_s, p99_s = late_s[-1], late_s[math.ceil(_P99 * len(late_s)) - 1]
     text = f"p99 {p99_s * 1e6:.0f} µs, worst {worst_s * 1e6:.0f} µs"
-    remedy = "chrt --fifo 50 hil-forceps run ...; end what else computes here, or take a longer bench.host_period_s"
+    remedy = "chrt --fifo 50 hil-forceps run ...; end other programs, or use a longer bench.host_period_s"
     if p99_s >= period_s:
-        text += ": one tick in a hundred and more is missed"
+        text += ": at least one tick in a hundred is missed"
         return Check(name, what, Verdict.FAIL, text, remedy, worst_s * 1e6, "µs")
     if worst_s >= period_s:
-        return Check(name, what, Verdict.WARN, f"{text}: a tick is missed now and then", remedy, worst_s * 1e6, "µs")
+        return Check(name, what, Verdict.WARN, f"{text}: single ticks are missed", remedy, worst_s * 1e6, "µs")
     return Check(name, what, Verdict.OK, text, "", worst_s * 1e6, "µs")
 
 
 def _steps(measured: Lateness) -> Check:
-    name, what = "timing.clock_steps", "whether the wall clock stepped meanwhile"
+    name, what = "timing.clock_steps", "whether the wall clock stepped during the measurement"
     allowed_s = MAX_CLOCK_SLEW_s_per_s * measured.lasted_s + MAX_READING_GAP_S
     text = f"{measured.step_s * 1e3:+.3f} ms in {measured.lasted_s:.2g} s"
     if abs(measured.step_s) <= allowed_s:
         return Check(name, what, Verdict.OK, text, "", measured.step_s * 1e3, "ms")
-    text += ": frames are stamped by it, so samples get a wrong age"
-    remedy = "chronyc tracking, or timedatectl timesync-status; wait until it only slews"
+    text += ": frames get their stamps from it, so the age of samples is wrong"
+    remedy = "chronyc tracking, or timedatectl timesync-status; wait until the clock no longer steps"
     return Check(name, what, Verdict.WARN, text, remedy, measured.step_s * 1e3, "ms")
 
 
 def watchdog(watchdog_s: float | None, whose: str, period_s: float, worst_late_s: float) -> Check:
     """Judge a watchdog's time against the host's period, and what is left behind the worst wake-up; `whose` word."""
-    name, what = "timing.watchdog", "the drive's watchdog beside the host's period"
+    name, what = "timing.watchdog", "watchdog of the drive, compared with the period of the host"
     if watchdog_s is None:
-        return unknown(name, what, "neither the drive nor the rig tells its time")
+        return unknown(name, what, "neither the drive nor the rig has a value for it")
     text = f"{watchdog_s * 1e3:g} ms {whose}, {watchdog_s / period_s:.1f} periods"
     least_s = MIN_WATCHDOG_PERIODS * period_s
     if watchdog_s <= 0.0:
-        text = f"off {whose}: nothing stops the motor where this program or the bus fails"
+        text = f"off {whose}: nothing stops the motor if this program or the bus fails"
         return Check(name, what, Verdict.FAIL, text, f"set it to {least_s * 1e3:g} ms or more", 0.0, "ms")
     if watchdog_s < least_s:
-        text += f": one late tick stops the motor; {MIN_WATCHDOG_PERIODS} at least"
-        remedy = f"set the watchdog to {least_s * 1e3:g} ms or more, or bench.host_period_s shorter"
+        text += f": one late tick stops the motor; at least {MIN_WATCHDOG_PERIODS} are needed"
+        remedy = f"set the watchdog to {least_s * 1e3:g} ms or more, or use a shorter bench.host_period_s"
         return Check(name, what, Verdict.FAIL, text, remedy, watchdog_s * 1e3, "ms")
     if watchdog_s < least_s + worst_late_s:
-        worst = f"as late as the worst here ({worst_late_s * 1e3:.2g} ms)"
-        text += f"; less than {MIN_WATCHDOG_PERIODS} behind a wake-up {worst}"
-        remedy = "see timing.wake_up; or a longer watchdog"
+        worst = f"as late as the worst measured here ({worst_late_s * 1e3:.2g} ms)"
+        text += f"; fewer than {MIN_WATCHDOG_PERIODS} remain after a wake-up {worst}"
+        remedy = "see timing.wake_up, or use a longer watchdog"
         return Check(name, what, Verdict.WARN, text, remedy, watchdog_s * 1e3, "ms")
     return Check(name, what, Verdict.OK, text, "", watchdog_s * 1e3, "ms")

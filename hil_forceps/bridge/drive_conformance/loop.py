@@ -195,10 +195,10 @@ class Loop:
     def _stop_running_away(self, theta_rad: float) -> None:
         self.is_dangerous = True
         self.off_at_once()
-        asked = "nothing was asked for yet" if self.target_rad is None else "no reference goes further than 1 deg"
+        asked = "no motion was requested yet" if self.target_rad is None else "no reference is further than 1 deg"
         raise Certain(
             f"the motor ran {math.degrees(theta_rad - self.home_rad):+.2f} deg, to {theta_rad:.4g} rad, from where "
-            f"torque was asked for, and {asked}; torque was taken off"
+            f"torque was requested, although {asked}; torque was taken off"
         )
 
     def _act(self, now_ns: int) -> None:
@@ -229,7 +229,7 @@ class Loop:
         if self._denied >= MAX_DENIED_IN_A_ROW:
             if not self._low_rad <= newest.theta_rad <= self._high_rad:  # and it was within when torque was asked for
                 self._stop_running_away(newest.theta_rad)
-            raise Inconclusive(f"the gate let nothing pass: {verdict.value}, at {newest.theta_rad:.4g} rad")
+            raise Inconclusive(f"the gate passed no reference: {verdict.value}, at {newest.theta_rad:.4g} rad")
         if passed_rad is None:
             return
         frame = self.machine.setpoint(angle_raw_from_rad(passed_rad))
@@ -245,5 +245,5 @@ class Loop:
         is_sent = self.line.send(frame)
         self._refused = 0 if is_sent else self._refused + 1
         if self._refused >= MAX_REFUSED_FRAMES_IN_A_ROW:
-            raise Inconclusive("the line takes no more frames")
+            raise Inconclusive("the line accepts no more frames")
         return is_sent

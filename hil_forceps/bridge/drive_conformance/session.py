@@ -87,7 +87,7 @@ class Session(Loop):
 
     def last(self, count: int) -> list[Seen]:
         """Return the newest samples; Inconclusive where there are too few to say anything."""
-        require(len(self.samples) >= MIN_SAMPLES, f"only {len(self.samples)} samples came")
+        require(len(self.samples) >= MIN_SAMPLES, f"only {len(self.samples)} samples arrived")
         return self.samples[-count:]
 
     def angle(self, count: int = 20) -> float:
@@ -138,13 +138,18 @@ class Session(Loop):
             self.refusal = self.machine.refusal
         elif self.phase is HostPhase.FAULT:
             raise Inconclusive(
-                f"it holds a fault from before: {self.machine.fault_words()}; clear it (`hil-forceps run --reset-fault`"
-                ", or its maker's program)"
+                f"the drive has a latched fault: {self.machine.fault_words()}; reset it (`hil-forceps run "
+                "--reset-fault`"
+                " or its maker's program)"
             )
         elif self.phase is not HostPhase.READY:
-            heard = f"{self.frames_received} frames came, none that fits" if self.frames_received else "nothing came"
+            heard = (
+                f"{self.frames_received} frames were received, none of this drive"
+                if self.frames_received
+                else "no frame was received"
+            )
             raise Inconclusive(
-                f"no drive answered: {heard}; check node id, bit rate and wiring; `hil-forceps scan` tells who is there"
+                f"no drive answered: {heard}; check node id, bit rate and wiring; `hil-forceps scan` lists the drives"
             )
 
     def require_judgeable(self, moves: bool) -> None:
@@ -154,7 +159,7 @@ class Session(Loop):
         """
         if not self.off():
             raise Inconclusive(
-                f"it has torque that was not asked for here ({self.state_words()}); end what else drives it"
+                f"the drive has torque that was not requested here ({self.state_words()}); stop the other program"
             )
         self.begin()
         self.run(REST_WINDOW_NS)
@@ -173,7 +178,7 @@ class Session(Loop):
             max(MIN_WAY_SHARE * self.bounds.step_rad, MIN_WAY_NOISE_RATIO * self.noise_rad)
             <= self.bounds.step_rad / 2.0
         )
-        require(not moves or visible, f"the angle's noise of {self.noise_rad:.2g} rad hides a step of 1 deg")
+        require(not moves or visible, f"the angle's noise of {self.noise_rad:.2g} rad is too large for a step of 1 deg")
 
     def _require_within_limits(self) -> None:
         low, high, theta = self.limits.position_min_rad, self.limits.position_max_rad, self.angle()
@@ -223,8 +228,9 @@ class Session(Loop):
         was_left = abs(theta - self.left_rad) <= self.bounds.step_rad  # there by the drive itself
         if max(angles) - min(angles) > self.bounds.rest_rad or not (low <= theta <= high or was_left):
             raise Disturbed(
-                f"something pushed the motor to {theta:.4g} rad (`limits:` are {low:.4g} to {high:.4g}) while the "
-                "drive gave it no torque; take the load off the jaw, or hold it"
+                f"an external torque moved the motor to {theta:.4g} rad (`limits:` are {low:.4g} to {high:.4g}) "
+                "while the "
+                "drive gave no torque; take the load off the jaw, or hold it"
             )
 
     def enable(self) -> None:
@@ -238,12 +244,12 @@ class Session(Loop):
         self.feeds = True
         self.run(self.service.enable_timeout_ns, lambda: self.phase is not HostPhase.ENABLING)
         if self.phase is not HostPhase.RUNNING:
-            raise Violation(f"it did not come to torque: {self.state_words()}")
+            raise Violation(f"it did not reach torque: {self.state_words()}")
 
     def hold(self, duration_ns: int) -> None:
         """Go on; Violation where the drive leaves operation."""
         if self.run(duration_ns, lambda: self.phase is not HostPhase.RUNNING):
-            raise Violation(f"it left operation while references came: {self.state_words()}")
+            raise Violation(f"it left operation while references arrived: {self.state_words()}")
 
     def move(self, offset_rad: float, duration_ns: int) -> None:
         """Lead the reference to `home + offset` through the gate."""
@@ -272,7 +278,7 @@ class Session(Loop):
                 self.machine.connect(self.now_ns())
             if self.run(self.service.connect_timeout_ns, lambda: self.phase is HostPhase.READY) and self.off():
                 return
-        raise Inconclusive(f"the drive could not be brought back: {self.state_words()}")
+        raise Inconclusive(f"the drive could not be restored: {self.state_words()}")
 
     def close(self) -> None:
         """Leave the drive without torque; Inconclusive where it does not confirm that."""
@@ -280,7 +286,7 @@ class Session(Loop):
         if math.isnan(self.home_rad):  # no torque was asked for
             return
         if not self.off():
-            raise Inconclusive(f"it does not confirm that it is without torque: {self.state_words()}")
+            raise Inconclusive(f"the drive does not confirm that it has no torque: {self.state_words()}")
 
     def degrees(self, angle_rad: float) -> float:
         """Return an angle as evidence tells it."""

@@ -101,7 +101,7 @@ class Suite:
             is_excused = verdict is not Verdict.PASS and stood_still and not self._is_certain
         if is_excused:
             verdict = Verdict.INCONCLUSIVE
-            evidence += f" (this host stood still in each of {attempts} tries)"
+            evidence += f" (this host was blocked in each of {attempts} attempts)"
         result = Result(promise, verdict, evidence, tuple(session.measures), attempt)
         self._recover(promise, each)
         if verdict is not Verdict.PASS and not self.lost_drive:

@@ -87,7 +87,7 @@ def check_spec(spec: LinkSpec) -> None:
         )
     if spec.interface and spec.interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
-        raise UserError(f"{_name(spec)}: there is no such CAN interface; interfaces: {known}")
+        raise UserError(f"{_name(spec)}: unknown CAN interface; known interfaces: {known}")
 
 
 def open_link(spec: LinkSpec) -> Connection:
@@ -107,7 +107,7 @@ def _open_can(spec: LinkSpec) -> Connection:
     if spec.fd:
         options.setdefault("data_bitrate", spec.data_bitrate_bit_per_s)
     try:
-        # ty: python-can takes whatever the interface knows
+        # ty: python-can accepts any option of the interface
         bus = can.Bus(channel=spec.channel or None, interface=spec.interface, ignore_config=True, **options)  # type: ignore[arg-type]
     except NotImplementedError as error:
         known = ", ".join(sorted(can.VALID_INTERFACES))
@@ -135,8 +135,9 @@ def _keep_near(bus: can.BusABC, spec: LinkSpec) -> tuple[str, ...]:
     except (OSError, ValueError) as error:
         bus.shutdown()
         raise UserError(
-            f"udp_multicast:{spec.channel}: can't be kept on this machine: {_words(error)}; give an IPv4 group, as "
-            "--channel 239.74.163.2, or let it out into the network with --option hop_limit=1"
+            f"udp_multicast:{spec.channel}: can't be limited to this computer: {_words(error)}; use an IPv4 group, "
+            "such as "
+            "--channel 239.74.163.2, or open it to the network with --option hop_limit=1"
         ) from error
     return ()
 

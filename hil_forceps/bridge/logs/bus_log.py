@@ -274,7 +274,7 @@ def open_bus_log(path: Path, begin_ns: int, threaded: bool, use: LineUse | None 
     try:
         return BusLog(_writer(path), begin_ns, threaded, use)
     except OSError as error:
-        raise UserError(f"{path}: can't log here: {error.strerror}; choose a directory that can be written") from error
+        raise UserError(f"{path}: can't be written: {error.strerror}; choose another folder") from error
 
 
 def _writer(path: Path) -> LogWriter:
@@ -285,4 +285,4 @@ def _writer(path: Path) -> LogWriter:
             return PythonCanWriter(_AscWriter(str(path)))
         case ".blf":
             return PythonCanWriter(can.BLFWriter(str(path), channel=BLF_CHANNEL))
-    raise UserError(f"{path}: no bus log of this kind; use one of .log, .asc, .blf")
+    raise UserError(f"{path}: unknown format of bus log; use .log, .asc or .blf")

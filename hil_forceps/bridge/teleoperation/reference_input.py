@@ -71,7 +71,7 @@ class ReferenceInput:
     def words(self, now_ns: int) -> str:
         """Return how the references were lost."""
         return (
-            f"no reference from outside: the newest is {self.age_ns(now_ns) / 1e6:.0f} ms old, "
+            f"no external reference: the newest is {self.age_ns(now_ns) / 1e6:.0f} ms old, "
             f"the limit is {self.timeout_ns / 1e6:.0f} ms"
         )
 

@@ -62,7 +62,9 @@ class UdpReferences:
             self._socket.setblocking(False)
         except OSError as error:
             self._socket.close()
-            raise UserError(f"--references {address[0]}:{address[1]}: can't be had: {error.strerror}") from error
+            raise UserError(
+                f"--references {address[0]}:{address[1]}: can't be opened: {error.strerror}; use another port"
+            ) from error
         self.port = int(self._socket.getsockname()[1])
 
     def receive(self, now_ns: int) -> None:

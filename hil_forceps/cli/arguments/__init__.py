@@ -1,1 +1,1 @@
-"""What the user names on the command line, read and checked: options, lines to a drive, files, folders, answers."""
+"""Arguments of the command line, read and checked: options, lines to a drive, files, folders, answers."""

@@ -1,4 +1,4 @@
-"""Options of `hil-forceps init`, and the questions in place of those that were not given."""
+"""Options of `hil-forceps init`, and the questions for those that were not given."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -16,17 +16,19 @@ from hil_forceps.rig.sections import MAX_ENCODER_COUNTS, MIN_ENCODER_RATIO
 
 OWN: Final = "own"
 MAX_RADIUS_MM: Final = 200.0
-HARDWARE: Final = Group("What there is", sort_key=1)
-KNOWN: Final = Group("What is known besides", sort_key=2)
+HARDWARE: Final = Group("Hardware", sort_key=1)
+KNOWN: Final = Group("Other known values", sort_key=2)
 
 
 @Parameter(name="*", group=HARDWARE)
 @dataclass(frozen=True)
 class Hardware:
-    """What there is: asked for on a terminal where it isn't given."""
+    """The hardware: what is not given is asked for on a terminal."""
 
-    motor: Annotated[str, Parameter(help="Preset of the motor; own: none of them, see --torque-constant.")] = ""
-    drive: Annotated[str, Parameter(help="native, odrive, cia402, mit, moteus, dynamixel or vesc.")] = ""
+    motor: Annotated[
+        str, Parameter(help="Preset of the motor (--list); own: another motor, with --torque-constant.")
+    ] = ""
+    drive: Annotated[str, Parameter(help="Drive: native, odrive, cia402, mit, moteus, dynamixel or vesc.")] = ""
     motor_pulley_radius_mm: Annotated[
         float | None, Parameter(help="Radius (not diameter) of the motor pulley, in mm.")
     ] = None
@@ -34,29 +36,34 @@ class Hardware:
     gear: Annotated[
         float | None,
         Parameter(
-            help="Turns of the motor for one of its pulley, 1 if not given; negative where they go opposite ways. An "
-            "actuator's own gear is in its preset."
+            help="Turns of the motor for one turn of its pulley, negative if they turn opposite ways; default: 1. "
+            "The preset of an actuator contains its gear."
         ),
     ] = None
-    encoder_counts: Annotated[int | None, Parameter(help="Counts of a turn of the encoder, after quadrature.")] = None
-    current_limit: Annotated[
-        float | None, Parameter(help="The most current, in A; the motor's nominal one if not given.")
+    encoder_counts: Annotated[
+        int | None, Parameter(help="Counts of the encoder in one turn, after quadrature decoding.")
     ] = None
-    node_id: Annotated[int | None, Parameter(help="The drive's node or id, where it isn't the example's.")] = None
+    current_limit: Annotated[
+        float | None, Parameter(help="Current limit, in A; default: the nominal current of the motor.")
+    ] = None
+    node_id: Annotated[
+        int | None, Parameter(help="Node or id of the drive; default: that of the example of the drive.")
+    ] = None
 
 
 @Parameter(name="*", group=KNOWN)
 @dataclass(frozen=True)
 class Besides:
-    """What is known besides; never asked for."""
+    """Other values that are known; never asked for."""
 
-    torque_constant: Annotated[float | None, Parameter(help="N m/A, of a motor that no preset has.", negative="")] = (
-        None
-    )
-    motor_inertia: Annotated[float | None, Parameter(help="kg m², of such a motor.")] = None
+    torque_constant: Annotated[
+        float | None, Parameter(help="Torque constant, N m/A, of a motor without a preset.", negative="")
+    ] = None
+    motor_inertia: Annotated[float | None, Parameter(help="Inertia, kg m², of a motor without a preset.")] = None
     wire_stiffness: Annotated[float | None, Parameter(help="Stiffness of the wire, N/m.")] = None
     tension_max: Annotated[
-        float | None, Parameter(help="The wire's highest tension, N: limits the current; the gate watches it.")
+        float | None,
+        Parameter(help="Largest permitted tension of the wire, N; sets the current limit and a limit of the gate."),
     ] = None
     jaw_inertia: Annotated[float | None, Parameter(help="Inertia of jaw and jaw pulley, kg m².")] = None
     jaw_coulomb: Annotated[float | None, Parameter(help="Coulomb friction of the jaw, N m.")] = None
@@ -66,14 +73,14 @@ class Besides:
         bool,
         Parameter(
             negative="",
-            help="The paper's values, or the middle of the bounds, for what nobody knows yet: for a simulation, not "
-            "for a motor.",
+            help="Use the paper's values, or the middle of the bounds, for unknown values. For simulation only, not "
+            "for a real motor.",
         ),
     ] = False
 
 
 def answers_of(hardware: Hardware, besides: Besides) -> Answers:
-    """Return what is known, asking for what is missing; UserError with one line for what can't be asked."""
+    """Return all answers, asking for the missing ones; UserError if nobody can be asked."""
     _check_besides(besides)
     found = _Filled(hardware, besides)
     motor, profile = found.motor, found.profile
@@ -99,7 +106,7 @@ def answers_of(hardware: Hardware, besides: Besides) -> Answers:
 
 
 class _Filled:
-    """Motor and drive first, for what is asked next depends on them."""
+    """Asks for motor and drive first, because the further questions depend on them."""
 
     def __init__(self, hardware: Hardware, besides: Besides) -> None:
         self._asks = can_ask()
@@ -159,18 +166,20 @@ def _checked(given: float | None, read: Callable[[str], Any]) -> Any:
 
 
 def _questions(hardware: Hardware, motor: MotorPreset | None) -> Iterator[Question[Any]]:
-    """Yield what is still to be asked, with defaults as far as the motor's preset has them."""
+    """Yield the open questions, with the motor preset's values as defaults."""
     counts = motor and motor.values.encoder_counts_per_rev
     limit = motor and motor.values.nominal_current_A
     given = _given(hardware)
     for question in (
         Question("--motor-pulley-radius-mm R", "Radius (not diameter) of the motor pulley, mm", _radius),
         Question("--jaw-pulley-radius-mm R", "Radius of the jaw pulley, mm", _radius),
-        Question("--gear N", "Turns of the motor for one of its pulley", _gear, "1"),
-        Question("--encoder-counts N", "Counts of a turn of the encoder", _counts, str(counts.value) if counts else ""),
+        Question("--gear N", "Turns of the motor for one turn of its pulley", _gear, "1"),
+        Question(
+            "--encoder-counts N", "Counts of the encoder in one turn", _counts, str(counts.value) if counts else ""
+        ),
         Question(
             "--current-limit A",
-            "The most current, A",
+            "Current limit, A",
             _positive("the current, in A"),
             str(limit.value) if limit else "",
         ),
@@ -218,14 +227,17 @@ def _radius(text: str) -> float:
 
 
 def _gear(text: str) -> float:
-    number = _number(text, "turns of the motor for one of the pulley")
+    number = _number(text, "turns of the motor for one turn of the pulley")
     if not MIN_ENCODER_RATIO <= abs(number) <= 1.0 / MIN_ENCODER_RATIO:
-        raise UserError(f"{text}: is no gear; give turns of the motor for one of the pulley")
+        raise UserError(
+            f"{text}: must be {MIN_ENCODER_RATIO:g} to {1.0 / MIN_ENCODER_RATIO:g} or negative, turns of the motor for "
+            "one turn of the pulley"
+        )
     return number
 
 
 def _counts(text: str) -> int:
-    number = _number(text, "counts of a turn")
+    number = _number(text, "counts in one turn")
     if not (number.is_integer() and 4 <= number <= MAX_ENCODER_COUNTS):
         raise UserError(f"{text}: must be a whole number of counts, 4 to {MAX_ENCODER_COUNTS}")
     return int(number)

@@ -6,11 +6,11 @@ from cyclopts import Group, Parameter
 
 T = TypeVar("T")
 
-_LINE: Final = Parameter(group=Group("Where the drive is", sort_key=1))
-_CONTROL: Final = Parameter(group=Group("What is run", sort_key=2))
-_OUTSIDE: Final = Parameter(group=Group("References from outside", sort_key=6))
+_LINE: Final = Parameter(group=Group("Line to the drive", sort_key=1))
+_CONTROL: Final = Parameter(group=Group("Control", sort_key=2))
+_OUTSIDE: Final = Parameter(group=Group("External references", sort_key=6))
 _OUTPUT: Final = Parameter(group=Group("Output", sort_key=3))
-_LIVE: Final = Parameter(group=Group("While it runs", sort_key=5))
+_LIVE: Final = Parameter(group=Group("Live page", sort_key=5))
 _END: Final = Parameter(group=Group("Faults", sort_key=4))
 
 OfLine = Annotated[T, _LINE]

@@ -1,27 +1,27 @@
-"""Folders that a command made for its results: one that is refused leaves none of them behind."""
+"""Folders that a command made for its results; if the command is refused, the empty ones are removed."""
 
 from pathlib import Path
 from typing import Final
 
-_made: Final[list[Path]] = []  # of the command under way, outer ones first
+_made: Final[list[Path]] = []  # of the current command, outer folders first
 
 
 def make(path: Path) -> None:
-    """Make a folder with those above it, and remember which of them were not there; OSError as the disk does."""
+    """Make a folder and its missing parents, and remember them; OSError if that fails."""
     missing = [each for each in (path, *path.parents) if not each.exists()]
     path.mkdir(parents=True, exist_ok=True)
     _made.extend(reversed(missing))
 
 
 def forget() -> None:
-    """Begin anew: what was made before stays."""
+    """Forget the folders made before; they stay."""
     _made.clear()
 
 
 def remove_empty() -> None:
-    """Remove those that were made and hold nothing."""
+    """Remove the folders that were made and are empty."""
     while _made:
         try:
             _made.pop().rmdir()
         except OSError:
-            continue  # something is in it, or it is gone
+            continue  # not empty, or removed already

@@ -13,7 +13,7 @@ from hil_forceps.rig.errors import UserError
 
 @contextmanager
 def leaving_map(path: Path | None) -> Iterator[OnColumns]:
-    """Write how the columns of the first table were named, or may be meant where reading ends with an error."""
+    """Write the column mapping of the first table; if reading fails, a proposal as comments."""
     seen: list[tuple[Header, Found]] = []
 
     def keep(header: Header, found: Found) -> None:
@@ -25,13 +25,13 @@ def leaving_map(path: Path | None) -> Iterator[OnColumns]:
         if path is None or not seen:
             raise
         _write(path, *seen[0])
-        told = f"{path}: guesses are in it as comments; correct them, take the # away, and add --map {path}"
+        told = f"{path}: contains proposals as comments; correct them, remove the #, and use --map {path}"
         raise UserError([*error.problems, told]) from error
     if path is not None:
         if not seen:
-            raise UserError("--write-map: no table is among the sources; the columns of other files are known")
+            raise UserError("--write-map: none of the sources is a table, and other formats need no map; leave it out")
         _write(path, *seen[0])
-        sys.stdout.write(f"{path}: the columns of {seen[0][0].place}, as --map takes them\n")
+        sys.stdout.write(f"{path}: column map of {seen[0][0].place}, for --map\n")
 
 
 def _write(path: Path, header: Header, found: Found) -> None:

@@ -9,19 +9,19 @@ from hil_forceps.rig.errors import UserError
 
 
 def interface_options(pairs: Sequence[str]) -> dict[str, object]:
-    """Split each --option KEY=VALUE; what is a number becomes one. UserError when one is no such pair."""
+    """Split each --option KEY=VALUE, with numbers converted; UserError for one that is not such a pair."""
     broken = [pair for pair in pairs if "=" not in pair]
     if broken:
         raise UserError([f"--option {pair}: must be KEY=VALUE, such as --option bitrate=500000" for pair in broken])
-    # Python's interfaces want numbers as numbers: udp_multicast its port, for one.
+    # Interfaces need numbers as numbers, for example udp_multicast its port.
     return {key: cast_from_string(value) for key, _, value in (pair.partition("=") for pair in pairs)}
 
 
 @contextmanager
 def spoken_as_options(options: Mapping[str, str]) -> Iterator[None]:
-    """Have errors about parameters of the API, named at their beginning, speak of options instead.
+    """Replace the name of an API parameter at the beginning of an error by the option.
 
-    `options`: from a parameter to the option without its dashes.
+    `options`: parameter to option, without dashes.
     """
     try:
         yield
@@ -30,7 +30,7 @@ def spoken_as_options(options: Mapping[str, str]) -> Iterator[None]:
 
 
 def _spoken(problem: str, options: Mapping[str, str]) -> str:
-    # A parameter ends with a blank, or with a colon where no value is told.
+    # A blank or a colon follows the parameter's name.
     for parameter, option in options.items():
         for end in (" ", ":"):
             if problem.startswith(parameter + end):

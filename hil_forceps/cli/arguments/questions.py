@@ -1,4 +1,4 @@
-"""Questions on a terminal, each with a default where there is one, in place of options that were not given."""
+"""Questions on a terminal for options that were not given."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -10,26 +10,27 @@ T = TypeVar("T")
 
 
 class Question(NamedTuple, Generic[T]):
-    """What is asked in place of an option."""
+    """A question for the value of an option."""
 
-    option: str  # as it is given, with what comes behind it
+    option: str  # with a placeholder for its value, as `--gear N`
     text: str
-    read: Callable[[str], T]  # UserError where the answer makes no sense
+    read: Callable[[str], T]  # UserError for an invalid answer
     default: str = ""
 
 
 def can_ask() -> bool:
-    """Tell whether somebody sits at a terminal."""
+    """Return whether standard input and error are a terminal."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def missing(questions: Sequence[Question[T]]) -> UserError:
-    """Return the one line for options that are missing where nobody can be asked."""
-    return UserError(f"missing: {', '.join(each.option for each in questions)}; give them, or run it on a terminal")
+    """Return the error for missing options if nobody can be asked."""
+    names = ", ".join(each.option for each in questions)
+    return UserError(f"missing options: {names}; add them, or run the command on a terminal")
 
 
 def ask(question: Question[T]) -> T:
-    """Ask until the answer makes sense; UserError at the end of the input."""
+    """Ask until the answer is valid; UserError at the end of the input."""
     shown = f" [{question.default}]" if question.default else ""
     while True:
         sys.stderr.write(f"{question.text}{shown}: ")

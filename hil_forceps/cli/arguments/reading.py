@@ -1,4 +1,4 @@
-"""Runs that the user names, read with a bar that moves; and what the audit says of them."""
+"""Runs read from the sources of the command line, with a progress bar, and the table of their audit."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -32,11 +32,11 @@ def read_sources(
     mapping: ColumnMap = MappingProxyType({}),
     on_columns: OnColumns | None = None,
 ) -> list[tuple[Path, Run]]:
-    """Return every run of every source with its source; UserError with the problems of all of them."""
+    """Return every run with its source; UserError with the problems of all sources."""
     missing = [source for source in sources if not source.exists()]
     if missing or not sources:
         told = [f"{source}: no such file or folder; check the path" for source in missing]
-        raise UserError(told or "no SOURCE given; name files or folders (docs/real-data.md says where there are some)")
+        raise UserError(told or "SOURCE: missing; name files or folders (docs/real-data.md lists public data)")
     found: list[tuple[Path, Run]] = []
     problems: list[str] = []
     for source in sources:
@@ -57,22 +57,22 @@ def _teller(progress: Progress, task: TaskID) -> Callable[[int, int], None]:
 
 
 def bar() -> Progress:
-    """Return a bar on standard error, silent where nobody watches."""
+    """Return a progress bar on standard error; silent if it isn't a terminal."""
     console = note_console()
     return Progress(console=console, disable=not console.is_terminal, transient=True)
 
 
 def show_audit(findings: Sequence[Finding]) -> None:
-    """Print the findings, one line for all runs that share kind, channel and severity."""
+    """Print the findings, one row for all runs with the same kind, channel and severity."""
     groups: dict[tuple[Severity, str, str], list[Finding]] = {}
     for finding in findings:
         text = finding.text if finding.kind == "reader" else ""
         groups.setdefault((finding.severity, f"{finding.kind}{text}", finding.channel), []).append(finding)
     if not groups:
-        sys.stdout.write("audit: nothing found\n")
+        sys.stdout.write("audit: no findings\n")
         return
     table = Table(title="Audit of the data", title_justify="left", box=SIMPLE_HEAD)
-    for header in ("", "kind", "runs", "what"):
+    for header in ("", "kind", "runs", "finding"):
         table.add_column(header)
     for (severity, _, _), group in groups.items():
         names = [finding.run for finding in group if finding.run]

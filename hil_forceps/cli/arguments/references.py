@@ -1,4 +1,4 @@
-"""The options of references from outside: where they are waited for, and who may send them."""
+"""Options of external references: the address to listen on, and the token of the senders."""
 
 import math
 import os
@@ -21,16 +21,16 @@ MAX_TIMEOUT_S: Final = 1.0
 
 
 def open_references(rigs: Sequence[Rig], where: str, token_file: Path | None, timeout_s: float | None) -> UdpReferences:
-    """Listen for references to each axis; UserError with what to do where that can't or mustn't be."""
+    """Listen for references to each axis; UserError if the address is not allowed or an option is out of range."""
     address = parse_address(where, "--references")
     token = b"" if token_file is None else read_token(token_file)
     if not token and not is_loopback(address[0]):
         raise UserError(
-            f"--references {where}: beyond this machine references want a token; give both ends a file with one: "
-            "(umask 077; head -c 32 /dev/urandom | base64 > token), --references-token token"
+            f"--references {where}: references from other computers require a token; create one and give it to both "
+            "ends: (umask 077; head -c 32 /dev/urandom | base64 > token), --references-token token"
         )
     if timeout_s is not None and not (math.isfinite(timeout_s) and 0.0 < timeout_s <= MAX_TIMEOUT_S):
-        raise UserError(f"--references-timeout {timeout_s}: must be more than 0 s, and {MAX_TIMEOUT_S:g} s at most")
+        raise UserError(f"--references-timeout {timeout_s}: must be above 0 s and at most {MAX_TIMEOUT_S:g} s")
     session = 1 + secrets.randbelow((1 << 64) - 1)
     inputs = [
         ReferenceInput(session, round((feedback_bounds(rig).hold_s if timeout_s is None else timeout_s) * 1e9))
@@ -40,7 +40,7 @@ def open_references(rigs: Sequence[Rig], where: str, token_file: Path | None, ti
 
 
 def read_token(path: Path) -> bytes:
-    """Return the token in a file, without blanks around it; UserError where others can read it, or it is too short."""
+    """Return the token in a file, stripped; UserError if other users can read the file, or the length is wrong."""
     try:
         with path.open("rb") as file:
             mode = os.fstat(file.fileno()).st_mode
@@ -48,7 +48,10 @@ def read_token(path: Path) -> bytes:
     except OSError as error:
         raise UserError(f"--references-token {path}: can't be read: {error.strerror}") from error
     if mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise UserError(f"--references-token {path}: other users may read it; chmod 600 {path}")
+        raise UserError(f"--references-token {path}: other users can read the file; chmod 600 {path}")
     if not MIN_TOKEN_BYTES <= len(token) <= MAX_TOKEN_BYTES:
-        raise UserError(f"--references-token {path}: must hold {MIN_TOKEN_BYTES} to {MAX_TOKEN_BYTES} bytes")
+        raise UserError(
+            f"--references-token {path}: the token must have {MIN_TOKEN_BYTES} to {MAX_TOKEN_BYTES} bytes; create "
+            "another"
+        )
     return token

@@ -1,1 +1,1 @@
-"""One file for each command of hil-forceps."""
+"""Commands of hil-forceps, one file each."""

@@ -1,4 +1,4 @@
-"""`hil-forceps docs`: the pages that messages name, where only the package is installed."""
+"""`hil-forceps docs`: the pages of the documents, for installations without the repository."""
 
 import sys
 from pathlib import Path
@@ -8,7 +8,7 @@ from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.validation.problems import nearest
 
 PACKAGE = Path(__file__).parents[2]
-# A wheel brings the pages along within the package; in a checkout they are beside it.
+# A wheel contains the pages in the package; in a checkout they are next to it.
 FOLDERS = (PACKAGE / "docs", PACKAGE.parent / "docs")
 NAME_WIDTH = 30
 
@@ -26,7 +26,7 @@ class Page(NamedTuple):
 
 
 def docs(page: str | None = None) -> int:
-    """List the pages that came with this version, or print one of them.
+    """List the pages of the documents of this version, or print one of them.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def docs(page: str | None = None) -> int:
 
 
 def pages() -> list[Page]:
-    """Return all pages, by name; decision records are notes for developers, and not among them."""
+    """Return all pages, by name, without the decision records, which are for developers."""
     for folder in FOLDERS:
         if (folder / "glossary.md").is_file():
             paths = [
@@ -52,7 +52,7 @@ def pages() -> list[Page]:
                 *sorted(folder.glob("drives/*.md")),
             ]
             return [Page(str(path.relative_to(folder).with_suffix("").as_posix()), path) for path in paths]
-    raise UserError(f"{FOLDERS[0]}: the pages are not there; install the package again")
+    raise UserError(f"{FOLDERS[0]}: the pages are missing; install the package again")
 
 
 def _chosen(wanted: str, found: list[Page]) -> Page:
@@ -61,5 +61,5 @@ def _chosen(wanted: str, found: list[Page]) -> Page:
     if name in by_name:
         return by_name[name]
     near = nearest(name, by_name)
-    remedy = f"did you mean {near}?" if near else "`hil-forceps docs` lists all"
-    raise UserError(f"{wanted}: is no page; {remedy}")
+    remedy = f"did you mean {near}?" if near else "`hil-forceps docs` lists all pages"
+    raise UserError(f"{wanted}: no such page; {remedy}")

@@ -28,31 +28,31 @@ def fmu(
     sample_time: Annotated[float | None, Parameter(validator=validators.Number(gt=0.0))] = None,
     platform: tuple[PlatformName, ...] = ("x86_64-linux",),
 ) -> int:
-    """Write the plant with its effects, or an estimator, as a functional mock-up unit for co-simulation.
+    """Write the plant with its effects, or an estimator, as a functional mock-up unit (FMU) for co-simulation.
 
-    The unit is compiled C, and its sources are in it: what opens it needs no Python. It computes what `simulate` and
-    the service compute. How Simulink takes it, and what its variables are: docs/matlab.md.
+    The FMU contains compiled C code and its sources; it needs no Python. It computes the same as `simulate` and the
+    service. docs/matlab.md describes its variables, and how to open it in Simulink.
 
     Parameters
     ----------
     rig
-        Rig file; its numbers are what the unit's parameters start with.
+        Rig file; its values are the start values of the unit's parameters.
     unit
-        plant: motor, wire, jaw, sensors and the drive's position loop. estimator: what the service runs.
+        plant: motor, wire, jaw, sensors and the drive's position loop. estimator: the estimator of the service.
     out
-        File to write, ending in .fmu.
+        File to write; must end in .fmu.
     algorithm
-        Of an estimator.
+        Algorithm of the estimator.
     fmi
-        Version of the standard: 2 (read by most programs) or 3.
+        Version of the FMI standard: 2 (read by most programs) or 3.
     sample_time
-        Seconds between the drive's samples; by default the rig's, or 1 ms where the rig has no drive.
+        Seconds between the drive's samples; default: that of the rig, or 1 ms if the rig has no drive.
     platform
-        Machine to compile for; may be given several times. The first time for a platform takes minutes: its C library
-        is compiled, too.
+        Platform to compile for; may be repeated. The first time for a platform takes minutes, because its C library is
+        compiled, too.
     """
     if out.suffix != ".fmu":
-        raise UserError(f"--out {out}: must end in .fmu, or no program takes it; rename it")
+        raise UserError(f"--out {out}: must end in .fmu; rename it")
     known = load_rig(rig)
     made = plant_unit(known, sample_time) if unit == "plant" else estimator_unit(known, algorithm, sample_time)
     _tell_what_is_left_out(known, unit, algorithm)
@@ -65,14 +65,15 @@ def fmu(
 def _tell_what_is_left_out(rig: Rig, unit: str, algorithm: AlgorithmId) -> None:
     if unit == "estimator":
         for effect in effects_passed_over(algorithm, rig):
-            note(f"effects.{effect}: {algorithm} works without it")
+            note(f"effects.{effect}: not modelled by the estimator {algorithm}; left out of the FMU")
         return
     if LEFT_OUT in rig.effects:
         note(
-            f"effects.{LEFT_OUT}: shifts channels of a recording, not of the loop; delay the outputs where you log them"
+            f"effects.{LEFT_OUT}: delays channels of a recording only, left out of the FMU; delay the outputs in your "
+            "log"
         )
     if any((rig.noise.current_A, rig.noise.theta_j_rad, rig.noise.tau_w_N_m)):
-        note("noise: the unit's sensors have none; add it to the outputs")
+        note("noise: left out of the FMU; add it to the outputs")
 
 
 def _summary(unit: Unit, fmi: int, out: Path, platforms: tuple[str, ...]) -> str:

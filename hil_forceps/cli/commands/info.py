@@ -1,4 +1,4 @@
-"""`hil-forceps info`: what is installed, what can be reached, what a rig means."""
+"""`hil-forceps info`: installed versions, interfaces and ports, and figures derived from a rig."""
 
 import json
 import platform
@@ -22,14 +22,14 @@ ARPHRD_CAN = 280
 
 
 def info(rig: Path | None = None, *, as_json: Annotated[bool, Parameter(name="--json", negative="")] = False) -> int:
-    """Say what is installed and which interfaces and ports are there; with --rig, what the rig means.
+    """Show installed versions, CAN interfaces and serial ports; with --rig, figures derived from the rig file.
 
     Parameters
     ----------
     rig
-        Rig file to explain: derived figures of the plant and the load on the bus.
+        Rig file; prints the frequency of the wire mode and the poles of the plant.
     as_json
-        As JSON.
+        Print the result as JSON.
     """
     if rig is not None:
         _check_kind(rig)
@@ -43,10 +43,9 @@ def info(rig: Path | None = None, *, as_json: Annotated[bool, Parameter(name="--
 
 
 def _check_kind(path: Path) -> None:
-    """UserError for a run, which another command tells of."""
+    """UserError if the path is a run instead of a rig file."""
     if path.suffix == ".mcap" or (path / RECORDING_NAME).is_file():
-        told = "is a run and no rig file"
-        raise UserError(f"{path}: {told}; hil-forceps explain {path} tells its course, info takes a rig's YAML")
+        raise UserError(f"{path}: is a run, not a rig file; name a rig file, or use hil-forceps explain {path}")
 
 
 def _known() -> dict[str, Any]:
@@ -70,8 +69,8 @@ def _installed() -> Iterator[str]:
     yield f"hil-forceps {found['version']}, protocol {found['protocol']}; not a medical device"
     yield f"Python {found['python']} on {found['system']}"
     yield "libraries: " + ", ".join(f"{name} {number}" for name, number in found["libraries"].items())
-    yield f"CAN interfaces from plugins: {', '.join(found['can_plugins']) or 'none'}; python-can's own come on top"
-    none = "none (no SocketCAN device is there)"
+    yield f"CAN interfaces from plugins: {', '.join(found['can_plugins']) or 'none'}; besides those of python-can"
+    none = "none (there is no SocketCAN device)"
     yield f"CAN devices of this kernel: {', '.join(found['can_devices']) or none}"
     yield f"serial ports: {', '.join(found['serial_ports']) or 'none'}"
     yield f"drives for `hil-forceps drive`: {', '.join(found['drives']) or 'none'}"

@@ -1,4 +1,4 @@
-"""`hil-forceps init`: a first rig, from motor, drive, encoder and pulleys, with a comment for each key."""
+"""`hil-forceps init`: a first rig file from motor, drive, encoder and pulleys, with a comment for each key."""
 
 import json
 import os
@@ -32,29 +32,30 @@ def init(
     list_: Annotated[bool, Parameter(name="--list", group=OUTPUT, negative="")] = False,
     json_: Annotated[bool, Parameter(name="--json", group=OUTPUT, negative="")] = False,
 ) -> int:
-    """Write a first rig file with a comment for each key: its meaning, its unit, and where its value is from.
+    """Write a first rig file with a comment for each key: its meaning, its unit, and the source of its value.
 
-    On a terminal it asks for what is missing. Data sheets' values of common motors and drives are presets, each with
-    its source (--list). What no data sheet has (wire, jaw, friction) gets bounds, which `diagnose` narrows down.
+    On a terminal the command asks for missing values. Presets contain the data sheet values of common motors and
+    drives, each with its source (--list). Parameters that no data sheet has (wire, jaw, friction) get bounds, which
+    `diagnose` narrows down.
 
     Parameters
     ----------
     rig
         File to write.
     overwrite
-        Write over a file that is there.
+        Overwrite an existing file.
     list_
         List the presets with their sources, and write nothing.
     json_
-        What was written and which keys are still without a value, or the list, as JSON.
+        Print the result as JSON: the file and its keys without a value, or the list of presets.
     """
     if list_:
         _list(as_json=json_)
         return 0
     if rig is None:
-        raise UserError("RIG: missing; name the file to write, such as forceps.yaml, or --list the presets")
+        raise UserError("RIG: missing; name the file to write, such as forceps.yaml, or list the presets with --list")
     if rig.exists() and not overwrite:
-        raise UserError(f"{rig}: is there already; name another file, or --overwrite")
+        raise UserError(f"{rig}: already exists; name another file, or use --overwrite")
     left = _write(answers_of(hardware, besides), rig)
     if json_:
         sys.stdout.write(json.dumps({"rig": str(rig), "without_value": left}) + "\n")
@@ -62,14 +63,14 @@ def init(
     sys.stdout.write(f"{rig}: written; next: hil-forceps check {shlex.quote(str(rig))}\n")
     if left:
         note(
-            f"{rig}: {len(left)} keys have bounds and no value yet, which `run` and `bench` need: {', '.join(left)}; "
-            "docs/diagnosis.md"
+            f"{rig}: {len(left)} keys have bounds but no value, and `run` and `bench` need a value: "
+            f"{', '.join(left)}; see docs/diagnosis.md"
         )
     return 0
 
 
 def _write(answers: Answers, rig: Path) -> list[str]:
-    """Write the file and return the keys without a value; UserError where the answers make no sound rig."""
+    """Write the file and return the keys without a value; UserError if the answers give no valid rig."""
     found = sections(answers)
     text = text_of(answers, found, _schema_from(rig), _command())
     parse_rig(text, str(rig))
@@ -81,7 +82,7 @@ def _write(answers: Answers, rig: Path) -> list[str]:
 
 
 def _schema_from(rig: Path) -> str:
-    """Return the schema's path from the rig, so that an editor finds it."""
+    """Return the schema's path relative to the rig file, so that an editor finds it."""
     try:
         return Path(os.path.relpath(SCHEMA, rig.resolve().parent)).as_posix()
     except ValueError:  # on another drive of Windows

@@ -1,4 +1,4 @@
-"""`hil-forceps open`: the newest report, in a browser."""
+"""`hil-forceps open`: the newest report in the browser."""
 
 import os
 import sys
@@ -17,14 +17,14 @@ REPORT_NAMES = ("report.html", "trend.html")
 def open_(
     folder: Path = USUAL_FOLDER, *, print_: Annotated[bool, Parameter(name="--print", negative="")] = False
 ) -> int:
-    """Open the newest report below a folder, and print its path. Without a display it is only printed.
+    """Open the newest report below a folder in the browser, and print its path. Without a display only print the path.
 
     Parameters
     ----------
     folder
-        Folder of results, or a report itself.
+        Folder with results, or a report.
     print_
-        Print the path alone.
+        Only print the path.
     """
     report = newest_report(folder)
     sys.stdout.write(f"{report}\n")
@@ -35,17 +35,17 @@ def open_(
 
 
 def newest_report(folder: Path) -> Path:
-    """Return the report that was written last; UserError where there is none."""
+    """Return the report that was written last; UserError if there is none."""
     if folder.is_file():
         return folder
     if not folder.is_dir():
-        raise UserError(f"{folder}: no such folder; name that of --out")
+        raise UserError(f"{folder}: no such folder; name the folder that --out had")
     found = [path for name in REPORT_NAMES for path in folder.rglob(name) if path.is_file()]
     if not found:
-        raise UserError(f"{folder}: no report.html in it; `hil-forceps diagnose` writes one into the folder of --out")
+        raise UserError(f"{folder}: contains no report.html; `hil-forceps diagnose` writes one to the folder of --out")
     return max(found, key=lambda path: (path.stat().st_mtime_ns, path))
 
 
 def has_display() -> bool:
-    """Tell whether a browser has somewhere to show itself: elsewhere than on Linux always."""
+    """Return whether there is a display; outside Linux always True."""
     return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

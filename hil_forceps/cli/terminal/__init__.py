@@ -1,1 +1,1 @@
-"""What the user reads: notes, progress, tables, verdicts, faults; and the live page."""
+"""Output on the terminal: notes, progress, tables, verdicts, faults; and the live page."""

@@ -1,4 +1,4 @@
-"""Serving a live page beside a command, and opening it in the browser."""
+"""The live page of a command, opened in the browser."""
 
 import html
 import webbrowser
@@ -15,7 +15,7 @@ from hil_forceps.live.view import LiveOptions, View, live_view
 
 @contextmanager
 def shown(description: Description, options: LiveOptions | None) -> Iterator[View | None]:
-    """Serve a live page while the body runs, tell its address, and open it where there is a display."""
+    """Serve a live page while the block runs, note its address, and open it if there is a display."""
     if options is None:
         yield None
         return
@@ -28,9 +28,9 @@ def shown(description: Description, options: LiveOptions | None) -> Iterator[Vie
 
 
 def _way_to(address: str, folder: Path) -> Path:
-    """Return a file that leads to the page: the command line of a browser is no place for a token, others can read it.
+    """Return a file that redirects to the page.
 
-    The folder is this user's alone.
+    The address contains a token, and other users can read the command line of a browser. They can't read this folder.
     """
     path = folder / "live.html"
     path.write_text(f'<meta http-equiv="refresh" content="0; url={html.escape(address)}">\n', encoding="utf-8")

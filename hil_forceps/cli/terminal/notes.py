@@ -1,4 +1,4 @@
-"""Notes and progress on standard error, which `--quiet` silences; errors never are."""
+"""Notes and progress on standard error, which `--quiet` suppresses; errors are always printed."""
 
 import sys
 from typing import TYPE_CHECKING, Final
@@ -18,18 +18,18 @@ _NOTES: Final = _Notes()
 
 
 def without_quiet(arguments: list[str]) -> list[str]:
-    """Take `--quiet` out of a command line, and remember whether it was there."""
+    """Remove `--quiet` from a command line, and remember whether it was given."""
     _NOTES.is_quiet = QUIET in arguments
     return [each for each in arguments if each != QUIET]
 
 
 def is_quiet() -> bool:
-    """Tell whether nothing but errors goes to standard error."""
+    """Return whether only errors go to standard error."""
     return _NOTES.is_quiet
 
 
 def note(text: str) -> None:
-    """Tell something that is no error."""
+    """Print a note."""
     if not _NOTES.is_quiet:
         sys.stderr.write(f"note: {text}\n")
 

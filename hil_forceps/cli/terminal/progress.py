@@ -1,4 +1,4 @@
-"""What long work is at: a spinner on a terminal, else lines that come at each step and every few seconds."""
+"""Progress of long work: a spinner on a terminal, else a line at each step and every few seconds."""
 
 import sys
 import threading
@@ -10,7 +10,7 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-FIRST_LINE_S = 1.0  # what is refused sooner is refused in one line
+FIRST_LINE_S = 1.0  # a command that is refused sooner prints only its error
 LINE_PERIOD_S = 5.0
 
 T = TypeVar("T")
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 @contextmanager
 def progress_on(console: Console, every_s: float = LINE_PERIOD_S) -> Iterator[Callable[[str], None]]:
-    """Yield what is to be told of each step; the last one is told again while it lasts."""
+    """Yield a function that takes the name of each step; the current step is repeated while it lasts."""
     if console.is_terminal:
         with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console) as bar:
             task = bar.add_task("loading", total=None)
@@ -51,9 +51,9 @@ def progress_on(console: Console, every_s: float = LINE_PERIOD_S) -> Iterator[Ca
 
 @contextmanager
 def last_told(line: Callable[[T], str], every_s: float = LINE_PERIOD_S) -> Iterator[Callable[[T], None]]:
-    """Yield what takes the newest state; a thread writes it as a line every few seconds.
+    """Yield a function that takes the newest state; a thread writes it as a line every few seconds.
 
-    A thread, so that a loop in real time never waits for whoever reads standard error.
+    The thread keeps a loop in real time from waiting for standard error.
     """
     began, done, newest = time.monotonic(), threading.Event(), list[T]()
 

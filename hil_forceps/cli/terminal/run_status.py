@@ -1,4 +1,4 @@
-"""What a run is at while it lasts: a line that changes on a terminal, else a line every few seconds."""
+"""State of a run while it lasts: a line that is updated on a terminal, else a line every few seconds."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from hil_forceps.cli.terminal.progress import last_told
 
 @contextmanager
 def run_status() -> Iterator[Any]:
-    """Show the run on a terminal; elsewhere, such as in a log file, a line every few seconds."""
+    """Yield a function that shows the state of the run, or None with `--quiet`."""
     console = note_console()
     if is_quiet():
         yield None

@@ -8,11 +8,11 @@ from rich.table import Table
 from hil_forceps.identification.instrument.report import Table as Cells
 
 FILE_COLUMNS = 160
-WIDE = 1000  # more than any table takes
+WIDE = 1000  # wider than any table
 
 
 def print_cells(cells: Cells, title: str, texts: int) -> None:
-    """Print a table whose first `texts` columns are words."""
+    """Print a table; its first `texts` columns are left-aligned words."""
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
     for place, header in enumerate(cells.headers):
         table.add_column(header.replace(" (", "\n("), justify="right" if place >= texts else "left", no_wrap=place == 0)
@@ -22,9 +22,9 @@ def print_cells(cells: Cells, title: str, texts: int) -> None:
 
 
 def print_table(table: Table, file_columns: int) -> None:
-    """Print a table as wide as the terminal is; a file or a pipe, which has no width, gets so many columns.
+    """Print a table in the width of the terminal, or in `file_columns` columns to a file or pipe.
 
-    Where the terminal is too narrow for its words, row by row below each other: no word is cut.
+    If the terminal is too narrow for the longest words, each row is printed as lines of header and cell.
     """
     console = Console()
     width = console.width if console.is_terminal else file_columns
@@ -36,7 +36,7 @@ def print_table(table: Table, file_columns: int) -> None:
 
 
 def least_width(table: Table) -> int:
-    """Return the columns that a table needs for its longest words."""
+    """Return the width that a table needs so that no word is broken."""
     wide = Console(width=WIDE)
     return Measurement.get(wide, wide.options, table).minimum
 

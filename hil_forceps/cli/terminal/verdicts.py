@@ -1,4 +1,4 @@
-"""Verdicts on standard output, and what shows life meanwhile: what the suites of conformance share."""
+"""Table of verdicts and progress line of the two conformance suites."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ _STYLES: Final = {
 
 
 def progress(total: int) -> Callable[[str], None]:
-    """Return what shows life: one line that is written over on a terminal, nothing elsewhere."""
+    """Return a function that shows progress: one line that is overwritten on a terminal, nothing elsewhere."""
     if is_quiet() or not sys.stderr.isatty():
         return lambda _: None
     done = 0
@@ -38,11 +38,11 @@ def progress(total: int) -> Callable[[str], None]:
 
 
 def print_verdicts(title: str, what: str, results: Sequence[Verdicted]) -> None:
-    """Print a table of what was judged, the rest by its reason, and the sum; `what` heads the first column."""
+    """Print a table of verdicts, the checks that don't apply by reason, and counts; `what` heads the first column."""
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
     table.add_column(what, no_wrap=True)
     table.add_column("verdict", no_wrap=True)
-    table.add_column("what", overflow="fold", max_width=46)
+    table.add_column("property", overflow="fold", max_width=46)
     table.add_column("evidence", overflow="fold")
     for result in (r for r in results if r.applies):
         name = result.requirement.name + ("" if result.requirement.level == "MUST" else " (SHOULD)")
@@ -60,4 +60,4 @@ def print_verdicts(title: str, what: str, results: Sequence[Verdicted]) -> None:
 def _summary(results: Sequence[Verdicted]) -> str:
     counts = ", ".join(f"{n} {v}" for v in Verdict if (n := sum(r.verdict is v for r in results)))
     unmoved = sum(r.verdict is Verdict.NOT_RUN and NEEDS_MOTION in r.evidence for r in results)
-    return counts + (f"; {unmoved} not run because they move the motor (--allow-motion)" if unmoved else "")
+    return counts + (f"; {unmoved} not run, because they need --allow-motion" if unmoved else "")

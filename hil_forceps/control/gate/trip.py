@@ -24,11 +24,11 @@ CURRENT: Final = "current"
 GAP: Final = "gap"
 
 WORDS: Final = {
-    JUMP: "the encoder jumps further between two samples than the motor gets",
+    JUMP: "the angle changes between two samples by more than the motor can move",
     STILL: "encoder frozen or motor blocked: the angle stays the same to the last bit while the reference moves",
-    AGAINST: "the encoder disagrees with the current: the motor turns on against a strong one",
+    AGAINST: "encoder and current disagree: the motor keeps turning against a large current",
     TENSION: "the tension of the wire, by the balance of the motor, is beyond limits.tension_max_N",
     CURRENT: "the measured current is beyond limits.current_max_A",
-    GAP: "too long between two references",
+    GAP: "the time between two references is too long",
 }
 IMPLAUSIBLE: Final = frozenset({JUMP, STILL, AGAINST})  # what is measured cannot be; the others are beyond a limit

@@ -17,7 +17,7 @@ def whole_lines(data: bytes) -> tuple[bytes, str]:
 
 def zero_bytes_note(line: int) -> str:
     """Say that reading ended at zero bytes."""
-    return f"line {line} holds zero bytes, as a power cut leaves them: it and what follows were left out"
+    return f"line {line} contains zero bytes, as after a power cut; it and the rest of the file were left out"
 
 
 def no_end_note(line: int) -> str:

@@ -150,7 +150,7 @@ def _channel(path: Path, table: _Table, place: int, units: dict[str, float]) -> 
 def _rated_torque_N_m(path: Path, rig: Rig | None) -> float:
     rated = None if rig is None else rig.recording.rated_torque_N_m
     if rated is None:
-        told = "torque is in percent of the motor's rated torque, which the file doesn't hold"
+        told = "torque is in percent of the motor's rated torque, which the file does not contain"
         raise UserError(f"{path}: {told}; name a rig (--rig) with recording.rated_torque_N_m")
     return rated
 
@@ -158,7 +158,7 @@ def _rated_torque_N_m(path: Path, rig: Rig | None) -> float:
 def _radians_per_count(path: Path, rig: Rig | None) -> float:
     counts = None if rig is None else rig.encoder.counts_per_rev
     if counts is None:
-        told = "position is in counts, and how many make a turn the file doesn't hold"
+        told = "position is in counts, but the file does not contain the counts of one turn"
         raise UserError(f"{path}: {told}; name a rig (--rig) with encoder.counts_per_rev")
     return 2.0 * math.pi / counts
 

@@ -43,7 +43,7 @@ def read_parquet(
     except OSError as error:
         raise UserError(f"{path}: {error.strerror or _first_line(error)}") from error
     except (arrow.ArrowException, ValueError, MemoryError) as error:
-        raise UserError(f"{path}: not a sound Parquet file: {_first_line(error)}; export it again") from error
+        raise UserError(f"{path}: not a valid Parquet file: {_first_line(error)}; export it again") from error
     return Run(run.name, run.columns, (*run.notes, note)) if note else run
 
 
@@ -64,7 +64,7 @@ def _columns(path: Path, arrow: Any, file: Any, uses: Sequence[Use]) -> list[Col
     for use in uses:
         kind = file.schema_arrow.field(use.position).type
         if not (arrow.types.is_floating(kind) or arrow.types.is_integer(kind)):
-            errors.append(f"{path}: column {use.name} holds {kind}, not numbers; convert it to float64")
+            errors.append(f"{path}: column {use.name} contains {kind}, not numbers; convert it to float64")
     if errors:
         raise UserError(errors)
     count = int(file.metadata.num_rows)
@@ -84,7 +84,7 @@ def _pyarrow(module: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise UserError(f"Parquet needs pyarrow, which can't be imported ({error}): pip install pyarrow") from error
+        raise UserError(f"Parquet needs pyarrow, which can't be imported ({error}); pip install pyarrow") from error
 
 
 def _first_line(error: BaseException) -> str:

@@ -69,7 +69,7 @@ def format_of(path: Path, head: bytes) -> Format:
             return each
     for each in FORMATS:
         if suffix in each.suffixes and each.magic:
-            raise UserError(f"{path}: no {suffix} file: it begins with {head[:8]!r}; give it the suffix of what it is")
+            raise UserError(f"{path}: not a {suffix} file: it begins with {head[:8]!r}; correct its suffix")
         if suffix in each.suffixes and each.by_suffix:
             return each
     claims = (each for each in FORMATS if not each.magic and each.looks_like is not None and each.looks_like(head))
@@ -82,7 +82,7 @@ def with_known_load(run: Run, rig: Rig | None) -> Run:
     if load_N_m is None or "tau_w_N_m" in run.columns:
         return run
     columns = {**run.columns, "tau_w_N_m": np.full(len(run), load_N_m)}
-    return Run(run.name, columns, (*run.notes, f"load: {load_N_m:g} N m throughout, as the rig says"))
+    return Run(run.name, columns, (*run.notes, f"load: {load_N_m:g} N m throughout, from the rig file"))
 
 
 def _read(request: Request) -> list[Run]:
@@ -97,14 +97,14 @@ def _read(request: Request) -> list[Run]:
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: {getattr(error, 'strerror', None) or error}; check the path") from error
     if not head:
-        raise UserError(f"{path}: is empty; nothing was written to it")
+        raise UserError(f"{path}: is empty; record or export it again")
     packed = is_packed(head)
     found = format_of(path, unpacked_head(path, _SNIFFED_BYTES) if packed else head)
     if packed and not found.may_be_packed:
-        raise UserError(f"{path}: {found.name} is not read packed; unpack it first (gunzip, zstd -d)")
+        raise UserError(f"{path}: {found.name} can't be read compressed; decompress it first (gunzip, zstd -d)")
     runs = found.read(request)
     if request.mapping and not found.is_table:
-        told = f"--map was not used: the columns of {found.name} are known"
+        told = f"--map was not used: {found.name} has fixed columns"
         return [Run(run.name, run.columns, (*run.notes, told)) for run in runs]
     return runs
 
@@ -135,7 +135,7 @@ def _all(files: Iterable[Path], request: Request, notes: tuple[str, ...]) -> lis
             runs += _read(request._replace(path=file))
         except NoRunError as error:
             strange += error.problems
-            notes += (f"{file.name} was left out: no column of a run is in it",)
+            notes += (f"{file.name} was left out: it has no column of a run",)
         except UserError as error:
             problems += error.problems
     if problems or not runs:

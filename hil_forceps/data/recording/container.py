@@ -212,8 +212,8 @@ def _foreign(channel: Channel, schemas: Mapping[int, str]) -> str:
 def _check_foreign(found: Found, name: str) -> None:
     """UserError for another format; where the file itself vouches for this one, its description is damaged."""
     if SETTINGS_NAME not in found.attachments:
-        raise UserError(f"{name}: {found.foreign} was recorded in another format; use the version that recorded it")
-    found.remarks.append(f"recording is damaged: the description of {found.foreign} isn't what was written")
+        raise UserError(f"{name}: {found.foreign} has another format; use the version of hil-forceps that recorded it")
+    found.remarks.append(f"recording is damaged: the description of {found.foreign} was changed")
 
 
 def check_settings(found: Found, name: str) -> None:
@@ -228,12 +228,14 @@ def check_settings(found: Found, name: str) -> None:
         content: Any = parse_json(copy.decode())
         version, said = content["format"], _texts(content["metadata"])
     except (KeyError, *DAMAGE) as error:
-        found.remarks.append(f"recording says of itself what isn't understood: {error}")
+        found.remarks.append(f"the description in the recording is not valid: {error}")
         return
     if version != FORMAT_VERSION:
-        raise UserError(f"{name}: was recorded in another format ({str(version)[:20]!r}); use the version that did")
+        raise UserError(
+            f"{name}: has another format ({str(version)[:20]!r}); use the version of hil-forceps that recorded it"
+        )
     if found.metadata.get(METADATA_NAME, said) != said:
-        found.remarks.append("recording is damaged: its metadata aren't what was written, the copy of them is read")
+        found.remarks.append("recording is damaged: its metadata were changed; the copy was read instead")
     found.metadata[METADATA_NAME] = said
 
 
@@ -247,7 +249,7 @@ def _check_end(data: bytes, data_end: int, end: int, found: Found) -> None:
     """Hold the bytes against the checksums over the data section and the summary; older recordings lack the first."""
     crc = int.from_bytes(data[end - 4 : end], "little")
     if end - data_end != RECORD_HEAD.size + 4:
-        found.remarks.append(f"recording is damaged: the record at byte {data_end} has no checksum where it should")
+        found.remarks.append(f"recording is damaged: the record at byte {data_end} has no checksum")
     elif crc and zlib.crc32(memoryview(data)[:data_end]) != crc:
         found.remarks.append(f"recording is damaged: the checksum of its first {data_end} bytes is wrong")
     after = end
@@ -262,7 +264,7 @@ def _check_end(data: bytes, data_end: int, end: int, found: Found) -> None:
             break
     if problem := _summary_problem(data, end, after):
         found.counted = None
-        found.remarks.append(f"recording is damaged behind its data, at byte {end} or later: {problem}")
+        found.remarks.append(f"recording is damaged after its data, at byte {end} or later: {problem}")
 
 
 def _summary_problem(data: bytes, begin: int, end: int) -> str:
@@ -276,7 +278,7 @@ def _summary_problem(data: bytes, begin: int, end: int) -> str:
     if crc and zlib.crc32(memoryview(data)[begin : end - 4]) != crc:
         return "the checksum of its summary is wrong"
     if data[end:] != MCAP0_MAGIC:
-        return "it does not end as it should"
+        return "its end is not valid"
     return ""
 
 

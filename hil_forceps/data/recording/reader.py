@@ -70,10 +70,10 @@ class Recording:
         """
         rows = np.flatnonzero(self.samples["state"] == DriveState.OPERATIONAL)
         if rows.size < 2:
-            raise UserError(f"{self.name}: holds no run: the drive never became operational")
+            raise UserError(f"{self.name}: contains no run: the drive never became operational")
         samples = self.samples[rows]
         if problem := _sample_problem(samples):
-            raise UserError(f"{self.name}: {problem}; it is damaged: record again")
+            raise UserError(f"{self.name}: {problem}; the recording is damaged: record again")
         columns = {
             "time_s": (samples["stamp_ns"] - samples["stamp_ns"][0]) * 1e-9,
             "theta_m_rad": samples["theta_m_rad"],
@@ -158,11 +158,11 @@ def read_recording(path: Path) -> Recording:
 def parse_recording(data: bytes, name: str) -> Recording:
     """Read a file's bytes; what a cut or damage makes unreadable is left out and said in the notes."""
     if not data.startswith(MCAP0_MAGIC):
-        raise UserError(f"{name}: not an MCAP file; a recording of the bench is expected")
+        raise UserError(f"{name}: not an MCAP file; name a recording of `run` or `bench`")
     found = collect(data, name)
     if METADATA_NAME not in found.metadata:
         raise UserError(
-            f"{name}: not a recording of the bench, or cut off before it began (no {METADATA_NAME} metadata)"
+            f"{name}: not a recording of `run` or `bench`, or cut off at its beginning (no {METADATA_NAME} metadata)"
         )
     return _assemble(found, name, is_finished=data.endswith(MCAP0_MAGIC) and len(data) > len(MCAP0_MAGIC))
 
@@ -235,4 +235,4 @@ def _said(found: Found, tables: Tables) -> Iterator[tuple[str, bool]]:
         is_damaged = found.damage or found.remarks
         yield f"{tables.missing} messages {'are missing' if is_damaged else 'were dropped while recording'}", True
     if found.counted is not None and found.counted > len(tables.order) and not found.damage:
-        yield f"{found.counted - len(tables.order)} messages that its summary counts are not there", True
+        yield f"{found.counted - len(tables.order)} messages that its summary counts are missing", True

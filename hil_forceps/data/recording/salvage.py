@@ -138,7 +138,7 @@ def salvage(data: bytes, name: str) -> Salvage:
             at = end
         check_settings(found, name)
     if METADATA_NAME not in found.metadata and not found.chunks:
-        raise UserError(f"{name}: not a recording of the bench, or nothing of it can be read")
+        raise UserError(f"{name}: not a recording of `run` or `bench`, or nothing of it is readable")
     return result
 
 

@@ -266,11 +266,9 @@ def open_recorder(path: Path, metadata: Mapping[str, str], threaded: bool) -> Re
     try:
         stream = path.open("wb", buffering=0)
     except OSError as error:
-        raise UserError(
-            f"{path}: can't record here: {error.strerror}; choose a directory that can be written"
-        ) from error
+        raise UserError(f"{path}: can't be written: {error.strerror}; choose another folder") from error
     recorder = Recorder(stream, metadata, threaded)
     if recorder.failure:
         stream.close()
-        raise UserError(f"{path}: {recorder.failure}; choose another place")
+        raise UserError(f"{path}: {recorder.failure}; choose another folder")
     return recorder

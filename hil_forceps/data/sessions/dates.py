@@ -56,7 +56,7 @@ def parsed(text: str, what: str) -> datetime:
     try:
         date = datetime.fromisoformat(text.strip())
     except ValueError as error:
-        raise UserError(f"{what}: is no date; write it as 2026-11-28 or 2026-11-28T09:30") from error
+        raise UserError(f"{what}: is not a date; write it as 2026-11-28 or 2026-11-28T09:30") from error
     return date.replace(tzinfo=UTC) if date.tzinfo is None else date.astimezone(UTC)
 
 

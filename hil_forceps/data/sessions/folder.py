@@ -42,7 +42,7 @@ def sessions_of(folder: Path, rig: Path | None, out: Path | None = None) -> list
     if problems:
         raise UserError(list(dict.fromkeys(problems)))
     if not found:
-        raise UserError(f"{folder}: no logs in it; `hil-forceps import` says what can be read")
+        raise UserError(f"{folder}: contains no logs; see `hil-forceps import --help` for the formats")
     count = Counter(session.name for session in found)
     named = [s if count[s.name] == 1 else s._replace(name=s.path.relative_to(folder).as_posix()) for s in found]
     return sorted(named, key=lambda session: session.name)
@@ -51,7 +51,9 @@ def sessions_of(folder: Path, rig: Path | None, out: Path | None = None) -> list
 def require_folder(folder: Path) -> None:
     """UserError where there is no such folder."""
     if not folder.is_dir():
-        raise UserError(f"{folder}: {'is no folder' if folder.exists() else 'no such folder'}; name that of the logs")
+        raise UserError(
+            f"{folder}: {'is not a folder' if folder.exists() else 'no such folder'}; name the folder of the logs"
+        )
 
 
 def _session(folder: Path, path: Path, rig: Path | None, row: Row | None) -> Session:
@@ -64,8 +66,8 @@ def _session(folder: Path, path: Path, rig: Path | None, row: Row | None) -> Ses
     own = own or rig
     if own is None:
         raise UserError(
-            f"{folder}: no {RIG_NAME} in it, nor in {path.parent.relative_to(folder).as_posix()}; "
-            "put the rig of each instrument into its folder, or name one for all with --rig"
+            f"{folder}: no {RIG_NAME} in this folder or in {path.parent.relative_to(folder).as_posix()}; "
+            "put the rig file of each instrument into its folder, or name one for all with --rig"
         )
     return Session(told, path, instrument, own, "" if row is None else row.date)
 

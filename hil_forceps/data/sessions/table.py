@@ -33,7 +33,7 @@ def read_table(path: Path) -> list[Row]:
         return []
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
-            raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 20} MiB; it is no table of sessions")
+            raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 20} MiB, so not a table of sessions")
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: can't be read: {getattr(error, 'strerror', None) or 'no UTF-8'}") from error
@@ -41,7 +41,7 @@ def read_table(path: Path) -> list[Row]:
     try:
         cells = [(number, next(csv.reader([line]))) for number, line in lines]
     except (csv.Error, StopIteration) as error:
-        raise UserError(f"{path}: no CSV: {error}") from error
+        raise UserError(f"{path}: not valid CSV: {error}") from error
     if not cells:
         return []
     header = [cell.strip() for cell in cells[0][1]]
@@ -57,12 +57,12 @@ def read_table(path: Path) -> list[Row]:
 
 def _row(path: Path, number: int, header: list[str], cells: list[str], problems: list[str]) -> Row | None:
     if len(cells) != len(header):
-        problems.append(f"{path}:{number}: {len(cells)} cells under {len(header)} columns")
+        problems.append(f"{path}:{number}: {len(cells)} cells, but {len(header)} columns; correct the line")
         return None
     told = dict(zip(header, (cell.strip() for cell in cells), strict=True))
     row = Row(number, *(told.get(name, "") for name in COLUMNS))
     if not row.pattern:
-        problems.append(f"{path}:{number}: session is empty; name the log that is meant")
+        problems.append(f"{path}:{number}: session is empty; enter the path of a log")
     if row.date:
         try:
             parsed(row.date, f"{path}:{number}: date {row.date!r}")

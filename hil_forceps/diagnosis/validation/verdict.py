@@ -42,31 +42,35 @@ def judge(found: Identified, rig: Rig, room: tuple[float, float] = (INEXACT_SHAR
     sets = tuple(model.effects for model in found.found.rivals if model.effects)
     if (left := unexplained(found, room)) is not None:
         place, variable, _ = left.families[0]
-        said = f"Something is there that no entry of the catalogue explains; at {place}, it varies over {variable}."
+        said = (
+            f"No entry of the catalogue explains the data. The lack of fit is at {place}, and varies over {variable}."
+        )
         where = "" if left is found.after else " in the runs held out"
         nearest = " + ".join(best.effects)
-        nearby = (f"the nearest of the catalogue, {nearest}, leaves too much unexplained{where}",) if nearest else ()
+        nearby = (f"the best of the catalogue, {nearest}, leaves a significant lack of fit{where}",) if nearest else ()
         return Judgement("unnamed", said, (), sets, shifts, varies_over(left), nearby)
-    cut_short = tuple(f"the time was spent before a look at {what}" for what in found.found.not_looked_at)
+    cut_short = tuple(
+        f"the time limit was reached before this was tested: {what}" for what in found.found.not_looked_at
+    )
     if best.effects:
         named = named_effects(found)
         acting = {e.id for e in named if plausibility(e.id, e.parameters) < 1.0}
-        words = [("what acts like " if e.id in acting else "") + effect(e.id).summary for e in named]
+        words = [("an effect similar to " if e.id in acting else "") + effect(e.id).summary for e in named]
         said = f"The data show: {' and '.join(words)}."
-        said += " Other entries explain them as well." if len(sets) > 1 else ""
-        tied = "these data can't tell " + " from ".join(" + ".join(ids) for ids in sets) + " apart"
+        said += " Other entries explain the data equally well." if len(sets) > 1 else ""
+        tied = "the data can't distinguish between " + ", ".join(" + ".join(ids) for ids in sets)
         reasons = (*((tied,) if len(sets) > 1 else ()), *cut_short)
         reasons = (*reasons, *_implausible(named))
         over: tuple[str, ...] = ()
         if found.after.gain > LEFT_OVER_CHANCE * found.after.threshold:
             share = found.after.gain / (found.after.gain + found.found.explained)
-            reasons += (f"beside the named entries something is left: {share:.1g} of the misfit that they explain",)
+            reasons += (f"the named entries leave a lack of fit: {share:.1g} of the misfit that they explain",)
             over = varies_over(found.after)
         return Judgement("effects", said, named, sets, shifts, over, reasons)
     if cut_short:
-        return Judgement("undetermined", f"No answer yet: {cut_short[0]}.", (), (), shifts, (), cut_short)
+        return Judgement("undetermined", f"No result: {cut_short[0]}.", (), (), shifts, (), cut_short)
     if shifts and moved(best.fit, rig) > float(stats.chi2.isf(FALSE_ALARMS, len(_assumed(best.fit, rig)))):
-        said = f"Other values of known parameters explain all: {', '.join(shifts)}."
+        said = f"Other values of known parameters explain the data: {', '.join(shifts)}."
         return Judgement("parameters", said, (), (), shifts, (), ())
     return Judgement("consistent", "The simulation agrees with the data to within their noise.", (), (), {}, (), ())
 
@@ -115,7 +119,7 @@ def plausibility(effect_id: str, parameters: Mapping[str, Estimate]) -> float:
 
 def _implausible(named: Sequence[NamedEffect]) -> tuple[str, ...]:
     return tuple(
-        f"{e.id} is larger than hardware has it: what is there acts like it, and may be something else"
+        f"{e.id} is larger than in known hardware: the cause may be another effect that is similar"
         for e in named
         if plausibility(e.id, e.parameters) < 1.0
     )

@@ -56,7 +56,7 @@ class Cia402Inquiry:
             said.firmware = f"revision {values[_REVISION] >> 16:04x}h"
         profile = values.get(_DEVICE_TYPE, DEVICE_PROFILE) & 0xFFFF
         if profile != DEVICE_PROFILE:
-            said.misfit = f"it is of the device profile {profile}, not {DEVICE_PROFILE}; check motor_driver.profile"
+            said.misfit = f"its device profile is {profile}, not {DEVICE_PROFILE}; check motor_driver.profile"
         self._tell_state(said)
         turns = values.get(_TURNS, 0)
         if turns and _INCREMENTS in values:

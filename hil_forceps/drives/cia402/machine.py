@@ -135,7 +135,7 @@ class Cia402:
 
     def fault_words(self) -> str:
         """Return the last emergency's error code."""
-        return "no emergency was heard" if self._emergency is None else f"error code 0x{self._emergency:04x}"
+        return "no emergency message was received" if self._emergency is None else f"error code 0x{self._emergency:04x}"
 
     def take_samples(self) -> list[RawSample]:
         """Hand over the samples since the last call, oldest first."""
@@ -262,7 +262,7 @@ class Cia402:
         if is_behind_start and not self._is_operational:
             self._state = self.drive_state = None  # its PDOs have ended
             self._refuse(
-                f"node {self.config.node} left the NMT state operational by another's word (heartbeat says "
+                f"node {self.config.node} left the NMT state operational on another master's command (heartbeat "
                 f"0x{data[0]:02x}); only one master may be on the bus"
             )
 
@@ -277,8 +277,9 @@ class Cia402:
                 self._refuse(f"node {node} sends no {missing} with SYNC, although it took the PDO mapping")
             else:
                 self._refuse(
-                    f"node {node} stays in mode {self._mode} (6061h), where {MODE_CSP}, cyclic synchronous position, "
-                    "was asked for"
+                    f"node {node} stays in mode {self._mode} (6061h), although mode {MODE_CSP}, cyclic synchronous "
+                    "position, "
+                    "was requested"
                 )
 
     def _refuse(self, words: str) -> None:
@@ -296,14 +297,15 @@ class Cia402:
         self._see_state(wire.state_of(statusword & 0xFFFF))
         if mode != MODE_CSP and self.phase in {HostPhase.READY, HostPhase.ENABLING, HostPhase.RUNNING}:
             self._refuse(
-                f"node {self.config.node} went from mode {MODE_CSP} to mode {mode} (6061h) by another's word; only one "
+                f"node {self.config.node} changed from mode {MODE_CSP} to mode {mode} (6061h) on another master's "
+                "command; only one "
                 "master may write 6060h"
             )
         self._cycle.see_position(counts)
         if self._cycle.answers.is_too_high:
             self._refuse(
-                f"node {self.config.node} answers SYNC more often than it is asked: two drives have this id, or "
-                "another master sends SYNC; give each drive its own (2000h), and let one master alone be on the bus"
+                f"node {self.config.node} answers SYNC more than once: two drives have this id, or "
+                "another master sends SYNC; give each drive its own id (2000h), and use one master only"
             )
 
     def _see_state(self, state: State | None) -> None:

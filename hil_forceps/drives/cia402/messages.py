@@ -90,7 +90,7 @@ _ABORT_WORDS: Final = {
     0x06020000: "there is no such object",
     0x06040041: "it can't be mapped to a PDO",
     0x06040042: "the PDO would be too long",
-    0x06070010: "its length is another",
+    0x06070010: "its length is different",
     0x06090011: "there is no such subindex",
     0x06090030: "the value is out of range",
     0x08000020: "it can't be stored",

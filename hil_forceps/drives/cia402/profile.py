@@ -50,20 +50,21 @@ def _machine(
     check_node(settings, 1, HOST_NODE - 1)  # 127 is the host's
     counts = rig.encoder.counts_per_rev
     if counts is None:
-        raise UserError("encoder.counts_per_rev: is ideal, but a CiA 402 drive gives angles in counts; give a number")
+        raise UserError("encoder.counts_per_rev: is ideal, but a CiA 402 drive sends angles in counts; give a number")
     period_ns = round(rig.bench.host_period_s * 1e9)
     if period_ns % 1_000_000:
         raise UserError(
-            f"bench.host_period_s: {rig.bench.host_period_s:g} s is no whole number of ms, which SYNC and the "
-            "interpolation (60C2h) of a CiA 402 drive take; change it"
+            f"bench.host_period_s: {rig.bench.host_period_s:g} s is not a whole number of ms, as SYNC and the "
+            "interpolation (60C2h) of a CiA 402 drive require; change it"
         )
     reach_rad = max(abs(rig.limits.position_min_rad), abs(rig.limits.position_max_rad))
     ratio = settings.encoder_rev_per_pulley_rev
     largest = counts * (abs(settings.encoder_zero_rev) + abs(ratio) * reach_rad / (2.0 * math.pi))
     if largest >= MAX_COUNTS:
         raise UserError(
-            f"motor_driver.encoder_zero_rev: is {settings.encoder_zero_rev:g}; with the limits of the angle that makes "
-            f"{largest:.3g} counts, and a CiA 402 drive's position (6064h) has 32 bits; set the drive's zero nearer"
+            f"motor_driver.encoder_zero_rev: is {settings.encoder_zero_rev:g}; with limits: the position reaches "
+            f"{largest:.3g} counts, but the position (6064h) of a CiA 402 drive has 32 bits; set the zero of the "
+            "drive nearer to the limits"
         )
     index, subindex = settings.current_object.split("h:")
     return Cia402(
@@ -129,7 +130,7 @@ class _Listener:
     def found(self) -> list[Found]:
         """Return the nodes heard so far."""
         return [
-            Found("cia402", node, f"{_NMT_WORDS[state]}; a CANopen node, perhaps no drive")
+            Found("cia402", node, f"{_NMT_WORDS[state]}; a CANopen node, possibly not a drive")
             for node, state in sorted(self._states.items())
         ]
 

@@ -53,7 +53,7 @@ class SetUp:
         elif not self._is_identified:
             profile = (answer.value or 0) & 0xFFFF
             if profile != DEVICE_PROFILE:
-                self.refusal = f"node {self._node} is no CiA 402 drive: its device type is of profile {profile}"
+                self.refusal = f"node {self._node} is not a CiA 402 drive: its device type has the profile {profile}"
             self._is_identified = True
         else:
             self._entries.pop(0)

@@ -38,7 +38,9 @@ def findings(rig: Rig) -> list[Finding]:
 
 def _limits(rig: Rig) -> Iterator[Finding]:
     if "limits" not in rig.model_fields_set:
-        yield Finding("problem", "limits", "is missing; a motor is only driven within limits that somebody has chosen")
+        yield Finding(
+            "problem", "limits", "is missing; add the limits of the mechanism, without which no motor is enabled"
+        )
 
 
 def _narrow(rig: Rig) -> Iterator[Finding]:
@@ -56,7 +58,7 @@ def _narrow(rig: Rig) -> Iterator[Finding]:
     step = _times_s(limits, ANGLE_LSB_RAD)
     for key, time_s in _times_s(limits, way_rad).items():
         if time_s > MAX_CORRECTION_TIME_S:
-            told = f"is {getattr(limits, key):g}: the reference takes {time_s:.3g} s to make up for {load}; raise it"
+            told = f"is {getattr(limits, key):g}: the reference needs {time_s:.3g} s to compensate {load}; raise it"
             yield Finding("problem" if step[key] > MAX_CORRECTION_TIME_S else "note", f"limits.{key}", told)
     N_per_A = plant.torque_constant_N_m_per_A / plant.motor_pulley_radius_m
     for key, limit, needed, least, unit in (
@@ -64,10 +66,13 @@ def _narrow(rig: Rig) -> Iterator[Finding]:
         ("current_max_A", limits.current_max_A, tension_N / N_per_A, CURRENT_LSB_A, "A"),
     ):
         if limit is not None and limit < needed:
-            told = f"is {limit:g} {unit}; {load} takes {needed:.3g} {unit} alone, and the gate latches; raise it"
+            told = f"is {limit:g} {unit}; {load} alone needs {needed:.3g} {unit}, so that the gate latches; raise it"
             yield Finding("problem" if limit < least else "note", f"limits.{key}", told)
     if limits.position_max_rad - limits.position_min_rad < way_rad:
-        told = f"is less than {way_rad:.2g} rad above position_min_rad, the way that makes up for {load}; widen them"
+        told = (
+            f"is less than {way_rad:.2g} rad above position_min_rad, and the compensation of {load} needs this "
+            "range; widen it"
+        )
         yield Finding("problem", "limits.position_max_rad", told)
 
 
@@ -89,7 +94,9 @@ def _unknown(rig: Rig) -> Iterator[Finding]:
         for key in type(values).model_fields:
             if getattr(values, key).value is None:
                 yield Finding(
-                    "note", f"{section}.{key}", "has no value yet, and `run` needs one; docs/diagnosis.md fits it"
+                    "note",
+                    f"{section}.{key}",
+                    "has no value, and `run` needs one; fit it with `diagnose` (docs/diagnosis.md)",
                 )
 
 
@@ -98,16 +105,19 @@ def _watchdog(rig: Rig) -> Iterator[Finding]:
         return
     key, watchdog_s, period_s = "motor_driver.watchdog_s", rig.motor_driver.watchdog_s, rig.bench.host_period_s
     if watchdog_s == 0.0:
-        yield Finding("problem", key, "is 0: nothing stops the motor where this program or the bus fails")
+        yield Finding("problem", key, "is 0: nothing stops the motor if this program or the bus fails")
     elif watchdog_s < MIN_WATCHDOG_PERIODS * period_s:
         yield Finding(
             "problem",
             key,
-            f"is {watchdog_s:g} s, {watchdog_s / period_s:.1f} periods of the host: one late tick stops the motor; at "
+            f"is {watchdog_s:g} s, {watchdog_s / period_s:.1f} periods of the host: one late tick stops the motor; "
+            "set at "
             f"least {MIN_WATCHDOG_PERIODS * period_s:g} s",
         )
     elif watchdog_s > MAX_WATCHDOG_S:
-        yield Finding("note", key, f"is {watchdog_s:g} s: the motor goes on for so long behind a host that failed")
+        yield Finding(
+            "note", key, f"is {watchdog_s:g} s: after a failure of the host the motor continues for this time"
+        )
 
 
 def _of_profile(rig: Rig) -> Iterator[Finding]:
@@ -137,7 +147,8 @@ def _quanta(rig: Rig) -> Iterator[Finding]:
         yield Finding(
             "note",
             key,
-            f"the angle comes in steps of {quantum_m * 1e6:.2g} µm at the wire, {100.0 * quantum_m / stretch_m:.0f} % "
+            f"the resolution of the angle is {quantum_m * 1e6:.2g} µm at the wire, "
+            f"{100.0 * quantum_m / stretch_m:.0f} % "
             f"of its stretch under {LOAD_N_M * 1e3:g} mN m ({stretch_m * 1e6:.2g} µm)",
         )
 
@@ -158,7 +169,8 @@ def _current(rig: Rig) -> Iterator[Finding]:
             yield Finding(
                 "note",
                 key,
-                f"is {limit_A:g} A; a load of {LOAD_N_M * 1e3:g} mN m at the jaw takes {needed_A:.3g} A alone, so the "
+                f"is {limit_A:g} A; a load of {LOAD_N_M * 1e3:g} mN m at the jaw alone needs {needed_A:.3g} A, so "
+                "that the "
                 "current saturates",
             )
 

@@ -46,10 +46,10 @@ class DynamixelInquiry:
         number, firmware = int.from_bytes(status.data[:2], "little"), status.data[2]
         model = table.MODELS.get(number)
         said = Said(firmware=f"{'model number ' + str(number) if model is None else model.name}, firmware {firmware}")
-        said.fault = f"it alerts: {table.HARDWARE_ERROR_STATUS} says what is wrong" if status.alert else ""
+        said.fault = f"it alerts: {table.HARDWARE_ERROR_STATUS} has the error" if status.alert else ""
         if model is None:
             known = ", ".join(f"{each.name} ({each.number})" for each in table.MODELS.values())
-            said.misfit = f"this model is not known here; those that are: {known}"
+            said.misfit = f"unknown model; known models: {known}"
         else:
             said.counts_per_rev = table.COUNTS_PER_REV
         if firmware < table.MIN_FIRMWARE:

@@ -173,8 +173,8 @@ class Dynamixel:
         if feedback.hardware_error:
             return table.hardware_error_words(feedback.hardware_error)
         if feedback.bus_watchdog == table.WATCHDOG_TRIPPED:
-            return f"bus watchdog tripped: it heard nothing for {self.config.watchdog * table.WATCHDOG_UNIT_S:g} s"
-        return f"{table.BUS_WATCHDOG} is {feedback.bus_watchdog}, not {self.config.watchdog}: somebody else wrote it"
+            return f"bus watchdog tripped: no packet for {self.config.watchdog * table.WATCHDOG_UNIT_S:g} s"
+        return f"{table.BUS_WATCHDOG} is {feedback.bus_watchdog}, not {self.config.watchdog}: another program wrote it"
 
     def take_samples(self) -> list[RawSample]:
         """Hand over the samples since the last call, oldest first."""
@@ -315,10 +315,10 @@ class Dynamixel:
             middle_ns = sorted(self._round_trips_ns)[len(self._round_trips_ns) // 2]
             if middle_ns > self._feedback_timeout_ns:
                 self._refuse(
-                    f"servo {self.config.node} answers after {middle_ns / 1e6:.0f} ms, where "
-                    f"{self._feedback_timeout_ns / 1e6:g} ms are the most: its adapter holds data back (an FTDI's "
+                    f"servo {self.config.node} answers after {middle_ns / 1e6:.0f} ms, but "
+                    f"{self._feedback_timeout_ns / 1e6:g} ms is the maximum: its adapter delays data (an FTDI's "
                     "latency timer: `echo 1 > /sys/bus/usb-serial/devices/ttyUSB0/latency_timer`), or its Return "
-                    "Delay Time is lost"
+                    "Delay Time was reset"
                 )
 
     def _see_order(self, status: wire.Status) -> None:
@@ -343,7 +343,7 @@ class Dynamixel:
             return
         if request.purpose == "order" or self._set_up.model is not None:
             subject = "orders" if request.purpose == "order" else f"requests for {self._set_up.subject()}"
-            self._refuse(f"servo {self.config.node} does not answer {subject}, although it has answered before")
+            self._refuse(f"servo {self.config.node} no longer answers {subject}")
 
     def _see_feedback(self, answer: Answer) -> None:
         feedback = table.parse_feedback(answer.status.data)
@@ -392,7 +392,7 @@ class Dynamixel:
             return
         self._set_up_restarts += 1
         if self._set_up_restarts >= MAX_RESTARTS:
-            self._refuse(f"servo {self.config.node} takes {table.INDIRECT_ADDRESSES}, and does not answer by them")
+            self._refuse(f"servo {self.config.node} accepts {table.INDIRECT_ADDRESSES}, but does not answer with them")
         else:
             self._begin_set_up(now_ns)
 

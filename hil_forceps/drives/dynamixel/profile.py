@@ -45,20 +45,20 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
     reached = _reach_rev(rig, settings)
     if not low <= min(reached) <= max(reached) <= high:
         raise UserError(
-            f"motor_driver.encoder_zero_rev: with `limits:` the servo would go from {min(reached):g} to "
-            f"{max(reached):g} turns, and it knows {low:.0f} to {high:.0f}; change it"
+            f"motor_driver.encoder_zero_rev: with `limits:` the servo's range is {min(reached):g} to "
+            f"{max(reached):g} turns, but it supports {low:.0f} to {high:.0f}; change it"
         )
     watchdog = round(settings.watchdog_s / table.WATCHDOG_UNIT_S)
     is_whole = math.isclose(watchdog * table.WATCHDOG_UNIT_S, settings.watchdog_s, abs_tol=1e-9)
     if not is_whole or watchdog > table.MAX_WATCHDOG_UNITS:
         longest_s = table.MAX_WATCHDOG_UNITS * table.WATCHDOG_UNIT_S
         raise UserError(
-            f"motor_driver.watchdog_s: is {settings.watchdog_s:g} s, but a servo's bus watchdog takes multiples of "
-            f"{table.WATCHDOG_UNIT_S:g} s up to {longest_s:g} s; give one"
+            f"motor_driver.watchdog_s: is {settings.watchdog_s:g} s, but the bus watchdog of a servo has steps of "
+            f"{table.WATCHDOG_UNIT_S:g} s up to {longest_s:g} s; use a multiple"
         )
     if settings.current_limit_A < table.CURRENT_UNIT_A:
         raise UserError(
-            f"motor_driver.current_limit_A: is {settings.current_limit_A:g} A, less than a servo's unit of "
+            f"motor_driver.current_limit_A: is {settings.current_limit_A:g} A, less than the servo's resolution of "
             f"{table.CURRENT_UNIT_A:g} A; raise it"
         )
     return Dynamixel(
@@ -87,14 +87,19 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
     counts = rig.encoder.counts_per_rev
     if counts != table.COUNTS_PER_REV:
         has = "ideal" if counts is None else counts
-        yield Finding("note", "encoder.counts_per_rev", f"is {has}; a servo of the X series has {table.COUNTS_PER_REV}")
+        yield Finding(
+            "note",
+            "encoder.counts_per_rev",
+            f"is {has}, but a servo of the X series has {table.COUNTS_PER_REV}; correct it",
+        )
     low, high = sorted(_reach_rev(rig, settings))
     if low < 0.0 or high >= 1.0:
         yield Finding(
             "note",
             "motor_driver.encoder_zero_rev",
-            f"the limits are {low:.2f} to {high:.2f} turns of the servo, which at power on tells 0 to 1 alone: outside "
-            "of that the angle is a whole turn off then",
+            f"the limits are {low:.2f} to {high:.2f} turns of the servo, but at power-on it reports 0 to 1: an angle "
+            "outside "
+            "of this is then wrong by a whole turn",
         )
     yield from _current_step(rig)
 
@@ -110,7 +115,8 @@ def _current_step(rig: Rig) -> Iterator[Finding]:
         yield Finding(
             "note",
             "motor.torque_constant_N_m_per_A",
-            f"the current comes in steps of {table.CURRENT_UNIT_A * 1e3:g} mA, {step_N_m * 1e3:.2g} mN m at the jaw, "
+            f"the resolution of the current is {table.CURRENT_UNIT_A * 1e3:g} mA, {step_N_m * 1e3:.2g} mN m at the "
+            "jaw, "
             f"{100.0 * step_N_m / LOAD_N_M:.0f} % of a load of {LOAD_N_M * 1e3:g} mN m",
         )
 
@@ -133,8 +139,8 @@ class _Listener:
             return False
         number = int.from_bytes(status.data[:2], "little")
         model = table.MODELS.get(number)
-        name = f"model number {number}, which is not known here" if model is None else model.name
-        alert = f"; alerts: {table.HARDWARE_ERROR_STATUS} says what is wrong" if status.alert else ""
+        name = f"unknown model number {number}" if model is None else model.name
+        alert = f"; alerts: {table.HARDWARE_ERROR_STATUS} has the error" if status.alert else ""
         self._pinged[frame.arbitration_id] = f"{name}, firmware {status.data[2]}{alert}"
         return True
 

@@ -81,7 +81,7 @@ class SetUp:
             self._refuse(f"answers a ping with {wire.error_words(status.error)}")
         elif model is None:
             known = ", ".join(f"{each.name} ({each.number})" for each in table.MODELS.values())
-            self._refuse(f"has the model number {number}; those that are known here: {known}")
+            self._refuse(f"has the unknown model number {number}; known models: {known}")
         elif firmware < table.MIN_FIRMWARE:
             self._refuse(
                 f"has the firmware {firmware}, which has no bus watchdog; update it to {table.MIN_FIRMWARE} or later "
@@ -115,7 +115,7 @@ class SetUp:
                 "at_least",
                 table.CURRENT_LIMIT,
                 limit,
-                f"motor_driver.current_limit_A ({self._current_limit_A:g} A) takes that many units of "
+                f"motor_driver.current_limit_A ({self._current_limit_A:g} A) is this number of units of "
                 f"{model.current_unit_A * 1e3:g} mA; raise the one or lower the other",
             ),
             Step("write", table.PROFILE_ACCELERATION, 0),  # the reference is followed as it is
@@ -135,7 +135,7 @@ class SetUp:
             self._steps.appendleft(step._replace(kind="write"))
         else:
             least = "at least " if step.kind == "at_least" else ""
-            self._refuse(f"has {step.item} {value}, where {least}{step.value} is wanted: {step.remedy}")
+            self._refuse(f"has {step.item} {value}, but {least}{step.value} is required: {step.remedy}")
 
     def _refuse(self, words: str) -> None:
         self.refusal = f"servo {self._servo_id} {words}"

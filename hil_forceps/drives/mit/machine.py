@@ -194,7 +194,7 @@ class Mit:
             self.counters["not_for_us"] += 1
             if is_ours and frame.arbitration_id != config.node:
                 elsewhere = f"{frame.arbitration_id:03X}h, not {config.reply_id:03X}h"
-                self._unfit = f"answers come under the id {elsewhere}; set motor_driver.reply_id"
+                self._unfit = f"answers have the id {elsewhere}; set motor_driver.reply_id"
         elif reply is None or (is_ours and config.variant == "damiao" and len(reply.extra) != _DAMIAO_EXTRA):
             self.counters["bad_length"] += 1
             self._unfit = f"answers have {len(frame.data)} bytes; check motor_driver.mit_variant and reply_id"
@@ -256,7 +256,7 @@ class Mit:
         node = self.config.node
         if self._exchange.unasked >= MAX_UNASKED_ANSWERS:
             self._refuse(
-                f"node {node} answers more often than it is asked: two drives have this id, or another program "
+                f"node {node} sends more answers than requested: two drives have this id, or another program "
                 "commands it"
             )
         elif self.drive_state is DriveState.DISABLED and self._position_rad is not None:
@@ -307,7 +307,9 @@ class Mit:
         config, reach_rad = self.config, self.config.ranges.position_rad
         if reply.position in {0, MAX_POSITION_CODE}:
             self.counters["at_range_end"] += 1
-            self._unfit = "its angle is at the end of motor_driver.position_range_rad; turn it back, or set its zero"
+            self._unfit = (
+                "its angle is at the end of motor_driver.position_range_rad; turn the motor back, or set its zero"
+            )
             return
         position_rad = wire.measured(reply.position, reach_rad, MAX_POSITION_CODE)
         if self._position_rad is not None and abs(position_rad - self._position_rad) > reach_rad:

@@ -168,4 +168,4 @@ def fault_of(variant: Variant, reply: Reply) -> int:
 
 def fault_words(variant: Variant, fault: int) -> str:
     """Return a fault in words, an unknown one by its number."""
-    return f"error {fault:X}h ({FAULT_WORDS[variant].get(fault, 'unknown')})" if fault else "no error given"
+    return f"error {fault:X}h ({FAULT_WORDS[variant].get(fault, 'unknown')})" if fault else "no error reported"

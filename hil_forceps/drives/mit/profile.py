@@ -42,7 +42,8 @@ def _needed(settings: MotorDriver, key: str) -> float:
     value: float | None = getattr(settings, key)
     if value is None:
         raise UserError(
-            f"motor_driver.{key}: is missing; a drive of the profile mit does not tell it, and has no default"
+            f"motor_driver.{key}: is missing; a drive of the profile mit does not report it, and there is no "
+            "default; give a value"
         )
     return value
 
@@ -51,17 +52,19 @@ def _config(rig: Rig, settings: MotorDriver) -> MitConfig:
     """Return what the machine needs; UserError where the rig doesn't say it, or the wire can't carry it."""
     variant = settings.mit_variant
     if variant is None:
-        raise UserError("motor_driver.mit_variant: is missing; give bgkatz, cubemars or damiao")
+        raise UserError("motor_driver.mit_variant: is missing; set bgkatz, cubemars or damiao")
     check_node(settings, 1, wire.MAX_NODE)
     ranges = wire.Ranges(*(_needed(settings, key) for key in _RANGES))
     gains = {key: _needed(settings, key) for key in ("kp_N_m_per_rad", "kd_N_m_s_per_rad")}
     for (key, gain), high in zip(gains.items(), (ranges.kp_N_m_per_rad, ranges.kd_N_m_s_per_rad), strict=True):
         if gain > high:
-            raise UserError(f"motor_driver.{key}: is {gain:g}, but its field ends at {high:g}; lower it")
+            raise UserError(
+                f"motor_driver.{key}: is {gain:g}, but the largest value of its field is {high:g}; lower it"
+            )
     reach_rad = _reach_rad(rig, settings)
     if reach_rad >= ranges.position_rad:
         raise UserError(
-            f"motor_driver.position_range_rad: is {ranges.position_rad:g} rad, but limits: reach to {reach_rad:.4g} "
+            f"motor_driver.position_range_rad: is {ranges.position_rad:g} rad, but limits: allow {reach_rad:.4g} "
             "rad of the drive's shaft, where angles saturate or wrap; widen it, or narrow limits:"
         )
     return MitConfig(
@@ -107,16 +110,16 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
         yield Finding(
             "note",
             "motor_driver.watchdog_s",
-            "the AK manual (V1.0.8) documents no time-out in MIT mode: see on the bench what the motor does when its "
-            "bus is pulled",
+            "the AK manual (V1.0.8) documents no time-out in MIT mode; test on the bench what the motor does when the "
+            "bus is disconnected",
         )
     age_s, period_s = rig.limits.max_sample_age_s, rig.bench.host_period_s
     if age_s < 2.0 * period_s:
         yield Finding(
             "problem",
             "limits.max_sample_age_s",
-            f"is {age_s:g} s, but the drive answers to commands alone: behind a lost answer the next sample comes two "
-            f"periods later; at least {2.0 * period_s:g} s",
+            f"is {age_s:g} s, but the drive answers only to commands: after a lost answer the next sample comes two "
+            f"periods later; set at least {2.0 * period_s:g} s",
         )
 
 
@@ -140,7 +143,9 @@ def _gains(config: MitConfig) -> Iterator[Finding]:
         sent = wire.value_of(code, 0.0, high, wire.MAX_CODE)
         text = f"is {gain:g}, sent as {sent:.3g}: its field has steps of {high / wire.MAX_CODE:.2g}"
         if code == 0:
-            yield Finding("problem", f"motor_driver.{key}", f"{text}; lower the drive's range, or take another drive")
+            yield Finding(
+                "problem", f"motor_driver.{key}", f"{text}; lower the range of the drive, or use another drive"
+            )
         elif abs(sent - gain) > MAX_QUANTUM_SHARE * gain:
             yield Finding("note", f"motor_driver.{key}", text)
 
@@ -149,17 +154,17 @@ def _torque(config: MitConfig, plant: PlantParameters) -> Iterator[Finding]:
     """The step of the torque, in which zero lies between two codes, against what the load takes."""
     load_N_m = LOAD_N_M * plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
     step_N_m = abs(config.current_range_A) * plant.torque_constant_N_m_per_A * 2.0 / wire.MAX_CODE
-    key, text = "motor_driver.torque_range_N_m", f"the drive tells torque in steps of {1e3 * step_N_m:.3g} mN m"
+    key, text = "motor_driver.torque_range_N_m", f"the drive's torque has a resolution of {1e3 * step_N_m:.3g} mN m"
     if step_N_m > load_N_m:
         yield Finding(
             "problem",
             key,
-            f"{text}, more than the {1e3 * load_N_m:.3g} mN m that {LOAD_N_M * 1e3:g} mN m at the jaw take: there is "
-            "nothing to estimate from",
+            f"{text}, coarser than the {1e3 * load_N_m:.3g} mN m that {LOAD_N_M * 1e3:g} mN m at the jaw need: the "
+            "load can't be estimated",
         )
     elif step_N_m > MAX_QUANTUM_SHARE * load_N_m:
         yield Finding(
-            "note", key, f"{text}, {100.0 * step_N_m / load_N_m:.0f} % of what {LOAD_N_M * 1e3:g} mN m at the jaw take"
+            "note", key, f"{text}, {100.0 * step_N_m / load_N_m:.0f} % of what {LOAD_N_M * 1e3:g} mN m at the jaw need"
         )
     ratio = abs(config.rev_per_pulley_rev)
     torque_N_m = config.ranges.torque_N_m / wire.MAX_CODE
@@ -169,8 +174,8 @@ def _torque(config: MitConfig, plant: PlantParameters) -> Iterator[Finding]:
         yield Finding(
             "note",
             key,
-            f"no code is zero: {1e3 * offset_N_m:.3g} mN m stay on the pulley while it is enabled, "
-            f"{100.0 * offset_N_m / load_N_m:.0f} % of what {LOAD_N_M * 1e3:g} mN m at the jaw take",
+            f"no code is exactly zero: {1e3 * offset_N_m:.3g} mN m remain on the pulley while the drive is enabled, "
+            f"{100.0 * offset_N_m / load_N_m:.0f} % of what {LOAD_N_M * 1e3:g} mN m at the jaw need",
         )
 
 
@@ -185,7 +190,7 @@ def _stiffness(config: MitConfig, plant: PlantParameters) -> Iterator[Finding]:
     gain = loop_N_m_per_rad / wire_N_m_per_rad
     text = (
         f"is {loop_N_m_per_rad:.3g} N m/rad at the pulley, {gain:.2g} times the wire's {wire_N_m_per_rad:.3g}: "
-        "the compensation feeds that share of a step back"
+        "the compensation feeds this share of a step back"
     )
     if gain >= 1.0:
         yield Finding("problem", "motor_driver.kp_N_m_per_rad", f"{text} and oscillates; lower it")

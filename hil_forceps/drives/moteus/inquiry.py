@@ -52,12 +52,12 @@ class MoteusInquiry:
         is_latched = feedback.mode in {Mode.FAULT, Mode.TIMEOUT}
         said.fault = wire.fault_words(feedback.mode, feedback.fault) if is_latched else ""
         if identity is None:
-            said.misfit = "its firmware is older than what is known here; flash a newer one with moteus_tool --flash"
+            said.misfit = "its firmware is too old; flash a newer one with moteus_tool --flash"
         else:
             said.firmware = f"firmware {wire.version_words(identity.firmware)}, registers {identity.register_map}"
             if identity.register_map != wire.REGISTER_MAP:
                 said.misfit = (
-                    f"version {wire.REGISTER_MAP} of the registers is known here; flash a firmware that has it with "
+                    f"register map version {wire.REGISTER_MAP} is supported; flash a firmware that has it with "
                     "moteus_tool --flash"
                 )
         return said

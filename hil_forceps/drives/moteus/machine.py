@@ -143,7 +143,9 @@ class Moteus:
     def fault_words(self) -> str:
         """Return the fault, or the timeout, in words."""
         return (
-            "no fault given" if self._feedback is None else wire.fault_words(self._feedback.mode, self._feedback.fault)
+            "no fault reported"
+            if self._feedback is None
+            else wire.fault_words(self._feedback.mode, self._feedback.fault)
         )
 
     def take_samples(self) -> list[RawSample]:
@@ -178,8 +180,9 @@ class Moteus:
         self._answers.answer()
         if self._answers.is_too_high:
             self._refuse(
-                f"node {self.config.node} answers more often than it is asked: two drives have this id, or another "
-                f"program asks under the same host's id, {wire.HOST_ID}; give each its own (id.id), or end that"
+                f"node {self.config.node} sends more answers than requested: two drives have this id, or another "
+                f"program uses the same host id, {wire.HOST_ID}; give each drive its own id (id.id), or end the "
+                "other program"
             )
         feedback = wire.parse_feedback(frame.data)
         if feedback is None:
@@ -247,8 +250,9 @@ class Moteus:
             self._see_refused_register(data)
         elif identity.register_map != wire.REGISTER_MAP:
             self._refuse(
-                f"node {node} has version {identity.register_map} of moteus' registers (firmware "
-                f"{wire.version_words(identity.firmware)}), and {wire.REGISTER_MAP} is known here; flash a firmware "
+                f"node {node} has register map version {identity.register_map} (firmware "
+                f"{wire.version_words(identity.firmware)}), but version {wire.REGISTER_MAP} is supported; flash a "
+                "firmware "
                 "that has it with moteus_tool --flash"
             )
         elif feedback.mode in _LATCHED:
@@ -258,7 +262,8 @@ class Moteus:
             self._fire("complete")
         elif feedback.mode not in _PREPARING:
             self._refuse(
-                f"node {node} is in mode {feedback.mode} already, so another program drives it; end that, or stop the "
+                f"node {node} is already in mode {feedback.mode}, so that another program controls it; end that "
+                "program, or stop the "
                 f"motor with moteus_tool -t {node} --stop"
             )
 
@@ -266,8 +271,8 @@ class Moteus:
         register = wire.refused_register(data)
         if self.phase is HostPhase.IDENTIFYING and register is not None:
             self._refuse(
-                f"node {self.config.node} has no register 0x{register:03x}: its firmware is older than what is known "
-                "here; flash a newer one with moteus_tool --flash"
+                f"node {self.config.node} has no register 0x{register:03x}: its firmware is too old; "
+                "flash a newer one with moteus_tool --flash"
             )
 
     def _refuse(self, why: str) -> None:

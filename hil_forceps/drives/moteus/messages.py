@@ -218,7 +218,7 @@ def fault_words(mode: int, fault: int) -> str:
     """Return why it has no torque, in words."""
     if mode == Mode.TIMEOUT:
         return "watchdog expired (mode 11)"
-    return f"fault {fault} ({FAULT_WORDS.get(fault, 'not known here')})" if mode == Mode.FAULT else "no fault given"
+    return f"fault {fault} ({FAULT_WORDS.get(fault, 'unknown')})" if mode == Mode.FAULT else "no fault reported"
 
 
 def version_words(firmware: int) -> str:

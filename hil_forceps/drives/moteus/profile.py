@@ -57,21 +57,24 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
     del settings
     bench, period_s = rig.bench, rig.bench.host_period_s
     if bench.transport != "fd":
-        yield Finding("problem", "bench.transport", f"is {bench.transport}, but a moteus speaks CAN FD alone: set fd")
+        yield Finding("problem", "bench.transport", f"is {bench.transport}, but a moteus supports only CAN FD; set fd")
     for key, found, wanted in (
         ("bitrate_bit_per_s", bench.bitrate_bit_per_s, BITRATE),
         ("data_bitrate_bit_per_s", bench.data_bitrate_bit_per_s, DATA_BITRATE),
     ):
         if found != wanted:
-            yield Finding("problem", f"bench.{key}", f"is {found}, but a moteus has {wanted}, which can't be set there")
+            yield Finding(
+                "problem", f"bench.{key}", f"is {found}, but a moteus has the fixed value {wanted}; set it here"
+            )
     yield from too_old_by_polling(rig)
     trip_s = 2.0 * (bench.latency_s + bench.latency_jitter_s) + _wire_s(rig, REFERENCE_BITS) + _wire_s(rig, ANSWER_BITS)
     if trip_s > period_s:
         yield Finding(
             "note",
             "bench.host_period_s",
-            f"is {period_s:g} s, shorter than a reference and its answer take at worst ({trip_s:.2g} s): samples are "
-            "older than their stamps say, and a moteus gives up an answer that the next request overtakes",
+            f"is {period_s:g} s, shorter than the longest time of a reference and its answer ({trip_s:.2g} s): "
+            "samples are "
+            "older than their stamps, and a moteus drops an answer when the next request arrives first; lengthen it",
         )
 
 
@@ -117,7 +120,7 @@ class _Listener:
     def found(self) -> list[Found]:
         """Return the drives heard so far, by node."""
         return [
-            Found("moteus", node, f"{_mode_words(said)}; answers, and says nothing by itself")
+            Found("moteus", node, f"{_mode_words(said)}; answers, and sends nothing unasked")
             for node, said in sorted(self._heard.items())
             if said.answers >= MIN_ANSWERS
         ]

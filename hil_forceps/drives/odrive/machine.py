@@ -250,7 +250,9 @@ class ODrive:
             self._fire("complete")
         elif not missing and is_over and self._heartbeat is not None:
             state = self._heartbeat.axis_state
-            self.refusal = f"node {self.config.node} calibrates or homes (axis state {state}); wait until it is idle"
+            self.refusal = (
+                f"node {self.config.node} is calibrating or homing (axis state {state}); wait until it is idle"
+            )
             self._fire("refuse")
         elif self._has_pace and missing and is_over:
             key = "iq_rate_ms" if self.config.firmware == "0.5" else "iq_msg_rate_ms"
@@ -305,8 +307,9 @@ class ODrive:
             node = self.config.node
             self.refusal = (
                 f"frames with the id of node {node}'s heartbeats ({wire.frame_id(node, Command.HEARTBEAT):03X}h) come "
-                f"less than {MIN_HEARTBEAT_NS / 1e6:g} ms apart, so something else than an ODrive sends them, or its "
-                "heartbeats are set too fast; check motor_driver.profile and node_id, and the drive's heartbeat period"
+                f"less than {MIN_HEARTBEAT_NS / 1e6:g} ms apart: another device sends them, or the "
+                "heartbeat period is too short; check motor_driver.profile and node_id, and the drive's heartbeat "
+                "period"
             )
             self._fire("refuse")
 

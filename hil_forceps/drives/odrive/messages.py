@@ -178,7 +178,7 @@ def error_words(firmware: Firmware, error: int) -> str:
     """Return the bits of an axis error in words, unknown ones by their value."""
     known = ERROR_WORDS[firmware]
     words = [known.get(1 << bit, f"0x{1 << bit:x}") for bit in range(32) if error >> bit & 1]
-    return f"axis error 0x{error:x} ({', '.join(words)})" if words else "no error given"
+    return f"axis error 0x{error:x} ({', '.join(words)})" if words else "no error reported"
 
 
 def parse_pair(data: bytes) -> tuple[float, float] | None:

@@ -49,20 +49,22 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
     feedback_s, period_s, age_s = settings.feedback_period_s, rig.bench.host_period_s, rig.limits.max_sample_age_s
     key = "motor_driver.feedback_period_s"
     if feedback_s > age_s:
-        text = "samples are too old for a reference most of the time"
+        text = "most samples are too old for a reference; shorten it"
         yield Finding("problem", key, f"is {feedback_s:g} s, longer than limits.max_sample_age_s ({age_s:g} s): {text}")
     elif feedback_s > period_s:
-        yield Finding("note", key, f"is {feedback_s:g} s: references leave at that pace, not each {period_s:g} s")
+        yield Finding(
+            "note", key, f"is {feedback_s:g} s: references are sent with this period, not with {period_s:g} s"
+        )
     for name, value_s in (("feedback_period_s", feedback_s), ("current_period_s", settings.current_period_s)):
         if abs(value_s * 1e3 - round(value_s * 1e3)) > MAX_ROUNDING_ERROR_MS:
-            text = f"is {value_s:g} s, but an ODrive takes whole milliseconds for its cyclic messages"
+            text = f"is {value_s:g} s, but the periods of an ODrive's cyclic messages are whole milliseconds; change it"
             yield Finding("problem", f"motor_driver.{name}", text)
     if settings.current_period_s > feedback_s:
         yield Finding(
             "note",
             "motor_driver.current_period_s",
-            f"is {settings.current_period_s:g} s, longer than the angle's {feedback_s:g} s: some samples go with an "
-            "older current, others without one are dropped",
+            f"is {settings.current_period_s:g} s, longer than that of the angle, {feedback_s:g} s: some samples get an "
+            "old current, and samples without a current are dropped",
         )
 
 

@@ -49,12 +49,12 @@ class DirectionProbe:
 
     def words(self) -> str:
         """Return what was seen; where that is wrong, with the remedy."""
-        seen = f"the angle went by {math.degrees(self.moved_rad):+.3f} deg where the reference went by "
+        seen = f"the angle moved by {math.degrees(self.moved_rad):+.3f} deg, the reference by "
         seen += f"{math.degrees(self.asked_rad):+.3f} deg"
         if self.direction is Direction.AGAINST:
             return (
-                f"{seen}: what the drive measures and what it follows count in opposite directions; set the direction "
-                "of its encoder in the drive and calibrate it anew, then see the sign of "
-                "motor_driver.encoder_rev_per_pulley_rev, which turns both"
+                f"{seen}: measured angle and reference have opposite directions; set the direction "
+                "of the encoder in the drive and calibrate again, then check the sign of "
+                "motor_driver.encoder_rev_per_pulley_rev, which changes both"
             )
-        return f"{seen}: it does not follow" if self.direction is Direction.UNDECIDED else seen
+        return f"{seen}: the motor does not follow" if self.direction is Direction.UNDECIDED else seen

@@ -49,8 +49,8 @@ class RunawayWatch:
     def words(self) -> str:
         """Return what was seen, with the remedy."""
         return (
-            f"the motor runs away from its reference, {math.degrees(self.off_rad):+.1f} deg off, at its drive's "
-            "current limit: its encoder and its motor count in opposite directions, or the load is more than it holds; "
-            "set the direction of the encoder in the drive and calibrate it anew "
-            "(motor_driver.encoder_rev_per_pulley_rev turns angles and references alike, and is not it)"
+            f"the motor runs away from its reference, by {math.degrees(self.off_rad):+.1f} deg, at the drive's "
+            "current limit: encoder and motor have opposite directions, or the load is too large; "
+            "set the direction of the encoder in the drive and calibrate again "
+            "(motor_driver.encoder_rev_per_pulley_rev changes angles and references alike, and does not help)"
         )

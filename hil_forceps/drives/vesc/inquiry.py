@@ -50,7 +50,7 @@ class VescInquiry:
         """Return what the values say; that it has no torque only its current shows."""
         if self._is_old:
             return Said(
-                firmware="firmware before 5.03", misfit="it does not tell its timeout; update its firmware to 5.03"
+                firmware="firmware before 5.03", misfit="it does not report its timeout; update its firmware to 5.03"
             )
         if self._values is None:
             return None

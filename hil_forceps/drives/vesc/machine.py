@@ -152,7 +152,7 @@ class Vesc:
 
     def fault_words(self) -> str:
         """Return what the fault was."""
-        return self._fault or "no fault given"
+        return self._fault or "no fault reported"
 
     def take_samples(self) -> list[RawSample]:
         """Hand over the samples since the last call, oldest first."""
@@ -175,8 +175,8 @@ class Vesc:
         position_rev = config.zero_rev + theta_m_ref_raw / ANGLE_LSB_PER_REV * config.rev_per_pulley_rev
         if angle_rev is None or abs(position_rev - angle_rev) >= 0.5:
             self._refuse(
-                f"the reference is half a turn away from the motor of node {config.node}, and a VESC goes the shorter "
-                "way round: is the motor held, or is encoder_rev_per_pulley_rev of the wrong sign or size?"
+                f"the reference is half a turn away from the motor of node {config.node}, and a VESC takes the shorter "
+                "way; check whether the motor is blocked, and sign and size of encoder_rev_per_pulley_rev"
             )
             return None
         self._references.send(theta_m_ref_raw)
@@ -203,7 +203,7 @@ class Vesc:
             self._heard_broadcast = True
         elif found[1] in wire.MOVING:  # what this host sends doesn't come back to it
             name = Command(found[1]).name
-            self._refuse(f"somebody else commands node {self.config.node}, by {name}; stop that program first")
+            self._refuse(f"another program commands node {self.config.node}, with {name}; stop it first")
         elif found[1] == Command.NOTIFY_BOOT:
             self._see_boot(now_ns)
         else:
@@ -248,31 +248,29 @@ class Vesc:
         node, is_over = self.config.node, now_ns - self._since_ns > IDENTIFY_NS
         if self._answer_ns is None:
             if is_over and self.counters["bad_answers"]:
-                self._refuse(
-                    f"node {node} answers with other values than were asked for; firmware 5.03 to 7.01 doesn't"
-                )
+                self._refuse(f"node {node} answers with other values than requested; use firmware 5.03 to 7.01")
             elif is_over and self._heard_broadcast:
                 self._refuse(
-                    f"node {node} broadcasts its status, but does not answer; it takes firmware 5.03 or later, and "
+                    f"node {node} broadcasts its status, but does not answer; this needs firmware 5.03 or later, and "
                     "App Settings, General, CAN Mode: VESC"
                 )
         elif self._trial.is_late(now_ns) and self._trial.stage is Stage.FEEDING:
             self._refuse(
-                f"node {node} answers, but takes no command: its timeout is as expired behind one as before it"
+                f"node {node} answers, but accepts no command: its timeout is expired after a command as before"
             )
         elif self._trial.is_late(now_ns):
             timeout_ms = self.config.timeout_ns / 1e6
             self._refuse(
                 f"the timeout of node {node} did not expire in time: set App Settings, General, Timeout to "
-                f"{timeout_ms:g} ms with VESC Tool (0 is off), as motor_driver.watchdog_s says, or find who else "
+                f"{timeout_ms:g} ms with VESC Tool (0 is off), as in motor_driver.watchdog_s, or find what else "
                 "commands it: another program, or an app of its own (App to Use: No App)"
             )
         elif self._trial.stage is Stage.PASSED and self._release.is_quiet:
             self._fire("complete")
         elif is_over and self._trial.stage is Stage.PASSED:
             self._refuse(
-                f"the motor of node {node} has current that nobody asked for: set App Settings, General, Timeout Brake "
-                "Current to 0 with VESC Tool, or find out what drives it"
+                f"the motor of node {node} has current without a request: set App Settings, General, Timeout Brake "
+                "Current to 0 with VESC Tool, or find what moves the motor"
             )
 
     def _see_answer(self, answer: Answer) -> None:
@@ -282,7 +280,7 @@ class Vesc:
         self._requests.end()
         if self._requests.are_answered_too_often:
             self._refuse(
-                f"node {self.config.node} answers more often than it is asked: two VESCs have this id; give each its "
+                f"node {self.config.node} sends more answers than requested: two VESCs have this id; give each its "
                 "own (App Settings, General, VESC ID)"
             )
         if not answer.payload:
@@ -291,7 +289,9 @@ class Vesc:
         if values is None:
             self.counters["bad_answers"] += 1
             if wire.lacks_status(answer.payload):
-                self._refuse(f"node {self.config.node} does not tell its timeout; update its firmware, 5.03 or later")
+                self._refuse(
+                    f"node {self.config.node} does not report its timeout; update its firmware to 5.03 or later"
+                )
             return
         asked_ns = self._requests.answer(values.tag)
         if asked_ns is None:
@@ -329,7 +329,7 @@ class Vesc:
             if len(starts) > 1:
                 self._refuse(
                     f"the angle of node {self.config.node} wraps at each turn, and `limits:` allow more than one turn "
-                    "that the motor may be in; make them narrower than a turn of the VESC's angle"
+                    "for this angle; make them narrower than a turn of the VESC's angle"
                 )
                 return
             self._turns.start(starts[0], asked_ns)
@@ -384,5 +384,5 @@ def _trouble(values: wire.Values, *, is_driven: bool) -> str:
     if values.is_killed:
         return "its kill switch is on"
     if is_driven and values.has_timeout:
-        return "its timeout expired: no reference came in time, so it let go of the motor"
+        return "its timeout expired: no reference came in time, and the motor has no torque"
     return ""

@@ -79,23 +79,24 @@ def _findings(rig: Rig, settings: MotorDriver) -> Iterator[Finding]:
         yield Finding(
             "problem",
             "motor_driver.watchdog_s",
-            f"is {settings.watchdog_s:g} s; the service sees the timeout expire before each run, and waits "
-            f"{MAX_TIMEOUT_S:g} s at most: set less in the VESC and here",
+            f"is {settings.watchdog_s:g} s, but the service tests the timeout before each run, and waits "
+            f"{MAX_TIMEOUT_S:g} s at most; set a shorter one in the VESC and here",
         )
     turns = _turns(rig, settings)
     if turns.high_rev - turns.low_rev >= 1.0:
         yield Finding(
             "problem",
             "limits",
-            f"span {turns.high_rev - turns.low_rev:.2f} turns of the VESC's angle, which wraps at each: where the "
-            "motor starts can't be told; make them narrower than one, or divide the angle in the VESC",
+            f"span {turns.high_rev - turns.low_rev:.2f} turns of the VESC's angle, which wraps at each turn: the "
+            "start of "
+            "the motor is ambiguous; make them narrower than one turn, or divide the angle in the VESC",
         )
     if Turns(turns).is_lost(2 * turns.period_ns):  # where one answer is lost
         yield Finding(
             "problem",
             "limits.speed_max_rad_per_s",
-            f"lets the VESC's angle come near half a turn ({turns.speed_rev_per_s:.3g} turns/s) before the next answer "
-            "does: its turns can't be counted; lower it, or bench.host_period_s",
+            f"allows nearly half a turn of the VESC's angle ({turns.speed_rev_per_s:.3g} turns/s) between two answers, "
+            "so that turns can't be counted; lower it, or bench.host_period_s",
         )
     yield from too_old_by_polling(rig)
     yield from _current_steps(rig)
@@ -110,11 +111,11 @@ def _current_steps(rig: Rig) -> Iterator[Finding]:
     needed_A = LOAD_N_M * radii / plant.torque_constant_N_m_per_A
     share = wire.CURRENT_LSB_A / needed_A
     if share > MAX_QUANTUM_SHARE:
-        hidden = "the load shows in none of them" if share >= 1.0 else f"{100.0 * share:.0f} % of it"
+        hidden = "the load is not visible" if share >= 1.0 else f"{100.0 * share:.0f} % of it"
         yield Finding(
             "note",
             "motor.torque_constant_N_m_per_A",
-            f"a load of {LOAD_N_M * 1e3:g} mN m at the jaw takes {needed_A:.3g} A, and a VESC tells its current in "
+            f"a load of {LOAD_N_M * 1e3:g} mN m at the jaw needs {needed_A:.3g} A, but the current of a VESC has "
             f"steps of {wire.CURRENT_LSB_A:g} A: {hidden}",
         )
 
@@ -166,7 +167,7 @@ def _words(said: dict[Command, dict[str, Any]]) -> str:
         words.append(f"{abs(said[Command.STATUS]['current_without_direction_A']):g} A")
     if Command.STATUS_4 in said:
         words.append(f"{said[Command.STATUS_4]['position_deg']:g} degrees")
-    return "; ".join([*words, "its state is told only to who asks"])
+    return "; ".join([*words, "it reports its state only on request"])
 
 
 def decode(frame: Frame) -> Decoded | None:

@@ -150,10 +150,14 @@ def _read(path: Path, mapping: ColumnMap) -> Iterator[Run]:
 def _check(run: Run) -> None:
     missing = [name for name in ("theta_j_rad", "tau_w_N_m") if name not in run.columns]
     if missing:
-        raise UserError(f"run {run.name}: {missing[0]} was not measured: there is nothing to compare an estimate with")
+        raise UserError(
+            f"run {run.name}: {missing[0]} was not measured, but estimates are compared with it; use runs that have it"
+        )
     seconds = float(run.columns["time_s"][-1] - run.columns["time_s"][0])
     if seconds < MIN_DURATION_S:
-        raise UserError(f"run {run.name}: lasts {seconds:.3g} s; at least {MIN_DURATION_S:g} s are needed")
+        raise UserError(
+            f"run {run.name}: lasts {seconds:.3g} s, but at least {MIN_DURATION_S:g} s are needed; leave it out"
+        )
 
 
 def _sources(run: Run) -> list[str]:
@@ -187,7 +191,10 @@ def _fill_gaps(rig: Rig, runs: Sequence[Run]) -> _Plan:
     if rig.forceps.motor_pulley_radius_m.value is None and jaw_radius_m is not None:
         ratio = _shared_slope([(run.columns["theta_m_rad"], run.columns["theta_j_rad"]) for run in runs])
         if not ratio > 0:
-            raise UserError(f"the jaw turns {ratio:.3g} rad per rad of the spindle; they must turn the same way")
+            raise UserError(
+                f"the jaw turns {ratio:.3g} rad per rad of the spindle, which must be positive; correct the sign of "
+                "one angle"
+            )
         changes["forceps.motor_pulley_radius_m"] = ratio * jaw_radius_m
         ratio_from = "jaw angle over spindle angle, all runs"
     if rig.motor.torque_constant_N_m_per_A.value is None:
@@ -195,7 +202,10 @@ def _fill_gaps(rig: Rig, runs: Sequence[Run]) -> _Plan:
         if both:
             constant = _shared_slope([(columns["current_A"], columns["tau_m_N_m"]) for columns in both])
             if not constant > 0:
-                raise UserError(f"spindle torque changes by {constant:.3g} N m per A of current; it must rise with it")
+                raise UserError(
+                    f"spindle torque changes by {constant:.3g} N m per A of current, which must be positive; correct "
+                    "the sign of one of them"
+                )
             changes["motor.torque_constant_N_m_per_A"] = constant
             constant_from = "spindle torque over current, all runs"
     filled = rig.with_changes(changes)

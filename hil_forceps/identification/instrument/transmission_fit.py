@@ -64,7 +64,9 @@ class _Normal(NamedTuple):
 def inputs(run: Run, source: str) -> Inputs:
     """Return the motor side of a run driven by column `source`; UserError when the run hasn't got it."""
     if source not in run.columns:
-        raise UserError(f"run {run.name}: {source} was not measured; it is what drives the estimator")
+        raise UserError(
+            f"run {run.name}: {source} was not measured, but it is an input of the estimator; use runs that have it"
+        )
     theta = np.ascontiguousarray(run.columns["theta_m_rad"])
     drive = np.ascontiguousarray(run.columns.get("theta_drive_rad", theta))
     return Inputs(run.time_ns, theta, drive, np.ascontiguousarray(run.columns[source]))
@@ -76,14 +78,16 @@ def fit_transmission(runs: Sequence[Run], levels: Mapping[str, int], source: str
     UserError when there is no run or one lacks `source`.
     """
     if not runs:
-        raise UserError("no run to fit a transmission to")
+        raise UserError("there is no run to which a transmission can be fitted; add one")
     groups = [levels[run.name] for run in runs]
     if len(set(groups)) < 2:
         groups = list(range(len(runs)))
     theta = np.concatenate([run.columns["theta_m_rad"] for run in runs])
     low, high = np.quantile(theta, [OUTLIER_SHARE, 1.0 - OUTLIER_SHARE])
     if not high > low:
-        raise UserError("θ_m doesn't move in the training runs: nothing about a transmission can be fitted")
+        raise UserError(
+            "θ_m does not move in the training runs, so that no transmission can be fitted; use runs with motion"
+        )
     for run in runs:
         inputs(run, source)
     deviation = _spread(runs, source)

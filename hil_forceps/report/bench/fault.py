@@ -1,4 +1,4 @@
-"""The last second before a run ended: angles, current, what became of each reference, how late the loop was."""
+"""Figure of the last second of a run: angles, current, verdict on each reference, lateness of the loop."""
 
 from typing import NamedTuple
 
@@ -30,7 +30,7 @@ class FaultTraces(NamedTuple):
 
 
 def fault_figure(traces: FaultTraces, title: str) -> Figure:
-    """Draw them over one time axis, and beside it the moment of the last sample before the end."""
+    """Draw the series over one time axis, with a detail of the last samples."""
     has_lateness = traces.late_s.size > 0
     ratios = [3.0, 2.0, 0.6 + 0.35 * max(len(traces.verdict_names), 1), *([1.2] if has_lateness else [])]
     with house_style():

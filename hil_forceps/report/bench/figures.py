@@ -1,4 +1,4 @@
-"""All figures of a bench: which runs go into which, and under what name."""
+"""All figures of a bench, with their runs and names."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,15 +13,15 @@ from hil_forceps.report.save import save_figure
 from hil_forceps.report.traces import RunTraces, SummaryPoint
 
 PULSE_SIMULATION = 2
-PULSE_EDGE_S = 12.5  # the load goes off: where the previous algorithm spikes highest
+PULSE_EDGE_S = 12.5  # the load ends: the highest spike of the previous algorithm
 
 
 def write_bench_figures(runs: Sequence[RunTraces], points: Sequence[SummaryPoint], out: Path) -> list[Path]:
-    """Draw what `runs` and `points` allow into `out`, as PDF and PNG; return the files. OSError as the disk raises it.
+    """Draw the figures that `runs` and `points` allow into `out`, as PDF and PNG; return the files. Raises OSError.
 
     Per simulation and sample time: `simulationN[_Tms]_torque`, `_elongation`, `_jaw` (where an uncompensated run is
-    there), `_edge` (simulation 2); once: `rmse`, and `bench` (the README's picture) where its four runs are there.
-    The longest sample time, the bus's, goes without `_Tms`.
+    there), `_edge` (simulation 2); once: `rmse`, and `bench` (the README's picture) where its four runs are there. The
+    longest sample time, the bus's, goes without `_Tms`.
     """
     figures: dict[str, Figure] = {}
     times = sorted({run.sample_time_s for run in runs}, reverse=True)

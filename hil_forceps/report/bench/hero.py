@@ -1,4 +1,4 @@
-"""The one picture at the top of the README: what the load does, what each algorithm sees, what compensation gains."""
+"""The figure of the README: load, estimates of each algorithm, effect of the compensation."""
 
 from typing import NamedTuple
 

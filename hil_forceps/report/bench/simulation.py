@@ -24,12 +24,12 @@ from hil_forceps.report.style import (
 )
 from hil_forceps.report.traces import Array, RunTraces
 
-BEFORE_LOAD_S = 9.0  # the paper's figures begin shortly before the load does; so does the bench's RMSE
+BEFORE_LOAD_S = 9.0  # the paper's figures and the bench's RMSE begin shortly before the load
 MILLI, MICRO = 1e3, 1e6
 
 
 class _Quantity(NamedTuple):
-    """One estimated quantity: where it stands in the traces and how it is written."""
+    """One estimated quantity: its place in the traces and its label."""
 
     true: Callable[[RunTraces], Array]
     estimated: Callable[[RunTraces], Array]
@@ -61,7 +61,7 @@ def jaw_figure(
 ) -> Figure:
     """Jaw angle against its reference, without and with compensation, and the error below; angles in degrees.
 
-    The error is cut at `error_limit_deg`, or the moment of each load step would hide the steady part.
+    The error axis ends at `error_limit_deg`, so that the peak at each load step does not hide the steady part.
     """
     with house_style():
         figure = new_figure(SINGLE_COLUMN, 90)

@@ -23,7 +23,7 @@ _MARKERS = ("o", "D", "s", "^", "v")
 def rmse_figure(points: Sequence[SummaryPoint]) -> Figure:
     """Dots of RMSE [mN m], one row per algorithm, one panel per simulation, a marker per sample time.
 
-    A run that was not finite has no dot: its row says so in words.
+    A run that was not finite has no dot, but a text in its row.
     """
     simulations = sorted({point.simulation for point in points})
     algorithms = list(dict.fromkeys(point.algorithm for point in points))

@@ -1,4 +1,4 @@
-"""How old a sample is when its reference leaves, how late ticks run, and where every frame went."""
+"""Figure of timing: age of the sample when its reference is sent, lateness of ticks, account of all frames."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,9 +9,11 @@ from hil_forceps.report.style import DOUBLE_COLUMN, INK, PAPER, house_style, new
 from hil_forceps.report.traces import Array, TimingTraces
 
 _BINS = 90
-_MAX_LABELLED_RATIO = 300.0  # largest over smallest up to which 1, 2 and 5 of a decade are written
-_MIN_TAIL_RATIO = 8.0  # largest over median beyond which bins are spaced by ratio, or the body would fall into one bin
-_MIN_TIME_S = 1e-7  # s; what is early or on time counts here on a log axis
+_MAX_LABELLED_RATIO = 300.0  # ratio of largest to smallest up to which 1, 2 and 5 of a decade are labelled
+_MIN_TAIL_RATIO = (
+    8.0  # ratio of largest to median above which bins are logarithmic; else most values would be in one bin
+)
+_MIN_TIME_S = 1e-7  # s; early and punctual ticks are counted here on a log axis
 
 
 def timing_figure(traces: TimingTraces) -> Figure:

@@ -1,4 +1,4 @@
-"""A diagnosis as a notebook shows it: a small piece of HTML, everything from data escaped, no script and no style."""
+"""A diagnosis for a notebook: a piece of HTML with all data escaped, without script and style."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from hil_forceps.report.diagnosis.words import with_interval as interval
 
 
 def cell(diagnosis: Diagnosis) -> str:
-    """Return the verdict, the causes with their numbers, the gain on held-out runs, and why where there is doubt."""
+    """Return the verdict, the effects with their parameters, the gain on runs held out, and the reasons of doubt."""
     mark, _ = VERDICTS[diagnosis.verdict]
     parts = [f"<p>{mark} <b>{escaped(diagnosis.verdict)}</b>: {escaped(diagnosis.sentence)}</p>"]
     if rows := list(_fitted(diagnosis)):

@@ -12,30 +12,30 @@ from hil_forceps.diagnosis.result import Diagnosis
 from hil_forceps.report.diagnosis.page import page
 from hil_forceps.report.diagnosis.words import escaped
 
-Progress = Callable[[int, int, str], None]  # figures done, of how many, which one comes now
+Progress = Callable[[int, int, str], None]  # figures done, number of figures, current figure
 
 
 def draughtsman() -> ProcessPoolExecutor:
-    """Return a process that draws figures; it loads what it draws with at once, while others compute."""
+    """Return a process that draws figures; it loads matplotlib at once, in parallel with the computation."""
     helper = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
     helper.submit(_ready)
     return helper
 
 
 def _ready() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who waits for it ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the waiting process ends it
     from hil_forceps.report.diagnosis.figures import captions  # noqa: F401, PLC0415
 
     gc.freeze()
 
 
 def begun(diagnosis: Diagnosis, helper: Executor) -> Future[dict[str, str]]:
-    """Have a helper draw the figures of the page, while what else the page tells is still looked for."""
+    """Begin to draw the figures of the page in a helper process, while the diagnosis continues."""
     return helper.submit(_by_two if sys.platform == "linux" else _images, diagnosis)
 
 
 def _by_two(diagnosis: Diagnosis) -> dict[str, str]:
-    """Draw all figures, every second one in a copy of this process, which has no threads and all loaded."""
+    """Draw all figures, every second one in a fork of this process, which has no threads and all modules loaded."""
     from hil_forceps.report.diagnosis.figures import captions  # noqa: PLC0415 - as below
 
     with ProcessPoolExecutor(1, mp_context=get_context("fork")) as copy:
@@ -47,7 +47,7 @@ def _by_two(diagnosis: Diagnosis) -> dict[str, str]:
 def write_report(
     diagnosis: Diagnosis, path: Path, *, drawing: Future[dict[str, str]] | None = None, progress: Progress | None = None
 ) -> None:
-    """Write the page with its figures inside, folders made where missing; raises OSError.
+    """Write the page with embedded figures; missing folders are created. OSError if writing fails.
 
     `drawing`: of the same diagnosis, as it was `begun`. The same diagnosis gives the same bytes.
     """
@@ -57,7 +57,7 @@ def write_report(
 
 
 def _images(diagnosis: Diagnosis, progress: Progress | None = None, *, share: slice = slice(None)) -> dict[str, str]:
-    """Draw all figures, or a share of them, in the order of the page and ready for it."""
+    """Draw all figures, or a part of them, in the order of the page, as HTML."""
     from hil_forceps.report.diagnosis.figures import captions  # noqa: PLC0415 - matplotlib takes a while to load
 
     panels = captions.panels(diagnosis)[share]

@@ -1,4 +1,4 @@
-"""The ladder in words: what each named entry gained on the way, and what stays."""
+"""The section on the ladder: gain of each named entry, and the remaining residual."""
 
 from hil_forceps.diagnosis.result import Diagnosis, Rung
 from hil_forceps.report.diagnosis.names import quantity
@@ -9,7 +9,7 @@ MOST_TRENDS = 3
 
 
 def ladder_section(diagnosis: Diagnosis, image: str) -> str:
-    """Tabulate the steps with the gain of each and its parameters, and say what stays unexplained."""
+    """Tabulate the steps with gain and parameters, and describe the remaining residual."""
     if not diagnosis.ladder:
         return ""
     names = list(diagnosis.ladder[0].rmse)
@@ -47,7 +47,7 @@ def _left(diagnosis: Diagnosis) -> str:
 
 
 def _trends(diagnosis: Diagnosis) -> str:
-    """Name the smooth curves that explain most of what is left, where no verdict does."""
+    """Name the smooth curves that explain most of the residual, if the verdict names none."""
     ranked = sorted((trend for trend in diagnosis.trends if trend.after > 1.0), key=lambda trend: -trend.after)
     return ", ".join(
         f"{escaped(quantity(trend.variable).words)} ({escaped(quantity(trend.channel).words)}, "
@@ -57,7 +57,7 @@ def _trends(diagnosis: Diagnosis) -> str:
 
 
 def noise_floor(diagnosis: Diagnosis, name: str) -> float:
-    """Return the noise floor of a channel on the runs that the ladder is about; 0 where it isn't known."""
+    """Return the noise floor of a channel on the runs of the ladder; 0 if unknown."""
     gain = diagnosis.gain.get(name)
     return gain.floor_rmse if gain is not None else diagnosis.noise_sd.get(name, 0.0)
 

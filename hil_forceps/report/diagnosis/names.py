@@ -1,4 +1,4 @@
-"""How columns, variables and parameters are written: words, symbols, units with SI prefixes. No matplotlib here."""
+"""Labels of columns, variables and parameters: words, symbols, units with SI prefixes. No matplotlib here."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from hil_forceps.rig.units import show_unit
 
 
 class Quantity(NamedTuple):
-    """How a column or a variable is written."""
+    """Label of a column or a variable."""
 
     symbol: str  # mathtext
     words: str
@@ -50,12 +50,12 @@ _QUANTITIES = {
 }
 _UNIT_SUFFIXES = ("rad_per_s", "N_m", "rad", "A", "V", "N", "m", "s")
 _PREFIXES = {0: "", -1: "m", -2: "µ", -3: "n", 1: "k", 2: "M"}
-# Nobody writes kilo-radians, and milliseconds only where the axis is short.
+# Kilo-radians are not in use, and milliseconds only on short axes.
 _UNPREFIXED_ABOVE = {"rad", "s", "rad/s", "rad/s²"}
 
 
 def quantity(name: str) -> Quantity:
-    """Return how `name` is written; an unknown name is taken apart into words and the unit at its end."""
+    """Return the label of `name`; an unknown name is split into words and the unit at its end."""
     known = _QUANTITIES.get(name)
     if known:
         return known
@@ -83,7 +83,7 @@ def scale_for(unit: str, values: Array | Sequence[float]) -> Scale:
 
 
 def axis_label(name: str, scale: Scale, *, words: bool = True) -> str:
-    """Write words, symbol and unit of an axis."""
+    """Return the label of an axis: words, symbol and unit."""
     here = quantity(name)
     text = here.symbol if not words or here.words == here.symbol else f"{here.words} {here.symbol}"
     return f"{text} ({scale.unit})" if scale.unit else text
@@ -97,7 +97,7 @@ _PARAMETERS = {
 
 
 def plain(text: str) -> str:
-    """Return text from outside for a figure: on one line, no mathematics."""
+    """Return external text for a figure: on one line, without mathematics."""
     return " ".join(text.split()).replace("$", r"\$")
 
 

@@ -1,4 +1,4 @@
-"""The page of a diagnosis: its sections in the order in which a reader asks."""
+"""The page of a diagnosis with its sections."""
 
 from collections.abc import Mapping
 
@@ -18,31 +18,34 @@ from hil_forceps.report.diagnosis.sections import (
 )
 from hil_forceps.report.diagnosis.words import escaped
 
-# Style of its own and images inside it; no script, no address outside.
+# Styles and images are embedded; no scripts, no external addresses.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 
 Images = Mapping[str, str]  # figures by name, as HTML
 
 
 def page(diagnosis: Diagnosis, images: Images) -> str:
-    """Return the whole page; a section about which there is nothing to say is left out."""
+    """Return the page; empty sections are left out."""
     residuals = "".join(image for name, image in images.items() if name.startswith("residual_"))
     sections = (
         ("Measured against simulated", images.get("measured_simulated", "")),
-        ("What is left over", residuals + trends(diagnosis)),
+        ("Residuals", residuals + trends(diagnosis)),
         ("Loops", images.get("loops", "")),
         ("Spectra", images.get("spectra", "")),
-        ("Which balance fails", images.get("balances", "")),
+        ("Lack of fit by balance", images.get("balances", "")),
         ("Candidates and their evidence", images.get("candidates", "") + candidates(diagnosis)),
         ("The ladder", ladder_section(diagnosis, images.get("ladder", ""))),
         ("Parameters", images.get("parameters", "") + shifts(diagnosis)),
-        ("What can't be told apart", tied(diagnosis)),
-        ("Before and after on held-out runs", gains(diagnosis, images.get("gain", "")) + images.get("held_out", "")),
+        ("Models that can't be distinguished", tied(diagnosis)),
+        (
+            "Errors on runs held out, before and after",
+            gains(diagnosis, images.get("gain", "")) + images.get("held_out", ""),
+        ),
         ("Estimates before and after", images.get("estimates", "")),
-        ("What these data would have shown", minimum_detectable(diagnosis)),
+        ("Detectable effects", minimum_detectable(diagnosis)),
         ("The data", audit(diagnosis)),
-        ("What to measure next", next_experiment(diagnosis)),
-        ("How it was done", how()),
+        ("Next experiment", next_experiment(diagnosis)),
+        ("Method", how()),
     )
     shown = [(title, body) for title, body in sections if body]
     contents = "".join(f'<a href="#s{place}">{escaped(title)}</a>' for place, (title, _) in enumerate(shown, 1))

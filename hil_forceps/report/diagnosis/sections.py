@@ -1,4 +1,4 @@
-"""The words of each section of the page; a section with nothing to say is an empty text."""
+"""The sections of the page; a section without content is an empty text."""
 
 import math
 
@@ -27,7 +27,7 @@ SEVERITIES = ("problem", "warning", "note")
 
 
 def verdict(diagnosis: Diagnosis) -> str:
-    """Say the verdict, the effects named, and in short what else a reader wants first."""
+    """Return the verdict, the named effects, and a summary."""
     (mark, kind), name = VERDICTS[diagnosis.verdict], escaped(diagnosis.verdict)
     if diagnosis.verdict == "effects" and diagnosis.varies_over:
         kind = MORE_IS_LEFT
@@ -42,7 +42,7 @@ def verdict(diagnosis: Diagnosis) -> str:
         parts.append(f"<p>Named: {named}.</p>")
     if diagnosis.varies_over:
         over = ", ".join(escaped(quantity(name).words) for name in diagnosis.varies_over)
-        parts.append(f"<p>What is left unexplained varies over: {over}.</p>")
+        parts.append(f"<p>The remaining residual varies over: {over}.</p>")
     if diagnosis.verdict == "undetermined" and diagnosis.reasons:
         parts.append(bullets(escaped(reason) for reason in diagnosis.reasons))
     parts.append(f"{_short_gain(diagnosis)}{_short_next(diagnosis)}{_short_audit(diagnosis)}</header>")
@@ -50,7 +50,7 @@ def verdict(diagnosis: Diagnosis) -> str:
 
 
 def trends(diagnosis: Diagnosis) -> str:
-    """Tabulate how much smooth curves over one variable explain of what is left, over what they would of noise."""
+    """Tabulate how much smooth curves over one variable explain of the residual, relative to noise."""
     if not diagnosis.trends:
         return ""
     ranked = sorted(diagnosis.trends, key=lambda trend: -trend.before if math.isfinite(trend.before) else math.inf)
@@ -63,19 +63,19 @@ def trends(diagnosis: Diagnosis) -> str:
         )
         for trend in ranked
     )
-    head = ("left at", "over", "times what chance explains, before", "after")
+    head = ("residual of", "over", "ratio to chance, before", "after")
     return "<h3>What the residual depends on</h3>" + table(head, rows, numbers_from=2)
 
 
 def candidates(diagnosis: Diagnosis) -> str:
-    """Tabulate every entry judged, step by step."""
+    """Tabulate the test of every entry, step by step."""
     if not diagnosis.candidates:
         return ""
     ranked = sorted(diagnosis.candidates, key=lambda c: (c.step, -c.score if math.isfinite(c.score) else math.inf))
     rows = (
         (effect_words(c.id), escaped(c.state), str(c.step + 1), number(c.score), number(c.threshold)) for c in ranked
     )
-    head = ("entry", "judged", "step", "fall of χ²", "asked")
+    head = ("entry", "result", "step", "decrease of χ²", "threshold")
     return f"<details><summary>All entries in numbers</summary>{table(head, rows, numbers_from=2)}</details>"
 
 
@@ -95,24 +95,24 @@ def shifts(diagnosis: Diagnosis) -> str:
 
 
 def tied(diagnosis: Diagnosis) -> str:
-    """List the models that the data can't tell apart, and why."""
+    """List the models that the data can't distinguish, and why."""
     parts = []
     if len(diagnosis.candidate_sets) > 1:
         parts.append("<p>Each of these models explains the data as well as the others; best first.</p>")
         parts.append("<ol>" + "".join(f"<li>{model_words(ids)}</li>" for ids in diagnosis.candidate_sets) + "</ol>")
     elif diagnosis.candidate_sets and diagnosis.verdict != "undetermined":
-        parts.append(f"<p>Nothing: one model is left, {model_words(diagnosis.candidate_sets[0])}.</p>")
+        parts.append(f"<p>The data select one model: {model_words(diagnosis.candidate_sets[0])}.</p>")
     if diagnosis.reasons and diagnosis.verdict != "undetermined":
         parts.append(bullets(escaped(reason) for reason in diagnosis.reasons))
     return "".join(parts)
 
 
 def gains(diagnosis: Diagnosis, image: str) -> str:
-    """Tabulate what extending the model gains on runs never used to fit or to choose."""
+    """Tabulate the gain of the extended model on runs held out."""
     if not diagnosis.gain:
         return ""
     names = ", ".join(escaped(name) for name in diagnosis.held_out)
-    used = f"Held out: {names}." if names else "No run was held out: these figures are of the runs fitted to."
+    used = f"Held out: {names}." if names else "No run was held out: these figures are of the fitted runs."
     rows = []
     for name, gain in diagnosis.gain.items():
         here = quantity(name)
@@ -124,7 +124,7 @@ def gains(diagnosis: Diagnosis, image: str) -> str:
 
 
 def minimum_detectable(diagnosis: Diagnosis) -> str:
-    """Tabulate the smallest size of each effect that would have shown."""
+    """Tabulate the smallest detectable size of each effect."""
     rows = (
         (
             effect_words(name),
@@ -134,16 +134,16 @@ def minimum_detectable(diagnosis: Diagnosis) -> str:
         for name, least in diagnosis.minimum_detectable.items()
     )
     rates = f"{percent(DETECTION_POWER)} power, {percent(FALSE_ALARMS)} false alarms"
-    text = f"<p>An effect smaller than this may be there all the same ({rates}).</p>"
+    text = f"<p>An effect smaller than this can be present without being detected ({rates}).</p>"
     return (
-        text + table(("effect", "parameter", "least size"), rows, numbers_from=2)
+        text + table(("effect", "parameter", "smallest detectable size"), rows, numbers_from=2)
         if diagnosis.minimum_detectable
         else ""
     )
 
 
 def audit(diagnosis: Diagnosis) -> str:
-    """List what was found about the data themselves, the gravest first, and which runs were used for what."""
+    """List the findings of the audit, the most severe first, and the use of each run."""
     parts = []
     if diagnosis.runs:
         rows = (
@@ -170,12 +170,12 @@ def audit(diagnosis: Diagnosis) -> str:
         )
         parts.append(table(("", "run", "channel", "finding"), findings, numbers_from=5))
     elif diagnosis.runs:
-        parts.append("<p>No gaps, repeats, saturation or skew that matter.</p>")
+        parts.append("<p>No relevant gaps, repeats, saturation or skew.</p>")
     return "".join(parts)
 
 
 def next_experiment(diagnosis: Diagnosis) -> str:
-    """Say which experiment would best separate what is still tied."""
+    """Describe the experiment that best separates the remaining models."""
     following = diagnosis.next_experiment
     if following is None:
         return ""
@@ -185,23 +185,24 @@ def next_experiment(diagnosis: Diagnosis) -> str:
         parts.append(bullets(" <i>from</i> ".join(effect_words(one) for one in ids) for ids in following.separates))
     if math.isfinite(following.predicted_separation):
         size = number(following.predicted_separation)
-        parts.append(f"<p>Predicted separation: {size} standard deviations (below 3 it would hardly be told).</p>")
+        parts.append(f"<p>Predicted separation: {size} standard deviations (below 3 it is hardly detectable).</p>")
     return "".join(parts)
 
 
 def how() -> str:
-    """Say in short how a diagnosis is made, and write the chain of equations as the catalogue has it."""
+    """Describe the method in short, with the equations of the catalogue."""
     lines = [line.strip() for line in (catalogue.__doc__ or "").splitlines() if line.startswith("    ")]
     chain = "".join(f"<li>{equation(line)}</li>" for line in lines)
     return (
         "<p>The data are audited before any physics. The known parameters are refitted to all channels at once, with "
-        "priors from the rig, the closed loop simulated where its law is known; what is left over is held against the "
-        "noise floor. Every entry of the catalogue is then scored by how the simulation responds to it, refitted "
-        "parameters projected out and residuals whitened; its threshold is what chance gives, the whole catalogue "
-        "together. Entries join one by one as long as they pass, and models that lie too close to the best "
-        "are kept as a set. The gain is counted on runs used neither to fit nor to choose. "
+        "priors from the rig, with the closed loop simulated if its law is known; the residual is compared with the "
+        "noise floor. Every entry of the catalogue is then scored by the simulation's response to it, with refitted "
+        "parameters projected out and residuals whitened; the threshold is the score by chance, for the whole "
+        "catalogue "
+        "together. Entries are added one by one as long as they exceed it, and models that are too close to the best "
+        "are kept as a set. The gain is computed on runs used neither for fitting nor for selection. "
         "Residuals are measured less simulated.</p>"
-        f'<h3>Where the equations belong</h3><ul class="chain">{chain}</ul>'
+        f'<h3>Equations of the simulation</h3><ul class="chain">{chain}</ul>'
     )
 
 
@@ -213,7 +214,7 @@ def _card(named: NamedEffect) -> str:
     if not known:
         return f"{head}<p>{text}</p>{_parameters(named)}</div>"
     entry = effect(named.id)
-    source = f'<p class="note">Shown by: {escaped(entry.shown_by)}. Source: {escaped(entry.source)}.</p>'
+    source = f'<p class="note">Visible in: {escaped(entry.shown_by)}. Source: {escaped(entry.source)}.</p>'
     return f'{head}<span class="eq">{equation(entry.equation)}</span><p>{text}</p>{_parameters(named)}{source}</div>'
 
 

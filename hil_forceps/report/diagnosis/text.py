@@ -1,4 +1,4 @@
-"""A diagnosis as plain text: the verdict, the causes with their numbers, what mending gains."""
+"""A diagnosis as plain text: the verdict, the effects with their parameters, and the gain."""
 
 from collections.abc import Iterator
 
@@ -6,14 +6,14 @@ from hil_forceps.diagnosis.result import Diagnosis, Estimate, Rung
 
 
 def text_lines(diagnosis: Diagnosis) -> list[str]:
-    """Return the lines that a terminal shows, the verdict first."""
+    """Return the lines for a terminal, the verdict first."""
     return [
         f"{diagnosis.verdict}: {diagnosis.sentence}",
         *_causes(diagnosis),
         *_gains(diagnosis),
         *(f"  ladder, {rung.id or 'known parameters'}: {_rung(rung)}" for rung in diagnosis.ladder),
         *(f"  data, {f.run or 'all runs'}: {f.text}" for f in diagnosis.data_audit if f.severity != "note"),
-        *(f"  because {reason}" for reason in diagnosis.reasons),
+        *(f"  reason: {reason}" for reason in diagnosis.reasons),
         *_what_next(diagnosis),
     ]
 
@@ -26,7 +26,7 @@ def _causes(diagnosis: Diagnosis) -> Iterator[str]:
         )
         yield f"  {effect.id} ({effect.location}), confidence {effect.confidence:.2f}: {values}"
     if len(diagnosis.candidate_sets) > 1:
-        yield "  as good: " + "; ".join(" + ".join(ids) for ids in diagnosis.candidate_sets[1:])
+        yield "  equally good: " + "; ".join(" + ".join(ids) for ids in diagnosis.candidate_sets[1:])
     for name, shift in diagnosis.parameter_shifts.items():
         assumed = "unknown" if shift.assumed is None else f"{shift.assumed:.4g}"
         yield f"  {name}: {assumed} -> {_interval(shift.fitted)} {shift.fitted.unit}"
@@ -57,6 +57,6 @@ def _gain_of(rung: Rung, channel: str) -> str:
 
 def _what_next(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.varies_over:
-        yield f"  what stays unexplained varies over {', '.join(diagnosis.varies_over)}"
+        yield f"  the remaining residual varies over {', '.join(diagnosis.varies_over)}"
     if (following := diagnosis.next_experiment) is not None:
         yield f"  next: {following.name} (separation {following.predicted_separation:.1f} sd); {following.why}"

@@ -10,13 +10,15 @@ from hil_forceps.rig.catalogue import EFFECT_IDS, effect
 from hil_forceps.rig.units import show_unit
 
 VERDICTS = {
-    "consistent": ("✓", "Nothing beyond noise: the simulation agrees with the measurement."),
-    "parameters": ("≈", "Known parameters differ from what the rig says; refitting them explains all of it."),
-    "effects": ("▲", "The simulation lacks what is named here; with it, it agrees with the measurement."),
-    "unnamed": ("?", "Something is there that no entry of the catalogue explains."),
-    "undetermined": ("–", "These data can't tell."),
+    "consistent": ("✓", "The simulation agrees with the measurement to within noise."),
+    "parameters": ("≈", "Known parameters differ from the rig file; refitting them explains the data."),
+    "effects": ("▲", "The simulation lacks the effects named here; with them it agrees with the measurement."),
+    "unnamed": ("?", "No entry of the catalogue explains the data."),
+    "undetermined": ("–", "The data do not allow a verdict."),
 }
-MORE_IS_LEFT = "The simulation lacks what is named here; with it less is left, but not only noise."
+MORE_IS_LEFT = (
+    "The simulation lacks the effects named here; with them the residual is smaller, but still more than noise."
+)
 DASH = "–"
 
 
@@ -26,7 +28,7 @@ def escaped(text: str) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Write a number for a reader: 3 digits, powers of ten where it is far from 1; a dash for what isn't finite."""
+    """Format a number: 3 digits, with a power of ten if it is far from 1; a dash if it isn't finite."""
     if value is None or not math.isfinite(value):
         return DASH
     exponent = _exponent([value])
@@ -55,7 +57,7 @@ def unit_words(unit: str) -> str:
 
 
 def percent(share: float) -> str:
-    """Write a share as a percentage; a dash for what isn't finite."""
+    """Format a share as a percentage; a dash if it isn't finite."""
     return f"{100 * share:.3g} %".replace("-", "−") if math.isfinite(share) else DASH
 
 
@@ -77,7 +79,7 @@ def model_words(ids: Sequence[str]) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers_from: int = 1) -> str:
-    """Return a table of cells that are HTML already; columns from `numbers_from` on are set flush right."""
+    """Return a table of HTML cells; columns from `numbers_from` on are right-aligned."""
 
     def cells(tag: str, row: Sequence[str]) -> str:
         kinds = ("" if place < numbers_from else ' class="r"' for place in range(len(row)))
@@ -88,7 +90,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers_from: i
 
 
 def bullets(items: Iterable[str]) -> str:
-    """Return a list of items that are HTML already."""
+    """Return a list of HTML items."""
     return "<ul>" + "".join(f"<li>{item}</li>" for item in items) + "</ul>"
 
 

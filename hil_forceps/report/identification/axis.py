@@ -1,4 +1,4 @@
-"""Figures of the comparison on an axis: force and what models leave, the evidence, and the open loop."""
+"""Figures of the comparison on an axis: force and residuals of models, evidence, open loop."""
 
 from collections.abc import Callable
 from itertools import cycle
@@ -25,7 +25,7 @@ _SHOWN_N = 12.0
 
 
 def write_axis_figures(found: AxisComparison, out: Path) -> list[Path]:
-    """Draw everything into `out` as PDF and PNG; return the files. OSError as the disk raises it."""
+    """Draw all figures into `out` as PDF and PNG; return the files. OSError if writing fails."""
     figures = {
         "axis_force": force_figure(found),
         "axis_evidence": evidence_figure(found),
@@ -37,7 +37,7 @@ def write_axis_figures(found: AxisComparison, out: Path) -> list[Path]:
 
 
 def force_figure(found: AxisComparison) -> Figure:
-    """Force above, what the published and the chosen model leave of it below; training run and first test run."""
+    """Force above, residuals of the published and the selected model below; training run and first test run."""
     first, best = found.rungs[0].fit, found.chosen.fit
     with house_style():
         figure = new_figure(DOUBLE_COLUMN, 88)
@@ -185,7 +185,7 @@ def open_loop_figure(found: AxisComparison) -> Figure:
 
 
 def networks_figure(found: AxisComparison) -> Figure:
-    """Error of the position in open loop while networks are fitted: training and first test run, the law beside."""
+    """Error of the position in open loop during the fit of networks and of the law; training and first test run."""
     best = found.open_loop_chosen
     own = (best.train_rmse_m, best.test_rmse_m[0])
     with house_style():

@@ -1,4 +1,4 @@
-"""Figures of the comparison on held-out runs: estimates beside what was measured, and errors of every method."""
+"""Figures of the comparison on runs held out: estimated and measured, and errors of every method."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ _SOURCES = {"tau_m_N_m": "spindle torque", "current_A": "motor current"}
 
 
 def write_comparison_figures(comparison: Comparison, out: Path) -> list[Path]:
-    """Draw the first split's runs and every split's errors into `out` as PDF and PNG; nothing where nothing is."""
+    """Draw the first split's runs and every split's errors into `out` as PDF and PNG; nothing without splits."""
     if not comparison.splits:
         return []
     first = comparison.splits[0].name
@@ -54,7 +54,7 @@ def held_out_figure(courses: Sequence[Course]) -> Figure:
             angle.set_xlabel("time (s)")
         grid[0, 0].set_ylabel(r"jaw torque $\tau_w$ (mN m)")
         grid[1, 0].set_ylabel(r"error of $\theta_j$ (deg)")
-        grid[1, 0].set_ylim(-3, 3)  # the first stroke's transient lies outside and is not scored
+        grid[1, 0].set_ylim(-3, 3)  # the transient of the first stroke is outside and is not scored
         handles, labels = grid[0, 0].get_legend_handles_labels()
         title = "transmission estimator on loads that it was not fitted to"
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), title=title, title_fontsize=7)

@@ -1,4 +1,4 @@
-"""Figures of measured instrument runs: what was measured at the jaw against what the motor side says."""
+"""Figures of measured instrument runs: measured at the jaw, and estimated from the motor side."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,7 +39,7 @@ _DRIVEN_BY = {"tau_m_N_m": "spindle torque", "current_A": "motor current"}
 
 
 class _Map(NamedTuple):
-    """RMSE by load rank (rows, lowest first) and frequency (columns); NaN where there is no finite number."""
+    """RMSE by load rank (rows, lowest first) and frequency (columns); NaN without a finite value."""
 
     frequencies_Hz: list[float]
     loads_N_m: list[float]
@@ -47,7 +47,7 @@ class _Map(NamedTuple):
 
 
 def write_instrument_figures(report: InstrumentReport, out: Path) -> list[Path]:
-    """Draw everything about a replay into `out` as PDF and PNG; return the files. OSError as the disk raises it."""
+    """Draw all figures of a replay into `out` as PDF and PNG; return the files. OSError if writing fails."""
     source = report.traces[0].source
     figures = {
         "instrument_traces": traces_figure(report.traces),
@@ -83,7 +83,7 @@ def traces_figure(traces: Sequence[Trace], methods: Sequence[str] = METHODS) -> 
 
 
 def loops_figure(traces: Sequence[Trace], method: str = "kalman") -> Figure:
-    """Torque over jaw angle, at the spindle and at the jaw; the width of the spindle's loop is what friction takes."""
+    """Torque over jaw angle, at the spindle and at the jaw; the width of the spindle's loop shows friction."""
     style = _look(method)
     with house_style():
         figure = new_figure(DOUBLE_COLUMN, 68)

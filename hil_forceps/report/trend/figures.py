@@ -1,4 +1,4 @@
-"""One figure for each instrument: its parameters with their intervals over days, changes marked where they begin."""
+"""One figure for each instrument: its parameters with intervals over days; onsets of changes are marked."""
 
 from datetime import datetime
 
@@ -21,7 +21,7 @@ MOST_BARS = 200  # of errors; more points are drawn without
 
 
 def days_of(dates: list[str]) -> NDArray[np.float64]:
-    """Return dates as matplotlib counts them."""
+    """Return dates in matplotlib's days."""
     return np.array([_day(date) for date in dates], dtype=np.float64)
 
 
@@ -30,7 +30,7 @@ def _day(date: str) -> float:
 
 
 def instrument_figure(instrument: InstrumentTrend) -> Figure | None:
-    """Return the figure of an instrument; None where no parameter was measured."""
+    """Return the figure of an instrument; None if no parameter was measured."""
     shown = instrument.parameters
     if not shown:
         return None
@@ -78,6 +78,6 @@ def _panel(axes: Axes, p: ParameterTrend) -> None:
 
 
 def _scale(values: NDArray[np.float64]) -> float:
-    """Return the power of a thousand that values are told in."""
+    """Return the power of a thousand for the axis of the values."""
     largest = float(np.max(np.abs(values)))
     return float(1000.0 ** np.floor(np.log10(largest) / 3.0)) if largest > 0.0 else 1.0

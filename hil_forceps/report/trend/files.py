@@ -11,7 +11,7 @@ from hil_forceps.report.trend.page import page
 
 
 def write_report(trend: Trend, path: Path) -> None:
-    """Write the page with its figures inside; raises OSError. The same trend gives the same bytes."""
+    """Write the page with embedded figures; raises OSError. The same trend gives the same bytes."""
     images = {}
     for instrument in trend.instruments:
         figure = instrument_figure(instrument)

@@ -1,4 +1,4 @@
-"""The page of a trend: what changes, each instrument's parameters over days, the sessions and how it was done."""
+"""The page of a trend: changes, each instrument's parameters over days, sessions, method."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -10,20 +10,20 @@ from hil_forceps.report.diagnosis.words import DASH, escaped, number, unit_words
 
 SOURCES = {
     "table": "sessions.csv",
-    "recording": "its recording",
-    "name": "its name",
-    "file": "the file's time",
-    "": "nobody",
+    "recording": "recording",
+    "name": "file name",
+    "file": "file time",
+    "": "unknown",
 }
 
 
 def page(trend: Trend, images: Mapping[str, str]) -> str:
-    """Return the whole page; `images`: figures by instrument, as HTML."""
-    sections = [("What changes", _changes(trend))]
+    """Return the page; `images`: figures by instrument, as HTML."""
+    sections = [("Changes", _changes(trend))]
     sections += [
         (f"Instrument {each.name}", images.get(each.name, "") + _parameters(each)) for each in trend.instruments
     ]
-    sections += [("Sessions", _sessions(trend.sessions)), ("How it was done", _how(trend))]
+    sections += [("Sessions", _sessions(trend.sessions)), ("Method", _how(trend))]
     contents = "".join(f'<a href="#s{place}">{escaped(title)}</a>' for place, (title, _) in enumerate(sections, 1))
     body = "".join(
         f'<section id="s{place}"><h2>{escaped(title)}</h2>{content}</section>'
@@ -48,14 +48,14 @@ def _changes(trend: Trend) -> str:
         for text in parameter.sentences()
     ]
     if not said:
-        return "<p>Nothing changes beyond the scatter between sessions.</p>"
+        return "<p>No change was found beyond the scatter between sessions.</p>"
     return f"<ul>{''.join(said)}</ul>"
 
 
 def _parameters(instrument: InstrumentTrend) -> str:
     if not instrument.parameters:
         return "<p>No session measures any parameter.</p>"
-    headers = ("parameter", "verdict", "begins", "first level", "last level", "scatter", "p", "sessions", "lies apart")
+    headers = ("parameter", "verdict", "begins", "first level", "last level", "scatter", "p", "sessions", "outliers")
     return _table(headers, (_row(each) for each in instrument.parameters))
 
 
@@ -101,11 +101,11 @@ def _how(trend: Trend) -> str:
     return (
         "<p>In each session the known parameters of the rig are fitted by the likelihood of that session alone. Points "
         "are these estimates with their 95 % intervals. Sessions differ by more than that (temperature, how the wire "
-        "lies): this scatter, and how alike it is from one session to the next, is estimated with the level. The line "
+        "lies): this scatter, and its correlation from one session to the next, are estimated with the level. The line "
         "is the level with its 95 % interval. A dashed line is the first session of a change, shaded its 95 % "
-        "interval. A cross lies apart from all other sessions and is left out.</p>"
-        f"<p>An instrument that doesn't change is said to in at most {100.0 * trend.false_alarms:.3g} % of such "
-        "series, over all its sessions and parameters.</p>"
+        "interval. A cross is an outlier and is excluded.</p>"
+        f"<p>The false-alarm rate of an instrument is at most {100.0 * trend.false_alarms:.3g} %, over "
+        "all its sessions and parameters.</p>"
     )
 
 

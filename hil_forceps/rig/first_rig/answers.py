@@ -51,6 +51,6 @@ def check_pair(motor_name: str, motor: MotorPreset, profile: str) -> None:
     """UserError where an actuator with a drive inside is given another."""
     if motor.drive is not None and motor.drive != profile:
         raise UserError(
-            f"--drive {profile}: {motor.title} has a drive of its own, which speaks {motor.drive}; give --drive "
-            f"{motor.drive}, or another motor than {motor_name}"
+            f"--drive {profile}: {motor.title} contains a drive with the profile {motor.drive}; use --drive "
+            f"{motor.drive}, or a motor other than {motor_name}"
         )

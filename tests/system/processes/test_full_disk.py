@@ -57,7 +57,7 @@ def test_recording_and_log_on_a_full_disk(
     replayed = start("replay", small_disk / "run.mcap").end()
     assert replayed.code == 1
     assert "incomplete: " in replayed.out
-    assert "all of them identical" in replayed.out
+    assert "all identical" in replayed.out
 
 
 def test_limit_on_the_size_of_files(drive: DriveFixture, run: RunFixture, pty_wire: Any, tmp_path: Path) -> None:

@@ -178,19 +178,19 @@ def test_it_listens_on_loopback_unless_told_otherwise_and_then_wants_a_token(tmp
             open_references([rig], str(taken), None, None)
     finally:
         opened.close()
-    with pytest.raises(UserError, match="beyond this machine references want a token"):
+    with pytest.raises(UserError, match="references from other computers require a token"):
         open_references([rig], "192.0.2.1:47100", None, None)
     token = tmp_path / "token"
     token.write_bytes(TOKEN + b"\n")
     token.chmod(0o644)
-    with pytest.raises(UserError, match="other users may read it; chmod 600"):
+    with pytest.raises(UserError, match="other users can read the file; chmod 600"):
         read_token(token)
     token.chmod(0o600)
     assert read_token(token) == TOKEN
-    with pytest.raises(UserError, match="can't be had"):  # an address that this machine has not
+    with pytest.raises(UserError, match="can't be opened"):  # an address that this machine has not
         open_references([rig], "192.0.2.1:47100", token, None)
     token.write_bytes(b"short")
-    with pytest.raises(UserError, match="must hold 16 to 4096 bytes"):
+    with pytest.raises(UserError, match="must have 16 to 4096 bytes"):
         read_token(token)
     with pytest.raises(UserError, match="No such file"):
         read_token(tmp_path / "none")
@@ -203,9 +203,9 @@ def test_it_listens_on_loopback_unless_told_otherwise_and_then_wants_a_token(tmp
     ("options", "words"),
     [
         (("--references", "nowhere"), "--references nowhere: must be PORT or ADDRESS:PORT"),
-        (("--references-token", "token"), "--references-token goes with --references"),
-        (("--references-timeout", "0.1"), "--references-timeout goes with --references"),
-        (("--references", "0", "--trajectory", str(ROOT / "x.csv")), "the jaw follows one of them"),
+        (("--references-token", "token"), "--references-token: only with --references"),
+        (("--references-timeout", "0.1"), "--references-timeout: only with --references"),
+        (("--references", "0", "--trajectory", str(ROOT / "x.csv")), "the jaw follows only one of them"),
     ],
 )
 def test_options_that_do_not_go_together_are_told(

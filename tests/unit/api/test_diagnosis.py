@@ -140,7 +140,7 @@ def test_runs_come_in_any_form(frozen: hf.Run) -> None:
 @pytest.mark.parametrize(
     ("wish", "said"),
     [
-        ({"without": ["gremlins"]}, "without gremlins: is no effect of the catalogue"),
+        ({"without": ["gremlins"]}, "without gremlins: is not an effect of the catalogue"),
         ({"hold_out": ["nobody"]}, "hold_out nobody: no such run; the runs are still"),
         ({"hold_out": ["still"]}, "hold_out: every run is held out"),
         ({"jobs": 0}, "jobs 0: must be 1 or more"),
@@ -155,7 +155,7 @@ def test_a_wrong_wish_is_refused_by_the_parameters_name(frozen: hf.Run, wish: di
 
 def test_a_budget_needs_runs_whose_law_is_known(frozen: hf.Run) -> None:
     rig = RIG.with_changes({"drive": None})
-    with pytest.raises(hf.UserError, match="budget_s: needs runs of a drive whose law and references are known"):
+    with pytest.raises(hf.UserError, match="budget_s: only for runs of a drive with known law and references"):
         hf.diagnose(frozen, rig, budget_s=1.0, jobs=1)
 
 

@@ -53,13 +53,15 @@ def test_it_remembers_until_it_is_reset() -> None:
 
 
 def test_what_is_refused() -> None:
-    with pytest.raises(hf.UserError, match="unknown algorithm 'kalmann'; there are previous"):
+    with pytest.raises(hf.UserError, match="unknown algorithm 'kalmann'; use one of previous"):
         hf.Estimator("kalmann", RIG, 1e-3)
     with pytest.raises(ValueError, match=r"sample_time_s: is 0\.0; must be a finite number above 0 \(s\)"):
         hf.Estimator("kalman", RIG, 0.0)
     estimator = hf.Estimator("kalman", RIG, 1e-3)
     for angle, current in ((ANGLE, CURRENT[:3]), (np.zeros((2, 2)), np.zeros((2, 2))), ([], [])):
-        with pytest.raises(ValueError, match="theta_m_rad, current_A: must be of one length, 1 or more"):
+        with pytest.raises(
+            ValueError, match="theta_m_rad, current_A: must be one-dimensional arrays of equal length, at least 1"
+        ):
             estimator.estimate(angle, current)
 
 
@@ -87,7 +89,7 @@ def test_what_is_not_finite_is_refused_and_changes_nothing(bad: float) -> None:
             estimator.estimate(*record)
         sample = [0.1, 0.1]
         sample[place] = bad
-        with pytest.raises(hf.UserError, match=rf"{name}: is {bad}, not a finite number; leave such a sample out"):
+        with pytest.raises(hf.UserError, match=rf"{name}: is {bad}, not a finite number; leave this sample out"):
             estimator.step(sample[0], sample[1])
     assert np.isfinite(estimator.step(0.1, 0.1).tau_w_N_m)
 

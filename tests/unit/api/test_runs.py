@@ -51,7 +51,7 @@ def test_any_table_gives_the_run(table: Any) -> None:
     assert list(run.columns) == list(COLUMNS)
     for name, values in COLUMNS.items():
         np.testing.assert_array_equal(run[name], values)
-    assert run.notes == ("column 'temperature' is not one of a run and was left out",)
+    assert run.notes == ("column 'temperature' is not a column of a run and was left out",)
 
 
 def test_whole_numbers_and_single_precision_are_numbers(table: Any) -> None:
@@ -140,7 +140,7 @@ def test_sources_of_all_kinds_in_their_order_under_names_that_differ(tmp_path: P
 
 
 def test_what_is_no_source() -> None:
-    with pytest.raises(hf.UserError, match="no runs were given"):
+    with pytest.raises(hf.UserError, match="no runs were given; add at least one"):
         hf.read_runs()
     with pytest.raises(hf.UserError, match=r"nowhere\.csv: no such file"):
         hf.read_runs("nowhere.csv")

@@ -110,7 +110,10 @@ def test_a_host_that_comes_right_behind_another_is_told_what_to_do(forceps_bench
     assert service.run(still, 0.1).ok
     run = service.run(still, 0.1)
     assert (run.ok, run.reason) == (False, "enable_failed")
-    assert "it stays DISABLED; where another program drove it just before: it enables a new host 0.1 s" in run.message
+    assert (
+        "it stays DISABLED; if another program controlled it just before: it enables a new host only 0.1 s"
+        in run.message
+    )
     with can.Bus(interface=bench.interface, channel=bench.channel) as bus:
         world: Any = bus
         world.advance_until_ns(world.now_ns() + 150_000_000)
@@ -157,12 +160,10 @@ def test_what_is_refused(tmp_path: Path) -> None:
         hf.Service(ROOT / "configs" / "drives" / "dynamixel.yaml", serial="/dev/ttyUSB0", baudrate=9600)
     with pytest.raises(ValueError, match="duration_s: is nan; must be a finite number above 0"):
         hf.Service(rig, interface="virtual_forceps").run(duration_s=float("nan"))
-    with pytest.raises(
-        hf.UserError, match=r"the trajectory: at 1 s the motor would go to 35 rad .*; change it or the li"
-    ):
+    with pytest.raises(hf.UserError, match=r"trajectory: at 1 s the motor reference is 35 rad .*; change it or the li"):
         hf.Service(rig, interface="virtual_forceps").run(hf.Trajectory((0.0, 1.0), (1.5, 50.0)))
     (tmp_path / "run.mcap").touch()
-    with pytest.raises(hf.UserError, match=r"out .*: holds a run \(run\.mcap\); name another folder"):
+    with pytest.raises(hf.UserError, match=r"out .*: contains a run \(run\.mcap\); name another folder"):
         hf.Service(rig, interface="virtual_forceps").run(out=tmp_path)
     with pytest.raises(hf.UserError, match="nothing is on channel"):
         hf.Service(rig, interface="virtual_forceps", channel="nobody").run(out=tmp_path / "new" / "run")

@@ -45,7 +45,7 @@ def test_beside_a_run_it_is_the_command_lines_simulation() -> None:
     pandas.testing.assert_frame_equal(own.to_pandas(), pandas.DataFrame(dict(own.columns)))
     driven = hf.simulate(RIG.with_changes({"drive": None}), run)
     assert not driven.is_closed_loop
-    with pytest.raises(hf.UserError, match="was driven by the measured motion"):
+    with pytest.raises(hf.UserError, match="the measured motion was the input"):
         driven.to_run()
 
 

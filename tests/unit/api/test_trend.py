@@ -211,8 +211,8 @@ def test_one_session_is_tracked_by_its_own_data_alone() -> None:
 @pytest.mark.parametrize(
     ("wish", "said"),
     [
-        ({"executor": "slurm"}, "executor slurm: is not known; there are processes, dask://HOST:PORT, ray"),
-        ({"executor": "dask://"}, "executor dask://: is not known"),
+        ({"executor": "slurm"}, "executor slurm: is unknown; use processes, dask://HOST:PORT, ray"),
+        ({"executor": "dask://"}, "executor dask://: is unknown"),
         ({"jobs": 0}, "jobs 0: must be 1 or more"),
         ({"false_alarms": 0.0}, "false_alarms 0.0: must be above 0 and below 1"),
         ({"seed": -1}, "seed -1: must be 0 or more"),
@@ -285,5 +285,5 @@ def test_a_cluster_that_does_not_answer_is_a_user_error(tmp_path: Path, monkeypa
 
     monkeypatch.setattr(distributed, "Client", refused)
     home = few(tmp_path / "logs", 1)
-    with pytest.raises(hf.UserError, match=r"executor dask://nowhere:8786: no scheduler answers there"):
+    with pytest.raises(hf.UserError, match=r"executor dask://nowhere:8786: no scheduler answers at this address"):
         hf.trend(home, out=tmp_path / "out", executor="dask://nowhere:8786")

@@ -83,7 +83,7 @@ def test_the_last_second_of_everything_is_kept(tmp_path: Path, capsys: pytest.Ca
     lines = capsys.readouterr().err.splitlines()
     assert lines == [
         "hil-forceps: the drive latched a fault: WATCHDOG (watchdog: no fresh reference in time)",
-        f"  {fault['time_ns'] / 1e9:.3f} s after the start, while running; at the end the drive says FAULT",
+        f"  {fault['time_ns'] / 1e9:.3f} s after the start, while running; last state of the drive: FAULT",
         f"  the last second is in {out}/fault.json; hil-forceps explain {out}",
     ]
 
@@ -130,7 +130,9 @@ def test_a_used_folder_is_not_written_over(tmp_path: Path, capsys: pytest.Captur
     capsys.readouterr()
     assert run(tmp_path) == 2
     said = capsys.readouterr().err
-    assert said == (f"hil-forceps: --out {tmp_path}/out: holds a run (run.mcap); name another folder, or --overwrite\n")
+    assert said == (
+        f"hil-forceps: --out {tmp_path}/out: contains a run (run.mcap); name another folder, or use --overwrite\n"
+    )
     assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
     assert run(tmp_path, "", PAPER, "--overwrite", "--bus-log", "asc") == 0
     assert not (tmp_path / "out" / "bus.log").exists(), "a log of another run beside this one's recording"

@@ -84,7 +84,7 @@ def test_a_drive_that_is_gone_while_enabling_is_not_waited_for() -> None:
         (100 * MS, 0, StopReason.COMPLETED, "completed"),
         (80 * MS, 0, StopReason.COMPLETED, "completed"),
         (80 * MS - 1, 0, StopReason.REFERENCE_DENIED, "the last 20 ms of the run: samples were older than"),
-        (60 * MS, 2, StopReason.REFERENCE_DENIED, "the last 40 ms of the run: the gate denied it: DENIED_GAP"),
+        (60 * MS, 2, StopReason.REFERENCE_DENIED, "the last 40 ms of the run: the gate denied them: DENIED_GAP"),
     ],
 )
 def test_a_run_whose_motor_was_let_go_before_its_end_is_not_completed(
@@ -113,7 +113,7 @@ def test_a_run_whose_motor_was_let_go_before_its_end_is_not_completed(
 
 @pytest.mark.parametrize(
     ("said", "words"),
-    [(DriveState.OPERATIONAL, "another one drives it: end that first"), (DriveState.ARMED, "0 samples seen")],
+    [(DriveState.OPERATIONAL, "for another program; end that program first"), (DriveState.ARMED, "0 samples received")],
 )
 def test_a_drive_that_another_program_drives_is_told_as_that(said: DriveState, words: str) -> None:
     drive, line = (

@@ -81,7 +81,7 @@ def test_nobody_there() -> None:
     world.mute = True
     result = rigged(world).run()
     assert (result.reason, result.ok) == (StopReason.NO_DRIVE, False)
-    assert "nothing came over the bus" in result.message
+    assert "no frame was received" in result.message
     assert world.setpoints() == []
 
 

@@ -28,7 +28,7 @@ def test_it_prints_a_page_however_a_message_names_it(name: str, capsys: pytest.C
 
 
 def test_a_page_that_is_not_there_is_told_with_the_nearest() -> None:
-    with pytest.raises(UserError, match=r"glossry: is no page; did you mean glossary\?"):
+    with pytest.raises(UserError, match=r"glossry: no such page; did you mean glossary\?"):
         command.docs("glossry")
     with pytest.raises(UserError, match="`hil-forceps docs` lists all"):
         command.docs("../../pyproject.toml")
@@ -36,7 +36,7 @@ def test_a_page_that_is_not_there_is_told_with_the_nearest() -> None:
 
 def test_without_pages_it_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(command, "FOLDERS", (tmp_path,))
-    with pytest.raises(UserError, match="the pages are not there"):
+    with pytest.raises(UserError, match="the pages are missing"):
         command.docs()
 
 

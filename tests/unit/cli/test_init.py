@@ -59,7 +59,7 @@ def test_every_motor_goes_with_every_drive(call: Call, motor: str, drive: str, m
     if own not in {None, drive}:
         assert (code, out) == (2, "")
         assert err.startswith(f"hil-forceps: --drive {drive}: ")
-        assert f"give --drive {own}" in err
+        assert f"use --drive {own}" in err
         assert not Path("r.yaml").exists()
         return
     assert code == 0, err
@@ -93,7 +93,7 @@ def test_nothing_is_written_over_without_being_told(call: Call) -> None:
     Path("r.yaml").write_text("mine")
     line = ("init", "r.yaml", "--motor", "paper", "--drive", "native", *needed("paper"), *FORCEPS)
     code, out, err = call(*line)
-    assert (code, out, err) == (2, "", "hil-forceps: r.yaml: is there already; name another file, or --overwrite\n")
+    assert (code, out, err) == (2, "", "hil-forceps: r.yaml: already exists; name another file, or use --overwrite\n")
     assert Path("r.yaml").read_text() == "mine"
     assert call(*line, "--overwrite")[0] == 0
     load_rig("r.yaml")
@@ -103,14 +103,14 @@ def test_nothing_is_written_over_without_being_told(call: Call) -> None:
     ("line", "words"),
     [
         ("", "--motor NAME, --drive NAME, --motor-pulley-radius-mm R, --jaw-pulley-radius-mm R, --encoder-counts N"),
-        ("--motor paper --drive native --motor-pulley-radius-mm 2", "missing: --jaw-pulley-radius-mm R"),
+        ("--motor paper --drive native --motor-pulley-radius-mm 2", "missing options: --jaw-pulley-radius-mm R"),
         (
             "--motor maxon-ec13 --drive native",
             "--motor maxon-ec13: there is no such preset; did you mean maxon-ec13-30519",
         ),
-        ("--motor own --drive native", "missing: --torque-constant"),
+        ("--motor own --drive native", "missing options: --torque-constant"),
         ("--motor paper --drive odrve", "did you mean odrive?"),
-        ("--motor paper --drive native --gear 0", "0.0: is no gear"),
+        ("--motor paper --drive native --gear 0", "0.0: must be"),
         ("--motor paper --drive native --motor-pulley-radius-mm -2", "must be above 0, the radius in mm"),
         ("--motor paper --drive native --motor-pulley-radius-mm 2000", "must be at most 200"),
         ("--motor paper --drive native --encoder-counts 3", "must be a whole number of counts, 4 to"),
@@ -140,7 +140,7 @@ def test_on_a_terminal_it_asks_for_what_is_missing(
     del capsys
     assert code == 0, err
     assert "did you mean maxon-ec13" in err
-    assert "The most current, A [0.312]:" in err
+    assert "Current limit, A [0.312]:" in err
     rig = load_rig("r.yaml")
     assert rig.drive_profile == "moteus"
     assert rig.motor.torque_constant_N_m_per_A.value == 8.03e-3
@@ -151,7 +151,7 @@ def test_the_end_of_the_input_is_no_answer(call: Call, monkeypatch: pytest.Monke
     monkeypatch.setattr("hil_forceps.cli.arguments.first_rig.can_ask", lambda: True)
     code, _, err = call("init", "r.yaml")
     assert code == 2
-    assert "hil-forceps: missing: --motor NAME" in err
+    assert "hil-forceps: missing options: --motor NAME" in err
 
 
 def test_the_list_and_json(call: Call) -> None:

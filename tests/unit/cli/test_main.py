@@ -147,7 +147,7 @@ WRONG = [
     (f"bench --config {PAPER} --out o --realtime --duration 5", "--duration 5: must be 20 to"),
     (f"bench --config {PAPER} --out o --realtime --duration nan", "--duration nan: must be 20 to"),
     ("bench --config none.yaml --out o", "none.yaml: can't be read: No such file"),
-    ("bench --config . --out o", ".: is a folder; name a rig file, a YAML"),
+    ("bench --config . --out o", ".: is a folder; name a rig file (YAML)"),
     (f"bench --config {PAPER} --out file", "--out file: can't be written to"),
     (f"bench --config {PAPER} --out file/o", "--out file/o: can't be written to"),
     (f"bench --config {PAPER} --out /proc/o", "--out /proc/o: can't be written to"),
@@ -158,7 +158,7 @@ WRONG = [
     (f"run --rig {PAPER} --out o --serial /dev/no-such-port", "there is no such port"),
     (f"run --rig {PAPER} --out o --serial file", "file: can't be opened"),
     (f"run --rig {PAPER} --out o --serial no-such-kind://x", "no-such-kind://x: can't be opened"),
-    (f"run --rig {PAPER} --out o --interface no_such --channel x", "no_such:x: there is no such CAN interface"),
+    (f"run --rig {PAPER} --out o --interface no_such --channel x", "no_such:x: unknown CAN interface"),
     (f"run --rig {PAPER} --out o --interface socketcan --channel nocan7", "socketcan:nocan7: can't be opened"),
     (
         f"run --rig {PAPER} --out o --interface virtual_forceps --channel x",
@@ -170,29 +170,29 @@ WRONG = [
     (f"run --rig {PAPER} --out o --serial p --duration nan", "--duration nan"),
     (f"run --rig {PAPER} --out o --serial p --duration 0", "--duration 0"),
     (f"run --rig {PAPER} --out o --serial p --trajectory none.csv", "none.csv: can't be read"),
-    (f"run --rig {PAPER} --out o --serial p --trajectory empty", "theta_j_rad; make that the first line"),
+    (f"run --rig {PAPER} --out o --serial p --trajectory empty", "theta_j_rad; correct it"),
     (f"run --rig {PAPER} --out o --serial p --bus-log txt", "--bus-log"),
     (f"run --rig {PAPER} --out file --serial p", "--out file: can't be written to"),
     (f"run --rig {TOOL} --out o --serial p", "limits: is missing"),
-    (f"drive --kind none --rig {PAPER} --serial-pty p", "no drive 'none' is installed"),
+    (f"drive --kind none --rig {PAPER} --serial-pty p", "--kind none: no such drive is installed"),
     ("replay none.mcap", "none.mcap: no such file"),
     ("replay empty.mcap", "empty.mcap: not an MCAP file"),
     ("replay foreign.mcap", "foreign.mcap: not an MCAP file"),
-    ("replay empty", "empty: is no recording, which is named *.mcap; runs of an instrument need --rig"),
-    ("replay emptydir", "emptydir: holds no run.mcap; name the folder of a run, or its recording; runs"),
-    ("replay fault.json", "fault.json: is the last second of a run, and that is not replayed; name its run.mcap"),
+    ("replay empty", "empty: is not a recording (*.mcap); for runs of an instrument add --rig"),
+    ("replay emptydir", "emptydir: contains no run.mcap; name the folder of a run, or its recording; for runs"),
+    ("replay fault.json", "fault.json: contains only the last second of a run; name its run.mcap"),
     ("import none.mcap --out o", "none.mcap: no such file or folder; check the path"),
-    ("import emptydir --out o", "emptydir: no run in it; name files, or a folder of some"),
-    ("import --out o", "no SOURCE given; name files or folders"),
-    ("explain fault.json", "fault.json: isn't the last second before a fault: 'drive' is missing in it; take run.mcap"),
-    ("explain empty.json", "empty.json: isn't the last second before a fault: it is no JSON in UTF-8; take run.mcap"),
-    ("explain emptydir", "emptydir: holds no run.mcap; name the folder of a run"),
-    ("info empty.mcap", "empty.mcap: is a run and no rig file; hil-forceps explain empty.mcap tells its course"),
-    ("info emptydir", "emptydir: is a folder; name a rig file, a YAML"),
+    ("import emptydir --out o", "emptydir: contains no run; name files, or a folder of files"),
+    ("import --out o", "SOURCE: missing; name files or folders"),
+    ("explain fault.json", "fault.json: is not a valid fault.json: 'drive' is missing; use run.mcap"),
+    ("explain empty.json", "empty.json: is not a valid fault.json: it is not JSON in UTF-8; use run.mcap"),
+    ("explain emptydir", "emptydir: contains no run.mcap; name the folder of a run"),
+    ("info empty.mcap", "empty.mcap: is a run, not a rig file; name a rig file, or use hil-forceps explain empty.mcap"),
+    ("info emptydir", "emptydir: is a folder; name a rig file (YAML)"),
     (f"doctor --rig {PAPER}", "the line to its drive is missing; give --interface and --channel, or --serial"),
-    ("doctor --interface foo", "foo: there is no such CAN interface; interfaces: "),
+    ("doctor --interface foo", "foo: unknown CAN interface; known interfaces: "),
     (f"replay empty --rig {TOOL} --out o", "empty: "),
-    (f"replay . --rig {TOOL} --out o", "no run in it"),
+    (f"replay . --rig {TOOL} --out o", "contains no run"),
     ("info --rig none.yaml", "none.yaml: can't be read"),
 ]
 
@@ -237,18 +237,18 @@ def test_bench_without_what_it_needs_names_all_of_it(call: Call) -> None:
 
 
 def test_trajectory_file_is_checked_to_the_line(call: Call, tmp_path: Path) -> None:
-    table, from_zero = tmp_path / "t.csv", "from the first sample in operation"
+    table, from_zero = tmp_path / "t.csv", "from the first operational sample"
     for rows, words in [
         ("0,1\n1\n", ":3: '1' is not two finite numbers; correct the line"),
-        ("0,1\n0,1\n", ":3: time_s does not increase; sort the points, one for each time"),
+        ("0,1\n0,1\n", ":3: time_s does not increase; sort the points, and remove duplicate times"),
         (
             "-5,1\n0,1\n",
-            f":2: time_s -5 is before 0, and the time counts {from_zero}; let the trajectory begin at 0 or later",
+            f":2: time_s -5 is negative, but time counts {from_zero}; begin the trajectory at 0 or later",
         ),
         ("0,inf\n", ":2: '0,inf' is not two finite numbers; correct the line"),
         ("0,x\n", ":2: '0,x' is not two finite numbers; correct the line"),
         ("0,1\n1,2", ":3: the last line has no line end and may be cut off; complete it"),
-        ("", ": holds no points; add a line of time_s,theta_j_rad for each"),
+        ("", ": contains no points; add a line time_s,theta_j_rad for each"),
     ]:
         table.write_text("time_s,theta_j_rad\n" + rows)
         said = call("run", "--rig", PAPER, "--out", "o", "--serial", "p", "--trajectory", str(table))

@@ -46,7 +46,7 @@ def test_help_ends_with_an_example_that_is_understood(call: Call, command: str) 
     _, out, _ = call(command, "--help")
     words = " ".join(out.split())
     assert " ".join(["Example:", *EXAMPLES[command].split()]) in words
-    assert "With --quiet nothing but errors" in words
+    assert "With --quiet only errors" in words
     tokens = shlex.split(EXAMPLES[command].partition(" > ")[0])[1:]
     assert tokens[0] == command
     cli.app.parse_args(tokens, exit_on_error=False, print_error=False)
@@ -54,7 +54,7 @@ def test_help_ends_with_an_example_that_is_understood(call: Call, command: str) 
 
 def test_help_groups_the_options_and_tells_all_that_a_command_does(call: Call) -> None:
     out = call("run", "--help")[1]
-    places = [out.index(f" {group} ──") for group in ("Where the drive is", "What is run", "Output", "Faults")]
+    places = [out.index(f" {group} ──") for group in ("Line to the drive", "Control", "Output", "Faults")]
     assert places == sorted(places)
     assert out.index("--channel") < places[1] < out.index("--algorithm") < places[2] < out.index("--bus-log")
     assert "OUT/fault.json has the last second" in " ".join(out.split())
@@ -76,10 +76,10 @@ def test_completion_can_be_installed(call: Call, tmp_path: Path, monkeypatch: py
 @pytest.mark.parametrize(
     ("line", "told"),
     [
-        ("nonsense", "nonsense: there is no such command; see hil-forceps --help for all of them"),
-        ("chek r.yaml", "chek: there is no such command (did you mean check?); see hil-forceps --help for all of them"),
-        ("check r.yaml --foo", "--foo: check has no such option; see hil-forceps check --help"),
-        ("check r.yaml --jsn", "--jsn: check has no such option (did you mean --json?); see hil-forceps check --help"),
+        ("nonsense", "nonsense: unknown command; see hil-forceps --help for the list"),
+        ("chek r.yaml", "chek: unknown command (did you mean check?); see hil-forceps --help for the list"),
+        ("check r.yaml --foo", "--foo: unknown option of check; see hil-forceps check --help"),
+        ("check r.yaml --jsn", "--jsn: unknown option of check (did you mean --json?); see hil-forceps check --help"),
     ],
 )
 def test_a_wrong_word_is_told_with_what_was_meant(call: Call, line: str, told: str) -> None:
@@ -89,7 +89,7 @@ def test_a_wrong_word_is_told_with_what_was_meant(call: Call, line: str, told: s
 def test_a_rig_is_no_recording(call: Call) -> None:
     code, _, err = call("replay", PAPER)
     assert (code, err.count("\n")) == (2, 1)
-    assert "paper.yaml: is no recording; a rig file goes behind --rig" in err
+    assert "paper.yaml: is a rig file, not a recording" in err
 
 
 @pytest.mark.parametrize("line", [f"bench --config {UNKNOWN} --out o", f"run --rig {UNKNOWN} --out o --serial p"])
@@ -159,7 +159,7 @@ def test_quiet_silences_notes_and_never_errors(call: Call) -> None:
     assert "note: " in call(*line, *radii)[2]
     assert call(*line, *radii, "--overwrite", "--quiet")[2] == ""
     assert call("--quiet", *line, *radii, "--overwrite")[2] == ""
-    assert "is there already" in call(*line, *radii, "--quiet")[2]
+    assert "already exists" in call(*line, *radii, "--quiet")[2]
 
 
 def test_a_log_gets_a_line_every_few_seconds(monkeypatch: pytest.MonkeyPatch) -> None:

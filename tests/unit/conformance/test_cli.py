@@ -54,9 +54,12 @@ def test_list_needs_no_drive(capsys: pytest.CaptureFixture[str]) -> None:
     ("arguments", "words"),
     [
         ([], "give either a CAN interface and its channel"),
-        ([*LINE, "--option", RIG, "--only", "HFP-999", "--only", "x"], "--only x: no such requirement; see --list"),
+        (
+            [*LINE, "--option", RIG, "--only", "HFP-999", "--only", "x"],
+            "--only x: unknown requirement; --list shows all",
+        ),
         ([*LINE, "--option", RIG, "--node", "31"], "--node 31: must be 1 to 30"),
-        ([*LINE, "--option", RIG, "--node", "7"], "node 7 can't be judged"),
+        ([*LINE, "--option", RIG, "--node", "7"], "node 7: can't be tested"),
         ([*LINE, "--option", RIG, "--line-ms", "0"], "--line-ms 0.0: must be above 0"),
         ([*LINE, "--option", RIG, "--flood-s", "-1"], "--flood-s -1.0: must be above 0"),
         ([*LINE, "--option", "rig"], "--option rig: must be KEY=VALUE"),

@@ -65,7 +65,7 @@ def test_without_motion_and_only(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(*over_bus(ODRIVE), "--only", "DRV-020", "--only", "drv-030") == 0
     assert capsys.readouterr().out.splitlines()[-1] == "2 pass"
     assert run(*over_bus(ODRIVE), "--only", "DRV-060") == 1
-    assert "not run because they move the motor (--allow-motion)" in capsys.readouterr().out
+    assert "not run, because they need --allow-motion" in capsys.readouterr().out
 
 
 def test_what_fails_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -87,7 +87,7 @@ def test_list_needs_no_drive(capsys: pytest.CaptureFixture[str]) -> None:
     ("arguments", "words"),
     [
         ([], "is on a CAN bus; give --interface and --channel"),
-        (["--interface", "virtual_forceps", "--only", "HFP-120"], "--only HFP-120: no such promise; see --list"),
+        (["--interface", "virtual_forceps", "--only", "HFP-120"], "--only HFP-120: unknown check; --list shows all"),
         (["--node", "3"], "--node: "),
         (["--fd"], "--fd: "),
         (["--flood-s", "3"], "--flood-s: "),
@@ -105,8 +105,8 @@ def test_user_errors(arguments: list[str], words: str, capsys: pytest.CaptureFix
     [
         ("watchdog_s: 0.1", "watchdog_s: 0.0", "motor_driver.watchdog_s: is 0: nothing stops the motor"),
         ("limits: ", "x_limits: ", "x_limits"),
-        ("position_max_rad: 1.6", "position_max_rad: 1.0", "node 5 can't be judged: the motor is at 1.099 rad"),
-        ("node_id: 5", "node_id: 6", "node 6 can't be judged: no drive answered: "),
+        ("position_max_rad: 1.6", "position_max_rad: 1.0", "node 5: can't be tested: the motor is at 1.099 rad"),
+        ("node_id: 5", "node_id: 6", "node 6: can't be tested: no drive answered: "),
     ],
 )
 def test_it_looks_first_whether_it_can_judge(

@@ -93,7 +93,7 @@ def test_a_host_that_stands_still_all_the_time_fails_nobody() -> None:
     assert not by_verdict(results, Verdict.FAIL)
     assert {81, 84, 98, 120} <= by_verdict(results, Verdict.INCONCLUSIVE)
     assert not is_well(results, ())
-    assert "this host stood still in each of 5 tries" in results[1].evidence
+    assert "this host was blocked in each of 5 attempts" in results[1].evidence
 
 
 def test_a_host_that_stood_still_once_tries_again() -> None:
@@ -193,7 +193,7 @@ class PushesItself(Device):
 
 def test_a_load_that_pushes_the_motor_beyond_its_limits_ends_the_run() -> None:
     suite = opened(DirectPort(PushedLater(theta_max_raw=ANGLE + (1 << 19))))
-    with pytest.raises(Disturbed, match="something pushed the motor"):
+    with pytest.raises(Disturbed, match="an external torque moved the motor"):
         suite.run(REQUIREMENTS)
 
 

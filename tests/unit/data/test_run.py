@@ -96,8 +96,8 @@ def test_csv_may_have_comments_blank_lines_a_mark_and_foreign_columns(tmp_path: 
     assert run.columns["theta_m_rad"].tolist() == [1.0, 1.5]
     assert sorted(run.columns) == ["current_A", "theta_m_rad", "time_s"]
     assert run.notes == (
-        "column 'theta_j_rads' is not one of a run and was left out (meant theta_j_rad?)",
-        "column 'room' is not one of a run and was left out",
+        "column 'theta_j_rads' is not a column of a run and was left out (did you mean theta_j_rad?)",
+        "column 'room' is not a column of a run and was left out",
     )
 
 
@@ -112,7 +112,7 @@ HEAD = "time_s,theta_m_rad,current_A\n"
         ("time_s,time_s,theta_m_rad\n", ":1: column 'time_s' is there twice"),
         ("time_s,theta_m_rad\n0,1\n1,1\n", ":1: neither current_A nor tau_m_N_m"),
         (HEAD, ":1: 0 samples are too few"),
-        (HEAD + "0,1,2\n1,1\n", ":3: 2 cells where the header names 3 columns"),
+        (HEAD + "0,1,2\n1,1\n", ":3: 2 cells, but the header has 3 columns"),
         (HEAD + "0,1,2\n1,1,2,3\n", ":3: 4 cells"),
         (HEAD + "0,1,2\n\n1,x,2\n", ":4: column 2 (theta_m_rad): 'x' is not a finite number"),
         (HEAD + "0,1,2\n1,1,\n", ":3: current_A is empty or NaN in 1 of 2 rows"),

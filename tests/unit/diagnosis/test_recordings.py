@@ -69,7 +69,9 @@ def test_a_spent_budget_says_what_was_not_looked_at(
 ) -> None:
     told = diagnosed(record(REALISTIC), REALISTIC, tmp_path, "--budget", "0.001")
     assert told["verdict"] == "undetermined"
-    assert told["reasons"] == ["the time was spent before a look at the catalogue beside the known parameters"]
+    assert told["reasons"] == [
+        "the time limit was reached before this was tested: the catalogue beside the known parameters"
+    ]
     assert told["next_experiment"] is None
     # Not on a terminal: a line before anything is computed, and one for each step.
     lines = capsys.readouterr().err.splitlines()

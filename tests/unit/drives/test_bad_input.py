@@ -92,51 +92,56 @@ def restarts_for_20_ms(drive: Any, now_ns: int) -> None:
     drive.deaf_until_ns = now_ns + 20_000_000
 
 
-GEAR = "the gate denies the measured angle: DENIED_CLOSED; is it within `limits:`?"
+GEAR = "the gate denies the measured angle: DENIED_CLOSED; check whether it is within `limits:`"
 NOBODY = "no drive answered"
-LOST = "the drive fell silent or restarted"
+LOST = "the drive sent no more samples or restarted"
 DAMIAO = (("mit_variant: bgkatz", "mit_variant: damiao"),)
 OTHER_NODE = (("node_id: 5", "node_id: 6"),)
 TABLE = (
-    Row("odrive", "mode", "calibrates or homes (axis state 4)", is_calibrated, is_confirmed=False),
+    Row("odrive", "mode", "is calibrating or homing (axis state 4)", is_calibrated, is_confirmed=False),
     Row("odrive", "gear sign", GEAR),
     Row("odrive", "node id", NOBODY, host=OTHER_NODE),
     Row("odrive", "firmware", "", host=(("firmware: 0.6", "firmware: 0.5"),)),  # the same frames but for error bits
-    Row("odrive", "one id", "the drive holds a fault from before", drives=2),
+    Row("odrive", "one id", "the drive has a latched fault", drives=2),
     Row("odrive", "silence", LOST, running=mute, is_confirmed=False),
-    Row("odrive", "reset", "the drive left operation by itself", running=lambda drive, _: setattr(drive, "state", 1)),
+    Row(
+        "odrive",
+        "reset",
+        "the drive left the operational state without a request",
+        running=lambda drive, _: setattr(drive, "state", 1),
+    ),
     Row("cia402", "mode", "node 5 stays in mode 1 (6061h)", stays_in_mode_1),
     Row("cia402", "gear sign", "error code 0x8130; the gate denied the reference: DENIED_CLOSED"),
     Row("cia402", "node id", NOBODY, host=OTHER_NODE),
     Row("cia402", "firmware", "node 5 refuses 1A01h:01 (abort 0x06040041", lacks_its_current),
-    Row("cia402", "one id", "node 5 answers SYNC more often than it is asked", twice=True),
+    Row("cia402", "one id", "node 5 answers SYNC more than once", twice=True),
     Row("cia402", "silence", LOST, running=mute, is_confirmed=False),
     Row("cia402", "reset", LOST, running=lambda drive, now_ns: drive.reboot(now_ns), is_confirmed=False),
-    Row("moteus", "mode", "node 5 is in mode 10 already", is_driven_by_another),
+    Row("moteus", "mode", "node 5 is already in mode 10", is_driven_by_another),
     Row("moteus", "gear sign", GEAR),
     Row("moteus", "node id", NOBODY, host=OTHER_NODE),
-    Row("moteus", "firmware", "has version 4 of moteus' registers", lambda drive: setattr(drive, "_register_map", 4)),
-    Row("moteus", "one id", "node 5 answers more often than it is asked", drives=2),
+    Row("moteus", "firmware", "has register map version 4", lambda drive: setattr(drive, "_register_map", 4)),
+    Row("moteus", "one id", "node 5 sends more answers than requested", drives=2),
     Row("moteus", "silence", LOST, running=mute, is_confirmed=False),
     Row("moteus", "reset", LOST, running=lambda drive, now_ns: drive.reboot(now_ns)),
     Row("mit", "mode", "the drive did not become operational", is_deaf_to_special, both=DAMIAO),
     Row("mit", "gear sign", GEAR),
     Row("mit", "node id", NOBODY, host=OTHER_NODE),
     Row("mit", "firmware", "answers have 7 bytes; check motor_driver.mit_variant", host=DAMIAO),
-    Row("mit", "one id", "node 5 answers more often than it is asked", drives=2, is_confirmed=False),
+    Row("mit", "one id", "node 5 sends more answers than requested", drives=2, is_confirmed=False),
     Row("mit", "silence", LOST, running=mute, is_confirmed=False),
     Row("mit", "reset", LOST, running=restarts_for_20_ms),
-    Row("dynamixel", "mode", "left operation by itself", running=goes_to_another_mode),
+    Row("dynamixel", "mode", "left the operational state without a request", running=goes_to_another_mode),
     Row("dynamixel", "gear sign", GEAR),
     Row("dynamixel", "node id", NOBODY, host=OTHER_NODE),
-    Row("dynamixel", "firmware", "servo 5 has the model number 1060", is_of_another_model),
+    Row("dynamixel", "firmware", "servo 5 has the unknown model number 1060", is_of_another_model),
     Row("dynamixel", "one id", NOBODY, drives=2),
     Row("dynamixel", "silence", LOST, running=mute, is_confirmed=False),
     Row("dynamixel", "reset", LOST, running=lambda drive, _: drive.restart()),
     Row("vesc", "mode", "node 5 broadcasts its status, but does not answer", answers_nothing),
     Row("vesc", "gear sign", GEAR),
     Row("vesc", "node id", NOBODY, host=OTHER_NODE),
-    Row("vesc", "firmware", "update its firmware, 5.03", lambda drive: setattr(drive, "_has_status_bit", False)),
+    Row("vesc", "firmware", "update its firmware to 5.03", lambda drive: setattr(drive, "_has_status_bit", False)),
     Row("vesc", "one id", "two VESCs have this id", twice=True),
     Row("vesc", "silence", LOST, running=mute, is_confirmed=False),
     Row("vesc", "reset", LOST, running=lambda drive, now_ns: drive.reboot(now_ns)),

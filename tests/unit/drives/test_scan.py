@@ -59,7 +59,7 @@ def test_each_simulated_drive_is_told(rig: str, row: tuple[str, ...], capsys: py
         ("odrive", (), "idle; sends encoder estimates and Iq"),
         ("cia402", (), "just booted"),
         ("vesc", (), "broadcasts STATUS"),
-        ("moteus", ("--ask", "moteus"), "stopped; answers, and says nothing by itself"),
+        ("moteus", ("--ask", "moteus"), "stopped; answers, and sends nothing unasked"),
         ("dynamixel", ("--ask", "dynamixel"), "XM430-W350"),
     ],
 )
@@ -82,7 +82,7 @@ def test_a_moteus_is_heard_on_a_bus_with_fd_where_another_program_asks_it(capsys
             other.send(can.Message(arbitration_id=0x8005, data=bytes.fromhex("1100110f"), is_fd=True, dlc=4))
         code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "busy", "--fd")
     assert code == 0
-    assert "stopped; answers, and says nothing by itself" in out
+    assert "stopped; answers, and sends nothing unasked" in out
 
 
 def test_a_moteus_is_asked_what_moves_nothing_and_changes_nothing() -> None:
@@ -98,14 +98,14 @@ def test_a_drive_on_a_can_bus_is_not_asked_over_a_serial_line(capsys: pytest.Cap
     with pytest.raises(SystemExit) as ended:
         cli.main(["scan", "--serial", "/dev/null", "--ask", "moteus"])
     assert ended.value.code == 2
-    assert "--ask moteus: such a drive is on a CAN bus" in capsys.readouterr().err
+    assert "--ask moteus: this drive is on a CAN bus" in capsys.readouterr().err
 
 
 def test_a_moteus_says_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
     rig = f"rig={CONFIGS / 'drives' / 'moteus.yaml'}"
     code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "moteus", "--option", rig)
     assert code == 1
-    assert "nothing came" in out
+    assert "no frame was received" in out
 
 
 def test_a_moteus_is_told_by_its_answers_to_somebody_else() -> None:
@@ -114,11 +114,11 @@ def test_a_moteus_is_told_by_its_answers_to_somebody_else() -> None:
     timeout = bytes.fromhex("24040b000000000000002300000000 50".replace(" ", ""))
     base, wide = Frame(0x500, reply, True), Frame(0x800, timeout, True, True)
     assert heard(base, base, wide, wide) == [
-        ("moteus", 5, "position; answers, and says nothing by itself"),
+        ("moteus", 5, "position; answers, and sends nothing unasked"),
     ]
     fault = Frame(0x800, bytes.fromhex("2100012 10f21".replace(" ", "")), True, True)
     assert heard(fault, fault) == [
-        ("moteus", 8, "fault 33 (motor driver fault, often under voltage); answers, and says nothing by itself")
+        ("moteus", 8, "fault 33 (motor driver fault, often under voltage); answers, and sends nothing unasked")
     ]
     for other in (
         base._replace(is_fd=False, data=reply[:8]),
@@ -137,7 +137,7 @@ def test_a_servo_that_says_nothing_by_itself_is_asked_by_a_ping(capsys: pytest.C
     channel = ("--interface", "virtual_forceps", "--channel", "asked", "--option", rig)
     code, out = scan(capsys, *channel, "--seconds", "0.2")
     assert code == 1
-    assert "nothing came" in out
+    assert "no frame was received" in out
     code, out = scan(capsys, *channel, "--seconds", "0.2", "--ask", "dynamixel")
     assert code == 0
     assert [line.split() for line in out.splitlines() if "XM430" in line] == [
@@ -149,7 +149,7 @@ def test_a_drive_that_tells_by_itself_is_not_asked(capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit) as ended:
         cli.main(["scan", "--interface", "virtual", "--ask", "odrive"])
     assert ended.value.code == 2
-    assert "--ask odrive: such a drive tells by itself" in capsys.readouterr().err
+    assert "--ask odrive: this profile has no read-only request" in capsys.readouterr().err
 
 
 def test_what_a_ping_brings_is_told_also_of_servos_that_are_not_known() -> None:
@@ -167,8 +167,7 @@ def test_what_a_ping_brings_is_told_also_of_servos_that_are_not_known() -> None:
         Found(
             "dynamixel",
             7,
-            "model number 1060, which is not known here, firmware 38; alerts: Hardware Error Status (70) says what is "
-            "wrong",
+            "unknown model number 1060, firmware 38; alerts: Hardware Error Status (70) has the error",
         ),
     ]
     assert heard(Frame(3, bytes.fromhex("5500060426"))) == []  # on a CAN bus that may be anybody's
@@ -181,15 +180,15 @@ def test_nobody_is_an_answer_of_its_own(capsys: pytest.CaptureFixture[str]) -> N
         capsys, "--interface", "virtual_forceps", "--channel", "short", "--option", rig, "--seconds", "0.05"
     )
     assert code == 1
-    assert "nobody recognised in 0.05 s" in out
-    assert "no heartbeat of a drive that is known here" in out
+    assert "no drive recognised in 0.05 s" in out
+    assert "none of them a heartbeat of a known drive" in out
 
 
 def test_a_drive_that_only_answers_is_not_heard_and_that_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     rig = f"rig={CONFIGS / 'drives' / 'mit.yaml'}"
     code, out = scan(capsys, "--interface", "virtual_forceps", "--channel", "mit", "--option", rig)
     assert code == 1
-    assert "a mini cheetah drive (mit) says nothing by itself" in out
+    assert "A mini cheetah drive (mit) sends nothing unasked" in out
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "1e9"])
@@ -219,7 +218,7 @@ def test_a_frame_of_ours_is_no_heartbeat_of_an_odrive() -> None:
 def test_a_vesc_is_told_by_what_it_broadcasts() -> None:
     status = Frame(0x905, bytes.fromhex("00000000fffe0000"), is_extended=True)
     assert heard(status) == []  # one frame may be anybody's
-    assert heard(status, status) == [("vesc", 5, "broadcasts STATUS; 0.2 A; its state is told only to who asks")]
+    assert heard(status, status) == [("vesc", 5, "broadcasts STATUS; 0.2 A; it reports its state only on request")]
     assert heard(*[status._replace(is_extended=False)] * 2) == []
     assert heard(*[status._replace(arbitration_id=0x8000905)] * 2) == []
     assert heard(*[status._replace(data=bytes(7))] * 2) == []

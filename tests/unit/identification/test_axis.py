@@ -256,7 +256,7 @@ def test_the_command_on_two_runs(tmp_path: Path, capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit) as ended:
         main(["replay", *sources, "--rig", str(RIG), "--out", str(tmp_path / "out"), "--algorithm", "kalman"])
     assert ended.value.code == 2
-    assert "doesn't go with" in capsys.readouterr().err
+    assert "not possible with several sources" in capsys.readouterr().err
 
 
 def emps(name: str) -> Path:

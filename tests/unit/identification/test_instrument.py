@@ -199,10 +199,10 @@ def test_runs_that_can_not_be_used_are_refused(rig: Rig) -> None:
     with pytest.raises(UserError, match="lasts 2 s"):
         evaluate("x", [short], rig)
     backwards = Run("x", run.columns | {"theta_j_rad": -run.columns["theta_j_rad"]})
-    with pytest.raises(UserError, match="must turn the same way"):
+    with pytest.raises(UserError, match="per rad of the spindle, which must be positive"):
         evaluate("x", [backwards], rig)
     crossed = Run("x", run.columns | {"current_A": -run.columns["current_A"]})
-    with pytest.raises(UserError, match="must rise with it"):
+    with pytest.raises(UserError, match="per A of current, which must be positive"):
         evaluate("x", [crossed], rig)
     current_only = Run("x", {name: v for name, v in run.columns.items() if name != "tau_m_N_m"})
     with pytest.raises(UserError, match="torque_constant_N_m_per_A"):

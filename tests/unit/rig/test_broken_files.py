@@ -51,7 +51,7 @@ def test_a_file_that_is_far_too_long_is_not_read_to_its_end(tmp_path: Path) -> N
     path = tmp_path / "long.yaml"
     with path.open("wb") as file:
         file.truncate(1 << 40)  # sparse: a terabyte of noughts that takes no room
-    with pytest.raises(UserError, match="that is no rig file"):
+    with pytest.raises(UserError, match="not a rig file"):
         load_rig(path)
 
 

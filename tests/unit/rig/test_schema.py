@@ -120,8 +120,8 @@ def test_plant_names_every_value_that_is_not_known() -> None:
     with pytest.raises(UserError) as caught:
         parse_rig(text).plant()
     assert caught.value.problems == (
-        "forceps.wire_stiffness_N_per_m: its value isn't known and is needed here; give a value",
-        "motor.torque_constant_N_m_per_A: its value isn't known and is needed here; give a value",
+        "forceps.wire_stiffness_N_per_m: has no value, but one is needed here; give a value",
+        "motor.torque_constant_N_m_per_A: has no value, but one is needed here; give a value",
     )
 
 

@@ -141,7 +141,7 @@ def test_an_option_lets_it_out_and_says_so(number: int, monkeypatch: pytest.Monk
 def test_where_it_can_not_be_kept_it_is_not_opened(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     opened = buses(monkeypatch)
     monkeypatch.setattr(loopback, "LOOPBACK", "no_such")
-    with pytest.raises(UserError, match="can't be kept on this machine"):
+    with pytest.raises(UserError, match="can't be limited to this computer"):
         open_link(LinkSpec(interface="udp_multicast", channel=GROUP, options={"port": number}))
     assert opened[0].fileno() == -1 or getattr(opened[0], "_is_shutdown", False)
 

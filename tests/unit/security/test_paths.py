@@ -64,7 +64,7 @@ def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
     out.mkdir()
     elsewhere.write_text("kept")
     (out / "run.json").symlink_to(elsewhere)
-    with pytest.raises(UserError, match=r"run\.json in it is a link out of it"):
+    with pytest.raises(UserError, match=r"run\.json in it links out of it"):
         make_folder(out)
     assert elsewhere.read_text() == "kept"
     (out / "run.json").unlink()
@@ -82,7 +82,7 @@ def test_a_folder_within_is_no_link_out(tmp_path: Path) -> None:
     elsewhere.mkdir()
     (out / "left").symlink_to(elsewhere)
     make_folder(out)  # a link to a folder that nothing is written to
-    with pytest.raises(UserError, match="left in it is a link out of it"):
+    with pytest.raises(UserError, match="left in it links out of it"):
         make_folder(out / "left", inside=out)
     make_folder(out / "right", inside=out)
     make_folder(out, inside=out)
@@ -105,7 +105,7 @@ def test_a_run_does_not_follow_a_planted_link(tmp_path: Path, capsys: pytest.Cap
     with pytest.raises(SystemExit) as ended:
         cli.main(["run", "--rig", str(rig), *channel, "--duration", "0.1", "--out", str(out)])
     assert ended.value.code == 2
-    assert "run.mcap in it is a link" in capsys.readouterr().err
+    assert "run.mcap in it links out of it" in capsys.readouterr().err
     assert victim.read_text() == "kept"
 
 

@@ -27,7 +27,7 @@ def is_identified(s: Session) -> None:
 
 def _listen(s: Session) -> None:
     s.run(max(LISTEN_NS, round(MIN_SAMPLE_PERIODS * s.sample_period_s * 1e9)))
-    expect(len(s.samples) > 1, f"{len(s.samples)} samples came in {LISTEN_NS // MS} ms")
+    expect(len(s.samples) > 1, f"{len(s.samples)} samples arrived in {LISTEN_NS // MS} ms")
 
 
 @check(20, Need.LISTENING)

@@ -77,7 +77,7 @@ def goes_the_right_way(s: Session) -> None:
         s.off_at_once()
         raise Certain(probe.words())
     s.note(
-        f"{probe.words()}; where the jaw went the other way than `limits:` mean, change the sign of "
+        f"{probe.words()}; if the jaw moved against the direction of `limits:`, change the sign of "
         "motor_driver.encoder_rev_per_pulley_rev"
     )
 
@@ -116,10 +116,12 @@ def current_has_the_sign_of_the_torque(s: Session) -> None:
             break
     if len({seen.current_A for seen in s.samples}) == 1:
         step_mA, friction_mA = s.promises.current_step_A * 1e3, s.bounds.friction_A * 1e3
-        require(step_mA <= friction_mA, f"steps of {step_mA:.3g} mA hide the {friction_mA:.2g} mA that friction takes")
+        require(
+            step_mA <= friction_mA, f"steps of {step_mA:.3g} mA are coarser than the {friction_mA:.2g} mA of friction"
+        )
         raise Violation("the current is the same in every sample of a motion")
     s.bound("work against friction, in deviations of its noise", deviations, "", least=-MIN_WORK_DEVIATIONS)
-    require(deviations >= MIN_WORK_DEVIATIONS, f"friction is too small to tell: {s.evidence()}")
+    require(deviations >= MIN_WORK_DEVIATIONS, f"friction is too small: {s.evidence()}")
 
 
 def _work(samples: Sequence[Seen], noise_A: float) -> float:

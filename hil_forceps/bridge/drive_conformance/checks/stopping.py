@@ -30,13 +30,13 @@ def _no_watchdog(s: Session) -> str:
 
 def _not_told(s: Session) -> str:
     if not s.promises.tells_watchdog or s.promises.starved in {"lost", "released"}:
-        return "such a drive does not say what its watchdog did: pull the plug of its bus and see the motor let go"
+        return "this drive does not report its watchdog; disconnect its bus and check that the motor loses its torque"
     return _no_watchdog(s)
 
 
 def _no_fault(s: Session) -> str:
     latches = s.promises.starved in {"fault", "braked"}
-    return _no_watchdog(s) if latches else "nothing that can be done without danger makes such a drive tell a fault"
+    return _no_watchdog(s) if latches else "no safe test makes this drive report a fault"
 
 
 def _starve(s: Session) -> int:
@@ -49,9 +49,9 @@ def _starve(s: Session) -> int:
 
 def _expect_end(s: Session, where: str) -> None:
     end = _ENDS[s.promises.starved]
-    expect(s.phase is end, f"{where}: {s.state_words()}; the profile promises {end.name}")
+    expect(s.phase is end, f"{where}: {s.state_words()}; the profile declares {end.name}")
     if s.promises.starved in {"fault", "ready"}:
-        expect(s.machine.drive_state in NO_TORQUE, f"{where}: {s.state_words()}; it has torque")
+        expect(s.machine.drive_state in NO_TORQUE, f"{where}: {s.state_words()}; the motor has torque")
 
 
 @check(60, Need.TORQUE, _no_watchdog)
@@ -69,7 +69,7 @@ def references_end(s: Session) -> None:
     within_ns = s.watchdog_ns
     s.run(max(2 * within_ns, within_ns + LATCH_NS), lambda: s.phase is not HostPhase.RUNNING)
     if s.phase is HostPhase.RUNNING:
-        raise Certain(f"{(s.now_ns() - last_ns) / MS:.0f} ms after the last reference it still has torque")
+        raise Certain(f"{(s.now_ns() - last_ns) / MS:.0f} ms after the last reference the motor still has torque")
     s.bound(
         "stopped after the last reference",
         (s.now_ns() - last_ns) / MS,
@@ -96,12 +96,12 @@ def host_falls_silent(s: Session) -> None:
     end = _ENDS[s.promises.starved]
     s.run(s.report_ns, lambda: s.phase is end)
     if s.phase is HostPhase.RUNNING:
-        raise Certain(f"after {silent_ns / MS:.0f} ms of silence it still has torque")
+        raise Certain(f"after {silent_ns / MS:.0f} ms of silence the motor still has torque")
     if s.phase is HostPhase.DISCONNECTED:
         s.machine.connect(s.now_ns())
         s.run(s.service.connect_timeout_ns, lambda: s.phase not in {HostPhase.DISCONNECTED, HostPhase.IDENTIFYING})
     _expect_end(s, f"after {silent_ns / MS:.0f} ms of silence")
-    s.note(f"{end.name} behind {silent_ns / MS:.1f} ms of silence")
+    s.note(f"{end.name} after {silent_ns / MS:.1f} ms of silence")
 
 
 @check(62, Need.TORQUE, _not_told)
@@ -110,10 +110,10 @@ def stays_stopped(s: Session) -> None:
     _starve(s)
     s.run(s.watchdog_ns + s.report_ns)
     if s.phase is HostPhase.RUNNING:
-        raise Inconclusive("it did not stop")
+        raise Inconclusive("the drive did not stop")
     end = _ENDS[s.promises.starved]
     if s.run(LATCH_NS, lambda: s.phase is not end):
-        raise Violation(f"nobody has reset it, and it is {s.state_words()}; the profile promises {end.name}")
+        raise Violation(f"without a reset the drive is {s.state_words()}; the profile declares {end.name}")
     s.note(f"{end.name} for another {LATCH_NS / MS:.0f} ms")
 
 
@@ -124,7 +124,7 @@ def _disable(s: Session) -> float:
     s.machine.disable()
     s.run(s.service.disable_timeout_ns, s.is_free)
     if s.phase is HostPhase.FAULT:
-        raise Violation(f"a fault has stopped it, not the request: {s.state_words()}")
+        raise Violation(f"a fault has stopped the drive, not the request: {s.state_words()}")
     if not s.is_free():
         within_ms = s.service.disable_timeout_ns / MS
         raise Violation(f"not confirmed within {within_ms:.0f} ms: {s.state_words()}")
@@ -138,7 +138,7 @@ def disable_is_confirmed(s: Session) -> None:
     s.hold(HOLD_NS)
     s.tell("confirmed after", _disable(s), "ms")
     s.run(LATCH_NS // 2)
-    expect(s.is_free(), f"confirmed, and then: {s.state_words()}")
+    expect(s.is_free(), f"after the confirmation: {s.state_words()}")
 
 
 @check(71, Need.TORQUE)
@@ -153,17 +153,17 @@ def five_cycles(s: Session) -> None:
         s.begin()
         s.run(max(50 * MS, round(20e9 * s.sample_period_s)))
         expect(s.is_free(), f"cycle {cycle}: {s.state_words()}")
-        expect(bool(s.samples), f"cycle {cycle}: no samples came behind it")
+        expect(bool(s.samples), f"cycle {cycle}: no samples arrived after it")
         worst_A = max(worst_A, abs(fmean(seen.current_A for seen in s.samples)))
         expect(
             worst_A <= none_A,
-            f"cycle {cycle}: {worst_A * 1e3:.3g} mA behind the drive's word (at most {none_A * 1e3:.3g})",
+            f"cycle {cycle}: {worst_A * 1e3:.3g} mA after the drive's confirmation (at most {none_A * 1e3:.3g})",
         )
-    s.bound("worst current behind the drive's word", worst_A * 1e3, "mA", most=none_A * 1e3)
-    s.tell("latest word after", latest_ms, "ms")
+    s.bound("largest current after the confirmation", worst_A * 1e3, "mA", most=none_A * 1e3)
+    s.tell("slowest confirmation after", latest_ms, "ms")
 
 
-@check(72, Need.TORQUE, lambda s: "" if s.promises.tells_state else "such a drive does not say whether it has torque")
+@check(72, Need.TORQUE, lambda s: "" if s.promises.tells_state else "this drive does not report whether it has torque")
 def emergency_stop(s: Session) -> None:
     """The frame alone, as the service sends it where it fails; nothing else asks for the end of torque.
 
@@ -181,13 +181,17 @@ def emergency_stop(s: Session) -> None:
         sent_ns = s.now_ns()
         s.line.send(s.machine.estop_frame())
         if not s.run(s.report_ns, lambda: s.phase not in UNDER_TORQUE):
-            raise Violation(f"{report_ms:.0f} ms after it: {s.state_words()}")
+            raise Violation(f"{report_ms:.0f} ms after the emergency stop: {s.state_words()}")
         soonest_ms = min(soonest_ms, (s.now_ns() - sent_ns) / MS)
         if not watchdog_ms or soonest_ms < MIN_WATCHDOG_TIME_SHARE * watchdog_ms:
             break
     if watchdog_ms and soonest_ms >= watchdog_ms:
-        require(report_ms <= 2.0 * watchdog_ms, "the drive's words come too seldom to tell it from the watchdog")
-        raise Violation(f"torque ends {soonest_ms:.0f} ms after it, no sooner than by the watchdog alone")
+        require(
+            report_ms <= 2.0 * watchdog_ms, "the drive reports too seldom to distinguish the stop from the watchdog"
+        )
+        raise Violation(
+            f"torque ends {soonest_ms:.0f} ms after the emergency stop, no sooner than by the watchdog alone"
+        )
     s.bound("torque off after", soonest_ms, "ms", most=report_ms)
 
 
@@ -196,7 +200,7 @@ def _fail(s: Session) -> None:
     _starve(s)
     s.run(2 * s.watchdog_ns, lambda: s.phase is HostPhase.FAULT)
     if s.phase is not HostPhase.FAULT:
-        raise Inconclusive(f"its watchdog makes no fault: {s.state_words()}")
+        raise Inconclusive(f"its watchdog causes no fault: {s.state_words()}")
 
 
 @check(80, Need.TORQUE, _no_fault)
@@ -205,8 +209,8 @@ def fault_is_told(s: Session) -> None:
     _fail(s)
     words = s.machine.fault_words()
     expect(bool(words.strip()) and words.isprintable(), f"the fault's words are {words!r}")
-    expect(words != s.words_at_first, f"with a fault it says the same as without: {words}")
-    s.note(f"it says: {words}")
+    expect(words != s.words_at_first, f"with a fault it reports the same words as without: {words}")
+    s.note(f"reported: {words}")
 
 
 @check(81, Need.TORQUE, _no_fault)
@@ -220,4 +224,4 @@ def one_reset_clears(s: Session) -> None:
         raise Violation(f"{s.service.connect_timeout_ns / 1e9:g} s after one reset: {s.state_words()}")
     s.tell("cleared after", (s.now_ns() - asked_ns) / MS, "ms")
     if s.run(s.report_ns, lambda: not s.is_free() or s.phase is not HostPhase.READY):
-        raise Violation(f"reset, and then: {s.state_words()}")
+        raise Violation(f"after the reset: {s.state_words()}")

@@ -59,7 +59,7 @@ def fresh_enough(s: Session) -> None:
     began_ns = s.now_ns()
     s.hold(HOLD_NS)
     if not s.references:
-        raise Inconclusive("no reference left")
+        raise Inconclusive("no reference was sent")
     ages_ms = sorted((each.at_ns - each.stamp_ns) / MS for each in s.references)
     s.tell("age of the sample, median", ages_ms[len(ages_ms) // 2], "ms")
     s.bound("worst", ages_ms[-1], "ms", most=s.limits.max_sample_age_s * 1e3)

@@ -1,1 +1,1 @@
-"""Commands about a drive and its line."""
+"""Commands for a drive and its line."""

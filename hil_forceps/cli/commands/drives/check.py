@@ -1,4 +1,4 @@
-"""`hil-forceps check`: whether a rig's drive, bus, loop and forceps go together, before anything is connected."""
+"""`hil-forceps check`: whether drive, bus, loop and forceps of a rig file are consistent; nothing is connected."""
 
 import json
 import sys
@@ -15,19 +15,19 @@ EXIT_PROBLEMS = 1
 
 
 def check(rig: Path, *, as_json: Annotated[bool, Parameter(name="--json", negative="")] = False) -> int:
-    """Look for settings that don't go together: watchdog, rates, quanta, currents, bus load. Nothing is opened.
+    """Check whether the settings of a rig file are consistent: watchdog, rates, quanta, currents, bus load.
 
-    Exit code 1 when there is a problem, 0 when there are notes alone or nothing.
+    Opens no connection. Exit code 1 if there is a problem, 0 if there are only notes or no findings.
 
     Parameters
     ----------
     rig
         Rig file, as for `run`.
     as_json
-        As JSON.
+        Print the findings as JSON.
     """
     loaded = load_rig(rig)
-    machine_for(loaded)  # what its profile can't take is told first
+    machine_for(loaded)  # UserError for values that the profile can't use
     found = findings(loaded)
     if as_json:
         sys.stdout.write(json.dumps({"rig": str(rig), "findings": [each._asdict() for each in found]}, indent=2) + "\n")

@@ -1,6 +1,6 @@
-"""`hil-forceps conformance`: the requirements of the protocol against whatever drive answers.
+"""`hil-forceps conformance`: a drive tested against the requirements of the protocol.
 
-With a rig that names a maker's profile: what that profile promises (`conformance_of_drive.py`).
+If the rig has a maker's profile, the drive is tested against that profile (`conformance_of_drive.py`).
 """
 
 import json
@@ -49,51 +49,54 @@ def conformance(
     flood_s: float | None = None,
     list_: Annotated[bool, Parameter(name="--list")] = False,
 ) -> int:
-    """Judge a drive, real or simulated, by every requirement of the protocol that shows from outside.
+    """Test a drive, real or simulated, against all requirements of the protocol that can be observed on the line.
 
-    With --rig of a drive that speaks its maker's protocol it is judged by what the service relies on: docs/drives.md.
+    If the rig has a maker's profile, the drive is tested for the properties that the service relies on
+    (docs/drive-conformance.md).
 
-    With --out, writes certificate.json and junit.xml there. Exit code 0 when nothing failed, 1 when something failed,
-    could not be told, or was named with --only and not run, 2 for what you can mend.
+    With --out, writes certificate.json and junit.xml. Exit code 0 if no check failed; 1 if a check failed or was
+    inconclusive, or if a check named with --only was not run; 2 if the test could not be run.
 
     Parameters
     ----------
     rig
-        Rig file, as for `run`; needed for a drive that speaks its maker's protocol.
+        Rig file, as for `run`; required for a drive with its maker's protocol.
     interface
         python-can interface: socketcan, udp_multicast, slcan, pcan, ..., or virtual_forceps.
     channel
         Channel of that interface: can0, vcan0, ...
     serial
-        Serial port, pyserial URL, or udp://ADDRESS:PORT (a packet a datagram) instead of a CAN interface.
+        Serial port, pyserial URL, or udp://ADDRESS:PORT (one packet in each datagram) instead of a CAN interface.
     baudrate
-        Of the serial port; without it 1 Mbit/s, or what the rig says of its drive's line.
+        Rate of the serial port in bit/s; default: the rig's for its drive, or 1 Mbit/s.
     fd
-        Open the bus for CAN FD, which also a classic drive has to bear.
+        Open the bus for CAN FD. A classic drive must tolerate this.
     option
         KEY=VALUE for the python-can interface; may be repeated.
     node
-        Node id of the drive; not needed when there is one only.
+        Node id of the drive; only needed if several drives answer.
     allow_motion
-        Also run what gives torque: the motor is held, moved by 6 degrees (1 with a maker's drive), and stopped. Nothing
-        may be in its way.
+        Also run the checks that give torque: the motor is held, moved by 6 degrees (1 with a maker's drive), and
+        stopped. Nothing may be in its way.
     only
-        Requirement, as HFP-120, or a maker's drive's promise, as DRV-050; may be repeated.
+        Run only this requirement, such as HFP-120, or this check of a maker's drive, such as DRV-050; may be repeated.
     out
         Folder for the certificate and the JUnit file.
     line_ms
-        What line, adapter and host may add to a round trip; 5 in real time, 1 in virtual time.
+        Time in ms that line, adapter and host may add to a round trip; default: 5 in real time, 1 in virtual time.
     flood_s
-        Longest time for the flood of 65536 frames (HFP-086); 60.
+        Time limit in s for the flood of 65536 frames (HFP-086); default: 60.
     list_
-        Say what there is to run, and run nothing.
+        List the checks, and run nothing.
     """
     loaded = None if rig is None else load_rig(rig)
     found = None if loaded is None else maker_profile(loaded)
     if rig is not None and loaded is not None and found is not None:
         given = {"--node": node is not None, "--fd": fd, "--flood-s": flood_s is not None}
         strange = [
-            f"{name}: {rig} says it, or has no use for it; leave it out" for name, is_on in given.items() if is_on
+            f"{name}: not for the drive of {rig}, or set by that file; leave it out"
+            for name, is_on in given.items()
+            if is_on
         ]
         if strange:
             raise UserError(strange)
@@ -129,7 +132,7 @@ def conformance(
 
 
 def margins_of(virtual_time: bool, line_ms: float | None, flood_s: float | None) -> Margins:
-    """Return the margins for this line; UserError when what the user wants of them makes no sense."""
+    """Return the margins for this line; UserError if an option is out of range."""
     margins = VIRTUAL if virtual_time else REAL
     if line_ms is not None:
         if not 0.0 < line_ms <= 1000.0:
@@ -143,11 +146,11 @@ def margins_of(virtual_time: bool, line_ms: float | None, flood_s: float | None)
 
 
 def open_suite(port: LinkPort, node: int | None, margins: Margins, allow_motion: bool) -> Suite:
-    """Find the drive and get to know it; UserError when there is none, or more than one to choose from."""
+    """Find the drive and read its identity; UserError if none answers, or several and no node is given."""
     if node is None:
         found = discover(port, margins.line_ns)
         if not found:
-            raise UserError("no drive answers DISCOVER; is it powered, and are channel and bit rate right?")
+            raise UserError("no drive answers DISCOVER; check its power, the channel and the bit rate")
         if len(found) > 1:
             drives = ", ".join(f"node {each.node} ({each.serial_number:012x})" for each in found)
             raise UserError(f"several drives answer: {drives}; choose one with --node")
@@ -158,35 +161,35 @@ def open_suite(port: LinkPort, node: int | None, margins: Margins, allow_motion:
     try:
         suite.open()
     except Inconclusive as reason:
-        raise UserError(f"node {node} can't be judged: {reason}") from None
+        raise UserError(f"node {node}: can't be tested: {reason}") from None
     return suite
 
 
 def _numbers(only: Sequence[str]) -> tuple[int, ...]:
     known = {name_of(number): number for number in REQUIREMENTS}
-    problems = [f"--only {name}: no such requirement; see --list" for name in only if name.upper() not in known]
+    problems = [f"--only {name}: unknown requirement; --list shows all" for name in only if name.upper() not in known]
     if problems:
         raise UserError(problems)
     return tuple(sorted({known[name.upper()] for name in only})) or tuple(REQUIREMENTS)
 
 
 def _run(suite: Suite, numbers: Sequence[int]) -> list[Result]:
-    """Run, and leave the drive as it was found, whatever happens."""
+    """Run the checks; restore the drive's state in any case."""
     show = progress(len({c.name for c in CHECKS if c.requirement in numbers}))
     try:
         results = suite.run(numbers, show)
     except Disturbed as reason:
-        raise UserError(f"node {suite.session.home} can't be judged any further: {reason}") from None
+        raise UserError(f"node {suite.session.home}: the test was aborted: {reason}") from None
     finally:
         try:
             suite.close()
         except Inconclusive as reason:
-            sys.stderr.write(f"hil-forceps: the drive was not left as it was found: {reason}\n")
+            sys.stderr.write(f"hil-forceps: the drive's state before the test was not restored: {reason}\n")
     return results
 
 
 def write_results(out: Path, suite: Suite, line: str, results: Sequence[Result]) -> None:
-    """Write certificate.json and junit.xml; the day is only told where time is real."""
+    """Write certificate.json and junit.xml; the date only in real time, so that virtual time stays reproducible."""
     written = certificate(suite, line, results)
     if not suite.session.virtual:
         written["issued"] = datetime.now(UTC).isoformat(timespec="seconds")

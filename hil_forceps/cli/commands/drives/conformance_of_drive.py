@@ -1,4 +1,4 @@
-"""The part of `hil-forceps conformance` for a rig whose drive speaks its maker's protocol."""
+"""`hil-forceps conformance` for a drive with its maker's protocol."""
 
 import json
 import sys
@@ -37,7 +37,7 @@ _NEEDS = {
 
 
 class Judged(NamedTuple):
-    """What is to be judged: a rig of a maker's drive, and over which line."""
+    """What is tested: the rig of a maker's drive, and the line to it."""
 
     path: Path
     rig: Rig
@@ -55,7 +55,7 @@ class Judged(NamedTuple):
 
 
 def judge(judged: Judged, margins_of: Callable[[bool], Margins]) -> int:
-    """Run the suite, print, write; the exit code. UserError for what the user can mend."""
+    """Run the suite, print and write the results; return the exit code. UserError if the test can't be run."""
     numbers = _numbers(judged.only)
     _require_checked(judged.path, judged.rig)
     machine = machine_for(judged.rig)
@@ -82,7 +82,7 @@ def judge(judged: Judged, margins_of: Callable[[bool], Margins]) -> int:
 
 
 def print_list(only: tuple[str, ...]) -> None:
-    """Say what there is to run."""
+    """Print the checks."""
     for number in _numbers(only):
         promise = PROMISES[number]
         needs = _NEEDS[CHECKS[number].needs]
@@ -96,20 +96,20 @@ def _run(suite: Suite, numbers: Sequence[int]) -> list[Result]:
         suite.open()
         return suite.run(numbers, progress(len(numbers)))
     except Inconclusive as reason:
-        raise UserError(f"{node} can't be judged: {reason}") from None
+        raise UserError(f"{node}: can't be tested: {reason}") from None
     except Disturbed as reason:
-        raise UserError(f"{node} can't be judged any further: {reason}") from None
+        raise UserError(f"{node}: the test was aborted: {reason}") from None
     except Stopped:
         raise KeyboardInterrupt from None
     finally:
         try:
             suite.close()
         except Inconclusive as reason:
-            sys.stderr.write(f"hil-forceps: the drive was not left as it was found: {reason}\n")
+            sys.stderr.write(f"hil-forceps: the drive's state before the test was not restored: {reason}\n")
 
 
 def _require_checked(path: Path, rig: Rig) -> None:
-    """UserError for what `hil-forceps check` calls a problem."""
+    """UserError for each problem that `hil-forceps check` finds."""
     problems = [f"{path}: {each.key}: {each.text}" for each in findings(rig) if each.level == "problem"]
     if problems:
         raise UserError(problems)
@@ -117,7 +117,7 @@ def _require_checked(path: Path, rig: Rig) -> None:
 
 def _numbers(only: Sequence[str]) -> tuple[int, ...]:
     known = {promise.name: number for number, promise in PROMISES.items()}
-    problems = [f"--only {name}: no such promise; see --list" for name in only if name.upper() not in known]
+    problems = [f"--only {name}: unknown check; --list shows all" for name in only if name.upper() not in known]
     if problems:
         raise UserError(problems)
     return tuple(sorted({known[name.upper()] for name in only})) or tuple(PROMISES)

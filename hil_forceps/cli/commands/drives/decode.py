@@ -24,7 +24,7 @@ from hil_forceps.drives.registry import PROFILES
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import ProfileName
 
-# One field of a message in SI: its name there and the size of a wire unit.
+# A field of a message in SI: its name and the value of one unit.
 _IN_SI = {
     "theta_m_ref": ("theta_m_ref_rad", scales.ANGLE_LSB_RAD),
     "theta_m": ("theta_m_rad", scales.ANGLE_LSB_RAD),
@@ -40,7 +40,7 @@ _MAX_LINE_CHARACTERS = 4096
 
 
 class Printer(Protocol):
-    """One way of showing a message."""
+    """Writes one frame in a format."""
 
     def __call__(self, logged: LoggedFrame, message: Decoded | None, reason: str) -> None:
         """Show one frame; `message` is None when it was refused for `reason`."""
@@ -55,26 +55,29 @@ def decode(
 ) -> int:
     """Decode frames (`081#1122334455667788`), bus logs (.log .asc .blf .trc) or serial captures (.bin).
 
-    What can't be decoded is shown with the reason and counted; exit code 1 when there was any, or no frame at all.
+    Frames that can't be decoded are shown with the reason, and counted. Exit code 1 if there were any, or no frame at
+    all.
 
     Parameters
     ----------
     source
-        Frames as `candump -L` writes them, or files, or - for such lines on stdin.
+        Frames in the format of `candump -L`, or files, or - for lines in this format on standard input.
     form
-        One line a frame for people, JSON lines, or CSV (time, bus, id, message, signal, value).
+        text: one line for each frame; jsonl: JSON lines; csv: time, bus, id, message, signal, value.
     drive
-        What the drive on the bus speaks.
+        Protocol of the drive on the bus.
     bus
-        Of a log with several buses, the one to show: candump's interface, the channel of the others.
+        Bus to decode, if a log has several: the interface in candump's format, the channel in others.
     node
-        Show what is of this node alone.
+        Only show frames of this node.
     """
     if not source:
-        raise UserError("decode: nothing to decode; give frames like 081#1122334455667788, a log file, or - for stdin")
+        raise UserError(
+            "decode: no source; give frames such as 081#1122334455667788, a log file, or - for standard input"
+        )
     unknown = [each for each in source if each.startswith("-") and each != "-"]
     if unknown:
-        raise UserError([f"decode: unknown option {each}" for each in unknown])
+        raise UserError([f"{each}: unknown option of decode; see hil-forceps decode --help" for each in unknown])
     printer = _PRINTERS[form]()
     read = _native() if drive == "native" else _of_maker(PROFILES[drive].decode)
     has_extended_ids = drive != "native" and PROFILES[drive].has_extended_ids
@@ -84,7 +87,7 @@ def decode(
     damage: list[str] = []
     for logged in _frames(source, bus, torn, damage, framing):
         if logged.frame.is_extended and not has_extended_ids:
-            continue  # somebody else's on the same bus
+            continue  # of another device on the bus
         message, reason = read(logged.frame)
         if node is not None and message is not None and message.values.get("node", node) != node:
             continue
@@ -93,11 +96,11 @@ def decode(
         refused += message is None
     problems = [*damage] if total or torn else [*damage, f"no frames in {' '.join(source)}"]
     if refused:
-        hint = "; where the drive speaks its maker's protocol, name it with --drive" if drive == "native" else ""
+        hint = "; if the drive has its maker's protocol, name it with --drive" if drive == "native" else ""
         problems.append(f"{refused} of {total} frames could not be decoded{hint}")
     if torn:
         counts = ", ".join(f"{name} {count}" for name, count in sorted(torn.items()))
-        problems.append(f"{torn.total()} packets of the serial capture hold no frame: {counts}")
+        problems.append(f"{torn.total()} packets of the serial capture contain no valid frame: {counts}")
     sys.stderr.write("".join(f"hil-forceps: {problem}\n" for problem in problems))
     return 1 if problems else 0
 
@@ -120,7 +123,7 @@ def _of_maker(decode_frame: Callable[[Frame], Decoded | None]) -> Callable[[Fram
 
 
 def signals(message: Message) -> dict[str, Any]:
-    """Return the fields of a message in SI, with words for states, reasons and operations; unknown codes as numbers."""
+    """Return the fields of a message in SI, states, reasons and operations by name; unknown codes as numbers."""
     return dict(_signal(name, value) for name, value in message._asdict().items())
 
 
@@ -151,7 +154,7 @@ def _frames(
 def _stdin_lines() -> Iterator[str]:
     stream: TextIO | None = sys.stdin
     if stream is None:
-        raise UserError("decode -: standard input is closed; send frames there, or name a file")
+        raise UserError("decode -: standard input is closed; name a file instead")
     return iter(lambda: stream.readline(_MAX_LINE_CHARACTERS), "")
 
 
@@ -162,8 +165,8 @@ def _candump_lines(lines: Iterable[str], where: str) -> Iterator[LoggedFrame]:
             continue
         entry = parse_entry(text)
         if entry is None:
-            raise UserError(f"{where}:{number}: {show(text)} is not a frame; write hex id#data: 081#1122334455667788")
-        if entry.frame is not None:  # else somebody else's on the same bus, left out as in a log file
+            raise UserError(f"{where}:{number}: {show(text)} is not a frame; write id#data, as 081#1122334455667788")
+        if entry.frame is not None:  # else of another device on the bus, left out as in a log file
             yield LoggedFrame(entry.time_ns, entry.bus, entry.frame)
 
 
@@ -171,7 +174,9 @@ def _file(
     path: Path, bus: str | None, torn: Counter[str], damage: list[str], framing: Framing
 ) -> Iterator[LoggedFrame]:
     if not path.is_file():
-        raise UserError(f"{path}: is a folder; name a file in it" if path.is_dir() else f"{path}: no such file")
+        raise UserError(
+            f"{path}: is a folder; name a file in it" if path.is_dir() else f"{path}: no such file; check the path"
+        )
     suffix = path.suffix.lower()
     if suffix in _SERIAL_SUFFIXES:
         yield from _serial_capture(path, torn, framing)
@@ -181,7 +186,7 @@ def _file(
         damage += [f"{path}: {told}" for told in account.told()]
     else:
         known = " ".join(sorted(LOG_SUFFIXES | _SERIAL_SUFFIXES))
-        raise UserError(f"{path}: unknown kind of log '{path.suffix}'; known are {known}")
+        raise UserError(f"{path}: unknown log format '{path.suffix}'; known formats: {known}")
 
 
 def _serial_capture(path: Path, torn: Counter[str], framing: Framing) -> Iterator[LoggedFrame]:
@@ -226,7 +231,7 @@ def _jsonl() -> Printer:
 
 
 def _finite(values: dict[str, Any]) -> dict[str, Any]:
-    """Replace what JSON has no number for: a maker's drive may send NaN and infinity as a 32-bit float."""
+    """Replace NaN and infinity, which JSON can't express, by None; a maker's drive may send them as 32-bit floats."""
     return {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in values.items()}
 
 

@@ -1,4 +1,4 @@
-"""`hil-forceps doctor`: what to look at before the first motion, each with its remedy."""
+"""`hil-forceps doctor`: checks before the first motion, each with its remedy."""
 
 import json
 import math
@@ -37,10 +37,10 @@ def doctor(
     out: Path = Path("out"),
     as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
-    """Look at this machine, the line, the rig and the drive that answers, before anything moves.
+    """Check this computer, the line, the rig file and the drive before motion.
 
-    Moves, enables and sets nothing; what is sent to a drive is in docs/doctor.md. Without options it looks at the
-    machine alone. Exit code 0 when all is well or warned of, 1 when something fails, 2 when it could not be asked.
+    Nothing moves, no drive is enabled, and no setting changes; docs/doctor.md lists the frames that are sent. Without
+    options only the computer is checked. Exit code 0 if no check failed, 1 if one failed, 2 if the options are wrong.
 
     Parameters
     ----------
@@ -53,23 +53,23 @@ def doctor(
     serial
         Serial port, pyserial URL, or udp://ADDRESS:PORT instead of a CAN interface.
     baudrate
-        Of the serial port; without it 1 Mbit/s, or what the rig says of its drive's line.
+        Rate of the serial port in bit/s; default: the rig's for its drive, or 1 Mbit/s.
     option
         KEY=VALUE for the python-can interface; may be repeated.
     duration
-        Planned seconds of the run, for the room on the disk.
+        Planned duration of the run in s, to check the space on the disk.
     out
-        Folder for the results of the run; nothing is made.
+        Folder for the results of the planned run; it is not created.
     as_json
-        Write JSON instead of the table.
+        Print JSON instead of the table.
     """
     if not (math.isfinite(duration) and duration > 0.0):
         raise UserError(f"--duration {duration}: must be a positive number of seconds")
     if interface and serial:
-        raise UserError("--serial: give either a CAN interface or a serial port")
+        raise UserError("--interface and --serial: the drive is on one of them; leave one out")
     rigs = named_rigs(rig)
     for path, loaded in zip(rig, rigs.values(), strict=True):
-        line_rate(path, loaded, interface, serial, baudrate)  # says of a maker's drive which line that has to be
+        line_rate(path, loaded, interface, serial, baudrate)  # UserError for the wrong kind of line
     if rig and not interface and not serial:
         told = "the line to its drive is missing; give --interface and --channel, or --serial"
         raise UserError(f"--rig {rig[0]}: {told} (without a drive: hil-forceps check {rig[0]})")

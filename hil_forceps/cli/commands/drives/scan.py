@@ -1,4 +1,4 @@
-"""`hil-forceps scan`: who is on this bus or port, by listening, or by asking what moves nothing."""
+"""`hil-forceps scan`: the drives on a bus or port, by listening or by a read-only request."""
 
 import json
 import math
@@ -40,10 +40,10 @@ def scan(
     ask: ProfileName | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
-    """Listen on a bus or a serial port, and tell which drives are there. Nothing moves or changes.
+    """Listen on a bus or a serial port, and list the drives on it. Nothing moves or changes.
 
-    Nothing is sent but by --ask. Exit code 1 when nobody was recognised. A drive that says nothing by itself is found
-    only by --ask.
+    Nothing is sent without --ask. Drives that send nothing unasked are found only with --ask. Exit code 1 if no drive
+    was recognised.
 
     Parameters
     ----------
@@ -54,28 +54,28 @@ def scan(
     serial
         Serial port, pyserial URL, or udp://ADDRESS:PORT instead of a CAN interface.
     baudrate
-        Of the serial port.
+        Rate of the serial port in bit/s.
     bitrate
-        Of the CAN bus, where the interface sets it.
+        Bit rate of the CAN bus in bit/s, if the interface sets it.
     fd
-        Open the interface for CAN FD, as a moteus needs; then drives of classic frames are heard, too.
+        Open the interface for CAN FD, as a moteus requires; classic frames are received, too.
     data_bitrate
-        Of the data of frames of CAN FD, where the interface sets it.
+        Bit rate of the data phase of CAN FD in bit/s, if the interface sets it.
     option
         KEY=VALUE for the python-can interface; may be repeated.
     seconds
-        How long to listen.
+        Time to listen, in s.
     ask
-        Ask the drives of this profile who they are, where it has such a question: dynamixel, by a ping to all; moteus,
-        over CAN FD, for mode and fault.
+        Send a read-only request to the drives of this profile. dynamixel: a ping to all. moteus: mode and fault, over
+        CAN FD.
     as_json
-        As JSON.
+        Print the drives as JSON.
     """
     if not (math.isfinite(seconds) and 0.0 < seconds <= MAX_SECONDS):
         raise UserError(f"--seconds {seconds:g}: must be above 0 and at most {MAX_SECONDS:g}")
     asked = _asked(ask)
     if serial and asked is not None and asked.link == "can":
-        raise UserError(f"--ask {ask}: such a drive is on a CAN bus; give --interface and --channel")
+        raise UserError(f"--ask {ask}: this drive is on a CAN bus, not a serial port; give --interface and --channel")
     spec = LinkSpec(
         interface=interface,
         channel=channel,
@@ -109,12 +109,12 @@ def scan(
 
 
 def _asked(name: str | None) -> Profile | None:
-    """Return the profile to ask by; UserError where it has no question."""
+    """Return the profile whose request is sent; UserError if it has none."""
     if name is None:
         return None
     profile = PROFILES.get(name)
     if profile is None or not profile.ask:
-        raise UserError(f"--ask {name}: such a drive tells by itself that it is there; leave --ask out")
+        raise UserError(f"--ask {name}: this profile has no read-only request; leave --ask out")
     return profile
 
 
@@ -122,22 +122,23 @@ def _tell(listener: BusListener, seconds: float) -> int:
     found = listener.found()
     if not found:
         heard = (
-            f"{listener.frames} frames came, and no heartbeat of a drive that is known here"
+            f"{listener.frames} frames were received, none of them a heartbeat of a known drive"
             if listener.frames
-            else "nothing came; check bit rate, wiring, termination and the drive's power"
+            else "no frame was received; check bit rate, wiring, termination and the drive's power"
         )
         sys.stdout.write(
-            f"nobody recognised in {seconds:g} s: {heard}; a moteus is found by --ask moteus, or by --fd where it is "
-            "asked by others; a mini cheetah drive (mit) says nothing by itself, and is found by `run` alone\n"
+            f"no drive recognised in {seconds:g} s: {heard}. A moteus needs --ask moteus, a Dynamixel --ask dynamixel. "
+            "A mini cheetah drive (mit) sends nothing unasked, and only `run` finds it\n"
         )
         return EXIT_NOBODY
     table = Table(box=SIMPLE_HEAD, padding=(0, 1))
-    for name in ("profile", "node", "says"):
-        table.add_column(name, no_wrap=name != "says")
+    for name in ("profile", "node", "state"):
+        table.add_column(name, no_wrap=name != "state")
     for each in found:
         table.add_row(each.profile, str(each.node), each.says)
     print_table(table, TABLE_WIDTH)
     sys.stdout.write(
-        "profile and node go into a rig's `motor_driver:`, a native drive's node into `bench.node_id`; docs/drives.md\n"
+        "enter profile and node in `motor_driver:` of the rig file, the node of a native drive in `bench.node_id` "
+        "(docs/drives.md)\n"
     )
     return 0

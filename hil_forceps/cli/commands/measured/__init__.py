@@ -1,1 +1,1 @@
-"""Commands about measured runs, and models held against them."""
+"""Commands on measured runs and the comparison of models with them."""

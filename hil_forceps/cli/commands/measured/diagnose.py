@@ -1,4 +1,4 @@
-"""`hil-forceps diagnose`: what the simulation gets wrong about measured runs, why, and what mending it gains."""
+"""`hil-forceps diagnose`: differences between simulation and measured runs, their causes, and an extended rig."""
 
 import json
 import sys
@@ -50,56 +50,57 @@ def diagnose(
     node: int | None = None,
     map_: Annotated[tuple[str, ...], Parameter(name="--map")] = (),
 ) -> int:
-    """Show what a rig's simulation gets wrong about measured runs, name the cause, extend the rig, measure the gain.
+    """Compare the simulation of a rig with measured runs, and find the effects that explain the difference.
 
-    Writes diagnosis.json, report.html (opens offline), extended.yaml and, where another experiment would tell more, its
-    motion for `hil-forceps run --trajectory`: next_experiment.csv.
+    Writes diagnosis.json, report.html (opens offline) and extended.yaml, which is the rig with the effects that were
+    found. Runs held out measure the improvement. If another experiment would give more information, its motion is in
+    next_experiment.csv, for `hil-forceps run --trajectory`.
 
     Parameters
     ----------
     runs
-        Measured runs: any file or folder that `import` reads (docs/measured-data.md).
+        Measured runs: files or folders that `import` reads (docs/measured-data.md).
     rig
-        The rig file to simulate with; with --batch, of what has no rig.yaml of its own.
+        Rig file to simulate with; with --batch, for logs without a rig.yaml of their own.
     out
         Folder for the results.
     jobs
-        Threads, with --batch processes; all processors by default.
+        Number of threads, with --batch of processes; default: all processors.
     seed
-        Of bootstraps; the same seed gives the same bytes.
+        Seed of the bootstraps; the same seed gives the same bytes.
     hold_out
-        Names of runs that are neither fitted nor chosen by; the last third by default.
+        Names of runs held out from fitting and selection; default: the last third.
     without
-        Entries of the catalogue to leave out.
+        Catalogue entries to exclude.
     budget
-        Seconds after which nothing new is begun: the best answer so far, and what was not looked at. Only for runs of a
-        drive whose law is known.
+        Time limit in s, after which no further step begins. The result is the best so far, and lists what was not
+        tested. Only if the control law of the drive is known.
     figures
-        Write the figures as files, too.
+        Also write the figures as files.
     batch
-        Diagnose each file and each folder in the one folder named, by itself: OUT/NAME of each, and OUT/verdicts.json.
-        Ended in between and started again it goes on.
+        Diagnose each file and each folder in the given folder separately. Writes OUT/NAME for each, and
+        OUT/verdicts.json. After an interruption the same command continues.
     executor
-        With --batch: processes, dask://HOST:PORT, ray, ray://HOST:PORT; the results are the same.
+        With --batch: processes, dask://HOST:PORT, ray or ray://HOST:PORT; the results are the same.
     bus
-        Of bus logs with drives on several buses, the one to read: candump's interface, the channel of the others.
+        Bus to read, if a bus log has drives on several: the interface in candump's format, the channel in others.
     node
-        Of bus logs with several drives, the one to read.
+        Node to read, if a bus log has several drives.
     map_
-        Which column of a table is which of a run, and its unit: theta_m_rad=pos:deg; or a YAML of such lines
-        (docs/measured-data.md).
+        Column of a table for a quantity of a run, with its unit, such as theta_m_rad=pos:deg; or a YAML file of such
+        lines (docs/measured-data.md).
     """
     began_s = time.monotonic()
     wishes = Wishes(hold_out, without, seed, jobs, budget)
     if batch:
         if bus is not None or node is not None:
-            raise UserError(f"{'--node' if bus is None else '--bus'}: does not go with --batch; import such logs first")
+            raise UserError(f"{'--node' if bus is None else '--bus'}: not possible with --batch; import the logs first")
         with spoken_as_options({**_OPTIONS, "executor": "executor", "out": "out"}):
             return diagnose_batch(runs, rig, out, wishes, executor, map_, figures=figures)
     if executor != PROCESSES:
-        raise UserError("--executor: goes with --batch")
+        raise UserError("--executor: only with --batch; add --batch, or leave --executor out")
     if rig is None:
-        raise UserError("--rig: is missing; name the rig file to simulate with")
+        raise UserError("--rig: missing; name the rig file to simulate with")
     with spoken_as_options(_OPTIONS):
         wishes.check()
     known = load_rig(rig)
@@ -113,7 +114,7 @@ def diagnose(
         progress_on(console) as tell,
         spoken_as_options(_OPTIONS),
     ):
-        # What computes and what draws take a second each to load: here, beside each other.
+        # Computation and drawing take a second each to load; here they load in parallel.
         import_module("hil_forceps.diagnosis.conclude")
         keep_pages()
         drawing: list[Future[dict[str, str]]] = []
@@ -136,7 +137,7 @@ def diagnose(
 
 
 def _leave_trajectory(trajectory: Trajectory | None, path: Path) -> None:
-    """Write the motion of the next experiment, or take away that of an earlier diagnosis."""
+    """Write the motion of the next experiment, or delete that of an earlier diagnosis."""
     if trajectory is None:
         path.unlink(missing_ok=True)
     else:
@@ -146,6 +147,6 @@ def _leave_trajectory(trajectory: Trajectory | None, path: Path) -> None:
 def _print(result: DiagnosisResult, out: Path) -> None:
     lines = [str(result)]
     if result.diagnosis.next_experiment is not None:
-        lines.append(f"  its motion, for `hil-forceps run --trajectory`: {out / TRAJECTORY_FILE}")
+        lines.append(f"  motion of this experiment, for `hil-forceps run --trajectory`: {out / TRAJECTORY_FILE}")
     lines.append(f"  report.html, diagnosis.json and extended.yaml are in {out}/")
     sys.stdout.write("\n".join(lines) + "\n")

@@ -1,4 +1,4 @@
-"""`hil-forceps diagnose --batch`: a diagnosis of each log and each folder of a folder, and one table of verdicts."""
+"""`hil-forceps diagnose --batch`: a diagnosis of each log and each folder in a folder, and a table of verdicts."""
 
 import json
 import sys
@@ -32,9 +32,9 @@ def diagnose_batch(
     *,
     figures: bool,
 ) -> int:
-    """Diagnose all that is in a folder; UserError for what the user can mend, but not for logs that can't be used."""
+    """Diagnose each log of a folder. A log that can't be used is a row of the table, not a UserError."""
     if len(folders) != 1:
-        raise UserError("--batch: takes one folder, whose files and folders are diagnosed each by itself")
+        raise UserError("--batch: takes one folder, whose files and folders are diagnosed separately; name one")
     wishes.check()
     check_executor(executor)
     sets = sets_of(folders[0], rig, out)
@@ -51,7 +51,7 @@ def diagnose_batch(
 def _lines(tasks: Sequence[DiagnosisTask], executor: str, jobs: int | None, tell: Callable[[str], None]) -> list[Line]:
     found = {task.of.name: there for task in tasks if (there := done(task)) is not None}
     todo = [task for task in tasks if task.of.name not in found]
-    tell(f"{len(found)} of {len(tasks)} are done already")
+    tell(f"{len(found)} of {len(tasks)} were diagnosed before")
     for line in spread(diagnose_task, todo, executor, jobs):
         found[line.name] = line
         tell(f"{len(found)} of {len(tasks)} diagnosed; {line.name}: {line.verdict or line.sentence}")

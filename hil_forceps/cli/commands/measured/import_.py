@@ -1,4 +1,4 @@
-"""`hil-forceps import`: runs of any known format into the project's own."""
+"""`hil-forceps import`: conversion of measured runs to the project's format."""
 
 import sys
 from collections.abc import Sequence
@@ -31,10 +31,11 @@ def import_(
     map_: Annotated[tuple[str, ...], Parameter(name="--map")] = (),
     write_map: Path | None = None,
 ) -> int:
-    """Write runs in the project's own format, one file each, SI units in the columns' names; audit them.
+    """Convert runs to the project's format, one file each, with SI units in the column names; audit the data.
 
-    Reads text of any layout (CSV), Parquet, Excel, MATLAB, HDF5, MDF (.mf4), recordings (.mcap), bus logs (.log .asc
-    .blf .trc), the surgical-tool text format (folder, zip or text) and EPOS Studio's text, told by content.
+    Reads text tables (CSV), Parquet, Excel, MATLAB, HDF5, MDF (.mf4), recordings (.mcap), bus logs (.log .asc .blf
+    .trc), the surgical-tool text format (folder, zip or text) and text exported by EPOS Studio. The format is detected
+    from the content.
 
     Parameters
     ----------
@@ -43,22 +44,22 @@ def import_(
     out
         Folder for the runs.
     form
-        CSV, or Parquet (needs pyarrow).
+        csv, or parquet (needs pyarrow).
     rig
-        Rig file to audit against; without it only what needs no rig is looked at. Its section `recording:` says what a
-        file doesn't hold: the rated torque, a constant load.
+        Rig file for the audit; without it only checks that need no rig are made. Its section `recording:` has values
+        that a file does not contain, such as the rated torque or a constant load.
     bus
-        Of a bus log with drives on several buses, the one to read: candump's interface, the channel of the others.
+        Bus to read, if a bus log has drives on several: the interface in candump's format, the channel in others.
     node
-        Of a bus log with several drives, the one to read.
+        Node to read, if a bus log has several drives.
     map_
-        Which column of a table is which of a run, and its unit: theta_m_rad=pos:deg; or a YAML of such lines
-        (docs/measured-data.md).
+        Column of a table for a quantity of a run, with its unit, such as theta_m_rad=pos:deg; or a YAML file of such
+        lines (docs/measured-data.md).
     write_map
-        File for the mapping that was used, or that may be meant, as `--map` takes it; --out is not needed then.
+        File for the column mapping that was used, or for a proposal, in the format of --map; --out is not needed then.
     """
     if out is None and write_map is None:
-        raise UserError("import: --out DIR is missing; name the folder for the runs")
+        raise UserError("--out: missing; name the folder for the runs")
     known = None if rig is None else load_rig(rig)
     if form == "parquet":
         require_parquet()
@@ -83,7 +84,7 @@ def import_(
 
 
 def _paths(found: Sequence[tuple[Path, Run]], out: Path, form: str) -> list[Path]:
-    """Name the files by run; where sources share a name, by source and run. Never a file that is being read."""
+    """Name the files by run, or by source and run if runs share a name; UserError if a source would be overwritten."""
     names = [run.name for _, run in found]
     if len(set(names)) < len(names):
         names = [run.name if source.stem == run.name else f"{source.stem}-{run.name}" for source, run in found]
@@ -91,9 +92,9 @@ def _paths(found: Sequence[tuple[Path, Run]], out: Path, form: str) -> list[Path
     twice = sorted({path.name for path in paths if paths.count(path) > 1})
     if twice:
         raise UserError(
-            [f"import: two of the runs would be written as {name}; import them one by one" for name in twice]
+            [f"--out {out}: two runs would have the file name {name}; import them separately" for name in twice]
         )
     sources = {source.resolve() for source, _ in found}
     if own := [path for path in paths if path.resolve() in sources]:
-        raise UserError([f"{path}: would overwrite what is being read; name another folder" for path in own])
+        raise UserError([f"{path}: is also a source, and would be overwritten; name another folder" for path in own])
     return paths

@@ -1,4 +1,4 @@
-"""`hil-forceps simulate`: the rig's simulation beside a measured run."""
+"""`hil-forceps simulate`: the rig's simulation of a measured run, compared with it."""
 
 import csv
 import re
@@ -34,26 +34,26 @@ def simulate(
     node: int | None = None,
     map_: Annotated[tuple[str, ...], Parameter(name="--map")] = (),
 ) -> int:
-    """Simulate what was measured: same reference and load, the rig's values as they are; print the errors.
+    """Simulate a measured run with its reference and load and the values of the rig file; print the errors.
 
-    In closed loop when the rig has a `drive` and the run a reference. Else the measured motion drives the simulation,
-    and what it predicts of current, motor torque, jaw angle or load is compared.
+    The simulation is in closed loop if the rig has the section `drive:` and the run has a reference. Otherwise the
+    measured motion is its input, and the predicted current, motor torque, jaw angle or load is compared.
 
     Parameters
     ----------
     rig
         Rig file.
     like
-        Run to simulate: any file or folder that `import` reads.
+        Run to simulate: a file or folder that `import` reads.
     out
-        Folder for a CSV and a figure of each run.
+        Folder for a CSV file and a figure of each run.
     bus
-        Of a bus log with drives on several buses, the one to read: candump's interface, the channel of the others.
+        Bus to read, if a bus log has drives on several: the interface in candump's format, the channel in others.
     node
-        Of a bus log with several drives, the one to read.
+        Node to read, if a bus log has several drives.
     map_
-        Which column of a table is which of a run, and its unit: theta_m_rad=pos:deg; or a YAML of such lines
-        (docs/measured-data.md).
+        Column of a table for a quantity of a run, with its unit, such as theta_m_rad=pos:deg; or a YAML file of such
+        lines (docs/measured-data.md).
     """
     known = load_rig(rig)
     if out is not None:
@@ -65,14 +65,16 @@ def simulate(
         for run in runs:
             result = simulate_run(known, run)
             if not result.measured:
-                raise UserError(f"run {run.name}: nothing that is simulated was measured; see hil-forceps info {rig}")
+                raise UserError(
+                    f"run {run.name}: no simulated channel was measured; add a column of it (docs/measured-data.md)"
+                )
             results.append(result)
             progress.advance(task)
         if out is not None:
             _write(results, out, progress)
     _print(results)
     if out is not None:
-        sys.stdout.write(f"a CSV and a figure of each run are in {out}/\n")
+        sys.stdout.write(f"a CSV file and a figure of each run are in {out}/\n")
     return 0
 
 
@@ -106,7 +108,7 @@ def _print(results: list[Simulation]) -> None:
             errors = [f"{shown.error_scale * error:.4g}" for error in (result.rmse(channel), result.scatter(channel))]
             table.add_row(result.name, channel, *errors, share, shown.error_unit)
     print_table(table, FILE_COLUMNS)
-    loops = {"in closed loop" if result.is_closed_loop else "driven by the measured motion" for result in results}
+    loops = {"in closed loop" if result.is_closed_loop else "with the measured motion as input" for result in results}
     sys.stdout.write(f"simulated: {', '.join(sorted(loops))}\n")
     for result in results:
         for note in result.notes:

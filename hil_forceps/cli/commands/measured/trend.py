@@ -1,4 +1,4 @@
-"""`hil-forceps trend`: the known parameters of hundreds of sessions, and what of them changes since when."""
+"""`hil-forceps trend`: the known parameters over many sessions, and their changes."""
 
 import json
 import sys
@@ -21,7 +21,7 @@ from hil_forceps.diagnosis.drift.result import ParameterTrend
 from hil_forceps.report.trend.files import write_figures, write_report
 
 _OPTIONS = {name: name for name in ("false_alarms", "seed", "jobs", "executor", "out")}
-MAX_TOLD_SESSIONS = 20  # sessions that could not be used; trend.html has all
+MAX_TOLD_SESSIONS = 20  # unused sessions on the terminal; trend.html has all
 
 
 def trend(
@@ -39,37 +39,38 @@ def trend(
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
     map_: Annotated[tuple[str, ...], Parameter(name="--map")] = (),
 ) -> int:
-    """Follow the known parameters of a rig over the sessions of a folder; tell what changes, and since when.
+    """Estimate the known parameters of a rig in each session of a folder; report which of them change, and since when.
 
-    Every log in FOLDER and below is a session, and so is each folder of a run. Writes OUT/estimates.parquet (a row of
-    each session and parameter), OUT/trend.json, OUT/trend.html (opens offline). Ended in between and started again it
-    goes on; logs that were changed are fitted again. A log that can't be used has its reason in the tables.
+    A session is a log in FOLDER or below it, or the folder of a run. Writes OUT/estimates.parquet (a row for each
+    session and parameter), OUT/trend.json and OUT/trend.html (opens offline). After an interruption the same command
+    continues; logs that have changed are fitted again. For a log that can't be used the tables give the reason.
 
     Parameters
     ----------
     folder
-        Folder of the logs; those of several instruments in folders in it. A rig.yaml there is the rig of all below it,
-        and a sessions.csv says what names don't (docs/trend.md).
+        Folder of the logs, with a folder for each instrument if there are several. A rig.yaml in a folder is the rig
+        of all logs below it. A sessions.csv sets instrument, date and rig (docs/trend.md).
     out
         Folder for the results.
     rig
-        Rig file of sessions without a rig.yaml above them.
+        Rig file for sessions without a rig.yaml above them.
     jobs
-        Processes; all processors by default.
+        Number of processes; default: all processors.
     executor
-        processes, dask://HOST:PORT, ray, ray://HOST:PORT; the results are the same.
+        processes, dask://HOST:PORT, ray or ray://HOST:PORT; the results are the same.
     false_alarms
-        How often an instrument that doesn't change is said to, over all its sessions and parameters.
+        False-alarm rate of an instrument, over all its sessions and parameters.
     file_dates
-        Take the time of the file for a session that nothing else dates.
+        Use the modification time of the file as date of a session without another date.
     seed
-        Of the draws of the test; the same seed gives the same numbers.
+        Seed of the bootstrap; the same seed gives the same numbers.
     figures
-        Write the figures as files, too.
+        Also write the figures as files.
     json_
         Print trend.json instead of the table.
     map_
-        Which column of a table is which of a run, and its unit: theta_m_rad=pos:deg; or a YAML of such lines.
+        Column of a table for a quantity of a run, with its unit, such as theta_m_rad=pos:deg; or a YAML file of such
+        lines.
     """
     make_folder(out)
     with progress_on(note_console()) as tell, spoken_as_options(_OPTIONS):
@@ -105,7 +106,7 @@ def _print(result: TrendResult, out: Path) -> None:
         for each in instrument.parameters:
             table.add_row(*_cells(each))
         print_table(table, FILE_COLUMNS)
-    sys.stdout.write("".join(f"{text}\n" for text in result.changes) or "nothing changes beyond the scatter\n")
+    sys.stdout.write("".join(f"{text}\n" for text in result.changes) or "no change was found beyond the scatter\n")
     unused = [line for line in result.sessions if line.reason is not None]
     for line in unused[:MAX_TOLD_SESSIONS]:
         sys.stdout.write(f"  not used: {line.name}: {line.reason}\n")
@@ -113,7 +114,7 @@ def _print(result: TrendResult, out: Path) -> None:
         sys.stdout.write(f"  and {len(unused) - MAX_TOLD_SESSIONS} more, in trend.html\n")
     by_file = sum(line.date_from == "file" for line in result.sessions)
     if by_file:
-        note(f"{by_file} sessions are dated by the time of their file, which a copy may have changed")
+        note(f"{by_file} sessions have the modification time of their file as date; copying a file can change it")
     used = len(result.sessions) - len(unused)
     sys.stdout.write(f"  {used} of {len(result.sessions)} sessions used; trend.html and the estimates are in {out}/\n")
 

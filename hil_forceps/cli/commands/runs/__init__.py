@@ -1,1 +1,1 @@
-"""Commands that make runs, and those that look at what these recorded."""
+"""Commands that make runs, and commands on recorded runs."""

@@ -1,4 +1,4 @@
-"""`hil-forceps bench`: the paper's simulations through the bus, judged, drawn and recorded."""
+"""`hil-forceps bench`: the paper's simulations through the bus, with errors, figures and recordings."""
 
 import sys
 import time
@@ -52,7 +52,7 @@ def bench(
     live_bind: str = "",
     foxglove: bool = False,
 ) -> int:
-    """Run a bench file: every simulation and algorithm, compensated and not, over the bus in virtual time.
+    """Run a bench file: every simulation and algorithm, with and without compensation, over the bus in virtual time.
 
     Writes summary.json (the same bytes for the same seed), timing.json, figures (PDF and PNG), and a recording and a
     bus log of every run.
@@ -62,32 +62,32 @@ def bench(
     config
         Bench file: a rig file with the section `bench:`, such as configs/paper.yaml.
     out
-        Folder for the results; made if it isn't there.
+        Folder for the results; created if it does not exist.
     seed
         Seed of all noise and jitter.
     simulation
-        Only this simulation of the paper, 1 or 2.
+        Run only this simulation of the paper, 1 or 2.
     algorithm
-        Only this estimator.
+        Run only this estimator.
     jobs
-        Processes at a time; as many as there are processors if not given.
+        Number of parallel processes; default: all processors.
     realtime
-        Against the simulated drive in a process of its own, by the wall clock; compensated runs only.
+        Run in real time, with the simulated drive in a separate process; compensated runs only.
     wire
-        With --realtime: what the two processes talk over, pty or udp_multicast.
+        With --realtime: connection between the two processes, pty or udp_multicast.
     duration
-        With --realtime: seconds of each run, 20 or more.
+        With --realtime: duration of each run in s, 20 or more.
     estimator_rig
-        Rig file that the estimators go by in a second run of each, such as one without the effects that the plant
-        has; what happens is still as the bench file says.
+        Run each simulation a second time with this rig file for the estimators, for example one without the effects of
+        the plant. The plant remains that of the bench file.
     as_json
-        The content of summary.json in place of the table.
+        Print the content of summary.json instead of the table.
     live
-        With --realtime: show the runs while they last, on a page that only this machine reaches (docs/live.md).
+        With --realtime: show the runs on a live page in the browser, only on this machine (docs/live.md).
     live_bind
-        With --live: PORT or ADDRESS:PORT of the page; without it a free port on 127.0.0.1.
+        With --live: PORT or ADDRESS:PORT of the page; default: a free port on 127.0.0.1.
     foxglove
-        With --live: the same data to Foxglove, too.
+        With --live: also send the data to Foxglove.
     """
     page = _page(live_options(live=live, control=False, bind=live_bind, foxglove=foxglove), realtime=realtime)
     rig = load_rig(config)
@@ -104,7 +104,7 @@ def bench(
         duration_s = _duration(duration)
         specs = [spec._replace(duration_s=duration_s) for spec in specs if spec.on_bus and spec.compensated]
     elif duration is not None:
-        raise UserError("--duration goes with --realtime; in virtual time a run lasts its 20 s")
+        raise UserError("--duration: only with --realtime; in virtual time a run lasts 20 s; leave it out")
     make_folder(out)
     ready_kernels(rig, rig.bench.host_period_s)
     began = time.perf_counter()
@@ -141,7 +141,7 @@ def _tell(records: Sequence[RunRecord], out: Path, *, as_json: bool) -> None:
 
 def _page(options: LiveOptions | None, *, realtime: bool) -> LiveOptions | None:
     if options is not None and not realtime:
-        raise UserError("--live goes with --realtime; in virtual time a run is over before anybody sees it")
+        raise UserError("--live: only with --realtime; a run in virtual time is too short to be watched")
     return options
 
 
@@ -154,7 +154,7 @@ def _duration(given: float | None) -> float:
 
 
 def _with_progress(specs: Sequence[RunSpec], work: Callable[[Done], list[Executed]]) -> list[Executed]:
-    """Show a bar on a terminal; elsewhere one line a run, so that a log shows life too."""
+    """Show a bar on a terminal, elsewhere one line for each run."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     console = note_console()
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
@@ -184,7 +184,7 @@ def _write(executed: Sequence[Executed], seed: int, wall_s: float, out: Path) ->
 
 def _print_table(records: Sequence[RunRecord]) -> None:
     table = Table(
-        title="Errors over 9–20 s; jaw: mean under steady load; ×: times real time",
+        title="Errors over 9–20 s; jaw: mean under steady load; ×: speed relative to real time",
         title_justify="left",
         box=SIMPLE_HEAD,
         padding=(0, 1),
@@ -214,7 +214,7 @@ def _print_table(records: Sequence[RunRecord]) -> None:
     print_table(table, width)
     not_finite = sorted({record.spec.algorithm for record in records if not record.metrics.finite})
     for algorithm in not_finite:
-        sys.stdout.write(f"{algorithm}: – where the estimate did not stay finite; see docs/estimators.md\n")
+        sys.stdout.write(f"{algorithm}: – means that the estimate was not finite; see docs/estimators.md\n")
 
 
 def _scaled(value: float | None, scale: float, form: str) -> str:

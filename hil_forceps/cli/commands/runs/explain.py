@@ -1,4 +1,4 @@
-"""`hil-forceps explain`: the course of a run in plain sentences, what ended it, and what may be behind that."""
+"""`hil-forceps explain`: the events of a run, what ended it, and likely causes."""
 
 import json
 import sys
@@ -17,10 +17,10 @@ from hil_forceps.data.recording.format import FAULT_NAME
 def explain(
     run: Path, *, out: Path | None = None, as_json: Annotated[bool, Parameter(name="--json", negative="")] = False
 ) -> int:
-    """Tell the course of a run: what happened when, what ended it, the last rows, likely causes and what to check.
+    """List the events of a run, what ended it, the last samples, likely causes and what to check.
 
-    Reads the recording, whole or cut off, of this version or an older one, and the second that was kept before a fault;
-    with fault.json alone it tells that second.
+    Reads complete and truncated recordings, also those of older versions, and fault.json, which has the last second
+    before a fault. If there is only a fault.json, the list covers that second.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def explain(
     out
         Folder for the figure of the last second (fault.png, fault.pdf).
     as_json
-        The same as JSON.
+        Print the result as JSON.
     """
     evidence = read_evidence(_source(run))
     story = story_of(evidence)

@@ -1,4 +1,4 @@
-"""`hil-forceps recover`: what a damaged recording still holds, and a sound one made of it."""
+"""`hil-forceps recover`: what a damaged recording contains, and a valid recording written from it."""
 
 import json
 import sys
@@ -15,26 +15,26 @@ from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.rig.errors import UserError
 
 EXIT_MISSING = 1
-RECOVERED = "recovered"  # folder of what is made, in that of the recording
+RECOVERED = "recovered"  # folder for the result, in the folder of the recording
 
 
 def recover(
     run: Path, *, out: Path | None = None, as_json: Annotated[bool, Parameter(name="--json", negative="")] = False
 ) -> int:
-    """Say what a recording holds and what is missing; write a sound one of it, which every other command reads.
+    """List what a recording contains and what is missing; write a valid recording from it for all other commands.
 
-    Reads RUN/run.mcap and the bus log beside it, damaged or not, and changes neither. Samples that only the bus log has
-    are put back (drives of the project's own protocol). Exit code 0 when nothing is missing, 1 when something is, 2
-    when it is no recording.
+    Reads RUN/run.mcap and the bus log in the same folder, damaged or not, and changes neither. Samples that only the
+    bus log contains are restored (only for drives with the project's own protocol). Exit code 0 if nothing is missing,
+    1 if something is missing, 2 if the file is not a recording.
 
     Parameters
     ----------
     run
         Folder of a run, or its recording.
     out
-        File to write; without it RUN/recovered/run.mcap, and nothing where the recording is sound. Never overwritten.
+        File to write; never overwritten. Default: RUN/recovered/run.mcap if the recording is damaged, else none.
     as_json
-        The same as JSON.
+        Print the result as JSON.
     """
     path = recording_of(run)
     target = out or path.parent / RECOVERED / path.name
@@ -50,7 +50,7 @@ def recover(
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Write a file; UserError where there is another one of that name, or it can't be written."""
+    """Write a file; UserError if a file with other content exists, or if it can't be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("xb") as file:
@@ -58,25 +58,25 @@ def _write(path: Path, data: bytes) -> None:
     except FileExistsError as error:
         if path.is_file() and path.read_bytes() == data:  # by the same command before
             return
-        told = "is there already with other content and is not written over; name another file with --out"
-        raise UserError(f"{path}: {told}, or remove it first") from error
+        told = "already exists with other content; remove it, or name another file with --out"
+        raise UserError(f"{path}: {told}") from error
     except OSError as error:
         raise UserError(f"{path}: can't be written: {error.strerror}; name another file with --out") from error
 
 
 def _lines(found: Recovery, written: Path | None) -> Iterator[str]:
     rows = ", ".join(f"{count} in {topic}" for topic, count in found.rows.items())
-    yield f"{found.name}: {found.size} bytes, {'sound' if found.is_sound else 'damaged'}"
-    yield f"there: {rows}; {found.span_s[1]:.3f} s"
+    yield f"{found.name}: {found.size} bytes, {'undamaged' if found.is_sound else 'damaged'}"
+    yield f"readable: {rows}; {found.span_s[1]:.3f} s"
     if found.bus_log:
-        yield f"beside it: {found.bus_log}"
+        yield f"bus log: {found.bus_log}"
     yield from (f"damage: bytes {each.begin} to {each.end - 1} can't be read" for each in found.damage)
     yield from (f"damage: {remark}" for remark in found.remarks)
     yield from (f"note: {note}" for note in found.notes)
     yield from (f"restored from the bus log: {_place(each)}" for each in found.restored)
     yield from (f"missing: {_place(each)}" for each in found.lost)
     if not found.has_end:
-        yield "missing: how the run ended, and what of it came after the last message here"
+        yield "missing: the end of the run, after the last message in this recording"
     elif found.is_whole:
         yield "missing: nothing"
     if written is not None:

@@ -1,4 +1,4 @@
-"""`hil-forceps replay` with runs of an axis: the first trains, the others test."""
+"""`hil-forceps replay` with runs of an axis: a model fitted to the first run and tested on the others."""
 
 import os
 import sys
@@ -31,7 +31,7 @@ def replay_axis(
     with_networks: bool = False,
     as_json: bool = False,
 ) -> int:
-    """Compare, print the tables, write files and figures; returns the exit code."""
+    """Compare, print the tables, write files and figures; return the exit code."""
     rig = load_rig(rig_path)
     make_folder(out)
     console = note_console()

@@ -1,4 +1,4 @@
-"""Measured runs of an instrument through the estimators, and models fitted to some of them held against the others."""
+"""Estimators on measured runs of an instrument, and models fitted to some of the runs and tested on the others."""
 
 import sys
 from pathlib import Path
@@ -21,11 +21,11 @@ from hil_forceps.rig import load_rig
 def replay_instrument(
     source: Path, rig_path: Path, out: Path, with_learned: bool, mapping: ColumnMap, *, as_json: bool
 ) -> int:
-    """Write tables and figures of both to `out`; UserError where the sources or the rig don't do."""
+    """Write tables and figures to `out`; UserError if the sources or the rig can't be used."""
     rig = load_rig(rig_path)
     make_folder(out)
     if with_learned:
-        black_boxes(with_learned=True)  # says at once what isn't installed
+        black_boxes(with_learned=True)  # reports a missing package before the work begins
     console = note_console()
     with Progress(console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("replay", total=None)
@@ -43,13 +43,13 @@ def replay_instrument(
     if as_json:
         sys.stdout.write(written.read_text(encoding="utf-8"))
         return 0
-    print_cells(report.table(), f"{report.name}: estimated from the motor side against measured at the jaw", 3)
+    print_cells(report.table(), f"{report.name}: estimates from the motor side, compared with the measured jaw", 3)
     for assumed in report.assumed:
         sys.stdout.write(f"assumed: {assumed}\n")
     for split, cells in comparison_tables(comparison):
-        print_cells(cells, f"{report.name}, RMSE on what was held out: {split}", 2)
+        print_cells(cells, f"{report.name}, RMSE on runs held out: {split}", 2)
     if not comparison.splits:
-        sys.stdout.write("no comparison on runs held out: it takes runs at two loads or two frequencies\n")
+        sys.stdout.write("no comparison on runs held out: it needs runs with two loads or two frequencies\n")
     sys.stdout.write(
         f"{len(figures)} figures, instrument.json, instrument_runs.csv, instrument_comparison.json and "
         f"instrument_comparison.csv are in {out}/\n"

@@ -1,4 +1,4 @@
-"""`hil-forceps replay` with a recording: what comes of the same samples, against what was recorded."""
+"""`hil-forceps replay` with a recording: references computed again from its samples, compared with the recorded."""
 
 import json
 import sys
@@ -19,14 +19,14 @@ from hil_forceps.rig.errors import UserError
 
 EXIT_DIFFERENT: Final = 1
 _NOT_SENT: Final = {
-    Outcome.QUEUE_FULL: "found the bus full",
-    Outcome.BUS_DOWN: "found no bus",
-    Outcome.NOT_ALLOWED: "came before the drive took references",
+    Outcome.QUEUE_FULL: "not sent, send queue full",
+    Outcome.BUS_DOWN: "not sent, bus down",
+    Outcome.NOT_ALLOWED: "before the drive accepted references",
 }
 
 
 def replay_recording(path: Path, algorithm: str | None, *, as_json: bool) -> int:
-    """Compare and tell; exit code 1 where something differs, and where something is missing that could have."""
+    """Compare and print; exit code 1 if something differs, or if a part of the recording is missing."""
     recording = read_recording(path)
     for each in recording.notes:
         note(f"{path}: {each}")
@@ -39,8 +39,8 @@ def replay_recording(path: Path, algorithm: str | None, *, as_json: bool) -> int
     result = replay(recording, make_pipeline(rig, settings, outside), outside)
     if not len(recording.samples):
         raise UserError(
-            f"{path}: holds no samples; the drive never answered, or the recording was cut off at once: "
-            f"hil-forceps explain {path} tells which"
+            f"{path}: contains no samples: the drive did not answer, or the recording was cut off; see hil-forceps "
+            f"explain {path}"
         )
     is_identical = result.first_difference is None and not recording.gaps
     if as_json:
@@ -50,8 +50,8 @@ def replay_recording(path: Path, algorithm: str | None, *, as_json: bool) -> int
         sys.stdout.write(f"{path}: {_told(path, recording, result.first_difference)}\n")
     else:
         sys.stdout.write(
-            f"{path}: {len(recording.samples)} samples through {settings.algorithm}; "
-            f"its τ_w differs from the recorded one by {_rms_N_m(recording, result) * 1e3:.4f} mN m RMS\n"
+            f"{path}: {len(recording.samples)} samples estimated with {settings.algorithm}; "
+            f"τ_w differs from the recorded estimate by {_rms_N_m(recording, result) * 1e3:.4f} mN m RMS\n"
         )
     return 0 if is_identical or not is_same else EXIT_DIFFERENT
 
@@ -60,19 +60,19 @@ def _told(path: Path, recording: Recording, difference: Difference | None) -> st
     count = f"{len(recording.references)} references from {len(recording.samples)} samples"
     if not recording.gaps:
         return f"differs: {difference}" if difference is not None else f"{count}, all identical; {_sent(recording)}"
-    there = "all of them identical" if difference is None else f"and they differ: {difference}"
-    remedy = "" if RECOVERY_NAME in recording.metadata else f"; hil-forceps recover {path} tells what is missing"
-    return f"incomplete: {count} are there, {there}, but {'; '.join(recording.gaps)}{remedy}"
+    there = "all identical" if difference is None else f"different: {difference}"
+    remedy = "" if RECOVERY_NAME in recording.metadata else f"; hil-forceps recover {path} lists what is missing"
+    return f"incomplete: {count}, {there}; {'; '.join(recording.gaps)}{remedy}"
 
 
 def _sent(recording: Recording) -> str:
-    """Say how many of the ticks' references left, which is what `run` counts, and why the others did not."""
+    """Say how many of the ticks' references were sent (the number that `run` prints), and why the others were not."""
     sent, others = _counts(recording)
     return ", ".join([f"{sent} of them were sent", *(f"{count} {why}" for why, count in others.items())])
 
 
 def _counts(recording: Recording) -> tuple[int, dict[str, int]]:
-    """Return how many references were sent, and how many were not by why."""
+    """Return how many references were sent, and for each reason how many were not."""
     references = recording.references
     found = {}
     for outcome, why in _NOT_SENT.items():
@@ -110,5 +110,5 @@ def _data(path: Path, recording: Recording, result: Replay, algorithm: str, *, i
 
 
 def _values(difference: Difference) -> dict[str, str]:
-    """Return the two values as texts: they may be no finite numbers, and each digit counts."""
+    """Return the two values as texts, with all digits; they may not be finite, which JSON can't express."""
     return {"recorded": repr(difference.recorded), "replayed": repr(difference.replayed)}

@@ -1,4 +1,4 @@
-"""`hil-forceps run`: the service against a drive, real or simulated."""
+"""`hil-forceps run`: the service with a drive, real or simulated."""
 
 import sys
 import time
@@ -46,7 +46,7 @@ from hil_forceps.rig.sections import ProfileName
 
 
 class Outside(NamedTuple):
-    """Where references of the jaw come from, when they come from outside; `address` is empty when they don't."""
+    """Source of external references of the jaw; `address` is empty if there is none."""
 
     address: str
     token: Path | None
@@ -79,66 +79,66 @@ def run(
     live_bind: OfLive[str] = "",
     foxglove: OfLive[bool] = False,
 ) -> int:
-    """Estimate and compensate against a motor driver on any python-can interface or pyserial URL.
+    """Control a motor driver on a CAN interface or serial port: estimate the load, compensate the stretch of the wire.
 
     Writes OUT/run.mcap (every sample and reference), OUT/bus.log (raw frames) and OUT/run.json (result, counters,
-    timing). Ctrl-C and SIGTERM disable the drive first. Exit code 2 when the run did not end as it was meant to: then
-    OUT/fault.json has the last second, and `hil-forceps explain OUT` tells what happened.
+    timing). Ctrl-C and SIGTERM disable the drive before the program ends. Exit code 2 if the run ended early or with a
+    fault: then OUT/fault.json has the last second, and `hil-forceps explain OUT` lists events and likely causes.
 
-    Several --rig: as many axes on one bus in one loop; recording and result of each are in OUT/NAME, by the name of its
-    rig file.
+    With several --rig, one loop controls one axis for each on the same bus. Recording and result of each axis are in
+    OUT/NAME, where NAME is the name of its rig file.
 
     Parameters
     ----------
     rig
-        Rig file with the forceps, the drive's loop, `bench:` and, always here, `limits:` of the reference; may be
-        repeated, for an axis each.
+        Rig file with the forceps, the drive's position loop, `bench:` and the `limits:` of the reference; may be
+        repeated, one for each axis.
     out
-        Folder for the results; made if it isn't there.
+        Folder for the results; created if it does not exist.
     interface
         python-can interface: socketcan, udp_multicast, slcan, pcan, ..., or virtual_forceps.
     channel
         Channel of that interface: can0, vcan0, ...
     serial
-        Serial port, pyserial URL, or udp://ADDRESS:PORT (a packet a datagram) instead of a CAN interface.
+        Serial port, pyserial URL, or udp://ADDRESS:PORT (one packet in each datagram) instead of a CAN interface.
     baudrate
-        Of the serial port; without it 1 Mbit/s, or what the rig says of its drive's line.
+        Rate of the serial port in bit/s; default: the rig's for its drive, or 1 Mbit/s.
     drive
-        What the motor driver speaks, as a check against `motor_driver:` of the rig.
+        Protocol of the motor driver, to be checked against `motor_driver:` of the rig.
     option
         KEY=VALUE for the python-can interface; may be repeated.
     algorithm
         Estimator: previous, improved_as_published, improved or kalman.
     compensate
-        Send the compensated motor angle (10); without it the elongation is only estimated.
+        Send the compensated motor angle (equation 10); without it the stretch is only estimated.
     trajectory
-        CSV with the columns time_s and theta_j_rad; without it the paper's: 90 to 10 degrees in 5 s. One for all axes,
-        or one for each in their order.
+        CSV file with the columns time_s and theta_j_rad; default: that of the paper, 90 to 10 degrees in 5 s. One for
+        all axes, or one for each in the order of the rigs.
     duration
-        Seconds from the first operational sample; without it the run lasts to the end of the trajectory, or 20 s.
+        Duration in s from the first operational sample; default: to the end of the trajectory, or 20 s.
     bus_log
-        Format of the raw bus log.
+        Format of the bus log.
     reset_fault
-        Clear a fault that the drive holds from before.
+        Reset a fault that the drive has latched before the run.
     go_on
-        Where one axis fails the others go on; without it they are stopped.
+        If an axis fails, the other axes continue; without it they are stopped.
     overwrite
-        Write over the run that OUT holds; without it that is refused.
+        Delete a run that is in OUT; without it the command refuses such a folder.
     references
-        PORT or ADDRESS:PORT where references of the jaw's angle are taken while it runs, as UDP datagrams, instead of a
-        trajectory (docs/teleoperation.md). Without an address 127.0.0.1; another one wants a token.
+        PORT or ADDRESS:PORT that receives references of the jaw angle as UDP datagrams during the run, instead of a
+        trajectory (docs/teleoperation.md). The default address is 127.0.0.1; any other requires a token.
     references_token
-        With --references: file with the token that senders prove to have.
+        With --references: file with the token that authenticates the senders.
     references_timeout
-        With --references: seconds for which a reference is held; without it as long as the gate holds one, 0.05 s.
+        With --references: time in s for which a reference is held; default: that of the gate, 0.05 s.
     live
-        Show the run while it lasts, on a page that only this machine reaches (docs/live.md).
+        Show the run on a live page in the browser, only on this machine (docs/live.md).
     live_control
-        With --live: emergency stop and clear on the page.
+        With --live: buttons for emergency stop and clear on the page.
     live_bind
-        With --live: PORT or ADDRESS:PORT of the page; without it a free port on 127.0.0.1.
+        With --live: PORT or ADDRESS:PORT of the page; default: a free port on 127.0.0.1.
     foxglove
-        With --live: the same data to Foxglove, too.
+        With --live: also send the data to Foxglove.
     """
     page = live_options(live=live, control=live_control, bind=live_bind, foxglove=foxglove)
     rigs = named_rigs(rig)
@@ -171,12 +171,12 @@ def run(
     used = None if serial else line_share(use, results, plans[0].rig.bench)
     codes = [tell(result, plan, used) for result, plan in zip(results, plans, strict=True)]
     if len(plans) > 1 and used is not None:
-        sys.stdout.write(f"the bus was used by {100.0 * used:.0f} % at most\n")
+        sys.stdout.write(f"the bus load was at most {100.0 * used:.0f} %\n")
     return max(codes)
 
 
 def _of_rig(link: LinkSpec, rig: Rig, baudrate: int) -> LinkSpec:
-    """Return the link with what a rig says of the line; the rigs of several axes say the same."""
+    """Return the link with the rates of a rig; the rigs of several axes have the same."""
     return link._replace(
         fd=rig.bench.transport == "fd",
         bitrate_bit_per_s=rig.bench.bitrate_bit_per_s,
@@ -196,7 +196,7 @@ def _driven(
     go_on: bool,
     title: str,
 ) -> Sequence[SessionResult]:
-    """Open the link and run the axes until they end or a signal comes; UserError where the link can't be had."""
+    """Open the link and run the axes until they end or a signal comes; UserError if the link can't be opened."""
     connection = open_link(link)
     for each in connection.notes:
         note(each)
@@ -205,11 +205,13 @@ def _driven(
     with closing(connection.link), stopped_by_signals(flag), ExitStack() as stack:
         if (page is not None or outside.address) and connection.virtual_time:
             wanted = "--live" if page is not None else "--references"
-            raise UserError(f"{wanted}: {link.interface} runs in virtual time; docs/live.md has a drive by the clock")
+            raise UserError(
+                f"{wanted}: {link.interface} runs in virtual time; use a drive in real time (docs/live.md has one)"
+            )
         remote = None
         if outside.address:
             remote = open_references([plan.rig for plan in plans], *outside)
             stack.callback(remote.close)
-            note(f"waiting for references at UDP port {remote.port}; the drive gets torque when there are some")
+            note(f"waiting for references at UDP port {remote.port}; the drive gets torque when they arrive")
         view, show = stack.enter_context(shown(described, page)), stack.enter_context(run_status())
         return run_axes(connection, plans, flag.is_set, show, go_on=go_on, use=use, view=view, remote=remote)

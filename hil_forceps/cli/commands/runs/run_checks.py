@@ -1,4 +1,4 @@
-"""What `hil-forceps run` refuses before anything is opened: options and rigs that don't go together."""
+"""Checks of `hil-forceps run` before anything is opened: options and rigs that are inconsistent."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from hil_forceps.rig.errors import UserError
 def checked_rate(
     paths: Sequence[Path], rigs: Mapping[str, Rig], wanted: LinkSpec, baudrate: int | None, drive: str | None
 ) -> int:
-    """Return the rate of a serial line; UserError for a line or a drive that a rig isn't for."""
+    """Return the rate of a serial line; UserError if a rig is for another line or drive."""
     rates = set()
     for path, rig in zip(paths, rigs.values(), strict=True):
         _check_profile(path, rig, drive)
@@ -35,31 +35,31 @@ def check_rigs(paths: Sequence[Path], rigs: Mapping[str, Rig]) -> None:
     for path, rig in zip(paths, rigs.values(), strict=True):
         _check_settings(str(path), findings(rig))
         with named(path):
-            rig.plant()  # what every estimator needs; told before anything is opened
+            rig.plant()  # UserError for missing values that every estimator needs
     if len(rigs) > 1:
         _check_settings(" ".join(map(str, paths)), findings_of_several(rigs))
 
 
 def check_duration(duration_s: float | None) -> None:
-    """UserError for a time that can't pass."""
+    """UserError if the duration is not a positive number."""
     if duration_s is not None and not (math.isfinite(duration_s) and duration_s > 0.0):
         raise UserError(f"--duration {duration_s}: must be a positive number of seconds")
 
 
 def check_outside(references: str, token: Path | None, timeout_s: float | None, trajectory: tuple[Path, ...]) -> None:
-    """UserError for options that don't go together."""
+    """UserError for options that exclude or require each other."""
     if references and trajectory:
-        raise UserError("--references and --trajectory: the jaw follows one of them")
+        raise UserError("--references and --trajectory: the jaw follows only one of them; leave one out")
     if not references:
         wanting = {"--references-token": token, "--references-timeout": timeout_s}
         if extra := [name for name, given in wanting.items() if given is not None]:
-            raise UserError(f"{extra[0]} goes with --references")
+            raise UserError(f"{extra[0]}: only with --references; add it, or leave {extra[0]} out")
 
 
 def motions(
     trajectory: tuple[Path, ...], paths: Sequence[Path], rigs: Mapping[str, Rig], duration: float | None
 ) -> tuple[list[Trajectory | None], float]:
-    """Return the trajectory of each axis, and how long the run lasts; UserError where one is beyond the limits."""
+    """Return the trajectory of each axis and the duration of the run; UserError if one exceeds the limits."""
     points = _trajectories(trajectory, len(rigs))
     last_s = 20.0 if not trajectory else max(each.times_s[-1] for each in points)
     duration_s = max(last_s, 1e-3) if duration is None else duration
@@ -70,26 +70,26 @@ def motions(
 
 
 def _trajectories(paths: Sequence[Path], axes: int) -> list[Trajectory]:
-    """Return the trajectory of each axis; UserError where their number doesn't fit."""
+    """Return the trajectory of each axis; UserError if their number is wrong."""
     if len(paths) not in {0, 1, axes}:
-        raise UserError(f"--trajectory: there are {len(paths)} for {axes} axes; give one, or one for each")
+        raise UserError(f"--trajectory: {len(paths)} files for {axes} axes; give one for all, or one for each")
     points = [read_trajectory(path) for path in paths] or [PAPER_TRAJECTORY]
     return points * axes if len(points) == 1 else points
 
 
 def _check_profile(path: Path, rig: Rig, wanted: str | None) -> None:
-    """UserError where a drive is asked for that the rig doesn't describe."""
+    """UserError if --drive names another profile than the rig."""
     if wanted is not None and wanted != rig.drive_profile:
         raise UserError(
-            f"--drive {wanted}: {path} describes a drive that speaks {rig.drive_profile}; give its `motor_driver:` "
-            "(docs/drives.md has an example for each)"
+            f"--drive {wanted}: {path} is for a drive with the profile {rig.drive_profile}; leave --drive out, or "
+            "change `motor_driver:` (docs/drives.md)"
         )
 
 
 def check_algorithm(name: str) -> None:
-    """UserError for one that isn't known."""
+    """UserError if there is no such estimator."""
     if name not in ESTIMATOR_IDS:
-        raise UserError(f"--algorithm: unknown algorithm '{name}'; there are {', '.join(ESTIMATOR_IDS)}")
+        raise UserError(f"--algorithm: unknown algorithm '{name}'; use one of {', '.join(ESTIMATOR_IDS)}")
 
 
 def _check_settings(where: str, found: Sequence[Finding]) -> None:

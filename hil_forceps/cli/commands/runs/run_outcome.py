@@ -1,4 +1,4 @@
-"""How a run ended: `run.json` beside its recording, and lines on the terminal."""
+"""How a run ended: `run.json`, and lines on the terminal."""
 
 import json
 import sys
@@ -16,7 +16,7 @@ EXIT_RUN_FAILED = 2
 
 
 def line_share(use: LineUse, results: Sequence[SessionResult], bench: BenchSettings) -> float:
-    """Return the share of the run's time for which frames were on the bus, at most."""
+    """Return an upper bound of the bus load: the share of the run's time for which frames were on the bus."""
     period = results[0].service.timing["period"]
     lasted_s = (period["mean_us"] or 0.0) * 1e-6 * period["count"]
     return use.time_s(bench.bitrate_bit_per_s, bench.data_bitrate_bit_per_s) / lasted_s if lasted_s > 0.0 else 0.0

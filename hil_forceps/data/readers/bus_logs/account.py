@@ -53,7 +53,7 @@ class Account:
             verb = "was" if self.unreadable == 1 else "were"
             told.append(f"{pieces} can't be read and {verb} left out, the first at {self.first_unreadable}")
         if self.damage:
-            told.append(f"the log was read as far as {self.damage}")
+            told.append(f"the log was read up to {self.damage}")
         return tuple(told)
 
 

@@ -85,9 +85,7 @@ def asc_frames(path: Path, lines: Iterator[Line], account: Account) -> Iterator[
                 return
             continue
         if head.is_relative is None:
-            told = (
-                "the head doesn't say what stamps count from; write there `base hex timestamps absolute`, or relative"
-            )
+            told = "the header has no origin of the stamps; write `base hex timestamps absolute`, or relative, there"
             raise UserError(f"{path}:{line.number}: {told}")
         stamp_ns = seconds_ns(event[1], event[2])
         clock_ns = clock_ns + stamp_ns if head.is_relative else stamp_ns
@@ -103,12 +101,17 @@ def asc_frames(path: Path, lines: Iterator[Line], account: Account) -> Iterator[
 
 def _check_blocks(path: Path, line: Line, head: _Head) -> None:
     if head.is_relative and head.blocks > 1:
-        told = "a second trigger block, and with relative stamps nothing says how long after the first"
-        raise UserError(f"{path}:{line.number}: {told}; save the log with absolute stamps, or a block a file")
+        told = "a second trigger block with relative stamps has no known start time"
+        raise UserError(
+            f"{path}:{line.number}: {told}; save the log with absolute stamps, or each block to its own file"
+        )
 
 
 def _lost_time(line: Line) -> str:
-    return f"line {line.number} ({line.problem or show(line.text)}): with relative stamps what follows has no time"
+    return (
+        f"line {line.number} ({line.problem or show(line.text)}): with relative stamps the following frames have no "
+        "time"
+    )
 
 
 def _frame(text: str, base: int) -> tuple[str, Frame] | str | None:

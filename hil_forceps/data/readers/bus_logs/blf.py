@@ -64,9 +64,9 @@ def _skip_head(path: Path, file: BinaryIO) -> None:
     head = file.read(8)
     size = int.from_bytes(head[4:8], "little")
     if len(head) < 8 or head[:4] != MAGIC:
-        raise UserError(f"{path}: no BLF file (it doesn't begin with LOGG); give it the suffix of what it is")
+        raise UserError(f"{path}: not a BLF file (it does not begin with LOGG); correct its suffix")
     if not 72 <= size <= 1 << 16 or len(file.read(size - 8)) < size - 8:
-        raise UserError(f"{path}: its head is damaged or cut off; get the log again")
+        raise UserError(f"{path}: its header is damaged or cut off; export the log again")
 
 
 def _pieces(file: BinaryIO) -> Iterator[_Piece]:
@@ -85,7 +85,7 @@ def _pieces(file: BinaryIO) -> Iterator[_Piece]:
             raise _DamageError(f"byte {offset}: the end of the file, within an object")
         _, _, _, size, kind = _BASE.unpack(head)
         if not _BASE.size <= size <= MAX_OBJECT_BYTES:
-            raise _DamageError(f"byte {offset}, where an object says that it has {size} bytes")
+            raise _DamageError(f"byte {offset}, where an object has the length {size} bytes")
         body = file.read(size - _BASE.size)
         yield from _unpacked(offset, body) if kind == _CONTAINER_TYPE else [_Piece(f"byte {offset}", head + body)]
         if len(body) < size - _BASE.size:
@@ -148,7 +148,7 @@ class _Walker:
                 break
             _, head_bytes, version, size, kind = _BASE.unpack_from(data, position)
             if size < _BASE.size or (kind in _FRAME_TYPES and size > MAX_FRAME_OBJECT_BYTES):
-                raise _DamageError(f"{piece.place}, where an object says that it has {size} bytes")
+                raise _DamageError(f"{piece.place}, where an object has the length {size} bytes")
             after = position + size
             if kind not in _FRAME_TYPES:
                 self._account.others["event"] += 1

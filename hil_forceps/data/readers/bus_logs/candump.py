@@ -84,12 +84,12 @@ def candump_frames(path: Path, lines: Iterator[Line], account: Account) -> Itera
         if clock is None:
             clock = entry.clock
             if clock is Clock.DATE:
-                account.remark("its dates are taken as they stand, of the clock where it was recorded")
+                account.remark("its dates are those of the clock of the recording computer")
         elif entry.clock is not clock:
             account.leave_out(f"line {line.number}", text, f"{entry.clock.value}, after {clock.value}")
             continue
         if clock is Clock.DIFFERENCE and entry.time_ns is not None and entry.time_ns < last_ns:
-            told = "its stamps go back: times since the frame before (candump -td), of which some are lost or rounded"
+            told = "its stamps go back: they are differences to the frame before (candump -td), which are incomplete"
             raise UserError(f"{path}:{line.number}: {told}; {RECORD_AGAIN}")
         last_ns = entry.time_ns or 0
         if entry.frame is None:

@@ -39,8 +39,8 @@ def read_frames(path: Path, kind: str = "", account: Account | None = None) -> I
         raise UserError(f"{path}: not readable as a {kind} log: {error.strerror or error}") from error
     if not count and (account.damage or account.unreadable):
         first = account.first_unreadable or account.damage
-        remedy = "give it the suffix of what it is, or save it again"
-        raise UserError(f"{path}: not readable as a {kind} log: nothing in it is a frame, first {first}; {remedy}")
+        remedy = "correct its suffix, or save it again"
+        raise UserError(f"{path}: not readable as a {kind} log: it contains no frame, first {first}; {remedy}")
 
 
 def _frames_of(path: Path, file: BinaryIO, kind: str, account: Account) -> Iterator[LoggedFrame]:
@@ -64,7 +64,7 @@ def of_bus(path: Path, frames: Iterable[LoggedFrame], bus: str | None) -> Iterat
             others.add(frame.bus)
     if not is_there:
         there = ", ".join(sorted(others)) or "no bus"
-        raise UserError(f"{path}: no frame of bus {bus!r} in it; --bus takes what is there: {there}")
+        raise UserError(f"{path}: contains no frame of bus {bus!r}; use --bus with one of: {there}")
 
 
 def _as_runs(kind: str) -> Callable[[Request], list[Run]]:

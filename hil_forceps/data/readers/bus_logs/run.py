@@ -108,7 +108,7 @@ def read_bus_log(path: str | Path, kind: str = "", choice: Choice = Choice()) ->
     for logged in of_bus(path, read_frames(path, kind, account), choice.bus):
         heard.take(logged)
     if not heard.count:
-        raise UserError(f"{path}: no frame of this protocol in it ({heard.refused} others){_said(account)}")
+        raise UserError(f"{path}: contains no frame of this protocol ({heard.refused} others){_said(account)}")
     drives = heard.chosen(choice.node)
     notes = (*heard.notes(), *account.told())
     runs = [
@@ -118,7 +118,7 @@ def read_bus_log(path: str | Path, kind: str = "", choice: Choice = Choice()) ->
         if np.count_nonzero(recording.samples["state"] == DriveState.OPERATIONAL) > 1
     ]
     if not runs:
-        raise UserError(f"{path}: holds no run: no drive in it ever became operational{_said(account)}")
+        raise UserError(f"{path}: contains no run: no drive became operational{_said(account)}")
     if len(runs) == 1:
         return [runs[0][1]]
     return [Run(f"{run.name}-node{node}-{place}", run.columns, run.notes) for place, (node, run) in enumerate(runs, 1)]
@@ -181,7 +181,7 @@ class _Heard:
         begin_ns = self._begin_ns = logged.time_ns if self._begin_ns is None else self._begin_ns
         time_ns = logged.time_ns - begin_ns
         if abs(time_ns) >= _MAX_LOG_TIME_NS:
-            told = f"its time, {logged.time_ns / 1e9:.6f} s, makes no sense after {begin_ns / 1e9:.6f} s"
+            told = f"its time, {logged.time_ns / 1e9:.6f} s, is not plausible after {begin_ns / 1e9:.6f} s"
             raise UserError(f"{self._path}: frame {self.count + 1}: {told}; cut the log there")
         if time_ns < self._last_ns:
             self._steps_back += 1
@@ -192,20 +192,20 @@ class _Heard:
             raise UserError(f"{self._path}: more than {MAX_SAMPLES} frames; cut the log")
         nodes = self._drives.setdefault(logged.bus, {})
         if len(self._drives) > MAX_BUSES:
-            raise UserError(f"{self._path}: names more than {MAX_BUSES} buses; choose one with --bus")
+            raise UserError(f"{self._path}: contains more than {MAX_BUSES} buses; choose one with --bus")
         self._counts[logged.bus, message.node] += 1
         _hear(nodes.setdefault(message.node, [_Drive()]), message, time_ns)
 
     def chosen(self, node: int | None) -> dict[int, list[_Drive]]:
         """Return the drives of the one bus, or of one node on it; UserError with all of them where that is unclear."""
         if len(self._drives) > 1:
-            told = f"drives speak on {len(self._drives)} buses: {self._listed()}"
+            told = f"{len(self._drives)} buses have drives: {self._listed()}"
             raise UserError(f"{self._path}: {told}; choose one with --bus")
         (drives,) = self._drives.values()
         if node is None:
             return drives
         if node not in drives:
-            raise UserError(f"{self._path}: node {node} isn't in it; --node takes one of {self._listed()}")
+            raise UserError(f"{self._path}: does not contain node {node}; use --node with one of {self._listed()}")
         return {node: drives[node]}
 
     def notes(self) -> tuple[str, ...]:

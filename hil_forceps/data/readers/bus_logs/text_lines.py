@@ -47,7 +47,7 @@ def _skip_line(file: BinaryIO) -> bool:
 
 def _line(number: int, raw: bytes, has_end: bool, is_long: bool) -> Line:
     if b"\0" in raw:
-        return Line(number, "", "zero bytes, as a power cut leaves them")
+        return Line(number, "", "zero bytes, as after a power cut")
     text = _text(raw)
     if is_long:
         return Line(number, text, f"a line of more than {MAX_LINE_BYTES} characters")

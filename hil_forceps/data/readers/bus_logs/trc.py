@@ -65,10 +65,12 @@ def _layout(place: str, before: _Layout, key: str, value: str) -> _Layout:
     if before.version not in _NEW_VERSIONS:
         return before
     if len(set(columns)) != len(columns) or not set("OTI") <= set(columns) or not set("lL") & set(columns):
-        raise UserError(f"{place}: columns {value[:40]!r} don't say time, type, id and length once each")
+        raise UserError(
+            f"{place}: columns {value[:40]!r} must contain time, type, id and length once each; save the log again"
+        )
     if columns.endswith("D") or "D" not in columns:
         return before._replace(columns=columns)
-    raise UserError(f"{place}: columns {value[:40]!r}: the data must be the last of them")
+    raise UserError(f"{place}: columns {value[:40]!r}: the data must be the last column; save the log again")
 
 
 def _frame(words: list[str], layout: _Layout) -> LoggedFrame | str | None:

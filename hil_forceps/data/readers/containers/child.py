@@ -49,10 +49,10 @@ def main(kind: str, path: Path) -> None:
         library, extra = LIBRARIES[kind]
         _tell(out, {"missing": library, "extra": extra, "error": str(error)})
     except MemoryError:
-        _tell(out, {"error": "not enough memory for it: damaged, or too large"})
+        _tell(out, {"error": "not enough memory: the file is damaged or too large"})
     except Exception as error:
         first = (str(error).splitlines() or [""])[0][:150]
-        _tell(out, {"error": f"damaged, or of another kind ({type(error).__name__}: {first}); write it again"})
+        _tell(out, {"error": f"damaged, or in another format ({type(error).__name__}: {first}); write it again"})
 
 
 def _tables(kind: str, path: Path) -> list[Table]:

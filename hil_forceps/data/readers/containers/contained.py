@@ -92,7 +92,7 @@ class _File:
         code = self._child.wait()
         how = f"signal {-code}" if code < 0 else f"code {code}"
         return UserError(
-            f"{self.path}: its reader ended ({how}): not a sound {self._name} file; write it again, or as CSV"
+            f"{self.path}: its reader ended ({how}): not a valid {self._name} file; write it again, or as CSV"
         )
 
 
@@ -117,7 +117,7 @@ def _opened(path: Path, kind: str, name: str) -> Iterator[_File]:
         except subprocess.TimeoutExpired:
             pass
         except BrokenPipeError:
-            raise UserError(f"{path}: its reader ended: not a sound {name} file; write it again, or as CSV") from None
+            raise UserError(f"{path}: its reader ended: not a valid {name} file; write it again, or as CSV") from None
         finally:
             child.kill()
 
@@ -132,7 +132,9 @@ def _read_table(
     at = None
     if base is not None and base.text.startswith("@"):
         if base.text[1:] not in header.names:
-            raise UserError(f"{file.path}: {base.told_by}: no channel {base.text[1:][:40]!r} is in the file")
+            raise UserError(
+                f"{file.path}: {base.told_by}: the file has no channel {base.text[1:][:40]!r}; correct the name"
+            )
         at = header.names.index(base.text[1:])
         mapping = {each: source for each, source in mapping.items() if each != "time_s"}
 

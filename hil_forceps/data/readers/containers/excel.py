@@ -32,7 +32,7 @@ def tables(path: Path) -> list[Table]:
     book = openpyxl.load_workbook(path.open("rb"), read_only=True, data_only=True, keep_links=False)
     found = [table for sheet in book.worksheets[:_MAX_SHEETS] if (table := _table(sheet)) is not None]
     if not found:
-        raise ContentError("no table in any of its sheets; put the columns' names above the numbers")
+        raise ContentError("none of its sheets contains a table; put the names of the columns above the numbers")
     return found
 
 

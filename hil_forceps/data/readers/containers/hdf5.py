@@ -43,9 +43,9 @@ def tables(path: Path) -> list[Table]:
             units.append(_unit(dataset))
             places.append(place)
             if len(names) > MAX_NAMES:
-                raise ContentError(f"more than {MAX_NAMES} columns; write the run's into a file of its own")
+                raise ContentError(f"more than {MAX_NAMES} columns; write those of the run to a separate file")
     if not names:
-        raise ContentError("no numeric vector in it; write one for each column")
+        raise ContentError("contains no numeric vector; write one for each column")
 
     def get(positions: Sequence[int], base: int | None) -> list[Array]:
         del base

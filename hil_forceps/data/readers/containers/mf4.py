@@ -26,7 +26,7 @@ def tables(path: Path) -> list[Table]:
                 units.append(str(getattr(each, "unit", "") or ""))
                 places.append((group, channel))
     if not 2 <= len(names) <= MAX_NAMES:
-        raise ContentError(f"{len(names) - 1} channels; a run has 2 at least, and {MAX_NAMES} are looked at")
+        raise ContentError(f"{len(names) - 1} channels; a run needs at least 2, and at most {MAX_NAMES} are read")
     names = [
         name if names.count(name) == 1 else f"{place[0]}/{name}" for name, place in zip(names, places, strict=True)
     ]
@@ -46,7 +46,7 @@ def _columns(
         others = [at for at in positions if at and not np.array_equal(signals[at][0], times[0])]
         if others:
             first = next(at for at in positions if at)
-            told = f"{names[first]!r} and {names[others[0]]!r} have time bases of their own"
+            told = f"{names[first]!r} and {names[others[0]]!r} have different time bases"
             raise ContentError(f"{told}; to interpolate the others at the times of one: --map time_s=@{names[first]}")
         return [times[0] if at == 0 else signals[at][1] for at in positions]
     stamps = signals[base][0]
@@ -65,7 +65,7 @@ def _signal(file: Any, name: str, place: _Place) -> tuple[Array, Array]:
     signal = file.get(group=group, index=channel)
     values = np.asarray(signal.samples)
     if values.dtype.kind not in "fiu" or values.ndim != 1:
-        raise ContentError(f"channel {name!r} holds {values.dtype}, not numbers")
+        raise ContentError(f"channel {name!r} contains {values.dtype}, not numbers")
     values = values.astype(np.float64)
     if signal.invalidation_bits is not None:
         values[np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan

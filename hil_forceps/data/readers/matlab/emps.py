@@ -55,11 +55,11 @@ def _checked(path: Path, variables: dict[str, Column]) -> dict[str, Column]:
     found = {name: variables[name] for name in (*SERIES, *SCALARS) if name in variables}
     missing = [name for name in (*SERIES, *SCALARS) if name not in found]
     if missing:
-        told = f"no numbers {', '.join(missing)} in it"
-        raise UserError(f"{path}: not a file of EMPS: {told}; get it again")
+        told = f"the numbers {', '.join(missing)} are missing"
+        raise UserError(f"{path}: not an EMPS file: {told}; download it again")
     for name, values in found.items():
         if name in SCALARS and len(values) != 1:
-            raise UserError(f"{path}: {name} is no single number: not a file of EMPS")
+            raise UserError(f"{path}: {name} is not a single number, so this is not an EMPS file")
         row = bad_row(values, increasing=False)
         if row is not None:
             raise UserError(f"{path}: {name}: sample {row + 1} is not a finite number")
@@ -71,4 +71,4 @@ def _check_lengths(path: Path, variables: dict[str, Column]) -> None:
     lengths = {name: len(variables[name]) for name in SERIES}
     if len(set(lengths.values())) > 1 or lengths["t"] < 2:
         told = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise UserError(f"{path}: samples: {told}; they must be as many of each, and 2 at least")
+        raise UserError(f"{path}: samples: {told}; each must have the same number, at least 2")

@@ -49,7 +49,7 @@ def _variables(path: Path) -> dict[str, NDArray[np.float64]]:
     except OSError as error:
         raise UserError(f"{path}: {error.strerror or error}") from error
     except ValueError as error:
-        raise UserError(f"{path}: not a sound MATLAB file of version 5 to 7: {error}; save it again") from error
+        raise UserError(f"{path}: not a valid MATLAB file of version 5 to 7: {error}; save it again") from error
 
 
 FORMAT = Format("MATLAB 5", (".mat",), read_mat, magic=(MAGIC,), is_table=True)

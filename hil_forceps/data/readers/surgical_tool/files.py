@@ -71,7 +71,7 @@ def _archive(path: Path) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(path)
     except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
-        raise UserError(f"{path}: neither a folder nor a sound zip: {str(error)[:_SHOWN_CHARACTERS]}") from error
+        raise UserError(f"{path}: neither a folder nor a valid zip file: {str(error)[:_SHOWN_CHARACTERS]}") from error
 
 
 def _bounded(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, label: str) -> bytes:
@@ -90,10 +90,10 @@ def _bounded(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, label: str) -> by
 def _only(path: Path, homes: list[_Home]) -> _Home:
     if not homes:
         raise UserError(
-            f"{path}: no run in it; name files, or a folder of some (CSV, .mcap, XY.TXT of the surgical tool)"
+            f"{path}: contains no run; name files, or a folder of files (CSV, .mcap, XY.TXT of the surgical tool)"
         )
     if len(homes) > 1:
-        raise UserError(f"{path}: several data sets in it ({', '.join(map(str, homes[:4]))}): give one of them")
+        raise UserError(f"{path}: contains several data sets ({', '.join(map(str, homes[:4]))}); name one of them")
     return homes[0]
 
 

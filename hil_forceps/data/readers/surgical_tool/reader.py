@@ -76,7 +76,9 @@ def iter_surgical_tool(path: str | Path) -> Iterator[Run]:
         side = jaw_side(table)
         first = first or (side, member.label)
         if side != first[0]:
-            raise UserError(f"{member.label}: a {side} jaw in one set with {first[1]}, a {first[0]} jaw")
+            raise UserError(
+                f"{member.label}: a {side} jaw in one data set with {first[1]}, a {first[0]} jaw; separate them"
+            )
         yield to_run(member.name, table, side, cut)
 
 
@@ -112,7 +114,7 @@ def parse_table(member: Member, notes: tuple[str, ...] = ()) -> Table:
     for number, line in lines:
         cells = line.count(",") + 1
         if cells != COLUMN_COUNT:
-            raise UserError(f"{member.label}:{number}: {cells} columns where the format has {COLUMN_COUNT}")
+            raise UserError(f"{member.label}:{number}: {cells} columns, but the format has {COLUMN_COUNT}")
     if len(lines) < MIN_SAMPLES:
         told = "; ".join((f"{len(lines)} samples; a run has at least {MIN_SAMPLES}", *notes))
         raise UserError(f"{member.label}: {told}")

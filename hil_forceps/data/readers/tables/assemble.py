@@ -65,7 +65,7 @@ def _without_gaps(columns: Columns, where: Where) -> tuple[Columns, NDArray[np.i
         told = f"{worst} is empty or NaN in {counts[worst]} of {total} rows"
         leave = "" if worst == "time_s" else f", or leave the column out: {entry(worst, LEFT_OUT, '')}"
         first = where(int(np.flatnonzero(empty[worst])[0]))
-        raise UserError(f"{first}: {told}, so most rows can't be used; export it at one rate{leave}")
+        raise UserError(f"{first}: {told}, so that most rows can't be used; export all columns with one rate{leave}")
     each = ", ".join(f"{name} {number}" for name, number in counts.items() if number)
     rows = f"{count} row{'s' if count > 1 else ''} with empty or NaN cells"
     kept = np.flatnonzero(~is_gap).astype(np.int64)
@@ -79,13 +79,13 @@ def _factor(path: Path | str, use: Use, rig: Rig | None) -> float:
     if unit.kind == "count":
         counts = None if rig is None else rig.encoder.counts_per_rev
         if counts is None:
-            told = f"{use.name} is in counts, and how many make a turn the file doesn't hold"
+            told = f"{use.name} is in counts, but the file does not contain the counts of one turn"
             raise UserError(f"{path}: {told}; name a rig (--rig) with encoder.counts_per_rev")
         return 2.0 * math.pi / counts
     if unit.kind == "rated":
         rated = None if rig is None else rig.recording.rated_torque_N_m
         if rated is None:
-            told = f"{use.name} is in {use.unit} of the motor's rated torque, which the file doesn't hold"
+            told = f"{use.name} is in {use.unit} of the motor's rated torque, which the file does not contain"
             raise UserError(f"{path}: {told}; name a rig (--rig) with recording.rated_torque_N_m")
         return unit.factor * rated
     return unit.factor

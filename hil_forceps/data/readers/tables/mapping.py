@@ -45,18 +45,18 @@ def load_map(path: Path) -> dict[str, Source]:
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: {getattr(error, 'strerror', None) or error}; give a YAML in UTF-8") from error
     if len(text) > MAX_FILE_BYTES:
-        raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 10} KiB: no mapping of columns")
+        raise UserError(f"{path}: larger than {MAX_FILE_BYTES >> 10} KiB, so not a column map")
     document = load_document(text, str(path))
     if document.problems:
         raise UserError(render(str(path), document.problems))
     if not isinstance(document.data, dict) or not document.data:
-        raise UserError(f"{path}:1: no mapping; write an entry for each column, as theta_m_rad: pos:deg")
+        raise UserError(f"{path}:1: not a column map; write an entry for each column, as theta_m_rad: pos:deg")
     found = {}
     for name, value in document.data.items():
         place = f"{path}:{document.key_marks[(name,)].line}"
         if not isinstance(value, str):
             raise UserError(
-                f"{place}: {name}: {value!r} is no column; write COLUMN or COLUMN:UNIT, in quotes if need be"
+                f"{place}: {name}: {value!r} is not a column; write COLUMN or COLUMN:UNIT, in quotes if necessary"
             )
         found[name] = _source(name, value, place)
     return found
@@ -95,7 +95,7 @@ def _line(name: str, column: str, unit: str) -> str:
 
 def _source(name: str, text: str, told_by: str) -> Source:
     if name not in KNOWN_COLUMNS:
-        raise UserError(f"{told_by}: {name[:40]!r} is no column of a run ({', '.join(KNOWN_COLUMNS)})")
+        raise UserError(f"{told_by}: {name[:40]!r} is not a column of a run; use one of {', '.join(KNOWN_COLUMNS)}")
     if not text.strip():
-        raise UserError(f"{told_by}: no column is named; write NAME=COLUMN[:UNIT]")
+        raise UserError(f"{told_by}: the column is missing; write NAME=COLUMN[:UNIT]")
     return Source(text.strip(), told_by)

@@ -133,7 +133,7 @@ def _row(path: Path, line: int, cells: list[str], sheet: Sheet) -> list[float]:
         hint = ""
         if sheet.delimiter == "," and len(cells) == 2 * len(names):
             hint = "; if commas are decimal marks, put semicolons between the cells"
-        raise UserError(f"{path}:{line}: {len(cells)} cells where the header names {len(names)} columns{hint}")
+        raise UserError(f"{path}:{line}: {len(cells)} cells, but the header has {len(names)} columns{hint}")
     numbers = []
     for position in sheet.positions:
         cell = cells[position]

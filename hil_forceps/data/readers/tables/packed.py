@@ -94,7 +94,7 @@ def _inflate(path: Path, raw: IO[bytes], notes: list[str]) -> Iterator[bytes]:
                     return
                 member = zlib.decompressobj(zlib.MAX_WBITS | 16)
     except zlib.error as error:
-        raise UserError(f"{path}: can't be unpacked: {error}; get it again") from error
+        raise UserError(f"{path}: can't be decompressed: {error}; export it again") from error
     yield member.flush()
     if not member.eof:
         notes.append(_CUT)
@@ -116,7 +116,7 @@ def _expand(path: Path, raw: IO[bytes], notes: list[str]) -> Iterator[bytes]:
                     return
                 frame = unpacker.decompressobj()
     except zstandard.ZstdError as error:
-        raise UserError(f"{path}: can't be unpacked: {str(error)[:100]}; get it again") from error
+        raise UserError(f"{path}: can't be decompressed: {str(error)[:100]}; export it again") from error
     notes.append(_CUT)
 
 
@@ -155,7 +155,9 @@ def _as_utf8(path: Path, pieces: Iterator[bytes]) -> Iterator[bytes]:
             yield decoder.decode(piece).encode()
         decoder.decode(b"", final=True)
     except UnicodeError as error:
-        raise UserError(f"{path}: begins as UTF-16 and is none: {error}; save it as CSV in UTF-8") from error
+        raise UserError(
+            f"{path}: begins as UTF-16 but is not valid UTF-16: {error}; save it as CSV in UTF-8"
+        ) from error
 
 
 def _with_newlines(pieces: Iterator[bytes]) -> Iterator[bytes]:

@@ -101,7 +101,7 @@ def _told(lines: Sequence[str], best: _Try, *, is_stated: bool) -> TextLayout:
     if best.delimiter not in (",", ";", "\t") and not is_stated:
         notes.append(f"cells were separated at {_WORDS[best.delimiter]}")
     if layout.has_trailing:
-        notes.append(f"a {best.delimiter!r} at the end of each line of samples was passed over")
+        notes.append(f"a {best.delimiter!r} at the end of each line was ignored")
     rows = best.rows[layout.first_sample : layout.first_sample + _COMPARED_ROWS]
     quoted = best.delimiter == "," and any("," in cell and is_number(cell) for row in rows for cell in row)
     return TextLayout(names, layout.units, best.delimiter, names_line, units_line, first + 1, quoted, tuple(notes))

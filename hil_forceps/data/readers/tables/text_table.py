@@ -69,11 +69,11 @@ def open_text(path: Path, mapping: ColumnMap, notes: list[str], told: Callable[[
     blocks = whole_blocks(path, pieces, notes)
     first = next(blocks, Block(b"", 0, is_last=True))
     if not first.text:
-        told_end = "; ".join(notes) or "nothing is in it"
-        raise UserError(f"{path}:1: no header, not one whole line: {told_end}; export it as CSV in UTF-8")
+        told_end = "; ".join(notes) or "it is empty"
+        raise UserError(f"{path}:1: no header and no complete line: {told_end}; export it as CSV in UTF-8")
     lines, is_windows = _head_lines(path, first)
     if is_windows:
-        notes.append("names and units aren't UTF-8 and were read as Windows-1252")
+        notes.append("names and units are not UTF-8, and were read as Windows-1252")
     wanted = frozenset(
         each for source in mapping.values() for each in (source.text, source.text.rpartition(":")[0]) if each
     )
@@ -132,7 +132,7 @@ def _columns(path: Path, opened: Opened, uses: list[Use], sheet: Sheet, notes: l
         if rows > MAX_SAMPLES:
             raise UserError(f"{path}:{block.line}: more than {MAX_SAMPLES} samples; cut the file")
     if has_decimal_comma:
-        notes.append("decimal commas were read as such")
+        notes.append("decimal commas were converted")
     if repeated:
         notes.append(f"{repeated} line{'s' if repeated > 1 else ''} with the header again: left out")
     columns = {}

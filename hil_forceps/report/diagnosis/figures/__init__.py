@@ -1,1 +1,1 @@
-"""The figures of a diagnosis: over time, of residuals, and of what was concluded."""
+"""The figures of a diagnosis: over time, of residuals, and of the evidence."""

@@ -1,4 +1,4 @@
-"""Residuals thinned out for drawing: binned means with intervals, density, spectra."""
+"""Residuals reduced for drawing: binned means with intervals, density, spectra."""
 
 from typing import NamedTuple
 
@@ -6,10 +6,10 @@ import numpy as np
 
 from hil_forceps.report.traces import Array
 
-MAX_ROWS = 200_000  # of all runs together, for scatter and bins; more only takes longer and looks the same
+MAX_ROWS = 200_000  # of all runs together, for scatter and bins; more look the same
 MAX_SPECTRUM_ROWS = 1 << 20
 BINS = 24
-MIN_VISITS = 3  # fewer say nothing about how much the mean of a bin varies
+MIN_VISITS = 3  # fewer do not determine the variance of a bin's mean
 MIN_SPECTRUM_ROWS = 64
 
 
@@ -36,8 +36,8 @@ def edges_of(variable: Array, *, bins: int = BINS) -> Array | None:
 def binned(variable: Array, values: Array, edges: Array) -> Binned:
     """Average `values` in the bins of `variable`, rows in the order of time.
 
-    Neighbouring rows of a residual repeat each other, so the interval counts visits: each time the variable comes by a
-    bin is one observation, weighted by its rows.
+    Neighbouring rows of a residual are correlated, so that the interval counts visits: each pass of the variable
+    through a bin is one observation, weighted by its rows.
     """
     bins = len(edges) - 1
     place = np.searchsorted(edges, variable, side="right") - 1
@@ -78,11 +78,13 @@ def spectrum(time_s: Array, values: Array) -> tuple[Array, Array] | None:
     segments = (segments - segments.mean(axis=1, keepdims=True)) * window
     power = (np.abs(np.fft.rfft(segments, axis=1)) ** 2).mean(axis=0) * 2 * interval_s / np.dot(window, window)
     frequency = np.fft.rfftfreq(length, interval_s)
-    return np.asarray(frequency[2:], dtype=np.float64), np.sqrt(power[2:])  # the first two belong to the mean taken out
+    return np.asarray(frequency[2:], dtype=np.float64), np.sqrt(
+        power[2:]
+    )  # the first two are affected by the removed mean
 
 
 def smoothed(frequency: Array, density: Array, bins: int = 150) -> tuple[Array, Array]:
-    """Average power in bins of equal ratio, so that a logarithmic axis isn't black at its right end."""
+    """Average power in bins of equal ratio, which reduces the density of lines on a logarithmic axis."""
     edges = np.geomspace(frequency[0], frequency[-1] * (1 + 1e-9), bins + 1)
     place = np.searchsorted(edges, frequency, side="right") - 1
     rows = np.bincount(place, minlength=bins)
@@ -92,5 +94,5 @@ def smoothed(frequency: Array, density: Array, bins: int = 150) -> tuple[Array, 
 
 
 def strided(rows: int, most: int) -> slice:
-    """Return a stride that keeps at most about `most` of so many rows."""
+    """Return a stride that keeps about `most` rows."""
     return slice(None, None, max(-(-rows // most), 1))

@@ -1,4 +1,4 @@
-"""Which figures a diagnosis has, with their captions; each drawn only when asked for."""
+"""The figures of a diagnosis with their captions, each drawn on demand."""
 
 import base64
 import io
@@ -36,11 +36,11 @@ class Panel(NamedTuple):
 
     name: str  # of its file
     caption: str
-    draw: Callable[[], Figure | None]  # None: the data don't hold enough to draw
+    draw: Callable[[], Figure | None]  # None: the data are not sufficient for the figure
 
 
 def panels(diagnosis: Diagnosis) -> list[Panel]:
-    """Name the figures that this diagnosis allows, in the order of the page."""
+    """Return the figures of this diagnosis, in the order of the page."""
     found: list[Panel] = []
     run = telling_run(diagnosis)
     names = channels(diagnosis)
@@ -86,12 +86,12 @@ def panels(diagnosis: Diagnosis) -> list[Panel]:
 
 
 def svg_image(figure: Figure, caption: str) -> str:
-    """Return the figure as an HTML image that holds its SVG; the same figure gives the same bytes."""
+    """Return the figure as an HTML image with its SVG; the same figure gives the same bytes."""
     stream = io.BytesIO()
     with house_style():
         mpl.rcParams["svg.hashsalt"] = "hil-forceps"
         if figure.get_layout_engine() is not None:
-            # lay out once and keep it: left on, the engine draws everything once more
+            # lay out once and switch the engine off, which would draw everything again
             figure.draw_without_rendering()
             figure.set_layout_engine("none")
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})

@@ -1,4 +1,4 @@
-"""Figures of what was concluded: balances, candidates, parameter shifts, held-out gain."""
+"""Figures of the evidence: balances, candidates, parameter shifts, gain on runs held out."""
 
 import math
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ LABELS_MM = 36.0  # room for the longest id
 
 
 def balances_figure(diagnosis: Diagnosis) -> Figure:
-    """What curves find left at each balance, over what chance gives, before and after."""
+    """Lack of fit at each balance, relative to chance, before and after."""
     order = {name: place for place, name in enumerate(LOCATIONS)}
     balances = sorted(diagnosis.balances, key=lambda balance: order[balance.location])
     labels = [f"{balance.location}: {quantity(balance.channel).words}" for balance in balances]
@@ -69,7 +69,7 @@ def balances_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def candidates_figure(diagnosis: Diagnosis) -> Figure:
-    """Score of every entry of the catalogue against what chance gives, one panel per step of the choice."""
+    """Score of every entry of the catalogue and the threshold of chance, one panel for each step of the selection."""
     steps = sorted({candidate.step for candidate in diagnosis.candidates})[:4]
     groups = [_best([c for c in diagnosis.candidates if c.step == step]) for step in steps]
     with house_style():
@@ -91,7 +91,7 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def shifts_figure(diagnosis: Diagnosis) -> Figure | None:
-    """Fitted over assumed parameters with 95 % intervals; None when no assumed value is a number."""
+    """Fitted over assumed parameters with 95 % intervals; None if no assumed value is a number."""
     shown = {
         name: shift
         for name, shift in diagnosis.parameter_shifts.items()
@@ -142,7 +142,7 @@ def gain_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def ladder_figure(diagnosis: Diagnosis) -> Figure:
-    """Error of each channel after each step, a panel a channel; the dashed line is the noise floor."""
+    """Error of each channel after each step, one panel for each channel; the dashed line is the noise floor."""
     rungs = diagnosis.ladder
     names = list(rungs[0].rmse)
     rows = np.arange(len(rungs), dtype=np.float64)

@@ -1,7 +1,7 @@
 """Grids of panels laid out in millimetres.
 
-matplotlib's own layout engine measures every text several times, which takes longer than drawing; here the room for
-labels is fixed, and y labels stand in line.
+matplotlib's layout engine measures every text several times, which takes longer than drawing; here the space for labels
+is fixed, and y labels are aligned.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from hil_forceps.report.style import DOUBLE_COLUMN, MM, panel_letter
 
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
-LABEL_MM = 8.0  # from an axis to its label: five figures and a sign
+LABEL_MM = 8.0  # from an axis to its label: five digits and a sign
 LEFT_MM = 17.5  # two lines of label left of that
 TOP_MM = 12.0  # legend and titles
 BOTTOM_MM = 9.5
@@ -83,7 +83,7 @@ def letters(found: Sequence[Axes]) -> None:
 
 
 def legend(figure: Figure, *first: Axes) -> None:
-    """Put one legend for all panels on top, what `first` shows before the rest."""
+    """Put one legend for all panels on top, beginning with the entries of `first`."""
     found: dict[str, Artist] = {}
     for axes in (*first, *figure.axes):
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

@@ -1,4 +1,4 @@
-"""Figures of residuals over what drives them: variables, loops, spectra."""
+"""Figures of residuals: over variables, in loops, and spectra."""
 
 from typing import NamedTuple
 
@@ -36,7 +36,7 @@ LOGARITHMIC = ("time_since_reversal",)
 LEVELS = 40  # of the density, up the residual's axis
 MAX_LOOP_POINTS = 3000
 FINE_BINS = 60  # of the density, along the variable
-LOOP_ROWS = 20_000  # longer runs: only that many rows round the worst place
+LOOP_ROWS = 20_000  # of longer runs only this number of rows around the largest misfit
 
 
 class _Pooled(NamedTuple):
@@ -48,7 +48,7 @@ class _Pooled(NamedTuple):
 def variables_figure(diagnosis: Diagnosis, channel: str) -> Figure | None:
     """Residual of a channel over each variable, all runs: density, and mean with its 95 % interval, before and after.
 
-    The variables over which the residual varies most come first where that is known. None when there is none.
+    The variables over which the residual varies most come first, if known. None without variables.
     """
     names = _variables(diagnosis, channel)[:MAX_PANELS]
     pooled = {name: _pooled(diagnosis, channel, name) for name in names}
@@ -121,7 +121,7 @@ def _variables(diagnosis: Diagnosis, channel: str) -> list[str]:
 
 
 def _pooled(diagnosis: Diagnosis, channel: str, variable: str) -> _Pooled:
-    """Rows of all runs that have both, thinned to what scatter can show; runs are kept apart by a row of NaN."""
+    """Rows of all runs that have both, thinned for a scatter plot; runs are separated by a row of NaN."""
     rows = sum(len(run.time_s) for run in diagnosis.runs)
     stride = strided(rows, MAX_ROWS)
     gap = np.array([np.nan])
@@ -142,7 +142,7 @@ def _pooled(diagnosis: Diagnosis, channel: str, variable: str) -> _Pooled:
 
 
 def _over(axes: Axes, name: str, variable: Array, values: dict[str, Array], direction: Array) -> None:
-    """Density before, means by direction before (friction hides in their average), mean after."""
+    """Density before, means by direction before (friction cancels in their average), mean after."""
     scale = scale_for(quantity(name).unit, [] if name in LOGARITHMIC else variable)
     shown = _on_axis(name, variable) * scale.factor
     edges, fine = edges_of(shown), edges_of(shown, bins=FINE_BINS)
@@ -218,7 +218,7 @@ def _loop(axes: Axes, diagnosis: Diagnosis, run: RunEvidence, over: str, name: s
     columns = {"measured": (MEASURED, run.measured)}
     columns |= {stage: (LOOKS[stage], {**run.measured, **simulated(run, stage)}) for stage in stages(diagnosis)}
     relative = name == "theta_j_rad" and np.ptp(run.measured["theta_m_rad"][part]) > 0
-    # the jaw goes along with the motor; what the load does to it shows once that is taken out
+    # the jaw follows the motor; the effect of the load is visible after subtracting this motion
     line = np.polyfit(run.measured["theta_m_rad"][part], run.measured[name][part], 1) if relative else np.zeros(2)
     shown = [
         (look, here[over][part][thin], here[name][part][thin] - np.polyval(line, here["theta_m_rad"][part][thin]))

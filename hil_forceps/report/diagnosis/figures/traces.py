@@ -35,16 +35,16 @@ from hil_forceps.report.traces import Array
 
 HALF_WIDTH_BINS, FULL_WIDTH_BINS = 450, 900  # a bin is then about as wide as a line
 
-ESTIMATED = {  # what is estimated: measured beside it, and what it is before and after
+ESTIMATED = {  # estimated quantity: measured, and estimated before and after
     "tau_w_N_m": ("tau_w_before_N_m", "tau_w_after_N_m"),
     "theta_j_rad": ("theta_j_before_rad", "theta_j_after_rad"),
 }
 
 
 def traces_figure(diagnosis: Diagnosis, run: RunEvidence) -> Figure:
-    """Measured and simulated per channel, residual below each; the whole run left, where the misfit is largest right.
+    """Measured and simulated per channel with residual; left the whole run, right the part with the largest misfit.
 
-    A load that was measured but is an input of the simulation stands on top.
+    A measured load that is an input of the simulation is on top.
     """
     names = [name for name in channels(diagnosis) if name in run.measured and name in run.baseline]
     inputs = [name for name in ("tau_w_N_m",) if name in run.measured and name not in names]
@@ -88,7 +88,7 @@ def residual_time_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def estimates_figure(diagnosis: Diagnosis, run: RunEvidence) -> Figure:
-    """What the estimator makes of a run before and after, and its error where the truth was measured."""
+    """Estimates of a run before and after, and their error if the quantity was measured."""
     names = estimated_in(run)
     with house_style():
         heights = [height for name in names for height in ((22.0, 15.0) if name in run.measured else (22.0,))]
@@ -104,7 +104,7 @@ def estimates_figure(diagnosis: Diagnosis, run: RunEvidence) -> Figure:
 
 
 def _parts(diagnosis: Diagnosis, run: RunEvidence, grid: Panels, magnified: str) -> tuple[slice, slice]:
-    """Set the two columns to the whole run and its worst part, mark this in the first; return the rows of both."""
+    """Set the columns to the whole run and its worst part, which is marked in the first; return the rows of both."""
     window = telling_window(diagnosis, run)
     ends = run.time_s[[window.start, window.stop - 1]]
     grid.axes[0][0].set_title(_title(run))
@@ -129,7 +129,7 @@ def estimated_in(run: RunEvidence) -> tuple[str, ...]:
 
 
 def line(axes: Axes, time: Array, values: Array, style: Look, *, label: str = "", bins: int = HALF_WIDTH_BINS) -> None:
-    """Draw a line thinned to what the eye can see; what is not finite at either end is left out."""
+    """Draw a line thinned to the visible resolution; values that are not finite are left out at both ends."""
     finite = np.flatnonzero(np.isfinite(values))
     if finite.size:
         part = slice(int(finite[0]), int(finite[-1]) + 1)
@@ -162,7 +162,7 @@ def _signal(axes: Axes, diagnosis: Diagnosis, run: RunEvidence, name: str, part:
         values = simulated(run, stage).get(name)
         if values is not None:
             line(axes, time_s, values[part] * scale.factor, LOOKS[stage])
-            if stage != "nominal":  # a rig far off must not squeeze the rest into a line
+            if stage != "nominal":  # a rig with a large error must not compress the other curves
                 shown.append(values[part] * scale.factor)
     axes.set_ylim(*_limits(shown))
     axes.set_ylabel(_two_lines(name, scale))
@@ -229,7 +229,7 @@ def _estimator(key: str) -> Look:
 
 
 def _solid(stage: str) -> Look:
-    return LOOKS[stage]._replace(dash="-")  # dashes of a dense line only look like noise
+    return LOOKS[stage]._replace(dash="-")  # dashes of a dense line look like noise
 
 
 def _two_lines(name: str, scale: Scale) -> str:
@@ -240,13 +240,13 @@ def _two_lines(name: str, scale: Scale) -> str:
 def _noise_band(axes: Axes, diagnosis: Diagnosis, name: str, scale: Scale) -> None:
     floor = floor_of(diagnosis, name)
     if floor is not None:
-        for side, label in ((1, "95 % of the noise"), (-1, "_again")):  # on top: dense residuals hide a band
+        for side, label in ((1, "95 % of the noise"), (-1, "_again")):  # on top, because dense residuals hide a band
             level = side * 1.96 * floor * scale.factor
             axes.axhline(level, color=FLOOR.color, ls=FLOOR.dash, lw=0.8, label=label, zorder=3)
 
 
 def _middle(values: Array) -> Array:
-    """Return the ends of what is worth showing: all, but for single values far outside the rest."""
+    """Return axis limits for all values except single outliers."""
     finite = values[np.isfinite(values)]
     if finite.size < 100:
         return finite

@@ -1,4 +1,4 @@
-"""What the figures of a diagnosis have in common: looks, what is compared, which run to show and where."""
+"""Common parts of the figures of a diagnosis: styles, compared simulations, run and part to show."""
 
 import math
 from collections.abc import Mapping
@@ -17,11 +17,11 @@ FLOOR = Look("noise floor", "#222222", (0, (1.2, 1.2)), "x")
 LOOKS = {"nominal": NOMINAL, "baseline": BASELINE, "extended": EXTENDED}
 
 MIN_WINDOW_ROWS = 200
-WINDOW_SHARE = 1 / 15  # of a run: short enough to see single reversals, long enough to hold one
+WINDOW_SHARE = 1 / 15  # of a run: short enough to show single reversals, long enough to contain one
 
 
 def stages(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Name the simulations to compare, before and after: of "nominal", "baseline", "extended"."""
+    """Return the two simulations to compare, of "nominal", "baseline" and "extended"."""
     if diagnosis.effects:
         return ("baseline", "extended")
     return ("nominal", "baseline") if diagnosis.verdict == "parameters" else ("baseline",)
@@ -34,14 +34,14 @@ def simulated(run: RunEvidence, stage: str) -> Mapping[str, Array]:
 
 
 def channels(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Name the channels both measured and simulated in any run, the worst of the first stage first."""
+    """Return the channels measured and simulated in any run, in order of the error of the first stage."""
     names = [name for run in diagnosis.runs for name in run.baseline if name in run.measured and name != "time_s"]
     unique = list(dict.fromkeys(names))
     return tuple(sorted(unique, key=lambda name: -_worst(diagnosis, name)))
 
 
 def residual(run: RunEvidence, stage: str, channel: str) -> Array | None:
-    """Return measured less simulated; None where either is missing."""
+    """Return measured less simulated; None if either is missing."""
     predicted = simulated(run, stage).get(channel)
     if predicted is None or channel not in run.measured:
         return None
@@ -49,19 +49,19 @@ def residual(run: RunEvidence, stage: str, channel: str) -> Array | None:
 
 
 def rms(values: Array) -> float:
-    """Root mean square of what is finite, 0 when nothing is."""
+    """Root mean square of the finite values, 0 without any."""
     finite = values[np.isfinite(values)]
     return math.sqrt(float(np.mean(np.square(finite)))) if finite.size else 0.0
 
 
 def floor_of(diagnosis: Diagnosis, channel: str) -> float | None:
-    """Return the noise of a channel where it is known and not zero."""
+    """Return the noise of a channel if it is known and not zero."""
     sd = diagnosis.noise_sd.get(channel)
     return sd if sd is not None and math.isfinite(sd) and sd > 0 else None
 
 
 def telling_run(diagnosis: Diagnosis, *, held_out: bool | None = None) -> RunEvidence | None:
-    """Return the run with the largest misfit over its noise before anything was added; `held_out`: only such runs."""
+    """Return the run with the largest misfit relative to noise before extension; `held_out`: only of runs held out."""
     runs = [run for run in diagnosis.runs if len(run.time_s) > 1 and held_out in (None, run.held_out)]
     if not runs:
         return None

@@ -79,7 +79,7 @@ def test_a_healthy_fd_device_is_well(tmp_path: Path) -> None:
         ({"state": "ERROR-PASSIVE"}, "can.state", Verdict.WARN, "ERROR-PASSIVE", "termination"),
         ({"berr_counter": {"tx": 0, "rx": 135}}, "can.errors", Verdict.FAIL, "passive from 128", "candump -e can0"),
         ({"berr_counter": {"tx": 96, "rx": 0}}, "can.errors", Verdict.FAIL, "warning from 96", "candump -e can0"),
-        ({"berr_counter": {"tx": 8, "rx": 0}}, "can.errors", Verdict.WARN, "damaged lately", "candump -e can0"),
+        ({"berr_counter": {"tx": 8, "rx": 0}}, "can.errors", Verdict.WARN, "damaged recently", "candump -e can0"),
         ({"restart_ms": 100}, "can.restart", Verdict.WARN, "after 100 ms", "restart-ms 0"),
     ],
 )
@@ -169,7 +169,7 @@ def test_what_is_no_can_device_or_not_there_fails(tmp_path: Path) -> None:
     said = link()
     said[0]["link_type"] = "loopback"
     assert looked(tmp_path, said)["can.up"].verdict is Verdict.FAIL
-    assert "no device can0" in looked(tmp_path, None)["can.up"].text
+    assert "no CAN device can0" in looked(tmp_path, None)["can.up"].text
     recorded = Recorded(tmp_path, {"/sys/class/net/eth0/flags": "0x1003", "/sys/class/net/eth0/type": "1"})
     (check,) = can_interface.checks(recorded, "eth0", None, Limits())
     assert check.verdict is Verdict.FAIL

@@ -144,7 +144,7 @@ def test_another_kind_of_drive_is_told() -> None:
     check = looked(rig_of("native"), simulated("odrive"))[0]["drive.answers"]
     assert check.verdict is Verdict.FAIL
     assert "odrive 5" in check.text
-    assert "nothing came" in looked(rig_of("native"))[0]["drive.answers"].text
+    assert "no frame was received" in looked(rig_of("native"))[0]["drive.answers"].text
 
 
 @pytest.mark.parametrize(
@@ -156,13 +156,13 @@ def test_another_kind_of_drive_is_told() -> None:
             "drive.counts",
             "the drive has 16384, the rig 4096",
         ),
-        ("native", ("counts_per_rev: 16384", "counts_per_rev: ideal"), "drive.counts", "the rig an ideal one"),
+        ("native", ("counts_per_rev: 16384", "counts_per_rev: ideal"), "drive.counts", "the rig an ideal encoder"),
         ("cia402", ("counts_per_rev: 16384", "counts_per_rev: 4096"), "drive.counts", "the drive has 16384"),
         ("dynamixel", ("counts_per_rev: 4096", "counts_per_rev: 16384"), "drive.counts", "the drive has 4096"),
         ("native", ("feedback_divider: 2", "feedback_divider: 1"), "drive.sample_period", "1 ms, the rig's 0.5 ms"),
         ("odrive", ("feedback_period_s: 1.0e-3", "feedback_period_s: 2.0e-3"), "drive.sample_period", "the rig's 2 ms"),
-        ("native", ("position_max_rad: 1.6", "position_max_rad: 1.7"), "drive.range", "the rig lets pass -0.5 to 1.7"),
-        ("native", ("position_min_rad: -0.5", "position_min_rad: -0.6"), "drive.range", "the rig lets pass -0.6"),
+        ("native", ("position_max_rad: 1.6", "position_max_rad: 1.7"), "drive.range", "the rig allows -0.5 to 1.7"),
+        ("native", ("position_min_rad: -0.5", "position_min_rad: -0.6"), "drive.range", "the rig allows -0.6"),
         ("native", ("transport: classic", "transport: fd"), "drive.transport", "the drive has classic"),
         (
             "native",
@@ -170,7 +170,12 @@ def test_another_kind_of_drive_is_told() -> None:
             "timing.watchdog",
             "20 ms by the drive, 2.0 peri",
         ),
-        ("cia402", ("current_limit_A: 1.0", "current_limit_A: 0.5"), "drive.current_limit", "it may pull harder"),
+        (
+            "cia402",
+            ("current_limit_A: 1.0", "current_limit_A: 0.5"),
+            "drive.current_limit",
+            "the motor can give more torque",
+        ),
     ],
 )
 def test_a_rig_that_is_another_drives_fails(
@@ -247,7 +252,7 @@ def other_device() -> SimulatedCia402:
         ("vesc", lambda: SimulatedVesc(rig_of("vesc"), paper_load(0), has_status_bit=False), "before 5.03"),
         ("dynamixel", old_servo, "firmware 37"),
         ("dynamixel", other_servo, "model number 1060"),
-        ("cia402", other_device, "device profile 401"),
+        ("cia402", other_device, "device profile is 401"),
     ],
 )
 def test_a_makers_drive_of_another_version_fails(name: str, make: Callable[[], Node], text: str) -> None:

@@ -48,8 +48,8 @@ def test_a_machine_made_for_it_is_well(tmp_path: Path) -> None:
         ({SOURCE: "hpet"}, "machine.clock_source", "hpet", "available_clocksource"),
         ({SOURCE: "acpi_pm"}, "machine.clock_source", "acpi_pm", "dmesg"),
         ({GOVERNOR.format(1): "powersave"}, "machine.governor", "powersave", "cpupower frequency-set -g performance"),
-        ({ISOLATED: "1"}, "machine.cores", "core 1 kept free", "taskset -c 1"),
-        ({ISOLATED: "2-3"}, "machine.cores", "core 2,3 kept free", "taskset -c 2"),
+        ({ISOLATED: "1"}, "machine.cores", "core 1 is isolated", "taskset -c 1"),
+        ({ISOLATED: "2-3"}, "machine.cores", "core 2,3 is isolated", "taskset -c 2"),
         ({}, "machine.scheduling", "SCHED_OTHER", "chrt --fifo 50"),
     ],
 )

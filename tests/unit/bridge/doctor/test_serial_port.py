@@ -40,9 +40,9 @@ def test_a_port_that_is_set_up_is_well(tmp_path: Path, path: str) -> None:
 @pytest.mark.parametrize(
     ("latency", "verdict", "text"),
     [
-        ("16\n", Verdict.FAIL, "16 ms: samples come older than limits.max_sample_age_s (3 ms)"),
+        ("16\n", Verdict.FAIL, "16 ms: samples are older than limits.max_sample_age_s (3 ms)"),
         ("2\n", Verdict.WARN, "2 ms"),
-        ("sixteen", Verdict.UNKNOWN, "holds no number"),
+        ("sixteen", Verdict.UNKNOWN, "contains no number"),
     ],
 )
 def test_an_adapter_that_holds_bytes_back(tmp_path: Path, latency: str, verdict: Verdict, text: str) -> None:

@@ -102,7 +102,7 @@ def test_a_reference_that_stays_away_is_held_and_then_the_drive_is_disabled() ->
     result = bench.run()
     assert result.reason is StopReason.REFERENCE_LOST
     assert (result.drive_disabled, result.ok) == (True, False)
-    assert result.message.startswith("no reference from outside: the newest is 1")
+    assert result.message.startswith("no external reference: the newest is 1")
     last_ns = max(time_ns for time_ns, _ in bench.world.setpoints())
     assert 195 * MS + TIMEOUT_NS - MS <= last_ns <= 195 * MS + TIMEOUT_NS + 2 * MS
     held = bench.recording().references

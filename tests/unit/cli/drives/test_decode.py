@@ -147,7 +147,7 @@ def test_a_bus_and_a_node_may_be_chosen(call: Call, tmp_path: Path) -> None:
         assert (code, out.count("\n"), out.count("node=2")) == (0, 2, 2)
         code, out, err = call(source, "--bus", "can7", stdin="".join(lines))
         assert (code, out) == (2, "")
-        assert "no frame of bus 'can7' in it; --bus takes what is there: can0, can1" in err
+        assert "contains no frame of bus 'can7'; use --bus with one of: can0, can1" in err
 
 
 def test_damage_to_a_log_is_told_behind_what_it_holds(call: Call, tmp_path: Path) -> None:
@@ -171,13 +171,13 @@ def test_standard_input_that_is_closed_is_told(call: Call, monkeypatch: pytest.M
     monkeypatch.setattr(io, "StringIO", lambda _: None)
     code, out, err = call("-")
     assert (code, out) == (2, "")
-    assert err == "hil-forceps: decode -: standard input is closed; send frames there, or name a file\n"
+    assert err == "hil-forceps: decode -: standard input is closed; name a file instead\n"
 
 
 def test_standard_output_that_is_closed_is_told(tmp_path: Path) -> None:
     done = shell(f"({installed(text_of(FRAMES[0]))} >&-)", tmp_path)
     assert done.stdout == "2\n"
-    assert done.stderr == "hil-forceps: standard output is closed; send it to a file, or to /dev/null\n"
+    assert done.stderr == "hil-forceps: standard output is closed; redirect it to a file or to /dev/null\n"
 
 
 def test_serial_capture(call: Call, tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_serial_capture(call: Call, tmp_path: Path) -> None:
     assert code == 1
     assert COUNT - 2 <= out.count("Feedback") < COUNT
     assert err.startswith("hil-forceps: ")
-    assert "of the serial capture hold no frame: bad_" in err
+    assert "of the serial capture contain no valid frame: bad_" in err
 
 
 def test_stdin_takes_candump_lines(call: Call) -> None:
@@ -230,15 +230,15 @@ def test_line_of_stdin_is_named(call: Call) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "nothing to decode"),
+        ([], "no source"),
         (["none.log"], "none.log: no such file"),
         (["folder"], "folder: is a folder"),
-        (["text.txt"], "unknown kind of log '.txt'; known are .asc .bin .blf .log .trc"),
-        (["empty.blf"], "empty.blf: no BLF file"),
+        (["text.txt"], "unknown log format '.txt'; known formats: .asc .bin .blf .log .trc"),
+        (["empty.blf"], "empty.blf: not a BLF file"),
         (["noise.log"], "noise.log: not readable as a .log log"),
         (["noise.asc"], "noise.asc: not readable as a .asc log"),
-        (["noise.blf"], "noise.blf: no BLF file"),
-        (["--frob", "081#00"], "unknown option --frob"),
+        (["noise.blf"], "noise.blf: not a BLF file"),
+        (["--frob", "081#00"], "--frob: unknown option"),
         (["--form", "xml", "081#00"], "--form"),
     ],
 )

@@ -126,7 +126,7 @@ def test_a_line_without_a_rig_is_listened_to(capsys: pytest.CaptureFixture[str],
     [
         (("--duration", "nan"), "--duration nan: must be a positive number"),
         (("--rig", "/no/such.yaml"), "/no/such.yaml"),
-        (("--interface", "virtual", "--serial", "loop://"), "either"),
+        (("--interface", "virtual", "--serial", "loop://"), "leave one out"),
         (("--option", "x", "--interface", "virtual"), "--option x: must be KEY=VALUE"),
         (("--rig", str(CONFIGS / "drives" / "odrive.yaml"), "--serial", "/dev/null"), "--serial: "),
         (("--nonsense",), "nonsense"),

@@ -57,10 +57,14 @@ def test_a_line_has_one_rate(capsys: pytest.CaptureFixture[str], tmp_path: Path)
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("watchdog_s: 0.1", "watchdog_s: 0.05", "motor_driver.watchdog_s: is 0.05 s, but a servo's bus watchdog takes"),
-        ("watchdog_s: 0.1", "watchdog_s: 2.56", "multiples of 0.02 s up to 2.54 s"),
-        ("zero_rev: 0.25", "zero_rev: 256.0", "motor_driver.encoder_zero_rev: with `limits:` the servo would go from"),
-        ("limit_A: 1.0   ", "limit_A: 0.001 ", "less than a servo's unit of 0.00269 A"),
+        (
+            "watchdog_s: 0.1",
+            "watchdog_s: 0.05",
+            "motor_driver.watchdog_s: is 0.05 s, but the bus watchdog of a servo has steps",
+        ),
+        ("watchdog_s: 0.1", "watchdog_s: 2.56", "steps of 0.02 s up to 2.54 s"),
+        ("zero_rev: 0.25", "zero_rev: 256.0", "motor_driver.encoder_zero_rev: with `limits:` the servo's range is"),
+        ("limit_A: 1.0   ", "limit_A: 0.001 ", "less than the servo's resolution of 0.00269 A"),
     ],
 )
 def test_what_a_servo_can_not_be_told_is_refused(
@@ -74,14 +78,14 @@ def test_what_a_servo_can_not_be_told_is_refused(
 
 def test_a_rig_of_another_drive_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     said = refused(capsys, "run", "--rig", str(ODRIVE), "--drive", "cia402", "--out", str(tmp_path / "out"))
-    assert "speaks odrive" in said
+    assert "profile odrive" in said
 
 
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
         ("watchdog_s: 0.1", "watchdog_s: 0.0", "motor_driver.watchdog_s: is 0: nothing stops the motor"),
-        ("node_id: 5", "node_id: 63", "motor_driver.node_id: is 63, but a drive of the profile odrive has 0 to 62"),
+        ("node_id: 5", "node_id: 63", "motor_driver.node_id: is 63, but the nodes of the profile odrive are 0 to 62"),
     ],
 )
 def test_run_refuses_what_check_calls_a_problem(
@@ -97,18 +101,18 @@ def test_run_refuses_what_check_calls_a_problem(
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("  mit_variant: bgkatz\n", "", "motor_driver.mit_variant: is missing; give bgkatz, cubemars or damiao"),
+        ("  mit_variant: bgkatz\n", "", "motor_driver.mit_variant: is missing; set bgkatz, cubemars or damiao"),
         (
             "  torque_range_N_m: 1.35e-2 ",
             "  # ",
             "motor_driver.torque_range_N_m: is missing; a drive of the profile mit",
         ),
-        ("node_id: 5", "node_id: 0", "motor_driver.node_id: is 0, but a drive of the profile mit has 1 to 126"),
-        ("position_range_rad: 3.2", "position_range_rad: 1.6", "but limits: reach to 1.6 rad of the drive's shaft"),
+        ("node_id: 5", "node_id: 0", "motor_driver.node_id: is 0, but the nodes of the profile mit are 1 to 126"),
+        ("position_range_rad: 3.2", "position_range_rad: 1.6", "but limits: allow 1.6 rad of the drive's shaft"),
         (
             "kp_N_m_per_rad: 0.05",
             "kp_N_m_per_rad: 0.6",
-            "motor_driver.kp_N_m_per_rad: is 0.6, but its field ends at 0.5",
+            "motor_driver.kp_N_m_per_rad: is 0.6, but the largest value of its field is 0.5",
         ),
     ],
 )
@@ -136,7 +140,7 @@ def test_a_vesc_behind_such_a_path_is_not_enabled(capsys: pytest.CaptureFixture[
     ("old", "new", "told"),
     [
         ("node_id: 5", "node_id: 253", "motor_driver.node_id"),
-        ("watchdog_s: 0.1", "watchdog_s: 1.0", "motor_driver.watchdog_s: is 1 s; the service sees the timeout expire"),
+        ("watchdog_s: 0.1", "watchdog_s: 1.0", "motor_driver.watchdog_s: is 1 s, but the service tests the timeout"),
         ("position_max_rad: 1.6", "position_max_rad: 6.0", "limits: span 1.03 turns of the VESC's angle"),
     ],
 )
@@ -175,8 +179,8 @@ MOTEUS = ODRIVE.with_name("moteus.yaml")
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("transport: fd", "transport: classic", "bench.transport: is classic, but a moteus speaks CAN FD alone"),
-        ("node_id: 5", "node_id: 0", "motor_driver.node_id: is 0, but a drive of the profile moteus has 1 to 126"),
+        ("transport: fd", "transport: classic", "bench.transport: is classic, but a moteus supports only CAN FD"),
+        ("node_id: 5", "node_id: 0", "motor_driver.node_id: is 0, but the nodes of the profile moteus are 1 to 126"),
     ],
 )
 def test_run_refuses_what_a_moteus_can_not_have(

@@ -91,10 +91,10 @@ def test_names_that_meet_are_told_apart_or_refused(call: Call, tmp_path: Path) -
     assert code == 0
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["x-a.csv", "y-a.csv"]
     code, _, err = call(tmp_path / "x" / "a.csv", tmp_path / "y" / "a.csv", "--out", tmp_path / "out")
-    assert (code, "two of the runs would be written as a.csv" in err) == (2, True)
+    assert (code, "two runs would have the file name a.csv" in err) == (2, True)
     before = (tmp_path / "x" / "a.csv").read_bytes()
     code, _, err = call(tmp_path / "x" / "a.csv", "--out", tmp_path / "x")
-    assert (code, "would overwrite what is being read" in err) == (2, True)
+    assert (code, "is also a source, and would be overwritten" in err) == (2, True)
     assert (tmp_path / "x" / "a.csv").read_bytes() == before
 
 
@@ -106,12 +106,12 @@ def test_one_bus_of_a_log_may_be_chosen(call: Call, tmp_path: Path) -> None:
     code, out, _ = call(tmp_path / "two.log", "--out", tmp_path / "out", "--bus", "can1", "--node", "1")
     assert (code, "1 run, 28 samples" in out) == (0, True)
     code, _, err = call(tmp_path / "two.log", "--out", tmp_path / "out", "--bus", "can1", "--node", "9")
-    assert (code, "--node takes one of node 1" in err) == (2, True)
+    assert (code, "use --node with one of node 1" in err) == (2, True)
 
 
 def test_out_is_needed(call: Call, tmp_path: Path) -> None:
     code, _, err = call(tmp_path)
-    assert (code, "--out DIR is missing" in err) == (2, True)
+    assert (code, "--out: missing" in err) == (2, True)
 
 
 def test_a_mapping_is_proposed_corrected_and_used(call: Call, tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_a_mapping_is_proposed_corrected_and_used(call: Call, tmp_path: Path) ->
     code, _, err = call(tmp_path / "a.csv", "--write-map", kept)
     assert code == 2
     assert "add --map time_s=Zeit:ms --map 'theta_m_rad=Position [deg]:deg' --map current_A=Strom:mA" in err
-    assert f"take the # away, and add --map {kept}" in err
+    assert f"remove the #, and use --map {kept}" in err
     assert "# theta_m_rad: 'Position [deg]:deg'\n" in kept.read_text()
     assert call(tmp_path / "a.csv", "--map", kept, "--out", tmp_path / "out")[0] == 2  # of comments alone
     proposed = kept.read_text().replace("# time_s", "time_s").replace("# theta_m", "theta_m")

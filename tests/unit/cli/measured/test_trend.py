@@ -130,7 +130,7 @@ def test_logs_are_never_written_over_nor_removed(tmp_path: Path, capsys: pytest.
     )
     for words in refused:
         assert call(*words, "--jobs", "1") == 2
-        assert "results would be put among the logs" in capsys.readouterr().err
+        assert "is within the folder of the logs" in capsys.readouterr().err
         assert {path: path.read_bytes() for path in home.rglob("*") if path.is_file()} == before
 
 
@@ -160,11 +160,11 @@ def test_batch_takes_one_folder_and_without_it_a_rig_is_needed(
     assert call("diagnose", tmp_path, tmp_path, "--batch", "--out", tmp_path / "out") == 2
     assert "--batch: takes one folder" in capsys.readouterr().err
     assert call("diagnose", tmp_path, "--batch", "--node", "3", "--out", tmp_path / "out") == 2
-    assert "--node: does not go with --batch" in capsys.readouterr().err
+    assert "--node: not possible with --batch" in capsys.readouterr().err
     assert call("diagnose", tmp_path, "--executor", "ray", "--out", tmp_path / "out") == 2
-    assert "--executor: goes with --batch" in capsys.readouterr().err
+    assert "--executor: only with --batch" in capsys.readouterr().err
     assert call("diagnose", tmp_path, "--out", tmp_path / "out") == 2
-    assert "--rig: is missing" in capsys.readouterr().err
+    assert "--rig: missing" in capsys.readouterr().err
 
 
 def drawn_trend() -> Trend:

@@ -58,9 +58,9 @@ def test_a_maker_s_fault_in_the_maker_s_words(tmp_path: Path, capsys: pytest.Cap
 
 def test_a_run_that_ended_well(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = told(capsys, a_run(tmp_path))
-    assert said.startswith("run.mcap: ended as it was meant to: completed\n")
+    assert said.startswith("run.mcap: ended normally: completed\n")
     assert "Likely causes" not in said
-    assert "zero: the time of the experiment counts from here" in said
+    assert "zero: the time of trajectory and load counts from here" in said
 
 
 def test_as_json(native: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -75,7 +75,7 @@ def test_fault_json_alone_tells_the_second(native: Path, tmp_path: Path, capsys:
     (tmp_path / "fault.json").write_bytes((native / "fault.json").read_bytes())
     said = told(capsys, tmp_path)
     whole = told(capsys, native)
-    assert "only the last second is known" in said
+    assert "only the last second is available" in said
     assert said.partition("End\n")[2] == whole.partition("End\n")[2]
 
 
@@ -93,7 +93,7 @@ def test_recordings_of_versions_without_it(native: Path, tmp_path: Path, capsys:
     (tmp_path / "run.mcap").write_bytes(sound_files.mcap([*old[:end], (int(Opcode.DATA_END), bytes(4))]))
     said = told(capsys, tmp_path)
     assert "the drive latched a fault: WATCHDOG" in said
-    assert "  1. 20 references left this host, and the drive's samples show none of them" in said
+    assert "  1. 20 references were sent, but the samples of the drive confirm none of them" in said
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
@@ -103,8 +103,8 @@ def test_a_recording_that_was_cut_off(
     data = (native / "run.mcap").read_bytes()
     (tmp_path / "run.mcap").write_bytes(data[: int(share * len(data))])
     said = told(capsys, tmp_path)
-    assert said.startswith("run.mcap: its end isn't recorded\nnote: recording is cut off or damaged at byte ")
-    assert "hil-forceps recover says what is missing" in said
+    assert said.startswith("run.mcap: its end is not recorded\nnote: recording is cut off or damaged at byte ")
+    assert "hil-forceps recover lists what is missing" in said
 
 
 def test_a_file_that_was_changed_later_is_no_power_failure(
@@ -114,14 +114,14 @@ def test_a_file_that_was_changed_later_is_no_power_failure(
     data[len(data) // 4] ^= 0x10
     (tmp_path / "run.mcap").write_bytes(data)
     said = told(capsys, tmp_path)
-    assert "its end isn't recorded" in said
+    assert "its end is not recorded" in said
     assert "power" not in said
-    assert "the file was changed after the run" in said
+    assert "the file was damaged after the run" in said
     assert "hil-forceps recover" in said
     (tmp_path / "run.mcap").write_bytes(data[: len(data) // 2])
     cut = told(capsys, tmp_path)
     assert "power" in cut
-    assert "Course (s since the first message there is; the start of the run is not recorded)" in cut
+    assert "Events (time in s since the first recorded message; the start of the run is not recorded)" in cut
 
 
 def test_what_can_not_be_read_is_said_in_one_line(
@@ -147,7 +147,7 @@ def test_what_can_not_be_read_is_said_in_one_line(
     (tmp_path / "out" / "left").mkdir(parents=True)
     (tmp_path / "out" / "left" / "run.mcap").write_bytes(b"")
     assert command("explain", tmp_path / "out") == 2
-    assert "holds no run.mcap, but its folders left do" in capsys.readouterr().err
+    assert "contains no run.mcap, but its folders left do" in capsys.readouterr().err
 
 
 def test_the_figure(native: Path, tmp_path: Path) -> None:
@@ -174,7 +174,7 @@ def test_lost_samples_late_ticks_and_limits_are_events(native: Path) -> None:
     references = evidence.references.copy()
     references = references[[row for row in range(len(references)) if not 1480 <= row < 1490]]
     late = changed(evidence, references=references)
-    assert kinds(late)["overruns"] == "this host was late: 10 ticks left out, the longest pause 11.0 ms"
+    assert kinds(late)["overruns"] == "this host was late: 10 ticks skipped, longest pause 11.0 ms"
     assert causes_of(late, events_of(late))[0].cause.startswith("this host was late")
     limited = evidence.references.copy()
     limited["verdict"][700:712] = next(code for code, name in evidence.verdicts.items() if name == "LIMITED_SPEED")
@@ -187,7 +187,7 @@ def test_stale_samples_before_a_watchdog_are_the_first_cause(native: Path) -> No
     references = evidence.references.copy()
     references["verdict"][-30:] = 1
     stale = changed(evidence, references=references)
-    assert causes_of(stale, events_of(stale))[0].cause.startswith("samples came too late")
+    assert causes_of(stale, events_of(stale))[0].cause.startswith("samples were too old")
 
 
 def test_a_gap_that_closed_the_gate_goes_before_what_it_denied_since(native: Path) -> None:
@@ -196,7 +196,7 @@ def test_a_gap_that_closed_the_gate_goes_before_what_it_denied_since(native: Pat
     codes = {name: code for code, name in evidence.verdicts.items()}
     references["verdict"][-5:] = [codes["DENIED_GAP"], *[codes["DENIED_CLOSED"]] * 4]
     closed = changed(evidence, references=references, reason="reference_denied")
-    assert causes_of(closed, events_of(closed))[0].cause.startswith("no reference passed for longer than")
+    assert causes_of(closed, events_of(closed))[0].cause.startswith("no reference was sent for longer than")
 
 
 def test_the_approach_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -206,4 +206,4 @@ def test_the_approach_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert command("run", "--rig", PAPER, *line, "--trajectory", motion, "--out", tmp_path / "out") == 0
     said = told(capsys, tmp_path / "out")
     assert "approach: the motor is +0.2" in said
-    assert "rad from the trajectory; it fades out in 0." in said
+    assert "rad from the trajectory; the difference is removed in 0." in said

@@ -53,9 +53,9 @@ def trajectory(folder: Path, text: str) -> str:
 @pytest.mark.parametrize(
     ("motion", "said"),
     [
-        ("0,1.5\n1,1\n3,3.4\n5,0.7\n", "motion.csv:4: at 3 s the motor would go to 2.38 rad"),
-        ("0,1.5\n1,-0.8\n", "motion.csv:3: at 1 s the motor would go to -0.56 rad"),
-        ("0,1.5\n1,1\n1.001,1.4\n", "motion.csv:4: at 1.001 s the motor would go at 280 rad/s"),
+        ("0,1.5\n1,1\n3,3.4\n5,0.7\n", "motion.csv:4: at 3 s the motor reference is 2.38 rad"),
+        ("0,1.5\n1,-0.8\n", "motion.csv:3: at 1 s the motor reference is -0.56 rad"),
+        ("0,1.5\n1,1\n1.001,1.4\n", "motion.csv:4: at 1.001 s the motor reference is 280 rad/s"),
     ],
 )
 def test_a_trajectory_beyond_the_limits_is_refused_before_anything_moves(
@@ -76,7 +76,7 @@ def test_the_papers_own_trajectory_is_held_to_the_limits_too(
     rig.write_text(REALISTIC.read_text().replace("position_min_rad: -0.5", "position_min_rad: 0.5"))
     assert run(tmp_path, rig=rig) == 2
     said = capsys.readouterr().err
-    assert "the paper's trajectory: at 5 s the motor would go to 0.1222 rad" in said
+    assert "the paper's trajectory: at 5 s the motor reference is 0.1222 rad" in said
     assert "limits.position_min_rad of 0.5" in said
     assert run(tmp_path, "--duration", "1", rig=rig) == 0, "what is asked for within the run is all that counts"
 
@@ -185,7 +185,7 @@ def test_a_short_excess_is_held_and_told(
     assert run(tmp_path, "--duration", "3", rig=rig_with(tmp_path, "current_max_A: 0.6")) == 0
     said = capsys.readouterr().err
     assert "note: the gate held " in said
-    assert ": current said so" in said
+    assert ": failed check: current" in said
     assert 8 <= told(tmp_path)["gate"]["verdicts"]["frozen"]["references"] <= 32
 
 
@@ -199,7 +199,7 @@ def test_lines_for_people() -> None:
         "the gate limited 812 of 4001 references (speed), first 1.204 s after the start, by up to 2.31 rad: "
     )
     assert lines[1].startswith("the gate denied 1 of 4001 references, first 0.000 s after the start: ")
-    assert "held 20 of 4001 references, first 1.000 s after the start: tension and current said so" in lines[2]
+    assert "held 20 of 4001 references, first 1.000 s after the start: failed check: tension and current" in lines[2]
     each = [gate_lines(ended_with({verdict: GateCount(1, 0, math.pi)})) for verdict in list(GateVerdict)[2:]]
     assert all(len(told) == 1 for told in each)
 
@@ -216,10 +216,10 @@ def test_lines_for_people() -> None:
 def test_what_limits_most_references_is_not_called_usual(verdict: GateVerdict, key: str) -> None:
     (most,) = gate_lines(ended_with({verdict: GateCount(4000, 0, 0.1)}))
     assert "4000 of 4001 references" in most
-    assert f"that is most of them: limits.{key} is too narrow for this motion" in most
+    assert f"these are most of the references; limits.{key} is too small for this motion" in most
     assert "usual" not in most
     (few,) = gate_lines(ended_with({verdict: GateCount(40, 0, 0.1)}))
-    assert "most of them" not in few
+    assert "most of the references" not in few
 
 
 def ended_with(gate: dict[GateVerdict, GateCount]) -> ServiceResult:
@@ -245,21 +245,21 @@ def test_one_time_base_in_all_that_tells_of_a_run(
     assert f"{trip_s:.3f} s after the start, while running; the run ended at {stopped_s:.3f} s" in err
     assert "held 50 of" in err
     assert err.count("1.15 rad") == err.count("0.3522 rad") == 1, "value and limit once"
-    assert "encoder_jump said so" in err
+    assert "failed check: encoder_jump" in err
     with pytest.raises(SystemExit):
         cli.main(["explain", str(tmp_path / "out")])
     said = capsys.readouterr().out
-    assert "Course (s since the start of the run" in said
+    assert "Events (time in s since the start of the run" in said
     course, _, end = said.partition("End\n")
     for time_s, words in (
         (trip_s, "the gate's check encoder_jump fails: 1.15 rad, the limit is 0.3522 rad"),
         (held["first_s"], "50 ticks had their references held"),
         (latched_s, "1 tick had its reference denied: the gate has latched"),
-        (stopped_s, "the drive is asked for no torque"),
+        (stopped_s, "the drive is requested to remove torque"),
     ):
         assert f"{time_s:9.3f}  {words}" in course
     assert end.startswith(f"  {stopped_s:9.3f}  the gate has latched")
-    rows = end.partition("The samples around that check, and the last ones")[2]
+    rows = end.partition("The samples around the failed check, and the last samples")[2]
     assert [rows.count(word) for word in ("PASSED", "FROZEN", "DENIED_LATCHED", "...")] == [3, 4, 1, 1]
 
 

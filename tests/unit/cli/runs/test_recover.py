@@ -97,7 +97,7 @@ def test_what_a_cut_took_away_comes_back_from_the_bus_log(
     assert command("replay", folder / "recovered") == 1
     said_of_it = capsys.readouterr().out
     assert "incomplete: " in said_of_it
-    assert "all of them identical, but recording ended before the run did" in said_of_it
+    assert "all identical; recording ended before the run did" in said_of_it
     (run,) = read_run(folder / "recovered" / "run.mcap")
     assert any("samples restored from the bus log, its end is missing" in note for note in run.notes)
 
@@ -177,7 +177,7 @@ def test_a_file_is_never_written_over(whole: Path, tmp_path: Path, capsys: pytes
     folder = damaged(tmp_path, whole, lambda data: data[: len(data) // 2])
     assert command("recover", folder, "--out", folder / "run.mcap") == 2
     said = capsys.readouterr().err
-    assert "run.mcap: is there already with other content and is not written over; name another file with " in said
+    assert "run.mcap: already exists with other content; remove it, or name another file with " in said
     assert command("recover", folder, "--out", tmp_path / "new.mcap") == 1
     made = (tmp_path / "new.mcap").read_bytes()
     assert command("recover", folder, "--out", tmp_path / "new.mcap") == 1, "the same again is the same answer"
@@ -190,7 +190,7 @@ def test_a_file_is_never_written_over(whole: Path, tmp_path: Path, capsys: pytes
 def test_what_is_no_recording_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(range(256)) * 20)
     (tmp_path / "empty").mkdir()
-    for name, words in (("a.mcap", "not a recording"), ("empty", "holds no run.mcap"), ("none", "no such file")):
+    for name, words in (("a.mcap", "not a recording"), ("empty", "contains no run.mcap"), ("none", "no such file")):
         assert command("recover", tmp_path / name) == 2
         said = capsys.readouterr().err
         assert words in said
@@ -202,5 +202,5 @@ def test_a_maker_s_samples_are_not_made_up(tmp_path: Path, capsys: pytest.Captur
     folder = damaged(tmp_path, out, lambda data: data[: len(data) // 2])
     code, said = told(capsys, folder)
     assert (code, said["restored"]) == (1, [])
-    assert any("samples of a drive that speaks odrive aren't restored" in note for note in said["notes"])
+    assert any("samples of a drive with the profile odrive can't be restored" in note for note in said["notes"])
     assert command("replay", folder / "recovered") == 1, "how it ended is still missing"

@@ -64,7 +64,7 @@ def test_what_is_damaged_or_missing_is_never_all_identical(
     out = capsys.readouterr().out
     assert out.startswith(f"{path}: incomplete: ")
     assert out.count("\n") == 1
-    assert f"hil-forceps recover {path} tells what is missing" in out
+    assert f"hil-forceps recover {path} lists what is missing" in out
     assert command("replay", path, "--json") == 1
     said = json.loads(capsys.readouterr().out)
     assert said["missing_or_damaged"]

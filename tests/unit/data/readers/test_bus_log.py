@@ -105,11 +105,11 @@ def test_what_is_missing_is_told(tmp_path: Path) -> None:
 
 
 def test_logs_without_a_run_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="no drive in it ever became operational"):
+    with pytest.raises(UserError, match="no drive became operational"):
         read_run(write(tmp_path / "short.log", traffic()[: 3 * ARMED]))
-    with pytest.raises(UserError, match="no frame of this protocol in it"):
+    with pytest.raises(UserError, match="contains no frame of this protocol"):
         read_run(write(tmp_path / "foreign.log", [(0.0, Frame(0x7F0, b"abc"))]))
     path = tmp_path / "time.log"
     path.write_text(write(tmp_path / "good.log", traffic()).read_text().replace("(1000000000.1", "(999000000000.1"))
-    with pytest.raises(UserError, match="makes no sense"):
+    with pytest.raises(UserError, match="is not plausible"):
         read_run(path)

@@ -20,7 +20,7 @@ from tests.reader_fuzz import sound_logs
 from tests.reader_fuzz.sound_logs import BEGIN_NS, Timed, traffic
 
 COUNT = 40
-DATES = "its dates are taken as they stand, of the clock where it was recorded"
+DATES = "its dates are those of the clock of the recording computer"
 TRAFFIC = traffic(COUNT)
 FRAMES = [frame for _, frame in TRAFFIC]
 
@@ -138,7 +138,7 @@ def test_the_end_of_a_log_that_was_cut_off_is_told(tmp_path: Path) -> None:
     assert "line 160 (the end of the file, within a line)" in account.told()[0]
     found, account = read(tmp_path / "a.log", whole + bytes(9000))
     assert [each.frame for each in found] == FRAMES
-    assert "line 161 (zero bytes, as a power cut leaves them)" in account.told()[0]
+    assert "line 161 (zero bytes, as after a power cut)" in account.told()[0]
 
 
 def test_a_relative_log_ends_where_an_event_is_lost(tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_a_relative_log_ends_where_an_event_is_lost(tmp_path: Path) -> None:
     found, account = read(tmp_path / "a.asc", b"".join([*lines[:20], b"   0.000x97 1  81  Rx   d 0\n", *lines[20:]]))
     assert [each.frame for each in found] == FRAMES[: len(found)]
     assert 10 < len(found) < 20
-    assert "with relative stamps what follows has no time" in " ".join(account.told())
+    assert "with relative stamps the following frames have no time" in " ".join(account.told())
     absolute = sound_logs.asc(TRAFFIC)
     found, account = read(
         tmp_path / "a.asc", b"".join([*absolute[:20], b"   0.000x97 1  81  Rx   d 0\n", *absolute[20:]])
@@ -160,9 +160,9 @@ def test_a_relative_log_ends_where_an_event_is_lost(tmp_path: Path) -> None:
     [
         (
             lambda log: log.replace(b"base hex  timestamps absolute\n", b""),
-            r"write there `base hex timestamps absolute`",
+            r"write `base hex timestamps absolute`",
         ),
-        (lambda log: log.replace(b"timestamps absolute", b""), r"doesn't say what stamps count from"),
+        (lambda log: log.replace(b"timestamps absolute", b""), r"has no origin of the stamps"),
         (
             lambda log: (
                 log.replace(b"absolute", b"relative").replace(b"End TriggerBlock", b"Begin Triggerblock x") + b"x"
@@ -216,7 +216,7 @@ def test_trc_of_unknown_versions_and_columns_is_refused(tmp_path: Path) -> None:
     for change, told in (
         ((b"=2.1", b"=3.0"), "a.trc:1: TRC of version '3.0'; 1.0 to 2.1 are read"),
         ((b"L,D", b"D,L"), "the data must be the last"),
-        ((b"N,O", b"N"), "don't say time, type, id and length"),
+        ((b"N,O", b"N"), "must contain time, type, id and length"),
         ((b";$COLUMNS=N,O,T,B,I,d,R,L,D", b";"), r"a.trc:5: no line ;\$COLUMNS="),
     ):
         with pytest.raises(UserError, match=told):
@@ -247,7 +247,7 @@ def test_trc_events_of_every_kind(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("size", "told"),
-    [(0, "says that it has 0 bytes"), (15, "says that it has 15 bytes"), (0xFFFFFFFF, "has 4294967295 bytes")],
+    [(0, "has the length 0 bytes"), (15, "has the length 15 bytes"), (0xFFFFFFFF, "has the length 4294967295 bytes")],
 )
 @pytest.mark.parametrize("packed", [True, False])
 def test_a_blf_object_that_lies_about_its_size_ends_the_reading(
@@ -270,17 +270,17 @@ def test_blf_damage_of_other_kinds_is_told_with_its_place(tmp_path: Path) -> Non
         (whole[: second + 4], f"byte {second}: the end of the file, within an object"),
         (whole[: second + 33] + b"\xff" + whole[second + 34 :], f"at byte {second}, which can't be unpacked"),
         (whole[:second] + b"JUNK" + whole[second + 4 :], f"byte {second}, where no object begins"),
-        (whole[: second + 8] + bytes(4) + whole[second + 12 :], f"byte {second}, where an object says that it has 0"),
-        (whole[: second + 8] + b"\xff" * 4 + whole[second + 12 :], "where an object says that it has 4294967295"),
+        (whole[: second + 8] + bytes(4) + whole[second + 12 :], f"byte {second}, where an object has the length 0"),
+        (whole[: second + 8] + b"\xff" * 4 + whole[second + 12 :], "where an object has the length 4294967295"),
         (whole[: second + 16] + b"\x07" + whole[second + 17 :], "packed by method 7; only zlib"),
     ):
         found, account = read(tmp_path / "a.blf", changed)
         assert [each.frame for each in found][:8] == FRAMES[:8]
         assert len(found) < 17
         assert told in account.damage
-    with pytest.raises(UserError, match="no BLF file"):
+    with pytest.raises(UserError, match="not a BLF file"):
         read(tmp_path / "a.blf", b"")
-    with pytest.raises(UserError, match="its head is damaged"):
+    with pytest.raises(UserError, match="its header is damaged"):
         read(tmp_path / "a.blf", whole[:40])
 
 
@@ -300,14 +300,14 @@ def two_buses() -> bytes:
 def test_drives_on_two_buses_are_no_run_until_one_is_chosen(tmp_path: Path) -> None:
     path = tmp_path / "two.log"
     path.write_bytes(two_buses())
-    told = r"drives speak on 2 buses: can0 node 1 \(160 frames\), can1 node 2 \(160 frames\); choose one with --bus"
+    told = r"2 buses have drives: can0 node 1 \(160 frames\), can1 node 2 \(160 frames\); choose one with --bus"
     with pytest.raises(UserError, match=told):
         read_run(path)
     (tmp_path / "one.log").write_bytes(b"".join(sound_logs.candump(TRAFFIC)))
     assert same(read_run(path, choice=Choice("can0"))[0], read_run(tmp_path / "one.log")[0])
-    with pytest.raises(UserError, match="no frame of bus 'can7' in it; --bus takes what is there: can0, can1"):
+    with pytest.raises(UserError, match="contains no frame of bus 'can7'; use --bus with one of: can0, can1"):
         read_run(path, choice=Choice("can7"))
-    with pytest.raises(UserError, match=r"node 1 isn't in it; --node takes one of node 2 \(160 frames\)"):
+    with pytest.raises(UserError, match=r"does not contain node 1; use --node with one of node 2 \(160 frames\)"):
         read_run(path, choice=Choice("can1", 1))
 
 

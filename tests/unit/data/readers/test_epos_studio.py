@@ -40,7 +40,7 @@ def test_speed_and_torque_become_angle_and_torque(tmp_path: Path, rig: Rig) -> N
     np.testing.assert_allclose(run.columns["tau_m_N_m"], 9.84e-3 * np.array([0.0, 0.1, -0.5]))
     np.testing.assert_allclose(run.columns["tau_w_N_m"], 3.0e-4)
     assert ANGLE_FROM_SPEED in run.notes
-    assert "load: 0.0003 N m throughout, as the rig says" in run.notes
+    assert "load: 0.0003 N m throughout, from the rig file" in run.notes
 
 
 def test_position_demand_and_current_are_taken_where_they_were_recorded(tmp_path: Path, rig: Rig) -> None:
@@ -56,7 +56,7 @@ def test_position_demand_and_current_are_taken_where_they_were_recorded(tmp_path
 
 BAD = {
     "in percent of the motor's rated torque": HEAD + SPEED + "0;0;0\n1;1;1\n",
-    "how many make a turn the file doesn't hold": HEAD
+    "the file does not contain the counts of one turn": HEAD
     + ";Position actual value;Torque actual value\nms;qc;%\n0;0;0\n1;1;1\n",
     ":6: velocity actual value averaged is in 'rad'; rpm or": HEAD + SPEED.replace("rpm", "rad") + "0;0;0\n1;1;1\n",
     ":7: 'was -8.9' is not a finite number; correct the row": HEAD + SPEED + "0;0;was -8.9\n1;1;1\n",
@@ -73,7 +73,7 @@ BAD = {
 
 @pytest.mark.parametrize("told", BAD)
 def test_what_cannot_be_used_is_refused_with_its_line(told: str, tmp_path: Path, rig: Rig) -> None:
-    known = None if "doesn't hold" in told or "percent" in told else rig
+    known = None if "does not contain" in told or "percent" in told else rig
     with pytest.raises(UserError) as caught:
         read_run(written(tmp_path / "run.csv", BAD[told]), rig=known)
     assert told in str(caught.value)

@@ -102,7 +102,7 @@ def test_a_long_csv_is_read_in_blocks_with_the_right_lines(tmp_path: Path, monke
 def test_a_line_that_is_short_in_a_foreign_column_is_refused(tmp_path: Path) -> None:
     head = "time_s,theta_m_rad,current_A,note\n"
     told = problem_of(tmp_path / "a.csv", head + "0,1,2,x\n0.001,1,2\n0.002,1,2,y,z\n")
-    assert ":3: 3 cells where the header names 4 columns" in told
+    assert ":3: 3 cells, but the header has 4 columns" in told
 
 
 @pytest.mark.parametrize("delimiter", [";", "\t"])
@@ -114,7 +114,7 @@ def test_other_delimiters_and_decimal_marks(delimiter: str, decimal: str, tmp_pa
     path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
     (again,) = read_run(path)
     assert same(run, again)
-    assert again.notes == (("decimal commas were read as such",) if decimal == "," else ())
+    assert again.notes == (("decimal commas were converted",) if decimal == "," else ())
 
 
 def test_rows_written_twice_are_dropped_and_told(tmp_path: Path) -> None:
@@ -126,7 +126,7 @@ def test_rows_written_twice_are_dropped_and_told(tmp_path: Path) -> None:
 
 
 HEAD = "time_s,theta_m_rad,current_A\n"
-ZEROS = "line 5 holds zero bytes, as a power cut leaves them: it and what follows were left out"
+ZEROS = "line 5 contains zero bytes, as after a power cut; it and the rest of the file were left out"
 
 
 @pytest.mark.parametrize(
@@ -138,11 +138,11 @@ ZEROS = "line 5 holds zero bytes, as a power cut leaves them: it and what follow
         (HEAD + "0,1,2\n0,1,3\n", ":3: time_s: 0 does not come after 0 (comes twice with different values)"),
         (HEAD + "0.1,1,2\n0,1,2\n", "(time goes back)"),
         (HEAD + "0,1,2\n", "1 samples are too few"),
-        (HEAD + "0,1,2\n0,1,2\n", "all 2 rows are the same one"),
+        (HEAD + "0,1,2\n0,1,2\n", "all 2 rows are identical"),
         (HEAD + "0,1,0,5,2,3\n", "if commas are decimal marks, put semicolons between the cells"),
         (HEAD.replace(",", ";") + "0;1.000,5;2\n", ":2: column 2 (theta_m_rad): '1.000,5' has two decimal marks"),
         (HEAD.encode("utf-16"), ":1: 0 samples are too few"),
-        (HEAD.encode("utf-16")[:-1], "begins as UTF-16 and is none"),
+        (HEAD.encode("utf-16")[:-1], "begins as UTF-16 but is not valid UTF-16"),
         (HEAD.encode() + b"0,1,2\n0,1,\xff\n", ":3: not a text file (byte 0xff is no UTF-8)"),
         (HEAD + "0,1,1_000\n0.001,1,2\n", ":2: column 3 (current_A): '1_000' is not a finite number"),
         (HEAD + "0,1,\u0663\n0.001,1,2\n", ":2: column 3 (current_A): '\u0663' is not a finite number"),
@@ -198,7 +198,7 @@ def test_hidden_files_and_tables_of_others_in_a_folder_are_left_out(tmp_path: Pa
     (run,) = read_run(tmp_path)
     assert run.notes == (
         "._b.csv was left out: a hidden file",
-        "shopping.csv was left out: no column of a run is in it",
+        "shopping.csv was left out: it has no column of a run",
     )
     (tmp_path / "b.csv").unlink()
     with pytest.raises(UserError, match="none of the columns of a run"):
@@ -216,7 +216,7 @@ def test_a_channel_in_another_unit_beside_its_own_is_left_out(tmp_path: Path) ->
     path.write_text("time_s,theta_m_rad,theta_m_deg,current_A\n0,1,57,2\n0.001,1,57,2\n")
     (run,) = read_run(path)
     assert sorted(run.columns) == ["current_A", "theta_m_rad", "time_s"]
-    assert run.notes == ("column 'theta_m_deg' is not one of a run and was left out (meant theta_m_rad?)",)
+    assert run.notes == ("column 'theta_m_deg' is not a column of a run and was left out (did you mean theta_m_rad?)",)
 
 
 def test_parquet_of_others_is_checked(tmp_path: Path) -> None:
@@ -225,9 +225,9 @@ def test_parquet_of_others_is_checked(tmp_path: Path) -> None:
     pq.write_table(pa.table(good | {"room": ["a", "b", "c"]}), path)
     run = read_parquet(path)
     assert run.columns["theta_m_rad"].tolist() == [1.0, 2.0, 3.0]
-    assert run.notes == ("column 'room' is not one of a run and was left out",)
+    assert run.notes == ("column 'room' is not a column of a run and was left out",)
     for change, message in (
-        ({"current_A": ["a", "b", "c"]}, "column current_A holds string, not numbers"),
+        ({"current_A": ["a", "b", "c"]}, "column current_A contains string, not numbers"),
         ({"current_A": [1.0, None, None]}, ": row 2: current_A is empty or NaN in 2 of 3 rows"),
         ({"current_A": [1.0, 2.0, np.inf]}, ": row 3: current_A is not a finite number"),
         ({"time_s": [0.0, 0.2, 0.1]}, ": row 3: time_s: 0.1 does not come after 0.2"),
@@ -252,7 +252,7 @@ def test_emps_keeps_its_numbers_and_says_what_they_are(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run.columns["tau_w_N_m"], 0.0)
     assert "written at a radius of 5 mm" in run.notes[0]
     for change, message in (
-        ({"vir": None}, "no numbers vir in it"),
+        ({"vir": None}, "the numbers vir are missing"),
         ({"qm": np.zeros(3)}, "samples: t 200, qm 3"),
         ({"gtau": np.ones(2)}, "gtau is no single number"),
         ({"qg": np.array(["x"])}, "no numbers qg in it"),
@@ -297,7 +297,7 @@ def test_a_folder_gives_all_its_runs_or_all_its_problems(tmp_path: Path) -> None
         read_run(tmp_path)
     assert len(caught.value.problems) == 2
     (empty := tmp_path / "empty").mkdir()
-    with pytest.raises(UserError, match="no run in it"):
+    with pytest.raises(UserError, match="contains no run"):
         read_run(empty)
 
 

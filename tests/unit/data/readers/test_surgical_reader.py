@@ -92,14 +92,14 @@ def replaced(line: int, change: Callable[[str], str]) -> str:
         ("", ": 0 samples; a run has at least 100"),
         (HEADER, ": 0 samples"),
         (text(count=20), ": 20 samples"),
-        (text()[:-30] + "\n", ":302: 7 columns where the format has 10"),
+        (text()[:-30] + "\n", ":302: 7 columns, but the format has 10"),
         (replaced(5, lambda line: line + ",7"), ":5: 11 columns"),
         (replaced(9, lambda _: "Dear reader"), ":9: 1 columns"),
         (replaced(9, lambda line: line.replace("0.3000", "0.3O00")), ":9: column 7: '0.3O00' is not a number"),
         (replaced(9, lambda line: line.replace("0.3000", "nan")), ":9: column 7: not a finite number"),
         (replaced(9, lambda line: "0.001" + line[5:]), ":9: column 1: time does not increase"),
         (text().replace("0.00", "0.0"), "column 1"),
-        ("\x00\xff", ": 0 samples; a run has at least 100; line 1 holds zero bytes"),
+        ("\x00\xff", ": 0 samples; a run has at least 100; line 1 contains zero bytes"),
         (HEADER + "é" * 9 + "\n", ":3: not a text file"),
     ],
 )
@@ -112,7 +112,7 @@ def test_a_bad_file_is_refused_with_its_line(content: str, message: str, tmp_pat
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize(("end", "told"), [("", "has no line end"), ("\0" * 4096, "holds zero bytes")])
+@pytest.mark.parametrize(("end", "told"), [("", "has no line end"), ("\0" * 4096, "contains zero bytes")])
 def test_a_file_that_was_cut_off_gives_its_whole_lines(end: str, told: str, tmp_path: Path) -> None:
     (tmp_path / "00.TXT").write_text(text()[:-2] + end)
     (run,) = read_surgical_tool(tmp_path)
@@ -130,22 +130,22 @@ def test_milliseconds_in_the_time_column_are_noticed(tmp_path: Path) -> None:
 def test_left_and_right_in_one_set_are_refused(tmp_path: Path) -> None:
     (tmp_path / "00.TXT").write_text(text("left"))
     (tmp_path / "01.TXT").write_text(text("right"))
-    with pytest.raises(UserError, match=r"01\.TXT: a right jaw in one set with .*00\.TXT, a left jaw"):
+    with pytest.raises(UserError, match=r"01\.TXT: a right jaw in one data set with .*00\.TXT, a left jaw"):
         read_surgical_tool(tmp_path)
 
 
 def test_paths_that_hold_no_data_set(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="No such file"):
         read_surgical_tool(tmp_path / "none")
-    with pytest.raises(UserError, match="no run in it"):
+    with pytest.raises(UserError, match="contains no run"):
         read_surgical_tool(tmp_path)
     (tmp_path / "note.txt").write_text("hello")
-    with pytest.raises(UserError, match="neither a folder nor a sound zip"):
+    with pytest.raises(UserError, match="neither a folder nor a valid zip"):
         read_surgical_tool(tmp_path / "note.txt")
-    with pytest.raises(UserError, match="no run in it"):
+    with pytest.raises(UserError, match="contains no run"):
         read_surgical_tool(zipped(tmp_path / "empty.zip", {"readme.txt": "x"}))
     two = zipped(tmp_path / "two.zip", {"a/00.TXT": text(), "b/00.TXT": text()})
-    with pytest.raises(UserError, match=r"several data sets in it \(a, b\)"):
+    with pytest.raises(UserError, match=r"contains several data sets \(a, b\)"):
         read_surgical_tool(two)
 
 

@@ -76,7 +76,7 @@ def test_what_a_recording_says_of_itself_is_read_from_the_copy_with_a_checksum()
     data = record(10)[0]
     part = parse_recording(data.replace(b"kalman", b"kalmam", 1), "x")
     assert part.metadata == METADATA
-    assert "recording is damaged: its metadata aren't what was written, the copy of them is read" in part.notes
+    assert "recording is damaged: its metadata were changed; the copy was read instead" in part.notes
     at = data.rindex(b'"kalman"')
     part = parse_recording(data[:at] + data[at:].replace(b"kalman", b"kalmam", 1), "x")
     assert part.metadata == METADATA

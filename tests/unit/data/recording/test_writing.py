@@ -39,7 +39,7 @@ def test_after_a_full_disk_other_tools_still_read_the_file_by_its_index() -> Non
 
 
 def test_dev_full_is_a_user_error_at_the_start() -> None:
-    with pytest.raises(UserError, match=r"/dev/full: recording stopped: No space left.*choose another place"):
+    with pytest.raises(UserError, match=r"/dev/full: recording stopped: No space left.*choose another folder"):
         open_recorder(Path("/dev/full"), METADATA, threaded=False)
 
 

@@ -39,5 +39,5 @@ def test_the_table_goes_before_the_recording_that_before_the_name_and_the_file_o
 
 
 def test_a_date_of_the_table_that_is_none_is_refused() -> None:
-    with pytest.raises(UserError, match="session a: date 'soon': is no date; write it as 2026-11-28"):
+    with pytest.raises(UserError, match="session a: date 'soon': is not a date; write it as 2026-11-28"):
         date_of("a", "soon", "", None)

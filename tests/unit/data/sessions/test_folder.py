@@ -65,11 +65,11 @@ def test_the_table_says_otherwise(tmp_path: Path) -> None:
     [
         ("name\na", "sessions.csv:1: the column session is missing"),
         ("session,when\na,b", "sessions.csv:1: column 'when' is unknown"),
-        ("session,date\na", "sessions.csv:2: 1 cells under 2 columns"),
-        ("session,date\na,soon", "sessions.csv:2: date 'soon': is no date"),
+        ("session,date\na", "sessions.csv:2: 1 cells, but 2 columns"),
+        ("session,date\na,soon", "sessions.csv:2: date 'soon': is not a date"),
         ("session,rig\na,none.yaml", "sessions.csv:2: rig none.yaml: no such file"),
         ("session\nz", "sessions.csv:2: session z: no such log"),
-        ("session\n,", "sessions.csv:2: 2 cells under 1 columns"),
+        ("session\n,", "sessions.csv:2: 2 cells, but 1 columns"),
     ],
 )
 def test_a_wrong_table_is_refused_with_its_line(tmp_path: Path, table: str, said: str) -> None:
@@ -83,7 +83,7 @@ def test_a_wrong_table_is_refused_with_its_line(tmp_path: Path, table: str, said
 def test_no_rig_no_folder_and_no_logs_are_refused_with_a_remedy(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no such folder"):
         sessions_of(tmp_path / "nowhere", None)
-    with pytest.raises(UserError, match="no logs in it"):
+    with pytest.raises(UserError, match="contains no logs"):
         sessions_of(tmp_path, Path("given.yaml"))
     made(tmp_path, "a.csv", "b.csv")
     with pytest.raises(UserError, match="name one for all with --rig") as refused:

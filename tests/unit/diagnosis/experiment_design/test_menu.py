@@ -106,9 +106,9 @@ def test_what_is_written_for_run_is_read_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", ":1: the header must be time_s,theta_j_rad"),
-        ("time_s,theta_m_rad\n0,0\n", ":1: the header must be"),
-        ("time_s,theta_j_rad\n", "holds no points"),
+        ("", ":1: the first line must be time_s,theta_j_rad"),
+        ("time_s,theta_m_rad\n0,0\n", ":1: the first line must be"),
+        ("time_s,theta_j_rad\n", "contains no points"),
         ("time_s,theta_j_rad\n0,0\n1,x\n", ":3: '1,x' is not two finite numbers"),
         ("time_s,theta_j_rad\n0,0\n1,2,3\n", ":3: '1,2,3' is not two finite numbers"),
         ("time_s,theta_j_rad\n0,nan\n", ":2: '0,nan' is not two finite numbers"),

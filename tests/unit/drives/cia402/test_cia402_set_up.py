@@ -75,7 +75,7 @@ def test_another_device_is_refused() -> None:
             if frame.arbitration_id == 0x605:
                 drive.receive(answer(frame, device_type=0x00040191), n * MS)
     assert drive.phase is HostPhase.REFUSED
-    assert "no CiA 402 drive: its device type is of profile 401" in drive.refusal
+    assert "not a CiA 402 drive: its device type has the profile 401" in drive.refusal
 
 
 @pytest.mark.parametrize(("mode", "said"), [(1, "stays in mode 1"), (None, "sends no position with SYNC")])

@@ -89,7 +89,7 @@ def test_a_drive_that_reboots_while_running_ends_the_run(
     monkeypatch.setattr(SimulatedCia402, "_loop", reboots)
     code, result = run(tmp_path)
     assert (code, result["reason"]) == (2, "drive_lost")
-    assert "fell silent or restarted" in capsys.readouterr().err
+    assert "sent no more samples or restarted" in capsys.readouterr().err
     assert len(read_recording(tmp_path / "out" / "run.mcap").samples["stamp_ns"]) > 1300
 
 
@@ -130,8 +130,8 @@ def test_what_a_frame_does_not_hold_can_not_be_mapped(count: int, abort: int) ->
     ("change", "said"),
     [
         ({"encoder.counts_per_rev": "ideal"}, "encoder.counts_per_rev: is ideal"),
-        ({"bench.host_period_s": 1.5e-3}, "bench.host_period_s: 0.0015 s is no whole number of ms"),
-        ({"motor_driver.node_id": 0}, "node_id: is 0, but a drive of the profile cia402 has 1 to 126"),
+        ({"bench.host_period_s": 1.5e-3}, "bench.host_period_s: 0.0015 s is not a whole number of ms"),
+        ({"motor_driver.node_id": 0}, "node_id: is 0, but the nodes of the profile cia402 are 1 to 126"),
         ({"motor_driver.encoder_zero_rev": 1e6}, r"encoder_zero_rev: is 1e\+06; .* 1.64e\+10 counts"),
     ],
 )

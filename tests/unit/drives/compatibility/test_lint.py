@@ -27,9 +27,15 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
         ("odrive", {"limits": None}, "problem", "limits", "is missing"),
         ("odrive", {"motor_driver.watchdog_s": 0.0}, "problem", "motor_driver.watchdog_s", "nothing stops the motor"),
         ("cia402", {"motor_driver.watchdog_s": 2e-3}, "problem", "motor_driver.watchdog_s", "one late tick"),
-        ("cia402", {"motor_driver.watchdog_s": 2.0}, "note", "motor_driver.watchdog_s", "for so long"),
+        ("cia402", {"motor_driver.watchdog_s": 2.0}, "note", "motor_driver.watchdog_s", "for this time"),
         ("odrive", {"motor_driver.feedback_period_s": 1e-2}, "problem", "motor_driver.feedback_period_s", "too old"),
-        ("odrive", {"motor_driver.feedback_period_s": 2e-3}, "note", "motor_driver.feedback_period_s", "at that pace"),
+        (
+            "odrive",
+            {"motor_driver.feedback_period_s": 2e-3},
+            "note",
+            "motor_driver.feedback_period_s",
+            "with this period",
+        ),
         (
             "odrive",
             {"motor_driver.feedback_period_s": 5e-4},
@@ -37,23 +43,23 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
             "motor_driver.feedback_period_s",
             "whole milli",
         ),
-        ("odrive", {"motor_driver.current_period_s": 5e-3}, "note", "motor_driver.current_period_s", "older current"),
-        ("cia402", {"limits.max_sample_age_s": 1.2e-3}, "problem", "limits.max_sample_age_s", "a tick before"),
+        ("odrive", {"motor_driver.current_period_s": 5e-3}, "note", "motor_driver.current_period_s", "old current"),
+        ("cia402", {"limits.max_sample_age_s": 1.2e-3}, "problem", "limits.max_sample_age_s", "one tick before"),
         ("cia402", {"encoder.counts_per_rev": 2000}, "note", "encoder.counts_per_rev", "of its stretch"),
         ("odrive", {"motor_driver.encoder_zero_rev": 1e4}, "note", "motor_driver.encoder_zero_rev", "of its stretch"),
         ("odrive", {"motor_driver.current_limit_A": 0.1}, "note", "motor_driver.current_limit_A", "saturates"),
         ("cia402", {"bench.bitrate_bit_per_s": 400_000}, "problem", "bench.bitrate_bit_per_s", "load the bus by 98 %"),
         ("cia402", {"bench.bitrate_bit_per_s": 500_000}, "note", "bench.bitrate_bit_per_s", "load the bus by 79 %"),
-        ("mit", {"limits.max_sample_age_s": 1.5e-3}, "problem", "limits.max_sample_age_s", "behind a lost answer"),
+        ("mit", {"limits.max_sample_age_s": 1.5e-3}, "problem", "limits.max_sample_age_s", "after a lost answer"),
         ("mit", {"motor_driver.position_range_rad": 95.5}, "note", "motor_driver.position_range_rad", "of its stretch"),
         (
             "mit",
             {"motor_driver.torque_range_N_m": 18.0},
             "problem",
             "motor_driver.torque_range_N_m",
-            "in steps of 8.79",
+            "resolution of 8.79",
         ),
-        ("mit", {"motor_driver.torque_range_N_m": 0.5}, "note", "motor_driver.torque_range_N_m", "in steps of 0.244"),
+        ("mit", {"motor_driver.torque_range_N_m": 0.5}, "note", "motor_driver.torque_range_N_m", "resolution of 0.244"),
         ("mit", {"motor_driver.kp_range_N_m_per_rad": 500.0}, "problem", "motor_driver.kp_N_m_per_rad", "sent as 0:"),
         ("mit", {"motor_driver.kd_range_N_m_s_per_rad": 5.0}, "problem", "motor_driver.kd_N_m_s_per_rad", "sent as 0:"),
         ("mit", {"motor_driver.kp_range_N_m_per_rad": 60.0}, "note", "motor_driver.kp_N_m_per_rad", "sent as 0.044"),
@@ -61,17 +67,23 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
         ("mit", {"motor_driver.kp_N_m_per_rad": 0.06}, "note", "motor_driver.kp_N_m_per_rad", "gain margin of 2"),
         ("mit", {"motor_driver.mit_variant": "cubemars"}, "note", "motor_driver.watchdog_s", "documents no time-out"),
         ("mit", {"motor_driver.watchdog_s": 0.0}, "problem", "motor_driver.watchdog_s", "nothing stops the motor"),
-        ("moteus", {"bench.transport": "classic"}, "problem", "bench.transport", "CAN FD alone"),
-        ("moteus", {"bench.bitrate_bit_per_s": 500_000}, "problem", "bench.bitrate_bit_per_s", "a moteus has 1000000"),
+        ("moteus", {"bench.transport": "classic"}, "problem", "bench.transport", "only CAN FD"),
+        ("moteus", {"bench.bitrate_bit_per_s": 500_000}, "problem", "bench.bitrate_bit_per_s", "fixed value 1000000"),
         ("moteus", {"bench.data_bitrate_bit_per_s": 2_000_000}, "problem", "bench.data_bitrate_bit_per_s", "5000000"),
-        ("moteus", {"limits.max_sample_age_s": 1.2e-3}, "problem", "limits.max_sample_age_s", "a tick before"),
-        ("moteus", {"bench.latency_s": 4e-4}, "note", "bench.host_period_s", "than a reference and its answer"),
+        ("moteus", {"limits.max_sample_age_s": 1.2e-3}, "problem", "limits.max_sample_age_s", "one tick before"),
+        ("moteus", {"bench.latency_s": 4e-4}, "note", "bench.host_period_s", "of a reference and its answer"),
         ("moteus", {"bench.host_period_s": 4e-4}, "note", "bench.bitrate_bit_per_s", "load the bus by 72 %"),
         ("moteus", {"motor_driver.current_limit_A": 0.1}, "note", "motor_driver.current_limit_A", "saturates"),
         ("moteus", {"motor_driver.watchdog_s": 0.0}, "problem", "motor_driver.watchdog_s", "nothing stops the motor"),
-        ("dynamixel", {"limits.max_sample_age_s": 1.2e-3}, "problem", "limits.max_sample_age_s", "a tick before"),
+        ("dynamixel", {"limits.max_sample_age_s": 1.2e-3}, "problem", "limits.max_sample_age_s", "one tick before"),
         ("dynamixel", {"encoder.counts_per_rev": "ideal"}, "note", "encoder.counts_per_rev", "X series has 4096"),
-        ("dynamixel", {}, "note", "encoder.counts_per_rev", "steps of 3.1 µm at the wire, 6 % of its stretch"),
+        (
+            "dynamixel",
+            {},
+            "note",
+            "encoder.counts_per_rev",
+            "resolution of the angle is 3.1 µm at the wire, 6 % of its stretch",
+        ),
         ("dynamixel", {"motor_driver.current_limit_A": 0.1}, "note", "motor_driver.current_limit_A", "saturates"),
         ("dynamixel", {"motor_driver.watchdog_s": 0.0}, "problem", "motor_driver.watchdog_s", "nothing stops"),
         (
@@ -86,7 +98,7 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
             {"motor.torque_constant_N_m_per_A": 1.78},  # an XM430-W350 at its horn
             "note",
             "motor.torque_constant_N_m_per_A",
-            "steps of 2.69 mA, 3.4 mN m at the jaw, 168 % of a load of 2 mN m",
+            "resolution of the current is 2.69 mA, 3.4 mN m at the jaw, 168 % of a load of 2 mN m",
         ),
         (
             "dynamixel",
@@ -103,16 +115,16 @@ def test_rigs_that_are_meant_to_run_are_clean(path: str) -> None:
             "load the bus by 64 %",
         ),
         ("vesc", {"motor_driver.watchdog_s": 1.0}, "problem", "motor_driver.watchdog_s", "waits 0.9 s at most"),
-        ("vesc", {"limits.max_sample_age_s": 3e-3}, "problem", "limits.max_sample_age_s", "a tick before"),
+        ("vesc", {"limits.max_sample_age_s": 3e-3}, "problem", "limits.max_sample_age_s", "one tick before"),
         ("vesc", {"limits.position_max_rad": 6.0}, "problem", "limits", "which wraps at each"),
-        ("vesc", {"limits.speed_max_rad_per_s": 400.0}, "problem", "limits.speed_max_rad_per_s", "near half a turn"),
+        ("vesc", {"limits.speed_max_rad_per_s": 400.0}, "problem", "limits.speed_max_rad_per_s", "nearly half a turn"),
         ("vesc", {"motor.torque_constant_N_m_per_A": 0.02}, "note", "motor.torque_constant_N_m_per_A", "7 % of it"),
         (
             "vesc",
             {"motor.torque_constant_N_m_per_A": 0.5},
             "note",
             "motor.torque_constant_N_m_per_A",
-            "in none of them",
+            "the load is not visible",
         ),
         ("vesc", {"bench.host_period_s": 1e-3}, "note", "bench.bitrate_bit_per_s", "load the bus by 86 %"),
         ("vesc", {"bench.bitrate_bit_per_s": 400_000}, "problem", "bench.bitrate_bit_per_s", "lower the rates"),
@@ -133,7 +145,7 @@ def test_the_example_of_a_dynamixel_has_one_note_that_its_encoder_is_coarse() ->
 
 def test_a_torque_that_stays_where_none_is_asked_for_is_told() -> None:
     found = findings(RIGS["mit"].with_changes({"motor_driver.torque_range_N_m": 2.0}))
-    assert any("no code is zero: 0.486 mN m stay on the pulley" in finding.text for finding in found)
+    assert any("no code is exactly zero: 0.486 mN m remain on the pulley" in finding.text for finding in found)
 
 
 def test_the_command_tells_problems_first_and_answers_no(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -175,13 +187,13 @@ def test_a_drive_whose_law_is_not_known_is_driven_all_the_same(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("speed_max_rad_per_s", 1e-12, "to make up for a load of 2 mN m; raise it"),
-        ("acceleration_max_rad_per_s2", 1e-12, "to make up for a load of 2 mN m; raise it"),
-        ("jerk_max_rad_per_s3", 1e-12, "to make up for a load of 2 mN m; raise it"),
-        ("window_travel_max_rad", 1e-12, "to make up for a load of 2 mN m; raise it"),
-        ("tension_max_N", 1e-12, "and the gate latches; raise it"),
-        ("current_max_A", 1e-12, "and the gate latches; raise it"),
-        ("position_max_rad", -0.5 + 1e-12, "above position_min_rad, the way that makes up for a load"),
+        ("speed_max_rad_per_s", 1e-12, "to compensate a load of 2 mN m; raise it"),
+        ("acceleration_max_rad_per_s2", 1e-12, "to compensate a load of 2 mN m; raise it"),
+        ("jerk_max_rad_per_s3", 1e-12, "to compensate a load of 2 mN m; raise it"),
+        ("window_travel_max_rad", 1e-12, "to compensate a load of 2 mN m; raise it"),
+        ("tension_max_N", 1e-12, "so that the gate latches; raise it"),
+        ("current_max_A", 1e-12, "so that the gate latches; raise it"),
+        ("position_max_rad", -0.5 + 1e-12, "above position_min_rad, and the compensation of a load"),
     ],
 )
 def test_limits_within_which_nothing_moves_are_problems(key: str, value: float, said: str) -> None:

@@ -66,4 +66,4 @@ def test_a_watchdog_that_somebody_switched_off_is_a_fault() -> None:
     bench.servo.table.put(98, 0)
     bench.tick(2)
     assert bench.drive.phase is HostPhase.FAULT
-    assert bench.drive.fault_words() == "Bus Watchdog (98) is 0, not 5: somebody else wrote it"
+    assert bench.drive.fault_words() == "Bus Watchdog (98) is 0, not 5: another program wrote it"

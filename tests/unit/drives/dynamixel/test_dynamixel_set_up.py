@@ -66,10 +66,10 @@ def test_a_servo_that_answers_little_is_told_to_answer_all(level: int) -> None:
 @pytest.mark.parametrize(
     ("entry", "said"),
     [
-        ((0, 1060), "servo 5 has the model number 1060; those that are known here: XM430-W350 (1020)"),
+        ((0, 1060), "servo 5 has the unknown model number 1060; known models: XM430-W350 (1020)"),
         ((6, 37), "servo 5 has the firmware 37, which has no bus watchdog; update it to 38"),
-        ((20, 100), "servo 5 has Homing Offset (20) 100, where 0 is wanted"),
-        ((38, 100), "servo 5 has Current Limit (38) 100, where at least 372 is wanted: motor_driver.current_limit_A"),
+        ((20, 100), "servo 5 has Homing Offset (20) 100, but 0 is required"),
+        ((38, 100), "servo 5 has Current Limit (38) 100, but at least 372 is required: motor_driver.current_limit_A"),
     ],
 )
 def test_a_servo_that_can_not_be_used_is_refused_in_one_line(entry: tuple[int, int], said: str) -> None:
@@ -95,7 +95,7 @@ def test_a_servo_that_stops_answering_in_the_set_up_is_refused() -> None:
     bench = Bench()
     bench.to_servo = lambda frame: [frame] if frame.data[0] in {PING, SYNC_WRITE} else []
     bench.until(HostPhase.REFUSED, 400)
-    assert "does not answer requests for Torque Enable (64)" in bench.drive.refusal
+    assert "no longer answers requests for Torque Enable (64)" in bench.drive.refusal
     assert bench.drive.counters["unanswered"] == MAX_TRIES
 
 
@@ -156,4 +156,4 @@ def test_a_servo_without_indirect_addresses_is_refused() -> None:
 
     bench.to_servo = answered
     bench.until(HostPhase.REFUSED)
-    assert "does not answer by them" in bench.drive.refusal
+    assert "does not answer with them" in bench.drive.refusal

@@ -94,9 +94,9 @@ def test_another_id_is_no_drive(tmp_path: Path, capsys: pytest.CaptureFixture[st
 @pytest.mark.parametrize(
     ("what", "reason", "said"),
     [
-        ("restart", "drive_lost", "fell silent or restarted"),
+        ("restart", "drive_lost", "sent no more samples or restarted"),
         ("overload", "drive_fault", "the drive latched a fault: hardware error 0x20 (overload)"),
-        ("torque", "drive_stopped", "left operation by itself"),
+        ("torque", "drive_stopped", "left the operational state without a request"),
     ],
 )
 def test_what_happens_to_a_running_servo_ends_the_run_in_one_line(
@@ -161,7 +161,7 @@ def test_a_fault_of_before_is_told_and_reset_on_demand(
     monkeypatch.setattr(SimulatedDynamixel, "__init__", broken)
     code, result = run(tmp_path)
     assert (code, result["reason"]) == (2, "drive_fault")
-    assert "holds a fault from before: hardware error 0x20 (overload)" in capsys.readouterr().err
+    assert "has a latched fault: hardware error 0x20 (overload)" in capsys.readouterr().err
     code, result = run(tmp_path, RIG_FILE, "--reset-fault", "--overwrite")
     assert (code, result["reason"]) == (0, "completed")
 

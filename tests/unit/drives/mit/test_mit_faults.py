@@ -62,7 +62,7 @@ def test_an_error_byte_of_a_cubemars_is_a_fault_and_a_shorter_answer_has_none() 
         drive = running(CUBEMARS, lambda _, extra=good: answer(extra=extra, reply_id=NODE))  # type: ignore[misc]
         ticks(drive, 56, 1, answers=lambda _, extra=extra: answer(extra=extra, reply_id=NODE))  # type: ignore[misc]
         assert drive.phase.name == phase
-    assert Mit(CUBEMARS).fault_words() == "no error given"
+    assert Mit(CUBEMARS).fault_words() == "no error reported"
 
 
 def test_only_a_damiaos_errors_can_be_cleared() -> None:
@@ -95,7 +95,7 @@ def test_answers_that_nobody_asked_for_are_no_samples() -> None:
 @pytest.mark.parametrize(
     ("frame", "said"),
     [
-        (answer(reply_id=0x15), "answers come under the id 015h, not 000h; set motor_driver.reply_id"),
+        (answer(reply_id=0x15), "answers have the id 015h, not 000h; set motor_driver.reply_id"),
         (Frame(0, bytes((NODE, 1, 2))), "answers have 3 bytes"),
     ],
 )

@@ -102,7 +102,7 @@ def test_a_restart_ends_the_run_as_far_as_it_can_be_told(
     monkeypatch.setattr(SimulatedMit, "receive", restarts)
     code, result = run(tmp_path)
     assert (code, result["reason"], result["drive_disabled"]) == (2, "drive_lost", True)
-    assert "fell silent or restarted" in error_line(capsys)
+    assert "sent no more samples or restarted" in error_line(capsys)
 
 
 def test_a_damiao_that_restarts_says_so(
@@ -118,7 +118,7 @@ def test_a_damiao_that_restarts_says_so(
     monkeypatch.setattr(SimulatedMit, "_loop", resets)
     code, result = run(tmp_path, changed(tmp_path, ("mit_variant: bgkatz", "mit_variant: damiao")))
     assert (code, result["reason"], result["drive_disabled"]) == (2, "drive_stopped", True)
-    assert "left operation by itself" in error_line(capsys)
+    assert "left the operational state without a request" in error_line(capsys)
 
 
 def test_a_damiaos_fault_is_told_in_words(
@@ -140,8 +140,8 @@ def test_a_damiaos_fault_is_told_in_words(
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (("node_id: 5", "node_id: 6"), "no drive answered: nothing came"),
-        (("reply_id: 0", "reply_id: 21"), "answers come under the id 000h, not 015h"),
+        (("node_id: 5", "node_id: 6"), "no drive answered: no frame was received"),
+        (("reply_id: 0", "reply_id: 21"), "answers have the id 000h, not 015h"),
     ],
 )
 def test_what_does_not_fit_the_drive_is_told(

@@ -157,7 +157,7 @@ def test_every_phase_but_the_first_can_be_left() -> None:
 
 def test_the_emergency_frame_is_a_stop() -> None:
     assert Moteus(CONFIG).estop_frame() == wire.stop(NODE)
-    assert Moteus(CONFIG).fault_words() == "no fault given"
+    assert Moteus(CONFIG).fault_words() == "no fault reported"
     assert Moteus(CONFIG).take_bench() == []
 
 

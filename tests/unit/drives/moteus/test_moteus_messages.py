@@ -227,4 +227,4 @@ def test_bits_of_reference_and_answer_are_those_of_the_wire() -> None:
 def test_words_for_what_took_the_torque_off() -> None:
     assert wire.fault_words(Mode.TIMEOUT, 0) == "watchdog expired (mode 11)"
     assert wire.fault_words(Mode.FAULT, 33) == "fault 33 (motor driver fault, often under voltage)"
-    assert wire.fault_words(Mode.FAULT, 77) == "fault 77 (not known here)"
+    assert wire.fault_words(Mode.FAULT, 77) == "fault 77 (unknown)"

@@ -48,7 +48,7 @@ def test_one_frame_goes_out_each_tick_and_it_asks_in_every_phase() -> None:
     [
         (
             struct.pack("<BBBii", 0x2A, 0x81, 0x02, 0x000103, 4),
-            "version 4 of moteus' registers (firmware 0.1.3), and 5",
+            "register map version 4 (firmware 0.1.3), but version 5",
         ),
         (bytes.fromhex("31810201"), "has no register 0x101"),
         (bytes.fromhex("31820201"), "has no register 0x102"),
@@ -78,7 +78,7 @@ def test_one_that_somebody_else_drives_is_refused(mode: Mode) -> None:
     session = Session()
     session.tick(mode)
     assert session.drive.phase.name == "REFUSED"
-    assert f"is in mode {mode.value} already" in session.drive.refusal
+    assert f"is already in mode {mode.value}," in session.drive.refusal
     assert "moteus_tool -t 5 --stop" in session.drive.refusal
 
 

@@ -88,4 +88,4 @@ def test_errors_are_told_in_words() -> None:
     assert wire.error_words("0.5", 0x800) == "axis error 0x800 (watchdog expired)"
     assert wire.error_words("0.6", 0x1000000) == "axis error 0x1000000 (watchdog expired)"
     assert wire.error_words("0.6", 0x80000000) == "axis error 0x80000000 (0x80000000)"
-    assert wire.error_words("0.6", 0) == "no error given"
+    assert wire.error_words("0.6", 0) == "no error reported"

@@ -144,7 +144,7 @@ def test_a_drive_that_loses_its_state_while_running_ends_the_run(
     monkeypatch.setattr(SimulatedODrive, "_loop", resets)
     code, result = run(tmp_path)
     assert (code, result["reason"]) == (2, "drive_stopped")
-    assert "left operation by itself" in capsys.readouterr().err
+    assert "left the operational state without a request" in capsys.readouterr().err
     assert len(read_recording(tmp_path / "out" / "run.mcap").samples["stamp_ns"]) > 1400
 
 

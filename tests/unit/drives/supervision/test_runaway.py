@@ -163,7 +163,7 @@ def test_a_run_with_a_reversed_motor_ends_in_one_line_with_the_drive_off(
     assert ended.value.code == 2
     (line,) = [line for line in capsys.readouterr().err.splitlines() if not line.startswith(("note: ", "  "))]
     assert "the motor runs away from its reference" in line
-    assert "its encoder and its motor count in opposite directions" in line
+    assert "encoder and motor have opposite directions" in line
     result = json.loads((tmp_path / "out" / "run.json").read_text())
     assert (result["reason"], result["drive_disabled"]) == ("runaway", True)
     recording = read_recording(tmp_path / "out" / "run.mcap")

@@ -104,7 +104,7 @@ def test_a_service_that_enables_it_moves_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("keywords", "words"),
-    [({"has_status_bit": False}, "update its firmware, 5.03"), ({"has_index": False}, "half a turn away")],
+    [({"has_status_bit": False}, "update its firmware to 5.03"), ({"has_index": False}, "half a turn away")],
 )
 def test_one_that_is_set_up_wrong_ends_in_one_line(
     tmp_path: Path,
@@ -155,7 +155,7 @@ def _is_killed(vesc: SimulatedVesc, _: int) -> None:
 @pytest.mark.parametrize(
     ("what", "reason", "words"),
     [
-        (SimulatedVesc.reboot, "drive_lost", "fell silent or restarted"),
+        (SimulatedVesc.reboot, "drive_lost", "sent no more samples or restarted"),
         (lambda vesc, now: vesc.fail(UNDER_VOLTAGE, now), "drive_fault", "fault 2 (under voltage)"),
         (_falls_deaf, "drive_fault", "timeout expired"),
         (_is_killed, "drive_fault", "kill switch"),
@@ -220,7 +220,7 @@ def test_another_host_that_commands_it_ends_the_run(tmp_path: Path) -> None:
     session = run_session(Connection(Disturbed(bus), VirtualClock(bus), True, ()), plan)
     other.shutdown()
     assert session.service.reason is StopReason.VERSION_REFUSED
-    assert "somebody else commands node 5, by SET_POS" in session.service.message
+    assert "another program commands node 5, with SET_POS" in session.service.message
     assert session.service.drive_disabled
     assert len(read_recording(recording).samples) > 300
 

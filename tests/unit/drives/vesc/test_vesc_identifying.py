@@ -54,7 +54,7 @@ def test_one_that_takes_no_command_is_refused() -> None:
     bench.drive.connect(0)
     bench.tick(400)
     assert bench.drive.phase is HostPhase.REFUSED
-    assert "takes no command" in bench.drive.refusal
+    assert "accepts no command" in bench.drive.refusal
 
 
 def test_firmware_that_does_not_tell_its_timeout_is_refused() -> None:
@@ -82,7 +82,7 @@ def test_one_that_answers_otherwise_is_refused() -> None:
     bench.drive.connect(0)
     bench.tick(505)
     assert bench.drive.phase is HostPhase.REFUSED
-    assert "other values than were asked for" in bench.drive.refusal
+    assert "other values than requested" in bench.drive.refusal
 
 
 def test_a_boot_while_it_is_identified_begins_the_trial_anew() -> None:

@@ -28,27 +28,27 @@ from hil_forceps.report.diagnosis.files import begun, draughtsman, write_report
 from hil_forceps.rig import catalogue
 from tests.unit.report.diagnosis.cases import CASES, page_of, run_evidence, wire_slack
 
-ALWAYS = {"The data", "How it was done"}
+ALWAYS = {"The data", "Method"}
 WITH_RUNS = ALWAYS | {
     "Measured against simulated",
-    "What is left over",
+    "Residuals",
     "Loops",
     "Spectra",
     "Estimates before and after",
     "Parameters",
     "Candidates and their evidence",
-    "What can't be told apart",
-    "What these data would have shown",
+    "Models that can't be distinguished",
+    "Detectable effects",
 }
-HELD_OUT = "Before and after on held-out runs"
-EFFECTS = WITH_RUNS | {"Which balance fails", HELD_OUT, "What to measure next"}
+HELD_OUT = "Errors on runs held out, before and after"
+EFFECTS = WITH_RUNS | {"Lack of fit by balance", HELD_OUT, "Next experiment"}
 HEADINGS = {
     "effects": EFFECTS,
     "one_run_no_jaw": EFFECTS,
     "unnamed": WITH_RUNS,  # its most telling run is the one held out, which is shown on top
     "parameters": WITH_RUNS | {HELD_OUT},
     "consistent": WITH_RUNS,
-    "undetermined": ALWAYS | {"What to measure next"},
+    "undetermined": ALWAYS | {"Next experiment"},
 }
 IMAGES = {"effects": 13, "one_run_no_jaw": 11, "unnamed": 10, "parameters": 11, "consistent": 10, "undetermined": 0}
 

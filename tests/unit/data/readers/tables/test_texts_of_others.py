@@ -140,7 +140,7 @@ def test_texts_in_the_style_of_other_programs(name: str, tmp_path: Path) -> None
     for what, note in (
         ("footer", "behind the table, was left out: 'End of data;;;'"),
         ("twice", "1 line with the header again: left out"),
-        ("trailing", "at the end of each line of samples was passed over"),
+        ("trailing", "at the end of each line was ignored"),
         ("lvm", "before the table: left out"),
         ("no_names", "#1 is the first"),
         ("controldesk", "was read as units"),
@@ -150,5 +150,5 @@ def test_texts_in_the_style_of_other_programs(name: str, tmp_path: Path) -> None
 
 def test_a_cut_row_at_the_end_is_no_footer(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("time_s,theta_m_rad,current_A\n" + rows("{t},{th},{i}") + "0.03,1\n")
-    with pytest.raises(UserError, match=r"a.csv:32: 2 cells where the header names 3"):
+    with pytest.raises(UserError, match=r"a.csv:32: 2 cells, but the header has 3"):
         read_run(tmp_path / "a.csv")

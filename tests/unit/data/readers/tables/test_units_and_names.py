@@ -107,9 +107,9 @@ def test_a_mapping_kept_beside_the_data_is_taken_and_told(tmp_path: Path) -> Non
     assert f"columns were named by {tmp_path}/columns.yaml" in run.notes
     assert read(tmp_path, "clock,Pos,iq\n" + ROWS, "current_A=iq:mA").columns["current_A"].tolist() == [0.1, 0.2, 0.3]
     (tmp_path / "columns.yaml").write_text("time_s: clock:ms\nspeed: 'Pos:deg'\n")
-    assert f"{tmp_path}/columns.yaml:2: 'speed' is no column of a run" in refused(tmp_path, "clock,Pos,iq\n" + ROWS)
+    assert f"{tmp_path}/columns.yaml:2: 'speed' is not a column of a run" in refused(tmp_path, "clock,Pos,iq\n" + ROWS)
     (tmp_path / "columns.yaml").write_text("time_s: 3\n")
-    assert "columns.yaml:1: time_s: 3 is no column" in refused(tmp_path, "clock,Pos,iq\n" + ROWS)
+    assert "columns.yaml:1: time_s: 3 is not a column" in refused(tmp_path, "clock,Pos,iq\n" + ROWS)
 
 
 def test_speed_is_integrated_and_counts_take_the_rigs_encoder(tmp_path: Path) -> None:
@@ -147,9 +147,9 @@ KNOWN = "time_s,theta_m_rad,current_A\n"
         (KNOWN + ROWS, ("time_s=time_s:furlong",), "'furlong' is no unit that is read (s, ms, "),
         (KNOWN + ROWS, ("theta_m_rad=theta_m_rad:A",), "is in A; theta_m_rad is made from rad, "),
         ("time_s,a,a,current_A\n0,1,1,1\n", ("theta_m_rad=a:rad",), "2 columns have that name; give the place of one"),
-        (KNOWN + ROWS, ("speed=a",), "--map speed=a: 'speed' is no column of a run"),
+        (KNOWN + ROWS, ("speed=a",), "--map speed=a: 'speed' is not a column of a run"),
         (KNOWN + ROWS, ("theta_m_rad",), "--map theta_m_rad: write NAME=COLUMN[:UNIT]"),
-        (KNOWN + ROWS, ("theta_m_rad=",), "no column is named"),
+        (KNOWN + ROWS, ("theta_m_rad=",), "the column is missing"),
         (KNOWN + ROWS, ("none/there.yaml",), "none/there.yaml: No such file"),
     ],
 )  # fmt: skip
