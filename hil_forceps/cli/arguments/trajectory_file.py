@@ -50,7 +50,7 @@ def check_trajectory(path: Path | None, trajectory: Trajectory, until_s: float, 
     if found is None:
         return
     where = "the paper's trajectory" if path is None else f"{path}:{found.point + FIRST_LINE}"
-    change = f"{'change the trajectory' if path else 'use another --trajectory'} or change the limit"
+    change = f"{'change the trajectory' if path else 'use another --trajectory'}, or the limit"
     raise UserError(f"{where}: {found.words} in {rig_path}; {change}")
 
 

@@ -54,10 +54,10 @@ def test_it_reads_as_the_command_line_does() -> None:
     assert str(result_of(found())).splitlines() == [
         "effects: The data show it.",
         f"  viscous_asymmetry (motor), confidence 0.97: {DIFFERENCE} = 4e-05 N_m_s_per_rad [3.9e-05, 4.1e-05]",
-        "  as good: coulomb_asymmetry",
+        "  equally good: coulomb_asymmetry",
         "  motor.torque_constant_N_m_per_A: 0.0135 -> 0.014 [0.013, 0.015] N_m_per_A",
         "  held out, current_A: RMSE 0.003 -> 0.001 (noise 0.0009), explained 98 % [90, 100]",
-        "  because one and the other can't be told apart",
+        "  reason: one and the other can't be told apart",
         "  next: slow (separation 4.2 sd); It excites both.",
     ]
 

@@ -48,11 +48,11 @@ def test_what_was_written_comes_back() -> None:
 )
 def test_settings_that_make_no_sense_are_refused(change: dict[str, object]) -> None:
     values = {**SETTINGS._asdict(), "trajectory": TRAJECTORY}
-    with pytest.raises(UserError, match="r: does not say which rig and settings it was made with"):
+    with pytest.raises(UserError, match="r: its rig and settings can't be read"):
         settings_of(recording(json.dumps({**values, **change})))
 
 
 @pytest.mark.parametrize("text", ["", "[]", "[" * 100_000, '{"algorithm": 1, "algorithm": 2}', "null", "9" * 5000])
 def test_settings_that_are_no_json_are_refused(text: str) -> None:
-    with pytest.raises(UserError, match="r: does not say which rig and settings it was made with"):
+    with pytest.raises(UserError, match="r: its rig and settings can't be read"):
         settings_of(recording(text))

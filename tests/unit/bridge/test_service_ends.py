@@ -101,7 +101,7 @@ def test_a_fault_from_before_ends_the_run_unless_it_may_be_cleared() -> None:
     world.machine.trip(FaultReason.SUPPLY)
     result = rigged(world).run()
     assert result.reason is StopReason.DRIVE_FAULT
-    assert "from before: SUPPLY" in result.message
+    assert "latched fault: SUPPLY" in result.message
     world = World()
     world.machine.trip(FaultReason.SUPPLY)
     result = rigged(world, ServiceConfig(duration_ns=100 * MS, reset_fault=True)).run()

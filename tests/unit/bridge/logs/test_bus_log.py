@@ -96,7 +96,7 @@ def test_the_last_seconds_stay_at_hand(tmp_path: Path) -> None:
 def test_unknown_kinds_and_places_are_user_errors(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"use \.log, \.asc or \.blf"):
         open_bus_log(tmp_path / "bus.txt", 0, threaded=False)
-    with pytest.raises(UserError, match="can't log here: No such file"):
+    with pytest.raises(UserError, match="can't be written: No such file"):
         open_bus_log(tmp_path / "none" / "bus.log", 0, threaded=False)
 
 

@@ -146,6 +146,6 @@ def test_the_command_prints_and_writes_what_the_simulation_gives(call: Call, tmp
 def test_an_unknown_plant_and_a_missing_run_are_told(call: Call, tmp_path: Path) -> None:
     write_csv(a_run(the_rig()), tmp_path / "a.csv")
     code, _, err = call(ROOT / "configs" / "surgical_tool.yaml", "--like", tmp_path / "a.csv")
-    assert (code, "its value isn't known and is needed here" in err) == (2, True)
+    assert (code, "has no value, but one is needed here" in err) == (2, True)
     code, _, err = call(ROOT / "configs" / "realistic.yaml", "--like", tmp_path / "none.csv")
     assert (code, "no such file or folder" in err) == (2, True)

@@ -61,7 +61,7 @@ def test_a_trend_leaves_its_files_and_a_table(logs: Path, tmp_path: Path, capsys
     [
         (("--jobs", "0"), "--jobs 0: must be 1 or more"),
         (("--false-alarms", "2"), "--false-alarms 2.0: must be above 0 and below 1"),
-        (("--executor", "pbs"), "--executor pbs: is not known"),
+        (("--executor", "pbs"), "--executor pbs: is unknown"),
         (("--rig", "nowhere.yaml"), "nowhere.yaml"),
     ],
 )

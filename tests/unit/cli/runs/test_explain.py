@@ -175,11 +175,11 @@ def test_lost_samples_late_ticks_and_limits_are_events(native: Path) -> None:
     references = references[[row for row in range(len(references)) if not 1480 <= row < 1490]]
     late = changed(evidence, references=references)
     assert kinds(late)["overruns"] == "this host was late: 10 ticks skipped, longest pause 11.0 ms"
-    assert causes_of(late, events_of(late))[0].cause.startswith("this host was late")
+    assert causes_of(late, events_of(late))[0].cause.startswith("the loop on this host paused")
     limited = evidence.references.copy()
     limited["verdict"][700:712] = next(code for code, name in evidence.verdicts.items() if name == "LIMITED_SPEED")
     said = kinds(changed(evidence, references=limited))["ticks"]
-    assert said == "12 ticks had their references limited by the gate (speed)"
+    assert said == "12 ticks with their references limited by the gate (speed)"
 
 
 def test_stale_samples_before_a_watchdog_are_the_first_cause(native: Path) -> None:

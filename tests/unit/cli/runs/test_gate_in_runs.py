@@ -64,7 +64,7 @@ def test_a_trajectory_beyond_the_limits_is_refused_before_anything_moves(
     assert run(tmp_path, "--trajectory", trajectory(tmp_path, motion)) == 2
     err = capsys.readouterr().err
     assert said in err
-    assert f"in {REALISTIC}; change the trajectory or the limit" in err
+    assert f"in {REALISTIC}; change the trajectory, or the limit" in err
     assert err.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
@@ -253,8 +253,8 @@ def test_one_time_base_in_all_that_tells_of_a_run(
     course, _, end = said.partition("End\n")
     for time_s, words in (
         (trip_s, "the gate's check encoder_jump fails: 1.15 rad, the limit is 0.3522 rad"),
-        (held["first_s"], "50 ticks had their references held"),
-        (latched_s, "1 tick had its reference denied: the gate has latched"),
+        (held["first_s"], "50 ticks with their references held"),
+        (latched_s, "1 tick with its reference denied: the gate has latched"),
         (stopped_s, "the drive is requested to remove torque"),
     ):
         assert f"{time_s:9.3f}  {words}" in course

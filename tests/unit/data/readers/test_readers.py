@@ -254,8 +254,8 @@ def test_emps_keeps_its_numbers_and_says_what_they_are(tmp_path: Path) -> None:
     for change, message in (
         ({"vir": None}, "the numbers vir are missing"),
         ({"qm": np.zeros(3)}, "samples: t 200, qm 3"),
-        ({"gtau": np.ones(2)}, "gtau is no single number"),
-        ({"qg": np.array(["x"])}, "no numbers qg in it"),
+        ({"gtau": np.ones(2)}, "gtau is not a single number"),
+        ({"qg": np.array(["x"])}, "the numbers qg are missing"),
         ({"qg": np.full(COUNT, np.nan)}, "qg: sample 1 is not a finite number"),
     ):
         variables = {name: value for name, value in (emps_variables() | change).items() if value is not None}
@@ -277,7 +277,7 @@ def test_emps_as_published(name: str) -> None:
 
 def test_suffixes_that_lie_and_files_that_are_not_there(tmp_path: Path) -> None:
     for suffix in ("mcap", "parquet", "zip", "blf", "mat"):
-        assert f"no .{suffix} file" in problem_of(tmp_path / f"a.{suffix}", HEAD + "0,1,2\n1,1,2\n")
+        assert f"not a .{suffix} file" in problem_of(tmp_path / f"a.{suffix}", HEAD + "0,1,2\n1,1,2\n")
     assert "HDF5: damaged" in problem_of(tmp_path / "a.mat", b"\x89HDF\r\n\x1a\n" + bytes(100))
     with pytest.raises(UserError, match="no such file or folder"):
         read_run(tmp_path / "none.csv")

@@ -66,11 +66,11 @@ def test_another_format_is_refused_and_a_damaged_description_of_this_one_is_not(
     assert "recording is damaged: the description of /sample was changed" in part.notes
     assert is_prefix(parse_recording(data, "whole"), part)
     without_copy = [each for each in sound_files.records(other) if each[0] != Opcode.ATTACHMENT]
-    with pytest.raises(UserError, match="/sample was recorded in another format"):
+    with pytest.raises(UserError, match="/sample has another format"):
         parse_recording(sound_files.mcap(without_copy), "x")
     later = sound_files.attachment("hil_forceps.json", b'{"format": %d, "metadata": {}}' % (FORMAT_VERSION + 1))
     found = [each for each in sound_files.records(data) if each[0] != Opcode.ATTACHMENT]
-    with pytest.raises(UserError, match=r"was recorded in another format \('2'\)"):
+    with pytest.raises(UserError, match=r"has another format \('2'\)"):
         parse_recording(sound_files.mcap([later, *found]), "x")
 
 
