@@ -154,7 +154,8 @@ def test_killed_run_leaves_a_faulted_drive_and_a_readable_recording(
     second = run(pty_wire, tmp_path / "second", "--duration", "0.3").end()
     assert second.code == 2
     assert second.err.startswith(
-        "hil-forceps: the drive has a latched fault: WATCHDOG (watchdog: no fresh reference in time); reset it with --reset-fault\n"
+        "hil-forceps: the drive has a latched fault: WATCHDOG (watchdog: no fresh reference in time); "
+        "reset it with --reset-fault\n"
     )
     third = run(pty_wire, tmp_path / "third", "--duration", "0.3", "--reset-fault").end()
     assert (third.code, third.err) == (0, "")
