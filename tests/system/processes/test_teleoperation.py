@@ -174,7 +174,7 @@ def test_it_listens_on_loopback_unless_told_otherwise_and_then_wants_a_token(tmp
     try:
         assert opened._socket.getsockname()[0] == "127.0.0.1"
         taken = opened.port
-        with pytest.raises(UserError, match="can't be had: Address already in use"):
+        with pytest.raises(UserError, match="can't be opened: Address already in use"):
             open_references([rig], str(taken), None, None)
     finally:
         opened.close()
