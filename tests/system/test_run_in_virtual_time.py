@@ -40,5 +40,8 @@ def test_live_in_virtual_time_is_refused(tmp_path: Path, capsys: pytest.CaptureF
     virtual = ("run", "--rig", PAPER, "--interface", "virtual_forceps", "--option", f"rig={PAPER}")
     for option in (("--live",), ("--references", "0")):
         assert f"{option[0]}: virtual_forceps runs in virtual time" in refused(*virtual, *option)
-    assert refused(*virtual, "--live-control") == "hil-forceps: --live-control: only with --live; add it, or leave --live-control out\n"
+    assert (
+        refused(*virtual, "--live-control")
+        == "hil-forceps: --live-control: only with --live; add it, or leave --live-control out\n"
+    )
     assert "--live: only with --realtime" in refused("bench", "--config", PAPER, "--live")
