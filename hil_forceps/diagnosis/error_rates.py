@@ -4,9 +4,9 @@ FALSE_ALARMS = 0.005  # share of data sets without any effect in which the whole
 DETECTION_POWER = 0.8  # share of data sets in which an effect of the least detectable size is found
 # Times what chance leaves in curves: less is no misfit.
 LEFT_OVER_CHANCE = 2.0  # tuned: sets without effect, fine encoders and fast drives
-# Of what is explained: the model's step is exact to a thousandth of an amplitude, and what such an error gains is no
-# entry's merit, nor a doubt of those that are named.
-INEXACT_SHARE = 1e-6
+STEP_ACCURACY = 1e-3  # relative error of an effect's amplitude by the simulation's steps
+# Share of the explained χ² that such an error can make: a gain below it names no effect and refutes none.
+STEP_ERROR_SHARE = STEP_ACCURACY**2
 # The same of runs that are driven by their motion, and of such that were held out: no loop keeps errors small there.
 UNEXPLAINED_SHARE_DRIVEN = 0.1  # tuned: two jaws of an instrument
 UNSEEN_SHARE_DRIVEN = 0.6  # tuned: an axis whose second file has another zero

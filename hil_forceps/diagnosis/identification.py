@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.error_rates import INEXACT_SHARE
+from hil_forceps.diagnosis.error_rates import STEP_ERROR_SHARE
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Adapt, Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
@@ -87,7 +87,7 @@ def identify(
         progress,
         spent,
         adapting(mapper),
-        INEXACT_SHARE,
+        STEP_ERROR_SHARE,
         tied_share=0.0,
         geared=False,
         friction_decides=True,

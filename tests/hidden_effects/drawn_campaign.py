@@ -20,11 +20,10 @@ import numpy as np
 from scipy import stats
 
 from hil_forceps.diagnosis.identification import Identified, identify
-from hil_forceps.diagnosis.preparation.even_rows import even_rows
 from hil_forceps.diagnosis.result import TWO_SIDED_95
 from hil_forceps.diagnosis.validation.verdict import judge
 from hil_forceps.rig import Rig
-from tests.hidden_effects.drawn_cases import KINDS, Drawn, draw, make
+from tests.hidden_effects.drawn_cases import KINDS, Drawn, draw, even_parts, make
 
 Outcome = dict[str, Any]
 SURE = 0.95  # a confidence from which on a cause counts as surely named
@@ -41,9 +40,7 @@ def run_case(case: Drawn, *, usual: bool) -> Outcome:
     began = time.perf_counter()
     try:
         without = frozenset(case.effects) if case.kind == "deleted" else frozenset()
-        fitted, unseen = (
-            [even for run in part if (even := even_rows(run, made.assumed))] for part in (made.fit, made.held_out)
-        )
+        fitted, unseen = even_parts(made)
         found = identify(fitted, unseen, made.assumed, mapper=map, without=without)
         record |= _told(found, made.assumed, made.true)
         if case.kind == "deleted":
@@ -92,18 +89,19 @@ def shows(found: Identified, effect_id: str, values: Mapping[str, float]) -> flo
     places = [p for p in step.places if p.effect_id == effect_id and p.stop - p.first == len(p.amplitudes) > 0]
     if not places:
         return 0.0
-    nearest = min(_apart(p.shape, values) for p in places)
+    nearest = min(_log_distance(p.shape, values) for p in places)
     largest = 0.0
     for place in places:
-        if _apart(place.shape, values) == nearest:
+        if _log_distance(place.shape, values) == nearest:
             sizes = np.array([values.get(name, 0.0) / unit for name, unit in place.amplitudes.items()])
             largest = max(largest, float(np.sqrt(sizes**2 @ step.tested.information[place.first : place.stop])))
     return largest
 
 
-def _apart(shape: Mapping[str, float], values: Mapping[str, float]) -> float:
-    """Return how far a shape (a harmonic, a time constant) is from that of an effect, as a logarithm."""
-    return sum(abs(float(np.log(value / values[name]))) for name, value in shape.items() if values.get(name, 0.0) > 0.0)
+def _log_distance(shape: Mapping[str, float], values: Mapping[str, float]) -> float:
+    """Return the distance between a shape (a harmonic, a time constant) and that of an effect, in logarithms."""
+    both = [(value, values.get(name, 0.0)) for name, value in shape.items()]
+    return sum(abs(float(np.log(one / other))) for one, other in both if one > 0.0 and other > 0.0)
 
 
 def counts(records: Iterable[Outcome]) -> list[str]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil_forceps.data.run import Run
+from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from tests.hidden_effects.cases import drawn_effect, drawn_shifts
@@ -141,3 +142,11 @@ def make(case: Drawn) -> Case:
         runs.append(Run(run.name, {key: values for key, values in run.columns.items() if key not in dropped}))
     split = len(runs) - case.held_out
     return Case(rig, true, tuple(runs[:split]), tuple(runs[split:]))
+
+
+def even_parts(case: Case) -> tuple[list[EvenRun], list[EvenRun]]:
+    """Return the runs to fit and those held out with equally spaced rows."""
+    fitted, held_out = (
+        [even for run in part if (even := even_rows(run, case.assumed))] for part in (case.fit, case.held_out)
+    )
+    return fitted, held_out

@@ -1,4 +1,4 @@
-"""Models of a search: how they are fitted, and held to runs adapted to one of them."""
+"""Candidate models of a search, their fits, and the runs adapted to one of them."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -60,7 +60,7 @@ class Search(NamedTuple):
     least_share: float  # of what is explained, that a further entry must gain
     tied_share: float  # of the best gain: models that are no further behind are taken for equally good
     geared: bool  # the motor's angle may be one behind a gear: harmonics need not be whole
-    friction_decides: bool  # what is evidence hangs on the dry friction that a model has
+    friction_decides: bool  # which rows are evidence depends on the dry friction of a model
     most_effects: int
     weigh: Weigh | None  # what a gain is worth beside how its scores scatter; None: as the likelihood has it
 
@@ -72,10 +72,10 @@ def with_runs(s: Search, model: Candidate) -> Candidate:
     return model._replace(fit=model.fit._replace(passes=pass_all(s.runs, model.fit.passes.theta, s.mapper)))
 
 
-def beside(s: Search, model: Candidate) -> tuple[Search, Candidate]:
-    """Return search and model with the runs adapted to that model, the same for all that is compared beside it.
+def adapted_to(s: Search, model: Candidate) -> tuple[Search, Candidate]:
+    """Return search and model with the runs adapted to the model; all models that are compared with it use these runs.
 
-    What they decide hangs on its parameters: the model is fitted to that, and they decide anew, until neither moves on.
+    Decisions of a pass depend on the parameters, and the fit on the decisions: both are repeated until they converge.
     """
     found = model.fit
     for number in range(ADAPTING_ROUNDS):
@@ -91,8 +91,8 @@ def beside(s: Search, model: Candidate) -> tuple[Search, Candidate]:
 def fitted(s: Search, model: Candidate, start: Passes, effects: Sequence[str], *, added: int) -> Candidate:
     """Return the fit of a model with `effects` from a start that holds them; its gain is that above `model`.
 
-    `added`: how many entries it has more than `model`. Each parameter costs, but for one of each entry: that one's cost
-    is the threshold.
+    `added`: number of entries more than in `model`. Each further parameter costs `COST_PER_COLUMN`, except the first of
+    each added entry, which the threshold accounts for.
     """
     free = list(s.known)
     for effect_id in effects:

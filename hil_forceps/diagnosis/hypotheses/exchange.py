@@ -1,4 +1,7 @@
-"""What was less likely alone may be likelier beside what joined later: exchanges of entries, and of harmonics."""
+"""Exchanges behind forward selection: an entry for a rival, a harmonic for another.
+
+The order of selection matters: what was less likely alone may be likelier beside entries that joined later.
+"""
 
 from collections.abc import Sequence
 
@@ -8,7 +11,7 @@ from scipy import stats
 
 from hil_forceps.diagnosis.error_rates import SETS_WITHOUT_TRUTH
 from hil_forceps.diagnosis.evidence import pass_all
-from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, Step, beside, fitted, with_runs
+from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, Step, adapted_to, fitted, with_runs
 from hil_forceps.diagnosis.hypotheses.harmonic_profile import likelier_harmonic
 from hil_forceps.diagnosis.hypotheses.places import WAVES
 from hil_forceps.diagnosis.inference.fit import fit
@@ -34,9 +37,9 @@ def ranked(models: Sequence[Candidate], tied_share: float) -> list[Candidate]:
 
 
 def with_likeliest_harmonics(s: Search, model: Candidate) -> Candidate:
-    """Return a model with each harmonic that is likelier beside all that has joined; behind a gear it stays.
+    """Return a model with the likeliest harmonic of each entry; behind a gear harmonics stay.
 
-    A harmonic is no parameter that is fitted, so as many are: no cost is due.
+    The number of fitted parameters is the same for all harmonics, so none costs more.
     """
     for effect_id in model.effects:
         if s.geared or effect_id not in WAVES:
@@ -53,10 +56,7 @@ def with_likeliest_harmonics(s: Search, model: Candidate) -> Candidate:
 def exchanged(
     s: Search, best: Candidate, rivals: tuple[Candidate, ...], steps: Sequence[Step]
 ) -> tuple[Candidate, tuple[Candidate, ...]]:
-    """Return the best model and its rivals, with entries exchanged that were near when another joined.
-
-    What was less likely alone may be likelier beside what joined later.
-    """
+    """Return the best model and its rivals, with entries exchanged that were near when another joined."""
     every = {frozenset(c.effects): c for c in (*rivals, best)}
     for step in steps:
         if step.joined not in best.effects:
@@ -66,32 +66,32 @@ def exchanged(
         for other in sorted(near, key=lambda c: -c.gain)[:EXCHANGES]:
             effect_id = other.effects[-1]
             effects = [effect_id if e == step.joined else e for e in best.effects]
-            is_compared = frozenset(effects) in every and not (s.friction_decides and _has_more_friction(effects, best))
+            is_compared = frozenset(effects) in every and not _needs_its_own_runs(s, effects, best)
             if is_compared or s.spent():
                 continue
             theta = without_effect(best.fit.passes.theta, step.joined)
             theta = with_effect(theta, effect_id, values_of(other.fit.passes.theta, effect_id))
-            found = _instead(s, best, theta, effects)
+            found = _rival(s, best, theta, effects)
             every[frozenset(effects)] = found._replace(gain=best.gain + found.gain)
     order = ranked(list(every.values()), s.tied_share)
     kept = tuple(c for c in order if c.gain > order[0].gain - SET_DROP)
-    return (best, kept) if order[0] is best else (beside(s, with_runs(s, order[0]))[1], kept)
+    return (best, kept) if order[0] is best else (adapted_to(s, with_runs(s, order[0]))[1], kept)
 
 
-def _instead(s: Search, best: Candidate, theta: Vector, effects: Sequence[str]) -> Candidate:
-    """Return the fit of a rival from `theta` on; its gain is that above `best`, on runs that suit both.
-
-    Where a mass may stick is no evidence, and a model without dry friction does not know of it. So runs are adapted to
-    the one that has more.
-    """
+def _rival(s: Search, best: Candidate, theta: Vector, effects: Sequence[str]) -> Candidate:
+    """Return the fit of a rival from `theta` on; its gain is that above `best`, on runs that suit both."""
     found = fitted(s, best, pass_all(s.runs, theta, s.mapper), effects, added=0)
-    if not (s.friction_decides and _has_more_friction(effects, best)):
+    if not _needs_its_own_runs(s, effects, best):
         return found
-    s, found = beside(s, found)
+    s, found = adapted_to(s, found)
     there = best._replace(fit=fit(s.runs, best.fit.passes.theta, best.fit.free, s.mapper))
     return fitted(s, there, found.fit.passes, effects, added=0)
 
 
-def _has_more_friction(effects: Sequence[str], than: Candidate) -> bool:
-    """Tell whether a model has dry friction that another lacks."""
-    return any(effect(e).dry_friction_of is not None for e in set(effects) - set(than.effects))
+def _needs_its_own_runs(s: Search, effects: Sequence[str], best: Candidate) -> bool:
+    """Tell whether a rival has dry friction that the best model lacks.
+
+    Rows where friction may hold a mass are no evidence beside the rival, but were evidence beside the best model. So
+    both are compared on runs adapted to the rival.
+    """
+    return s.friction_decides and any(effect(e).dry_friction_of is not None for e in set(effects) - set(best.effects))

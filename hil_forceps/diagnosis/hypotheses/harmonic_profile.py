@@ -1,15 +1,15 @@
 """Profile likelihood over the harmonics of a torque that recurs with the motor's angle.
 
-A harmonic is chosen when its entry joins, beside a model that lacks what joins later. A neighbour may have been as
-likely then, and is worse by far beside the whole model.
+The harmonic is chosen when its entry joins, beside a model that lacks the entries that join later. A neighbour can be
+equally likely then, and far less likely beside the complete model.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.evidence import Gram, Mapper, Wave, gram
-from hil_forceps.diagnosis.hypotheses.entries import HARMONIC
-from hil_forceps.diagnosis.hypotheses.places import HARMONICS, WAVES, Place, estimate
+from hil_forceps.diagnosis.evidence import Gram, Mapper, gram
+from hil_forceps.diagnosis.hypotheses.entries import HARMONIC, Probe
+from hil_forceps.diagnosis.hypotheses.places import estimate, place_of, usual_harmonics, waves_of
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, score_test
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, moved
 from hil_forceps.diagnosis.inference.parameters import start_of, values_of, with_effect
@@ -28,24 +28,22 @@ def likelier_harmonic(model: Fit, effect_id: str, mapper: Mapper) -> Vector | No
     names = [f"effects.{effect_id}.{name}" for name in amplitudes]
     own = [f for f in model.free if f.name in names]
     others = [f for f in model.free if f.name not in names]
-    plant = passes.plants.sliding
-    harmonics = sorted({*HARMONICS, plant.r_m / plant.r_j, values_of(theta, effect_id)[HARMONIC]})
-    size = max(abs(float(theta[f.place])) for f in own)
-    waves = [Wave(h, name.startswith("cosine"), WAVES[effect_id], size) for h in harmonics for name in amplitudes]
+    own_harmonic, size = values_of(theta, effect_id)[HARMONIC], max(abs(float(theta[f.place])) for f in own)
+    harmonics = sorted({*usual_harmonics(passes.plants.sliding), own_harmonic})
+    units = dict.fromkeys(amplitudes, size)
+    probes = [Probe(effect_id, {HARMONIC: h, **units}, tuple(amplitudes), one_sided=False) for h in harmonics]
+    waves = [wave for probe in probes for wave in waves_of(probe)]
     found = gram(passes, [*directions_of(others, theta), *directions_of(own, theta)], mapper, waves)
     first, behind = len(others), len(others) + len(own)
     off = np.array([-float(theta[f.place]) / f.scale for f in own])
     score = found.score + found.information[:, first:behind] @ off
     kept = np.r_[0:first, behind : score.size]
     without = Gram(found.information[np.ix_(kept, kept)], score[kept])
-    units = dict.fromkeys(amplitudes, size)
-    places = [
-        Place(effect_id, {HARMONIC: h}, units, len(amplitudes) * i, len(amplitudes) * (i + 1), one_sided=False)
-        for i, h in enumerate(harmonics)
-    ]
+    count = len(amplitudes)
+    places = [place_of(probe, count * i, count * (i + 1), looks=1) for i, probe in enumerate(probes)]
     tested = score_test(without, Prior.of(others, theta), places)
     best = int(np.argmax(tested.gains))
-    if harmonics[best] == values_of(theta, effect_id)[HARMONIC]:
+    if harmonics[best] == own_harmonic:
         return None
     changed = moved(theta, others, tested.shifts[best])
     return with_effect(changed, effect_id, start_of(effect_id, estimate(places[best], tested.sizes[best].tolist())))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.evidence import Direction, Passes, Wave
 from hil_forceps.diagnosis.hypotheses.entries import HARMONIC, Probe, Scene, probes, quantiles_of_speed
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
+from hil_forceps.model.composition import Physics
 from hil_forceps.rig.catalogue import EFFECT_IDS, EFFECTS, effect
 
 Vector = NDArray[np.float64]
@@ -47,13 +48,18 @@ class Harmonics(NamedTuple):
     looks: int
 
 
+def usual_harmonics(p: Physics) -> tuple[float, ...]:
+    """Return the harmonics of the motor's angle that are tested: whole ones, and one turn of the jaw."""
+    return (*HARMONICS, p.r_m / p.r_j)
+
+
 def scene_of(passes: Passes, harmonics: Harmonics | None = None) -> Scene:
     """Return what the runs contain; `harmonics`: of cogging and of ripple, the usual ones where they are whole."""
     p = passes.plants.sliding
     courses = [run.course(passes.plants, before=False) for run in passes.runs]
     jaw = np.concatenate([c.theta_j for c in courses])
     reach = tuple(float(v) for v in (jaw.min(), jaw.max()) if abs(v) > 0.02 * np.ptp(jaw))
-    usual = (*HARMONICS, p.r_m / p.r_j)
+    usual = usual_harmonics(p)
     return Scene(
         max(float(c.time_s[-1]) + c.period_s for c in courses),
         max(float(np.ptp(c.theta_m)) for c in courses),
@@ -82,21 +88,23 @@ def places_of(
     for probe in found:
         if probe.effect_id in WAVES:
             at = len(directions) + len(waves)
-            waves += _waves(probe)
+            waves += waves_of(probe)
             columns.append((probe, at, at + 2))
     columns.sort(key=lambda column: EFFECT_IDS.index(column[0].effect_id))
     looks = harmonics.looks if harmonics else 1
-    return [_place(*column, looks) for column in columns], directions, waves
+    return [place_of(*column, looks) for column in columns], directions, waves
 
 
-def _place(probe: Probe, first: int, stop: int, looks: int) -> Place:
+def place_of(probe: Probe, first: int, stop: int, looks: int) -> Place:
+    """Return a probe with its columns."""
     shape = {k: v for k, v in probe.start.items() if k not in probe.amplitudes}
     amplitudes = {k: probe.start[k] for k in probe.amplitudes}
     looks = looks if probe.effect_id in WAVES else 1
     return Place(probe.effect_id, shape, amplitudes, first, stop, probe.one_sided, looks)
 
 
-def _waves(probe: Probe) -> list[Wave]:
+def waves_of(probe: Probe) -> list[Wave]:
+    """Return the columns of a torque that recurs with the motor's angle."""
     with_current = WAVES[probe.effect_id]
     return [
         Wave(probe.start[HARMONIC], name.startswith("cosine"), with_current, probe.start[name])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.evidence import Passes, gram, pass_all
-from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, Step, beside, fitted, with_runs
+from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, Step, adapted_to, fitted, with_runs
 from hil_forceps.diagnosis.hypotheses.exchange import SET_DROP, exchanged, ranked, with_likeliest_harmonics
 from hil_forceps.diagnosis.hypotheses.harmonics import telling_harmonics
 from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
@@ -35,7 +35,7 @@ def search(s: Search, theta: Vector) -> Found:
     """Fit the known parameters from `theta` on, then let entries join as long as one gains more than chance gives."""
     s.progress("fitting the known parameters")
     baseline = fit(s.runs, theta, s.known, s.mapper)
-    s, best = beside(s, Candidate((), baseline, 0.0))
+    s, best = adapted_to(s, Candidate((), baseline, 0.0))
     baseline = best.fit
     rivals: tuple[Candidate, ...] = (best,)
     tried: tuple[Candidate, ...]
@@ -70,7 +70,7 @@ def search(s: Search, theta: Vector) -> Found:
             break  # what joined took the place of what it had joined beside, and that the place of it
         rivals = (thinned, *(c for c in joined[1:] if c.gain > joined[0].gain - SET_DROP))
         seen.add(frozenset(thinned.effects))
-        s, best = beside(s, with_likeliest_harmonics(s, thinned))
+        s, best = adapted_to(s, with_likeliest_harmonics(s, thinned))
         explained += best.gain
     if best.effects and not s.spent():
         s.progress("exchanging entries for their nearest rivals")
@@ -82,7 +82,7 @@ def search(s: Search, theta: Vector) -> Found:
 
 def fit_known(s: Search, theta: Vector) -> Fit:
     """Return the fit of the known parameters from `theta` on, to runs adapted to it."""
-    return beside(s, Candidate((), fit(s.runs, theta, s.known, s.mapper), 0.0))[1].fit
+    return adapted_to(s, Candidate((), fit(s.runs, theta, s.known, s.mapper), 0.0))[1].fit
 
 
 def _with_one_more(tried: tuple[Candidate, ...], new: Candidate) -> tuple[Candidate, ...]:

@@ -2,8 +2,8 @@
 
 A fourth difference over s rows takes away all that is slow. Of first-order autoregressive noise of variance σ² and
 correlation ρ from row to row it has the variance σ² (70 − 112 ρˢ + 56 ρ²ˢ − 16 ρ³ˢ + 2 ρ⁴ˢ); two spacings give both. A
-third, between them, tells such noise from motion: what noise loses of its correlation grows with s at once, what a
-motion adds grows late, with s⁸ at first. A loop that hunts over a coarse count moves the jaw that fast.
+third spacing, between them, distinguishes such noise from fast motion, as of a loop that hunts over a coarse count: the
+variance of autoregressive noise rises most at small s, that of a smooth motion rises with s⁸ at first.
 Variances are taken from medians, so that breaks of a load and the ringing behind them have no say, and only where the
 motor hardly accelerates.
 """

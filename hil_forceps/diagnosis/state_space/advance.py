@@ -27,7 +27,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 STEPS = 4  # of a row
-SURE_DEVIATIONS = 6.0  # of a command, to its limit: 1 in 10⁹ are beyond
+MIN_LIMIT_DISTANCE_DEVIATIONS = 6.0  # of the command: nearer than this, the limit matters; beyond, 1 in 10⁹ exceed it
 _ROOT_2 = math.sqrt(2.0)
 # What switches off all effects that are part of what holds a body at rest.
 _DRY = {
@@ -93,10 +93,13 @@ def acting_command(p: Physics, command_A: float) -> float:
 
 
 @inlined
-def passing_share(p: Physics, command_A: float, deviation_A: float) -> float:
-    """Return how likely the amplifier passes on an error of a command that is known to ± `deviation_A`."""
+def expected_current_slope(p: Physics, command_A: float, deviation_A: float) -> float:
+    """Return the expected slope of the current over a command with this mean and standard deviation.
+
+    It is the probability that the command lies outside the dead zone and within the limit.
+    """
     low, high, size = p.amplifier_deadband_half_width_A, p.current_saturation_limit_A, abs(command_A)
-    if low == 0.0 and size + SURE_DEVIATIONS * deviation_A < high:
+    if low == 0.0 and size + MIN_LIMIT_DISTANCE_DEVIATIONS * deviation_A < high:
         return 1.0
     return forward_share(size - low, deviation_A) - forward_share(size - high, deviation_A)
 
@@ -163,7 +166,7 @@ def friction_at_rest_N_m(
 ) -> None:
     """Fill `out` (n × 2) with the most that the dry friction of motor and jaw holds, row by row.
 
-    Friction that builds up over less than `resolved_rad` (motor, jaw) is as dry as any: nobody sees how far it has.
+    Friction that builds up over less than `resolved_rad` (motor, jaw) is included: its state is not observable.
     """
     motor = p.film_friction_level_N_m + max(forward_friction_N_m(p), backward_friction_N_m(p))
     motor_mu, jaw, jaw_mu = 0.0, 0.0, 0.0

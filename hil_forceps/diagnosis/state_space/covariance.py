@@ -28,8 +28,7 @@ Matrix = NDArray[np.float64]
 def moved(f: Matrix, covariance: Matrix, kept: Vector, current_slope: float, work: Matrix) -> None:
     """Replace a covariance by F P Fᵀ.
 
-    `kept`: how much of each state beyond the plant's is kept meanwhile; `current_slope`: how the current follows an
-    error of the command.
+    `kept`: how much of each state beyond the plant's is kept meanwhile; `current_slope` as in `Filtered`.
     """
     if covariance.shape[0] == RECORDED_STATES:  # of a size that the compiler knows, in half the time
         _moved(f, covariance, kept, current_slope, work, RECORDED_STATES)
@@ -53,7 +52,7 @@ def _carried(f: Matrix, x: Vector, i: int, kept: Vector, current_slope: float) -
     """Return entry i of F x."""
     if i <= LOAD:
         total: float = current_slope * f[i, COMMAND_ERROR] * x[COMMAND_ERROR]
-        for m in range(COMMAND_ERROR):  # the last of those that are coupled
+        for m in range(COMMAND_ERROR):  # it is the last coupled state
             total += f[i, m] * x[m]
         return total
     value: float = kept[i] * x[i]

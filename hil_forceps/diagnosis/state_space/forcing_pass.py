@@ -28,7 +28,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
 )
 from hil_forceps.diagnosis.state_space.response_pass import answers_of_contact, sample_answers
-from hil_forceps.diagnosis.state_space.row_drive import slope_before
+from hil_forceps.diagnosis.state_space.row_drive import measured_command_gain
 from hil_forceps.diagnosis.state_space.row_plant import end_friction, is_slack, noise_kept
 from hil_forceps.diagnosis.state_space.transition import transition
 from hil_forceps.model.composition import Physics
@@ -60,7 +60,7 @@ def forcing_pass(
     for row in range(d.encoder_rad.size):
         for place in range(CHANNELS):
             channel = (place + CURRENT) % CHANNELS
-            _shown(channel, (1.0 + p.current_gain_relative_error) * slope_before(d, row, filtered), x, change)
+            _shown(channel, measured_command_gain(p, d, row, filtered), x, change)
             for m in range(count):
                 change[m] += shown[row, channel, m]
                 out[row, channel, m] = -filtered.weight[row, channel] * change[m]

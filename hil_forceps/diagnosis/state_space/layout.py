@@ -116,7 +116,7 @@ class Filtered(NamedTuple):
     command_A: Vector  # n · samples, one behind the other: the first of row k acts from row k on
     count_slope: Vector  # n: how the drive's count at a row follows the angle, on the mean; 0 where it is known
     reacts: Mask  # n · samples: the drive's command is within its limit
-    current_slope: Vector  # n · samples: how the current follows an error of the command, on the mean
+    current_slope: Vector  # n · samples: expected slope of the motor current over the command
     between: Between
     doubtful: NDArray[np.int64]  # n, as in `Switching`
     surprised: Mask  # n

@@ -44,7 +44,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Filtered,
     Series,
 )
-from hil_forceps.diagnosis.state_space.row_drive import slope_before
+from hil_forceps.diagnosis.state_space.row_drive import measured_command_gain
 from hil_forceps.diagnosis.state_space.row_plant import (
     acting_on,
     beginning,
@@ -107,7 +107,7 @@ def response_pass(
     x, after = np.zeros(d.states), np.zeros(d.states)
     before_A = plant.current_A
     for row in range(d.encoder_rad.size):
-        at, gain = course[row], (1.0 + base.current_gain_relative_error) * slope_before(d, row, filtered)
+        at, gain = course[row], measured_command_gain(base, d, row, filtered)
         for place in range(CHANNELS):
             channel = (place + CURRENT) % CHANNELS
             change = _shown(p, channel, at, plant.current_A, before_A, d.period_s)
@@ -173,7 +173,7 @@ def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector,
     """Fill `after` with a change of the state a row on; `current_slope` as in `Filtered`."""
     for i in range(PLANT_STATES):
         total = current_slope * f[i, COMMAND_ERROR] * x[COMMAND_ERROR]
-        for j in range(COMMAND_ERROR):  # the last of those that are coupled
+        for j in range(COMMAND_ERROR):  # it is the last coupled state
             total += f[i, j] * x[j]
         after[i] = total
     for i in range(PLANT_STATES, x.size):

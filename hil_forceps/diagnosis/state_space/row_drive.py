@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.advance import Regimes, Steppers, advance_in, passing_share
+from hil_forceps.diagnosis.state_space.advance import Regimes, Steppers, advance_in, expected_current_slope
 from hil_forceps.diagnosis.state_space.between_rows import added
 from hil_forceps.diagnosis.state_space.covariance import forgotten
 from hil_forceps.diagnosis.state_space.drive_sample import Count, expected_count, sampled, sampled_covariance
@@ -108,17 +108,18 @@ def next_sample(d: Series, row: int, sample: int, made: Vector, x: Vector, covar
 
 @inlined
 def note_current_slope(p: Physics, at: int, covariance: Matrix, out: Filtered) -> None:
-    """Note how the current follows an error of a command; not within a dead zone of the amplifier, nor at a limit."""
+    """Note the expected slope of the motor current over the command: 0 in the dead zone and at a limit."""
     deviation_A = math.sqrt(max(covariance[COMMAND_ERROR, COMMAND_ERROR], 0.0))
-    slope = passing_share(p, out.command_A[at], deviation_A)
+    slope = expected_current_slope(p, out.command_A[at], deviation_A)
     out.current_slope[at] = slope if out.reacts[at] else 0.0
 
 
 @inlined
-def slope_before(d: Series, row: int, filtered: Filtered) -> float:
-    """Return how the current that a row shows follows an error of the command before it."""
-    slope: float = filtered.current_slope[max(row * d.samples - 1, 0)]
-    return slope
+def measured_command_gain(p: Physics, d: Series, row: int, filtered: Filtered) -> float:
+    """Return the change of a row's measured current for an error of the command before it."""
+    slope = filtered.current_slope[row * d.samples - 1] if row > 0 else 1.0
+    gain: float = (1.0 + p.current_gain_relative_error) * slope
+    return gain
 
 
 @inlined

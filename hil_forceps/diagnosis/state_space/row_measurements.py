@@ -38,7 +38,7 @@ from hil_forceps.diagnosis.state_space.measurement import (
     predicted,
     white_variance,
 )
-from hil_forceps.diagnosis.state_space.row_drive import slope_before
+from hil_forceps.diagnosis.state_space.row_drive import measured_command_gain
 from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
@@ -111,8 +111,7 @@ def take_measurements(
             _current_between(p, d, row, shown, considered, x, covariance, work, out)
             continue
         if channel == CURRENT:
-            gain = (1.0 + p.current_gain_relative_error) * slope_before(d, row, out)
-            variance = current_direction(covariance, gain, along)
+            variance = current_direction(covariance, measured_command_gain(p, d, row, out), along)
         else:
             variance = direction(channel, covariance, along)
         log_likelihood, score, information = evidence(d, channel, row, shown, variance)
@@ -156,8 +155,7 @@ def _current_between(
     its derivative, the noise of the sensor. It is evidence of the parameters where counts are known without it: chosen
     by it, they fit it too well.
     """
-    gain = (1.0 + p.current_gain_relative_error) * slope_before(d, row, out)
-    last = BETWEEN + d.samples - 2
+    gain, last = measured_command_gain(p, d, row, out), BETWEEN + d.samples - 2
     prior_variance = out.between.prior_variance[row - 1] if row > 0 else 0.0
     conditioned = prior_variance != NOT_CONDITIONED
     # The covariance of the state with what is shown, and with the part of it that unseen counts made.

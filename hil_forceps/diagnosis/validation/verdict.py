@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, INEXACT_SHARE, LEFT_OVER_CHANCE
+from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEFT_OVER_CHANCE, STEP_ACCURACY, STEP_ERROR_SHARE
 from hil_forceps.diagnosis.hypotheses.candidate import Step
 from hil_forceps.diagnosis.identification import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, inverted
@@ -20,7 +20,6 @@ from hil_forceps.rig.catalogue import effect
 
 SHIFT_SD = 3.29  # a parameter is said to be shifted this far from what was assumed: 1 in 1000 by chance
 LEAST_SHIFT = 0.2  # of what was known: less is no shift, however well it is measured
-ACCURACY = 1e-3  # of an effect's parameter: what the simulation's steps leave, however well the data show it
 
 
 class Judgement(NamedTuple):
@@ -35,7 +34,7 @@ class Judgement(NamedTuple):
     reasons: tuple[str, ...]
 
 
-def judge(found: Identified, rig: Rig, room: tuple[float, float] = (INEXACT_SHARE, INEXACT_SHARE)) -> Judgement:
+def judge(found: Identified, rig: Rig, room: tuple[float, float] = (STEP_ERROR_SHARE, STEP_ERROR_SHARE)) -> Judgement:
     """Return the verdict; `room`: shares of what is explained that may be left in fitted and in held-out runs."""
     best = found.found.best
     shifts = parameter_shifts(best.fit, rig)
@@ -97,7 +96,7 @@ def named_effects(found: Identified) -> tuple[NamedEffect, ...]:
         parameters = {}
         for free, value, deviation in zip(best.fit.free, best.fit.values, best.fit.deviations, strict=True):
             if free.name.startswith(f"effects.{effect_id}."):
-                spread = float(np.hypot(deviation, ACCURACY * value))
+                spread = float(np.hypot(deviation, STEP_ACCURACY * value))
                 parameters[free.name.rsplit(".", 1)[1]] = _estimate(free, float(value), spread)
         for p in effect(effect_id).parameters:
             if p.neutral is None and p.name not in parameters:  # a shape that is not fitted: a whole harmonic

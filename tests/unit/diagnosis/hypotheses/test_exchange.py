@@ -53,7 +53,7 @@ def fitting(monkeypatch: pytest.MonkeyPatch, gains: Mapping[frozenset[str], floa
     for module in (searching, exchange):
         monkeypatch.setattr(module, "fitted", fitted)
         monkeypatch.setattr(module, "pass_all", lambda *_: FIT.passes)
-        monkeypatch.setattr(module, "beside", lambda s, model: (s, model))
+        monkeypatch.setattr(module, "adapted_to", lambda s, model: (s, model))
     return asked
 
 
@@ -126,7 +126,7 @@ def test_a_rival_with_more_dry_friction_is_compared_on_runs_adapted_to_it(monkey
 
     monkeypatch.setattr(exchange, "fitted", fitted)
     monkeypatch.setattr(exchange, "pass_all", lambda *_: FIT.passes)
-    monkeypatch.setattr(exchange, "beside", lambda _, model: (adapted, model))
+    monkeypatch.setattr(exchange, "adapted_to", lambda _, model: (adapted, model))
     monkeypatch.setattr(exchange, "fit", lambda *_: FIT)
     best, rivals = exchange.exchanged(SEARCH._replace(friction_decides=True), smooth, (smooth, dry), (step,))
     assert seen == [(), ("adapted",)]

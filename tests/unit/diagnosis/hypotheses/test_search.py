@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from hil_forceps.diagnosis.error_rates import INEXACT_SHARE
+from hil_forceps.diagnosis.error_rates import STEP_ERROR_SHARE
 from hil_forceps.diagnosis.hypotheses.candidate import Search
 from hil_forceps.diagnosis.hypotheses.search import Found, search
 from hil_forceps.diagnosis.identification import adapting
@@ -31,7 +31,7 @@ def found_in(rig: Rig, effects: Mapping[str, Mapping[str, float]], kinds: tuple[
         lambda _: None,
         lambda: False,
         adapting(POOL.map),
-        INEXACT_SHARE,
+        STEP_ERROR_SHARE,
         tied_share=0.0,
         geared=False,
         friction_decides=True,

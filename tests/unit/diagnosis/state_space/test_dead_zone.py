@@ -9,15 +9,14 @@ from hil_forceps.diagnosis import identification
 from hil_forceps.diagnosis.inference.dispersion import over_dispersion
 from hil_forceps.diagnosis.inference.fit import fit
 from hil_forceps.diagnosis.inference.parameters import effect_parameters, values_of, with_effect
-from hil_forceps.diagnosis.preparation.even_rows import even_rows
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
-from hil_forceps.diagnosis.state_space.advance import passing_share, regimes
+from hil_forceps.diagnosis.state_space.advance import expected_current_slope, regimes
 from hil_forceps.diagnosis.state_space.covariance import moved
 from hil_forceps.diagnosis.state_space.layout import COMMAND_ERROR, OMEGA_M, RECORDED_STATES
 from hil_forceps.diagnosis.state_space.transition import transition
 from hil_forceps.model import parameters
 from hil_forceps.model.composition import Physics
-from tests.hidden_effects.drawn_cases import draw, make
+from tests.hidden_effects.drawn_cases import draw, even_parts, make
 from tests.hidden_effects.generator import RIG, true_rig
 
 DEAD = "amplifier_deadband"
@@ -28,13 +27,13 @@ def plant_with(effects: dict[str, dict[str, float]]) -> Physics:
 
 
 def test_an_error_passes_outside_the_dead_zone_and_within_the_limit() -> None:
-    assert passing_share(plant_with({}), 0.0, 1e-3) == 1.0
+    assert expected_current_slope(plant_with({}), 0.0, 1e-3) == 1.0
     dead = plant_with({DEAD: {"half_width_A": 1e-3}})
     for command_A, share in ((0.0, 0.0), (0.9e-3, 0.0), (1e-3, 0.5), (-1e-3, 0.5), (1.1e-3, 1.0), (-0.5, 1.0)):
-        assert passing_share(dead, command_A, 1e-5) == pytest.approx(share, abs=1e-9)
+        assert expected_current_slope(dead, command_A, 1e-5) == pytest.approx(share, abs=1e-9)
     limited = plant_with({"current_saturation": {"limit_A": 0.2}})
     for command_A, share in ((0.1, 1.0), (0.2, 0.5), (-0.3, 0.0)):
-        assert passing_share(limited, command_A, 1e-5) == pytest.approx(share, abs=1e-9)
+        assert expected_current_slope(limited, command_A, 1e-5) == pytest.approx(share, abs=1e-9)
 
 
 def test_what_does_not_pass_does_not_move_the_motor() -> None:
@@ -54,9 +53,7 @@ def test_what_does_not_pass_does_not_move_the_motor() -> None:
 def test_a_loop_that_hunts_through_a_dead_zone_leaves_little_in_runs_held_out() -> None:
     """An integral that isn't known at the start; its error goes on for the whole run."""
     case = make(replace(draw("triple", 9500, usual=True), effects=(DEAD,)))
-    fitted, unseen = (
-        [even for run in part if (even := even_rows(run, case.assumed))] for part in (case.fit, case.held_out)
-    )
+    fitted, unseen = even_parts(case)
     noise = sensor_noise([even.run for even in fitted], case.assumed)
     records, others = identification.records_of(fitted, unseen, case.assumed, noise, map)
     theta = with_effect(parameters.vector(case.assumed), DEAD, case.true.effects[DEAD])
