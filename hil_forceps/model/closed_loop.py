@@ -218,7 +218,7 @@ def over_sample(
         if span > 0 and done % span == 0:
             even = _load(first, last, (sample * steps + done) // span, substeps // span, -1.0)
             time_s = (row * substeps + sample * steps + done + 0.5 * span) * step_s
-            moves, x = whole_step(p, kind, whole, keeps, span, x, _steady(p, new, even, time_s))
+            moves, x = whole_step(p, kind, whole, keeps, span, x, _steady(p, new, even, time_s), 0.0)
             if moves:
                 done += span
                 continue

@@ -48,6 +48,8 @@ class Kind(NamedTuple):
     plain: bool  # nothing beyond the linear plant with constant friction is on
     straight: bool  # the wire is the linear plant's
     steady: bool  # nothing but friction's level hangs on the state
+    motor_directed: bool  # what brakes the motor depends on its direction
+    jaw_directed: bool  # and the jaw
 
 
 class Wire(NamedTuple):
@@ -177,4 +179,25 @@ def kind_of(p: Physics) -> Kind:
     """Return what the steps of a plant can leave out."""
     straight = wire_changes(p) == 0.0
     steady = straight and torque_changes(p) == 0.0
-    return Kind(steady and level_changes(p) == 0.0, straight, steady)
+    level = level_changes(p) == 0.0
+    return Kind(steady and level, straight, steady, not level or _motor_directed(p), not level or _jaw_directed(p))
+
+
+@inlined
+def _motor_directed(p: Physics) -> bool:
+    """Whether Coulomb friction, friction that builds up, or play make the motor's direction matter."""
+    return (
+        p.motor_coulomb != 0.0
+        or forward_friction_N_m(p) != 0.0
+        or backward_friction_N_m(p) != 0.0
+        or p.viscous_asymmetry_difference_N_m_s_per_rad != 0.0
+        or p.presliding_friction_level_N_m != 0.0
+        or p.loaded_presliding_mu != 0.0
+        or p.transmission_play_half_width_rad != 0.0
+    )
+
+
+@inlined
+def _jaw_directed(p: Physics) -> bool:
+    """Whether Coulomb friction or friction that builds up make the jaw's direction matter."""
+    return p.jaw_coulomb != 0.0 or grips(p)

@@ -55,6 +55,7 @@ class Stepper(NamedTuple):
     samples: int  # of the drive in a row
     span: int  # steps tried as one
     step_s: float
+    friction_N_m: float  # of the sliding motor
 
 
 class Acting(NamedTuple):
@@ -80,7 +81,7 @@ def stepper(p: Physics, period_s: float, samples: int) -> Stepper:
     kept = (math.exp(-step_s / p.wire_creep_time_constant_s), math.exp(-step_s / PIECES / p.wire_creep_time_constant_s))
     inertia = (p.I_m / step_s, p.I_j / step_s)
     current = current_step(step_s, STEPS // samples, p.actuation_delay_delay_s, p.electrical_lag_time_constant_s)
-    return Stepper(gains, whole, decays(p, max(span, 1), step_s), inertia, kept, current, samples, span, step_s)
+    return Stepper(gains, whole, decays(p, max(span, 1), step_s), inertia, kept, current, samples, span, step_s, p.motor_coulomb)
 
 
 @inlined
@@ -129,7 +130,7 @@ def _over_sample(
             load = a.load_N_m + a.load_slope_N_m_per_s * middle_s + a.friction_j_N_m
             slope = a.load_slope_N_m_per_s * s.step_s * span
             d = Drive(current, 0.0, new_A, constant, motor_viscosity_N_m_s_per_rad(p, a.time_s + middle_s), load, slope)
-            moves, there = whole_step(p, kind, s.whole, s.keeps, span, x, d)
+            moves, there = whole_step(p, kind, s.whole, s.keeps, span, x, d, s.friction_N_m)
             if moves:
                 x = there
                 done += span

@@ -77,28 +77,28 @@ def decays(p: Physics, steps: int, step_s: float) -> NDArray[np.float64]:
 
 @inlined
 def whole_step(
-    p: Physics, kind: Kind, g: Gains, kept: NDArray[np.float64], steps: int, x: State, d: Drive
+    p: Physics, kind: Kind, g: Gains, kept: NDArray[np.float64], steps: int, x: State, d: Drive, friction_N_m: float
 ) -> tuple[bool, State]:
-    """Return the plant's state after some steps, and whether it is that: motor and jaw must move on.
+    """Return the plant's state after some steps, and whether it is that: where a direction matters, it must not change.
 
     `g` and `kept`: of one step, of two, and so on; `steps` is even unless the plant is plain. `d`: with a steady
-    current.
+    current. `friction_N_m`: the motor's dry friction, where it is part of `d` and not of `p`.
     """
-    if x.omega_m_rad_per_s == 0.0 or x.omega_j_rad_per_s == 0.0:
+    if not _goes_on(kind, x, x.omega_m_rad_per_s, x.omega_j_rad_per_s):
         return False, x
     now = Motion(x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s)
     first = _forces(p, kind, g, x, now, x.creep_m, d)
     u = Torques(d.torque_constant * d.current + first.motor, 0.0, first.jaw - d.load, -d.load_slope)
     end, last = free_motion(p, g, steps - 1, x, u), first.wire
     if not kind.plain:
-        found, more, last = _more(p, kind, g, kept, steps, x, d, first, u, end)
+        found, more, last = _more(p, kind, g, kept, steps, x, d, friction_N_m, first, u, end)
         if not found:
             return False, x
         torques = _over_all(more)
         u = Torques(u.motor + torques.motor, torques.motor_slope, u.jaw + torques.jaw, u.jaw_slope + torques.jaw_slope)
         end = added(g, steps - 1, end, torques)
     there = _moved(x, end)
-    if not (_on(x, there) and _on_between(p, g, steps, x, u)):
+    if not (_on(kind, x, there) and _on_between(p, kind, g, steps, x, u)):
         return False, x
     if kind.steady:
         return True, nothing_else(x, there, d.current_end)
@@ -114,6 +114,7 @@ def _more(
     steps: int,
     x: State,
     d: Drive,
+    friction_N_m: float,
     first: Forces,
     start: Torques,
     end: Motion,
@@ -128,8 +129,10 @@ def _more(
     )
     drawn = p.wire_creep_share * first.wire.tension_N / p.k  # where creep goes
     creep, creep_end = drawn + kept[half] * (x.creep_m - drawn), drawn + kept[steps - 1] * (x.creep_m - drawn)
-    scale = motor_friction_N_m(p, x.omega_m_rad_per_s, first.wire.tension_N) + p.film_friction_level_N_m
-    scale += d.viscosity * abs(x.omega_m_rad_per_s)
+    scale = max(friction_N_m, motor_friction_N_m(p, x.omega_m_rad_per_s, first.wire.tension_N))
+    scale += p.film_friction_level_N_m + d.viscosity * abs(x.omega_m_rad_per_s)
+    if scale == 0.0:
+        return False, More(0.0, 0.0, 0.0, 0.0), first.wire
     felt = scale / (jaw_level_N_m(p, x.theta_j_rad) + scale * p.r_j / p.r_m)  # of a torque on the jaw
     scale *= min(1.0, (_USUAL_STEPS / g.shape[0]) ** 4)
     left = _SLOW_CONTRACTION if kind.steady else _FAST_CONTRACTION
@@ -137,7 +140,7 @@ def _more(
     for _ in range(_MAX_ITERATIONS):
         at = _moved(x, added(g, half, middle, _over_half(more)))
         at_end = _moved(x, added(g, steps - 1, end, _over_all(more)))
-        if not (_on(x, at) and _on(x, at_end)):
+        if not (_on(kind, x, at) and _on(kind, x, at_end)):
             break
         m, e = _forces(p, kind, g, x, at, creep, d), _forces(p, kind, g, x, at_end, creep_end, d)
         was, more = more, More(m.motor - first.motor, e.motor - first.motor, m.jaw - first.jaw, e.jaw - first.jaw)
@@ -199,8 +202,10 @@ def _same_wire(p: Physics, x: State, first: Wire, middle: Wire, last: Wire) -> b
 
 
 @inlined
-def _on_between(p: Physics, g: Gains, steps: int, x: State, u: Torques) -> bool:
-    """Tell whether motor and jaw go the way they went where each step but the last would have ended."""
+def _on_between(p: Physics, kind: Kind, g: Gains, steps: int, x: State, u: Torques) -> bool:
+    """Tell whether motor and jaw go on where each step but the last would have ended."""
+    if not (kind.motor_directed or kind.jaw_directed):
+        return True
     stretch = p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad
     speed_m, speed_j = x.omega_m_rad_per_s, x.omega_j_rad_per_s
     for k in range(steps - 1):
@@ -209,17 +214,24 @@ def _on_between(p: Physics, g: Gains, steps: int, x: State, u: Torques) -> bool:
         part = Torques(
             u.motor + until * u.motor_slope, share * u.motor_slope, u.jaw + until * u.jaw_slope, share * u.jaw_slope
         )
-        if not row_of(g, k, MOTOR_SPEED, stretch, speed_m, speed_j, part) * speed_m > 0.0:
-            return False
-        if not row_of(g, k, JAW_SPEED, stretch, speed_m, speed_j, part) * speed_j > 0.0:
+        omega_m = row_of(g, k, MOTOR_SPEED, stretch, speed_m, speed_j, part)
+        omega_j = row_of(g, k, JAW_SPEED, stretch, speed_m, speed_j, part)
+        if not _goes_on(kind, x, omega_m, omega_j):
             return False
     return True
 
 
 @inlined
-def _on(x: State, m: Motion) -> bool:
-    """Tell whether motor and jaw go the way they went."""
-    return x.omega_m_rad_per_s * m.omega_m > 0.0 and x.omega_j_rad_per_s * m.omega_j > 0.0
+def _on(kind: Kind, x: State, m: Motion) -> bool:
+    return _goes_on(kind, x, m.omega_m, m.omega_j)
+
+
+@inlined
+def _goes_on(kind: Kind, x: State, omega_m: float, omega_j: float) -> bool:
+    """Tell whether motor and jaw go the way they went, as far as it matters to what brakes them."""
+    if kind.motor_directed and not x.omega_m_rad_per_s * omega_m > 0.0:
+        return False
+    return not kind.jaw_directed or x.omega_j_rad_per_s * omega_j > 0.0
 
 
 @inlined

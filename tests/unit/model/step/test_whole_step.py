@@ -71,7 +71,7 @@ def tables(p: Physics, step_s: float, steps: int) -> tuple[NDArray[np.float64], 
 def at_once(
     p: Physics, kind: Kind, x: State, d: Drive, span_s: float = STEP_S * STEPS, steps: int = STEPS
 ) -> tuple[bool, State]:
-    moves, end = in_python(whole_step)(p, kind, *tables(p, span_s / steps, steps), steps, x, d)
+    moves, end = in_python(whole_step)(p, kind, *tables(p, span_s / steps, steps), steps, x, d, 0.0)
     return bool(moves), State(*end)
 
 
