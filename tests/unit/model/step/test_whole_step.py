@@ -69,9 +69,15 @@ def tables(p: Physics, step_s: float, steps: int) -> tuple[NDArray[np.float64], 
 
 
 def at_once(
-    p: Physics, kind: Kind, x: State, d: Drive, span_s: float = STEP_S * STEPS, steps: int = STEPS
+    p: Physics,
+    kind: Kind,
+    x: State,
+    d: Drive,
+    span_s: float = STEP_S * STEPS,
+    steps: int = STEPS,
+    friction_N_m: float = 0.0,
 ) -> tuple[bool, State]:
-    moves, end = in_python(whole_step)(p, kind, *tables(p, span_s / steps, steps), steps, x, d, 0.0)
+    moves, end = in_python(whole_step)(p, kind, *tables(p, span_s / steps, steps), steps, x, d, friction_N_m)
     return bool(moves), State(*end)
 
 
@@ -101,6 +107,28 @@ def test_a_sample_at_once_is_what_fine_steps_make_of_it(entry_id: str) -> None:
     fine, bare = in_many(p, kind, x, d), in_many(*plant(""), x, d)
     for name, a, b, without, before in zip(State._fields, end, fine, bare, x, strict=True):
         assert a == pytest.approx(b, abs=share * abs(b - without) + 1e-10 * abs(before)), name
+
+
+@pytest.mark.parametrize("entry_id", ["", "jaw_gravity", "cogging", "wire_hardening", "wire_creep"])
+def test_a_motor_and_a_jaw_that_no_friction_holds_may_turn_within_a_sample(entry_id: str) -> None:
+    p, kind = plant(entry_id, motor_coulomb=0.0, jaw_coulomb=0.0)
+    held = 1e-4  # friction that is among the torques
+    x, d = going(p, omega_m_rad_per_s=2e-3, omega_j_rad_per_s=-1e-3), drive(p, 0.0)
+    d = d._replace(current=d.current - 1e-5 / p.K_t)
+    moves, end = at_once(p, kind, x, d, friction_N_m=held)
+    fine, bare = in_many(p, kind, x, d), in_many(*plant("", motor_coulomb=0.0, jaw_coulomb=0.0), x, d)
+    assert moves
+    assert end.omega_m_rad_per_s * x.omega_m_rad_per_s < 0.0  # turned
+    for name, a, b, without, before in zip(State._fields, end, fine, bare, x, strict=True):
+        assert a == pytest.approx(b, abs=2.0 * USUAL * abs(b - without) + 1e-9 * abs(before)), name
+
+
+@pytest.mark.parametrize("entry_id", ["coulomb_asymmetry", "viscous_asymmetry", "presliding_friction", "jaw_presliding"])
+def test_friction_that_knows_a_direction_leaves_turns_to_steps(entry_id: str) -> None:
+    p, kind = plant(entry_id, motor_coulomb=0.0, jaw_coulomb=0.0)
+    jaw = entry_id.startswith("jaw")
+    x = going(p, omega_m_rad_per_s=1.5 if jaw else 0.0, omega_j_rad_per_s=0.0 if jaw else 0.3)
+    assert not at_once(p, kind, x, drive(p), friction_N_m=1e-4)[0]
 
 
 def test_half_the_time_leaves_far_less_than_half_the_error() -> None:
