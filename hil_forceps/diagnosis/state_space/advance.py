@@ -81,7 +81,8 @@ def stepper(p: Physics, period_s: float, samples: int) -> Stepper:
     kept = (math.exp(-step_s / p.wire_creep_time_constant_s), math.exp(-step_s / PIECES / p.wire_creep_time_constant_s))
     inertia = (p.I_m / step_s, p.I_j / step_s)
     current = current_step(step_s, STEPS // samples, p.actuation_delay_delay_s, p.electrical_lag_time_constant_s)
-    return Stepper(gains, whole, decays(p, max(span, 1), step_s), inertia, kept, current, samples, span, step_s, p.motor_coulomb)
+    keeps = decays(p, max(span, 1), step_s)
+    return Stepper(gains, whole, keeps, inertia, kept, current, samples, span, step_s, p.motor_coulomb)
 
 
 @inlined

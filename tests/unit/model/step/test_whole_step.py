@@ -123,7 +123,9 @@ def test_a_motor_and_a_jaw_that_no_friction_holds_may_turn_within_a_sample(entry
         assert a == pytest.approx(b, abs=2.0 * USUAL * abs(b - without) + 1e-9 * abs(before)), name
 
 
-@pytest.mark.parametrize("entry_id", ["coulomb_asymmetry", "viscous_asymmetry", "presliding_friction", "jaw_presliding"])
+@pytest.mark.parametrize(
+    "entry_id", ["coulomb_asymmetry", "viscous_asymmetry", "presliding_friction", "jaw_presliding"]
+)
 def test_friction_that_knows_a_direction_leaves_turns_to_steps(entry_id: str) -> None:
     p, kind = plant(entry_id, motor_coulomb=0.0, jaw_coulomb=0.0)
     jaw = entry_id.startswith("jaw")
