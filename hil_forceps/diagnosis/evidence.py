@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.state_space.advance import Regimes, regimes
+from hil_forceps.diagnosis.state_space.advance import physics_of
+from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -66,13 +67,13 @@ class Passed(Protocol):
     def log_likelihood(self) -> Matrix:
         """Log likelihood (n × m), by the loss that `influence` is of."""
 
-    def answers(self, base: Regimes, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
+    def answers(self, base: Physics, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
         """Return how the residuals answer to directions and behind them to waves (n·m × columns), by influence."""
 
-    def curves(self, base: Regimes, columns: Sequence[tuple[str, Vector]]) -> Columns:
+    def curves(self, base: Physics, columns: Sequence[tuple[str, Vector]]) -> Columns:
         """Return how they answer to courses (place, n) of a torque [N m], a wire's force [N], an error of a sensor."""
 
-    def course(self, base: Regimes, *, before: bool) -> Course:
+    def course(self, base: Physics, *, before: bool) -> Course:
         """Return what happened in the run, by what was known up to each row, or `before` its measurements."""
 
 
@@ -87,7 +88,7 @@ class Evidence(Protocol):
     def load_measured(self) -> bool:
         """Whether it has a load cell."""
 
-    def passed(self, theta: Vector, plants: Regimes) -> Passed:
+    def passed(self, theta: Vector, plant: Physics) -> Passed:
         """Return it beside a model."""
 
 
@@ -95,7 +96,7 @@ class Passes(NamedTuple):
     """A set of runs beside a model with the same parameters."""
 
     theta: Vector
-    plants: Regimes
+    plant: Physics
     runs: tuple[Any, ...]  # `Passed`
 
 
@@ -108,15 +109,15 @@ class Gram(NamedTuple):
 
 def pass_all(runs: Sequence[Evidence], theta: Vector, mapper: Mapper) -> Passes:
     """Hold a model with a vector of parameters (`model.parameters.NAMES`) to runs."""
-    plants = regimes(theta)
-    return Passes(theta, plants, tuple(mapper(lambda run: run.passed(theta, plants), runs)))
+    plant = physics_of(theta)
+    return Passes(theta, plant, tuple(mapper(lambda run: run.passed(theta, plant), runs)))
 
 
 def gram(passes: Passes, directions: Sequence[Direction], mapper: Mapper, waves: Sequence[Wave] = ()) -> Gram:
     """Return how the residuals answer to some directions, and behind them to `waves`."""
 
     def one(run: Passed) -> Gram:
-        columns = run.answers(passes.plants, directions, waves)
+        columns = run.answers(passes.plant, directions, waves)
         return gram_of(columns, (run.influence * run.residual).ravel())
 
     return total(list(mapper(one, passes.runs)))

@@ -1,7 +1,7 @@
 """Identify a forceps from runs in closed loop: known parameters, effects of the catalogue, and what neither explains.
 
 noise    = of the sensors, from differences                                    preparation/sensor_noise
-records  = commands, load's prior, contact, regimes of friction                 preparation/
+records  = commands, load's prior, contact, regimes of friction              preparation/
 baseline = known parameters by prediction errors of an extended Kalman filter   state_space/, inference/
 found    = entries of the catalogue that join by score test and refit           hypotheses/
 left     = curves without physics in them, through the same filter              lack_of_fit/
@@ -28,7 +28,7 @@ from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.preparation.reference_timing import reference_timing
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
-from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.diagnosis.state_space.passes import pass_one
 from hil_forceps.model import parameters
@@ -119,12 +119,12 @@ def records_of(
 
     Which references a drive follows between rows is told by the currents, with the rig's parameters.
     """
-    plants = regimes(parameters.vector(rig))
+    plant = physics_of(parameters.vector(rig))
 
     def prepared(run: EvenRun) -> Record:
         record = record_of(run, rig, noise)
         for turn in range(TIMING_ROUNDS if record.series.samples > 1 else 0):
-            record = record.with_timing(reference_timing(pass_one(record, plants), first=turn == 0))
+            record = record.with_timing(reference_timing(pass_one(record, plant), first=turn == 0))
         return record
 
     records = tuple(mapper(prepared, (*runs, *held_out)))
@@ -135,7 +135,7 @@ def adapting(mapper: Mapper) -> Adapt:
     """Return what gives records friction and switching of a model."""
 
     def adapt(runs: Sequence[Record], model: Fit, *, first: bool) -> list[Record]:
-        theta, plant = model.passes.theta, model.passes.plants.sliding
+        theta, plant = model.passes.theta, model.passes.plant
         runs = [run.with_friction_of(plant) for run in runs]
         passes = pass_all(runs, theta, mapper)
         if first:
@@ -160,7 +160,7 @@ def known_of(rig: Rig, records: Sequence[Record]) -> tuple[Free, ...]:
 
 def left_unseen(fitted: Fit, held_out: Sequence[Record], mapper: Mapper, seed: int, weigh: Weigh) -> LackOfFit:
     """Return what a fit leaves in runs that it has never seen; its parameters are known as the fitted runs tell."""
-    plant = fitted.passes.plants.sliding
+    plant = fitted.passes.plant
     runs = [run.with_friction_of(plant) for run in held_out]
     passes = pass_all(runs, fitted.passes.theta, mapper)
     passes = pass_all(with_likeliest_load_noises(runs, passes, mapper), fitted.passes.theta, mapper)

@@ -153,7 +153,7 @@ def render(side: Side) -> str:
     for port in side.ports:
         parts += ["", *_port(side, port, modules)]
     if side is MODEL:
-        parts += list(_changes())
+        parts += [*_changes(), *_without_dry_friction(side)]
     return "\n".join(parts) + "\n"
 
 
@@ -258,6 +258,29 @@ def _changes() -> Iterator[str]:
         for amplitude in amplitudes:
             yield f"    total += {amplitude}"
         yield "    return total"
+
+
+def _without_dry_friction(side: Side) -> Iterator[str]:
+    values = [
+        f"{name.removesuffix('_coulomb')}_kept * p.{name}" if name.endswith("_coulomb") else f"p.{name}"
+        for name in side.plant_fields
+    ]
+    for effect in EFFECTS:
+        for parameter in effect.parameters:
+            name = f"p.{effect.id}_{parameter.name}"
+            if effect.dry_friction_of is not None and parameter.neutral is not None:
+                if parameter.neutral != 0.0:
+                    raise SystemExit(f"{effect.id}.{parameter.name}: dry friction is off at 0, not {parameter.neutral}")
+                name = f"{effect.dry_friction_of}_kept * {name}"
+            values.append(name)
+    yield "\n\n@inlined"
+    yield f"def without_dry_friction(p: {side.numbers}, motor: bool, jaw: bool) -> {side.numbers}:"
+    yield '    """Return the plant without what holds its motor, its jaw or both at rest."""'
+    yield "    motor_kept, jaw_kept = 0.0 if motor else 1.0, 0.0 if jaw else 1.0"
+    yield f"    return {side.numbers}("
+    for value in values:
+        yield f"        {value},"
+    yield "    )"
 
 
 if __name__ == "__main__":

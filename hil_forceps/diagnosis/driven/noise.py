@@ -60,7 +60,7 @@ def noise_beside(model: Fit, without: frozenset[str], mapper: Mapper) -> dict[st
     known = directions_of(model.free, passes.theta)
     _, places, _ = places_of(passes, without)
     directions = [*known, *places]
-    changes = list(mapper(lambda run: run.changes(passes.plants, directions), passes.runs))
+    changes = list(mapper(lambda run: run.changes(passes.plant, directions), passes.runs))
     away, precision = prior_of(model.free, passes.theta)
     pull = np.concatenate((precision * away, np.zeros(len(places))))
     precision = np.concatenate((precision, np.zeros(len(places))))

@@ -10,8 +10,8 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.driven.simulation import DrivenModel
 from hil_forceps.diagnosis.driven.whitening import Whitening
 from hil_forceps.diagnosis.evidence import WILD, Columns, Direction, Wave
-from hil_forceps.diagnosis.state_space.advance import Regimes
 from hil_forceps.diagnosis.validation.rows import Rows
+from hil_forceps.model.composition import Physics
 from hil_forceps.model.driven import Channels
 
 Vector = NDArray[np.float64]
@@ -53,9 +53,9 @@ class DrivenRun:
         """Whether the jaw's angle is known."""
         return self.model.rows.jaw_rad is not None
 
-    def passed(self, theta: Vector, plants: Regimes) -> "DrivenPassed":
+    def passed(self, theta: Vector, plant: Physics) -> "DrivenPassed":
         """Return it beside a model."""
-        del plants
+        del plant
         rows = self.rows
         shown = self.model.simulated(theta, smoothed=True)
         said = self.model.channels(shown)
@@ -109,12 +109,12 @@ class DrivenPassed:
             found[row, place] -= 0.5 * (self.zeros[name] / self.run.zero_sd[name]) ** 2
         return np.asarray(found)
 
-    def course(self, base: Regimes, *, before: bool) -> Course:
+    def course(self, base: Physics, *, before: bool) -> Course:
         """Return what happened in the run; nothing of it hangs on what is compared."""
         del base, before
         return self.run.model.course(self.shown)
 
-    def answers(self, base: Regimes, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
+    def answers(self, base: Physics, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
         """Return how the residuals answer to directions and behind them to waves (n·channels × columns)."""
         model, found = self.run.model, self.changes(base, directions)
         course = self.course(base, before=False)
@@ -122,19 +122,19 @@ class DrivenPassed:
             phase = wave.harmonic * course.theta_m
             torque = wave.amplitude * (np.cos(phase) if wave.cosine else np.sin(phase))
             if wave.with_current:  # a sensor of torque shows it as any other
-                torque = torque * base.sliding.K_t * course.current_A * ("current_A" in self.raw)
-            found.append(model.static_answer(base.sliding, "motor", torque))
+                torque = torque * base.K_t * course.current_A * ("current_A" in self.raw)
+            found.append(model.static_answer(base, "motor", torque))
         return self.columns(found)
 
-    def curves(self, base: Regimes, columns: Sequence[tuple[str, Vector]]) -> Columns:
+    def curves(self, base: Physics, columns: Sequence[tuple[str, Vector]]) -> Columns:
         """Return how they answer to courses of a torque, a wire's force, an error of a sensor."""
-        return self.columns([self.run.model.static_answer(base.sliding, *column) for column in columns])
+        return self.columns([self.run.model.static_answer(base, *column) for column in columns])
 
     def with_filters(self, white: dict[str, Whitening]) -> "DrivenPassed":
         """Return the same with other filters."""
         return _passed(replace(self.run, white=white), self.shown, self.raw)
 
-    def changes(self, base: Regimes, directions: Sequence[Direction]) -> list[dict[str, Vector]]:
+    def changes(self, base: Physics, directions: Sequence[Direction]) -> list[dict[str, Vector]]:
         """Return the changes of what is predicted in some directions."""
         del base
         model, said = self.run.model, self.run.model.channels(self.shown)

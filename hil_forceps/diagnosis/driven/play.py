@@ -14,7 +14,7 @@ def play(runs: Sequence[DrivenRun], theta: Vector, mapper: Mapper) -> Played:
     """Simulate runs with a vector of parameters."""
     adapted = list(mapper(lambda run: run.adapted(theta, run.white), runs))
     passes = pass_all(adapted, theta, mapper)
-    courses = [passed.course(passes.plants, before=False) for passed in passes.runs]
+    courses = [passed.course(passes.plant, before=False) for passed in passes.runs]
     return Played([_channels(passed) for passed in passes.runs], courses)
 
 

@@ -137,7 +137,7 @@ def expected(design: Design, experiment: Experiment, truth: Vector, rival: Fit) 
     if not all(np.isfinite(values).all() for values in run.columns.values()):
         return 0.0
     record = record_of(EvenRun.whole(run), design.rig, design.found.noise)
-    record = record.with_friction_of(rival.passes.plants.sliding)
+    record = record.with_friction_of(rival.passes.plant)
     passes = pass_all([record], theta, map)
     # Both pass the same counts and holds: what the rival's innovations have beyond the truth's own is what tells.
     own = pass_all([record], truth, map).runs[0]

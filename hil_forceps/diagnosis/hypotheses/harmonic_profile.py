@@ -29,7 +29,7 @@ def likelier_harmonic(model: Fit, effect_id: str, mapper: Mapper) -> Vector | No
     own = [f for f in model.free if f.name in names]
     others = [f for f in model.free if f.name not in names]
     own_harmonic, size = values_of(theta, effect_id)[HARMONIC], max(abs(float(theta[f.place])) for f in own)
-    harmonics = sorted({*usual_harmonics(passes.plants.sliding), own_harmonic})
+    harmonics = sorted({*usual_harmonics(passes.plant), own_harmonic})
     units = dict.fromkeys(amplitudes, size)
     probes = [Probe(effect_id, {HARMONIC: h, **units}, tuple(amplitudes), one_sided=False) for h in harmonics]
     waves = [wave for probe in probes for wave in waves_of(probe)]

@@ -23,7 +23,7 @@ AT_ONCE = 50  # to spare memory
 def telling_harmonics(model: Fit, mapper: Mapper) -> Harmonics:
     """Return the harmonics of torques, with and without the current, that explain most beside a model."""
     passes = model.passes
-    courses = [run.course(passes.plants, before=False) for run in passes.runs]
+    courses = [run.course(passes.plant, before=False) for run in passes.runs]
     turns = max(float(np.ptp(c.theta_m)) for c in courses) / (2.0 * np.pi)
     step = max(min(1.0, STEP_TURNS / max(turns, 1e-9)), HIGHEST / MOST)
     looked_at = np.arange(1.0, HIGHEST + 0.5 * step, step)
@@ -31,12 +31,12 @@ def telling_harmonics(model: Fit, mapper: Mapper) -> Harmonics:
     known = directions_of(model.free, passes.theta)
 
     def one(run: Passed) -> list[Gram]:
-        answers, residual = run.answers(passes.plants, known), (run.influence * run.residual).ravel()
+        answers, residual = run.answers(passes.plant, known), (run.influence * run.residual).ravel()
         found = []
         for with_current in (False, True):
             for some in parts:
                 waves = [Wave(float(h), cosine, with_current, 1.0) for h in some for cosine in (False, True)]
-                found.append(gram_of(np.hstack((answers, run.answers(passes.plants, [], waves))), residual))
+                found.append(gram_of(np.hstack((answers, run.answers(passes.plant, [], waves))), residual))
         return found
 
     prior = Prior.of(model.free, passes.theta)

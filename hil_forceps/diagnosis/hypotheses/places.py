@@ -55,8 +55,8 @@ def usual_harmonics(p: Physics) -> tuple[float, ...]:
 
 def scene_of(passes: Passes, harmonics: Harmonics | None = None) -> Scene:
     """Return what the runs contain; `harmonics`: of cogging and of ripple, the usual ones where they are whole."""
-    p = passes.plants.sliding
-    courses = [run.course(passes.plants, before=False) for run in passes.runs]
+    p = passes.plant
+    courses = [run.course(passes.plant, before=False) for run in passes.runs]
     jaw = np.concatenate([c.theta_j for c in courses])
     reach = tuple(float(v) for v in (jaw.min(), jaw.max()) if abs(v) > 0.02 * np.ptp(jaw))
     usual = usual_harmonics(p)

@@ -27,7 +27,7 @@ def _with_likeliest(record: Record, passed: Passed, passes: Passes) -> Record:
         tried = record.with_less_load_noise(VARIANCE_FACTOR)
         if float(tried.series.load_slope_variance.min()) >= float(record.series.load_slope_variance.min()):
             break
-        other = pass_one(tried, passes.plants)
+        other = pass_one(tried, passes.plant)
         both = passed.counts & other.counts
         gain = 2.0 * float((other.log_likelihood - passed.log_likelihood)[both].sum())
         if not gain > LEAST_GAIN_CHI2:

@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.hypotheses.score_test import Prior, Tested, score_tes
 from hil_forceps.diagnosis.inference.dispersion import Scatter, Weigh, scatter, total_scatter
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of
 from hil_forceps.diagnosis.lack_of_fit.curves import Curve, Scale, all_curves, scale_of
-from hil_forceps.diagnosis.state_space.advance import Regimes
+from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, weigh: Weigh | None, pri
     `weigh`: what a gain is worth; None: as the likelihood has it. `prior`: what is known of the parameters; by default
     what they were fitted with.
     """
-    base, runs = found.passes.plants, found.passes.runs
+    base, runs = found.passes.plant, found.passes.runs
     courses = [run.course(base, before=False) for run in runs]
     scale = scale_of(courses)
     tests = _Tests(base, directions_of(found.free, found.passes.theta), curves_for(runs), scale)
@@ -64,7 +64,7 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, weigh: Weigh | None, pri
 class _Tests(NamedTuple):
     """What is tested: the directions of the fitted parameters and behind them the curves."""
 
-    base: Regimes
+    base: Physics
     directions: Sequence[Direction]
     curves: Sequence[Curve]
     scale: Scale

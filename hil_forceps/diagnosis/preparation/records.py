@@ -1,4 +1,4 @@
-"""A run as the filter takes it: command, load's prior, regimes and noise, put together."""
+"""A run as the filter takes it: command, load's prior, regimes of friction and noise, put together."""
 
 import math
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from hil_forceps.diagnosis.preparation.contact import contact
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
 from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick, may_stick_by_sensor
-from hil_forceps.diagnosis.state_space.advance import Regimes, friction_at_rest_N_m, regimes
+from hil_forceps.diagnosis.state_space.advance import friction_at_rest_N_m, physics_of
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
     CURRENT_NOISE,
@@ -85,13 +85,13 @@ class Record:
         """Whether it has a sensor at the jaw."""
         return bool(np.isfinite(self.series.jaw_rad).any())
 
-    def passed(self, theta: Vector, plants: Regimes) -> Passed:
-        """Return a pass of the filter with the plants of parameters `theta`."""
+    def passed(self, theta: Vector, plant: Physics) -> Passed:
+        """Return a pass of the filter with the plant of parameters `theta`."""
         del theta
-        return pass_one(self, plants)
+        return pass_one(self, plant)
 
     def with_friction_of(self, p: Physics) -> "Record":
-        """Return the record for plants whose dry friction is about that of `p`, nothing decided yet.
+        """Return the record for a plant whose dry friction is about that of `p`, nothing decided yet.
 
         Where it is less than the load leaves open, it is no other than an error of the load, and rows where a mass may
         stick are evidence as any. Models that are compared must be so by records with the same friction.
@@ -223,7 +223,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise) -> Record:
         min(n // 4, max(5, round(SETTLING_S / period_s))),
         drive.span_A,
     )
-    return found.with_friction_of(regimes(parameters.vector(rig)).sliding)
+    return found.with_friction_of(physics_of(parameters.vector(rig)))
 
 
 def least_slope_variance(reach_N_m: float, period_s: float) -> float:

@@ -13,6 +13,7 @@ from hil_forceps.model.composition import (
     forward_friction_N_m,
     motor_friction_N_m,
     motor_viscosity_N_m_s_per_rad,
+    without_dry_friction,
 )
 from hil_forceps.model.current import CurrentStep, current_over, current_step
 from hil_forceps.model.linear.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, fill_all, fill_multiples
@@ -21,7 +22,6 @@ from hil_forceps.model.step.motion import Drive
 from hil_forceps.model.step.refinement import refined_step
 from hil_forceps.model.step.single_step import plain_step
 from hil_forceps.model.step.whole_step import decays, suits, whole_step
-from hil_forceps.rig.catalogue import EFFECTS
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -29,22 +29,15 @@ Matrix = NDArray[np.float64]
 STEPS = 4  # of a row
 MIN_LIMIT_DISTANCE_DEVIATIONS = 6.0  # of the command: nearer than this, the limit matters; beyond, 1 in 10⁹ exceed it
 _ROOT_2 = math.sqrt(2.0)
-# What switches off all effects that are part of what holds a body at rest.
-_DRY = {
-    body: {
-        f"{entry.id}_{parameter.name}": parameter.neutral
-        for entry in EFFECTS
-        if entry.dry_friction_of == body
-        for parameter in entry.parameters
-        if parameter.neutral is not None
-    }
-    for body in ("motor", "jaw")
-}
 _DRIFT_STEP = 0.02  # of D_m: further away, the linear plant is made anew
 
 
 class Stepper(NamedTuple):
-    """What a row's steps are made with, prepared once for a run."""
+    """What a row's steps are made with, prepared once for a run.
+
+    By regime: where both masses slide, where the motor may stick, where the jaw may, and where both may. Where a mass
+    may stick its dry friction is a state of the filter, and the plant has none.
+    """
 
     gains: Matrix
     whole: Matrix
@@ -53,9 +46,10 @@ class Stepper(NamedTuple):
     kept: tuple[float, float]
     current: CurrentStep
     samples: int  # of the drive in a row
-    span: int  # steps tried as one
     step_s: float
     friction_N_m: float  # of the sliding motor
+    kinds: tuple[Kind, Kind, Kind, Kind]
+    spans: tuple[int, int, int, int]  # steps tried as one
 
 
 class Acting(NamedTuple):
@@ -72,17 +66,24 @@ class Acting(NamedTuple):
 @returning_arrays
 def stepper(p: Physics, period_s: float, samples: int) -> Stepper:
     """Prepare for a plant, a period of the rows, and samples of the drive in it."""
-    step_s = period_s / STEPS
-    gains = np.empty((SHORT + 2, SIZE))
+    step_s, steps = period_s / STEPS, STEPS // samples
+    gains, whole = np.empty((SHORT + 2, SIZE)), np.empty((steps, SIZE))
     fill_all(gains, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
-    span = STEPS // samples if suits(p, kind_of(p), STEPS // samples) else 0
-    whole = np.empty((max(span, 1), SIZE))
     fill_multiples(whole, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
     kept = (math.exp(-step_s / p.wire_creep_time_constant_s), math.exp(-step_s / PIECES / p.wire_creep_time_constant_s))
     inertia = (p.I_m / step_s, p.I_j / step_s)
-    current = current_step(step_s, STEPS // samples, p.actuation_delay_delay_s, p.electrical_lag_time_constant_s)
-    keeps = decays(p, max(span, 1), step_s)
-    return Stepper(gains, whole, keeps, inertia, kept, current, samples, span, step_s, p.motor_coulomb)
+    current = current_step(step_s, steps, p.actuation_delay_delay_s, p.electrical_lag_time_constant_s)
+    no_motor, no_jaw = without_dry_friction(p, True, False), without_dry_friction(p, False, True)
+    neither = without_dry_friction(p, True, True)
+    kinds = (kind_of(p), kind_of(no_motor), kind_of(no_jaw), kind_of(neither))
+    spans = (_span(p, steps), _span(no_motor, steps), _span(no_jaw, steps), _span(neither, steps))
+    keeps = decays(p, steps, step_s)
+    return Stepper(gains, whole, keeps, inertia, kept, current, samples, step_s, p.motor_coulomb, kinds, spans)
+
+
+@inlined
+def _span(p: Physics, steps: int) -> int:
+    return steps if suits(p, kind_of(p), steps) else 0
 
 
 @inlined
@@ -107,21 +108,36 @@ def expected_current_slope(p: Physics, command_A: float, deviation_A: float) -> 
 
 
 @inlined
-def advance(p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, commands_A: Vector, sample: int) -> State:
-    """Return the plant's state a sample of the drive on, by its place in the row."""
-    steps = STEPS // s.samples
+def advance(
+    p: Physics, s: Stepper, motor_free: bool, jaw_free: bool, x: State, a: Acting, commands_A: Vector, sample: int
+) -> State:
+    """Return the plant's state a sample of the drive on, by its place in the row.
+
+    `motor_free` and `jaw_free`: whether that mass may stick, so that its dry friction acts as `a` has it.
+    """
+    steps, regime = STEPS // s.samples, (1 if motor_free else 0) + (2 if jaw_free else 0)
     at = a.first + sample - s.current.whole_samples
     new = acting_command(p, commands_A[max(at, 0)])
     old = acting_command(p, commands_A[max(at - 1, 0)])
-    return _over_sample(p, kind, s, x, a, sample * steps, steps, old, new)
+    plant, kind, span = without_dry_friction(p, motor_free, jaw_free), s.kinds[regime], s.spans[regime]
+    return _over_sample(plant, kind, s, span, x, a, sample * steps, steps, old, new)
 
 
 @inlined
 def _over_sample(
-    p: Physics, kind: Kind, s: Stepper, x: State, a: Acting, first: int, steps: int, old_A: float, new_A: float
+    p: Physics,
+    kind: Kind,
+    s: Stepper,
+    span: int,
+    x: State,
+    a: Acting,
+    first: int,
+    steps: int,
+    old_A: float,
+    new_A: float,
 ) -> State:
-    """Return the plant's state a sample of the drive on; `first`: of its steps in the row."""
-    done, span = 0, s.span
+    """Return the plant's state a sample of the drive on; `first`: of its steps in the row; `span`: tried as one."""
+    done = 0
     at_once = s.current.whole_samples == 0 and s.current.mean == 0.0 and s.current.arrival_slope == 0.0
     while done < steps:
         if span > 0 and done % span == 0 and at_once:
@@ -206,56 +222,6 @@ def forward_share(omega: float, deviation: float) -> float:
     return 0.5 * math.erfc(-omega / (deviation * _ROOT_2))
 
 
-class Regimes(NamedTuple):
-    """The plant where both masses slide, where the motor may stick, where the jaw may, and where both may.
-
-    Where a mass may stick its dry friction is a state of the filter, and the plant has none.
-    """
-
-    sliding: Physics
-    motor_free: Physics
-    jaw_free: Physics
-    both_free: Physics
-
-
-def regimes(theta: Vector) -> Regimes:
-    """Return the plants of a vector of parameters (`model.parameters.NAMES`)."""
-    p = Physics(*theta.tolist())
-
-    def without(*, motor: bool, jaw: bool) -> Physics:
-        q = p
-        if motor:
-            q = q._replace(motor_coulomb=0.0, **_DRY["motor"])
-        return q._replace(jaw_coulomb=0.0, **_DRY["jaw"]) if jaw else q
-
-    return Regimes(p, without(motor=True, jaw=False), without(motor=False, jaw=True), without(motor=True, jaw=True))
-
-
-class Steppers(NamedTuple):
-    """What `advance` needs for each regime: all plants share the linear part."""
-
-    kinds: tuple[Kind, Kind, Kind, Kind]
-    stepper: Stepper
-
-
-@returning_arrays
-def steppers(plants: Regimes, period_s: float, samples: int) -> Steppers:
-    """Prepare for all regimes."""
-    kinds = (kind_of(plants[0]), kind_of(plants[1]), kind_of(plants[2]), kind_of(plants[3]))
-    return Steppers(kinds, stepper(plants[0], period_s, samples))
-
-
-@inlined
-def advance_in(
-    plants: Regimes,
-    s: Steppers,
-    motor_free: bool,
-    jaw_free: bool,
-    x: State,
-    a: Acting,
-    commands_A: Vector,
-    sample: int,
-) -> State:
-    """Return the plant's state a sample of the drive on in the regime that holds."""
-    regime = (1 if motor_free else 0) + (2 if jaw_free else 0)
-    return advance(plants[regime], s.kinds[regime], s.stepper, x, a, commands_A, sample)
+def physics_of(theta: Vector) -> Physics:
+    """Return the plant of a vector of parameters (`model.parameters.NAMES`)."""
+    return Physics(*theta.tolist())

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.advance import Regimes, Steppers, advance_in, steppers
+from hil_forceps.diagnosis.state_space.advance import Stepper, advance, stepper
 from hil_forceps.diagnosis.state_space.between_rows import collapse
 from hil_forceps.diagnosis.state_space.covariance import disturbed, moved
 from hil_forceps.diagnosis.state_space.kernel import inlined, kernel, returning_arrays, subroutine
@@ -126,10 +126,9 @@ def _note_state(row: int, x: Vector, covariance: Matrix, out: Filtered) -> None:
 
 
 @kernel
-def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
+def filter_pass(p: Physics, d: Series, out: Filtered) -> None:
     """Fill `out`."""
-    p = plants[0]
-    s, linear = steppers(plants, d.period_s, d.samples), _linear(p, d)
+    s, linear = stepper(p, d.period_s, d.samples), _linear(p, d)
     x, covariance, work = d.first_state.copy(), np.diag(d.first_variance), _work(d, linear.taut)
     for mass in range(2):
         covariance[FRICTION_M + mass, FRICTION_M + mass] = d.friction_level_N_m[0, mass] ** 2
@@ -161,7 +160,7 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
         elastic_slope = 0.0
         if d.contact_stiffness[row] > 0.0 or d.samples > 1:
             drive, elastic_slope = _look_ahead(
-                plants, d, s, row, was, f, f_sample, edge_variance, plant, drive, x, covariance, work, out
+                p, d, s, row, was, f, f_sample, edge_variance, plant, drive, x, covariance, work, out
             )
             f, f_sample = _beside_contact(d.contact_stiffness[row], work, f, f_sample)
         out.course[row, ELASTIC_SLOPE] = elastic_slope
@@ -171,7 +170,7 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
             if sample > 0:
                 next_sample(d, row, sample, work.made, x, covariance, out)
             note_current_slope(p, row * d.samples + sample, covariance, out)
-            plant = advance_in(plants, s, was[0], was[1], plant, acting, out.command_A, sample)
+            plant = advance(p, s, was[0], was[1], plant, acting, out.command_A, sample)
             moved(
                 f_sample, covariance, linear.kept_sample, out.current_slope[row * d.samples + sample], work.covariance
             )
@@ -189,9 +188,9 @@ def filter_pass(plants: Regimes, d: Series, out: Filtered) -> None:
 
 @subroutine
 def _look_ahead(
-    plants: Regimes,
+    p: Physics,
     d: Series,
-    s: Steppers,
+    s: Stepper,
     row: int,
     free: tuple[bool, bool],
     f: Matrix,
@@ -209,9 +208,9 @@ def _look_ahead(
     In `work` are what unseen counts make and, where the jaw touches something, F stiffened by it. What is told of the
     counts is in state and covariance then.
     """
-    p, stiffness, elastic_slope = plants[0], d.contact_stiffness[row], 0.0
+    stiffness, elastic_slope = d.contact_stiffness[row], 0.0
     begin = beginning(plant, x)
-    there, drive = nominal_row(plants, d, s, row, free, begin, drive, x, work.counts_rad, work.angles_rad, out)
+    there, drive = nominal_row(p, d, s, row, free, begin, drive, x, work.counts_rad, work.angles_rad, out)
     if stiffness > 0.0:
         elastic_slope = elastic_share(f, stiffness, d.period_s) * (there.theta_j_rad - x[THETA_J])
         stiffened(f, stiffness, d.period_s, work.f)
@@ -245,7 +244,7 @@ def _note_prediction(course: Matrix, row: int, x: Vector, current_A: float, befo
     course[row, CURRENT_BEFORE] = before_A
 
 
-def filter_run(plants: Regimes, d: Series) -> Filtered:
+def filter_run(p: Physics, d: Series) -> Filtered:
     """Return one pass over a run."""
     n, between = d.encoder_rad.size, d.encoder_rad.size if d.samples > 1 else 0
     out = Filtered(
@@ -269,5 +268,5 @@ def filter_run(plants: Regimes, d: Series) -> Filtered:
         np.zeros(n, dtype=np.int64),
         np.zeros(n, dtype=np.bool_),
     )
-    filter_pass(plants, d, out)
+    filter_pass(p, d, out)
     return out

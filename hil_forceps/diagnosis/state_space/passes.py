@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.evidence import HUBER, WILD, Columns, Direction, Wave, huber_weight
-from hil_forceps.diagnosis.state_space.advance import Regimes, regimes
+from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.filter_pass import filter_run
 from hil_forceps.diagnosis.state_space.forcing_pass import COLUMNS_AT_ONCE, forced
 from hil_forceps.diagnosis.state_space.layout import (
@@ -107,18 +107,18 @@ class Passed(NamedTuple):
         line = -HUBER * np.minimum(away, WILD)
         return np.asarray(np.where(away < FAR, self.filtered.log_likelihood + 0.5 * beyond**2, line))
 
-    def answers(self, base: Regimes, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
+    def answers(self, base: Physics, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
         """Return how the innovations answer to directions and behind them to waves (n·CHANNELS × columns)."""
         influence = self.influence
         answers = np.empty((influence.size, len(directions) + len(waves)), dtype=np.float32)
         for at, direction in enumerate(directions):
-            answer = response_run(regimes(direction.theta), base.sliding, self.series, self.filtered, direction.per)
+            answer = response_run(physics_of(direction.theta), base, self.series, self.filtered, direction.per)
             answer = np.where(self.counts, influence * answer, 0.0).ravel()
             # A plant that goes out of bounds within a row says nothing: no information, instead of an infinite one.
             answers[:, at] = answer if np.max(np.abs(answer)) < WILD else 0.0
         for first in range(0, len(waves), COLUMNS_AT_ONCE):
             some = waves[first : first + COLUMNS_AT_ONCE]
-            torques = [("motor", self._torque_N_m(wave, base.sliding)) for wave in some]
+            torques = [("motor", self._torque_N_m(wave, base)) for wave in some]
             at = len(directions) + first
             answers[:, at : at + len(some)] = self.curves(base, torques)
         return answers
@@ -132,9 +132,9 @@ class Passed(NamedTuple):
             torque[:-1] *= p.K_t * course[1:, PREDICTED_CURRENT]
         return np.asarray(torque)
 
-    def curves(self, base: Regimes, columns: Sequence[tuple[str, Vector]]) -> Columns:
+    def curves(self, base: Physics, columns: Sequence[tuple[str, Vector]]) -> Columns:
         """Return how the innovations answer to courses of torques, of a wire's force, of errors of sensors."""
-        p, n = base.sliding, self.series.encoder_rad.size
+        p, n = base, self.series.encoder_rad.size
         influence = self.influence[:, :, np.newaxis]
         answers = np.empty((n * CHANNELS, len(columns)), dtype=np.float32)
         for first in range(0, len(columns), COLUMNS_AT_ONCE):
@@ -154,13 +154,13 @@ class Passed(NamedTuple):
             answers[:, first : first + len(some)] = answer.reshape(n * CHANNELS, -1)
         return answers
 
-    def course(self, base: Regimes, *, before: bool) -> Course:
+    def course(self, base: Physics, *, before: bool) -> Course:
         """Return what happened, by the filter: what was known up to each row, or `before` its measurements.
 
         What acts behind a row may hang on its measurements; an error of its sensors may not, for they hold its
         innovation.
         """
-        p, c = base.sliding, self.filtered.course
+        p, c = base, self.filtered.course
         angles = (PREDICTED_THETA_M, PREDICTED_OMEGA_M, PREDICTED_THETA_J, PREDICTED_OMEGA_J)
         after = (THETA_M, OMEGA_M, THETA_J, OMEGA_J)
         theta_m, omega_m, theta_j, omega_j = (c[:, i] for i in (angles if before else after))
@@ -226,7 +226,7 @@ def load_memory_rows(d: Series) -> int:
     return min(MAX_MEMORY_ROWS, math.ceil(LOAD_TIME_CONSTANTS * rows_per_time_constant))
 
 
-def pass_one(run: Filterable, plants: Regimes) -> Passed:
-    """Filter a run with plants of a vector of parameters."""
-    filtered = filter_run(plants, run.series)
+def pass_one(run: Filterable, plant: Physics) -> Passed:
+    """Filter a run with a plant."""
+    filtered = filter_run(plant, run.series)
     return Passed(run.series, filtered, counting(run, run.series, filtered))

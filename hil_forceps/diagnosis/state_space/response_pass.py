@@ -9,7 +9,7 @@ so under the model innovations behind it are uncorrelated with these answers, an
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.advance import Regimes, advance_in, steppers
+from hil_forceps.diagnosis.state_space.advance import advance, stepper
 from hil_forceps.diagnosis.state_space.between_rows import answered, ended
 from hil_forceps.diagnosis.state_space.drive_sample import sampled
 from hil_forceps.diagnosis.state_space.kernel import as_its_caller, inlined, kernel
@@ -91,16 +91,16 @@ def _change_shown(channel: int, gain: float, x: Vector) -> float:
 
 @kernel
 def response_pass(
-    plants: Regimes,
+    p: Physics,
     base: Physics,
     d: Series,
     filtered: Filtered,
     per: float,
     out: Matrix,
 ) -> None:
-    """Fill `out` (n × CHANNELS) with the change of the whitened innovations from `base` to `plants`, times `per`."""
-    p, course, sample_s = plants[0], filtered.course, d.period_s / d.samples
-    s = steppers(plants, d.period_s, d.samples)
+    """Fill `out` (n × CHANNELS) with the change of the whitened innovations from `base` to `p`, times `per`."""
+    course, sample_s = filtered.course, d.period_s / d.samples
+    s = stepper(p, d.period_s, d.samples)
     taut, slack = transition(base, sample_s, True), transition(base, sample_s, False)
     kept = noise_kept(d, 1)
     plant = first_plant(d)
@@ -127,7 +127,7 @@ def response_pass(
         for sample in range(d.samples):
             if d.states > RECORDED_STATES:
                 _sample_answer(d, filtered, row, sample, shift, x)
-            plant = advance_in(plants, s, free_m, free_j, plant, acting, filtered.command_A, sample)
+            plant = advance(p, s, free_m, free_j, plant, acting, filtered.command_A, sample)
             _carried(f, x, after, sample_s, kept, filtered.current_slope[row * d.samples + sample])
             if sample == d.samples - 1:
                 after[THETA_M] += per * (plant.theta_m_rad - there[PREDICTED_THETA_M])
@@ -200,8 +200,8 @@ def _answer_of_contact(f: Matrix, stiffness: float, period_s: float, before_rad:
     answers_of_contact(f, stiffness, period_s, before_rad, after)
 
 
-def response_run(plants: Regimes, base: Physics, d: Series, f: Filtered, per: float) -> Matrix:
-    """Return the change of a run's whitened innovations (n × CHANNELS) from `base` to other `plants`, times `per`."""
+def response_run(p: Physics, base: Physics, d: Series, f: Filtered, per: float) -> Matrix:
+    """Return the change of a run's whitened innovations (n × CHANNELS) from `base` to `p`, times `per`."""
     out = np.zeros_like(f.residual)
-    response_pass(plants, base, d, f, per, out)
+    response_pass(p, base, d, f, per, out)
     return out

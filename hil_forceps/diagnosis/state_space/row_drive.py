@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.advance import Regimes, Steppers, advance_in, expected_current_slope
+from hil_forceps.diagnosis.state_space.advance import Stepper, advance, expected_current_slope
 from hil_forceps.diagnosis.state_space.between_rows import added
 from hil_forceps.diagnosis.state_space.covariance import forgotten
 from hil_forceps.diagnosis.state_space.drive_sample import Count, expected_count, sampled, sampled_covariance
@@ -63,9 +63,9 @@ def first_sample(
 
 @subroutine
 def nominal_row(
-    plants: Regimes,
+    p: Physics,
     d: Series,
-    s: Steppers,
+    s: Stepper,
     row: int,
     free: tuple[bool, bool],
     plant: State,
@@ -79,7 +79,7 @@ def nominal_row(
 
     Commands go to `out`, counts and encoder's angles at each sample to `counts_rad` and `angles_rad`.
     """
-    p, first, derivative = plants[0], row * d.samples, x[DERIVATIVE_ERROR] if d.states > RECORDED_STATES else 0.0
+    first, derivative = row * d.samples, x[DERIVATIVE_ERROR] if d.states > RECORDED_STATES else 0.0
     acting = acting_on(p, d, row, x, out.variance[row], 0.0)
     for sample in range(d.samples):
         at = first + sample
@@ -91,7 +91,7 @@ def nominal_row(
             derivative *= 1.0 - d.law[SHARE]
             error_A = x[INTEGRAL_ERROR] + derivative if out.reacts[at] else 0.0
             out.command_A[at] = drive.current_A + error_A
-        plant = advance_in(plants, s, free[0], free[1], plant, acting, out.command_A, sample)
+        plant = advance(p, s, free[0], free[1], plant, acting, out.command_A, sample)
     return plant, drive
 
 

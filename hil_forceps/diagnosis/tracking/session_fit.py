@@ -23,7 +23,7 @@ from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noise
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
-from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.diagnosis.state_space.passes import Passed
 from hil_forceps.diagnosis.tracking.likelihood import Measured, by_likelihood
@@ -96,7 +96,7 @@ def fit_even(even: Sequence[EvenRun], rig: Rig) -> Fit:
     free = known_of(rig, records)
     parts = _parts(even)
     theta = fit(records, theta, free, map).passes.theta if parts is None else _start(parts, rig, noise, theta)
-    runs = [record.with_friction_of(regimes(theta).sliding) for record in records]
+    runs = [record.with_friction_of(physics_of(theta)) for record in records]
     passes = pass_all(runs, theta, map)
     quiet = with_likeliest_load_noises(runs, passes, map)
     if any(new is not old for new, old in zip(quiet, runs, strict=True)):

@@ -80,7 +80,7 @@ def play(runs: Sequence[Measured], rig: Rig, theta: Vector, mapper: Mapper) -> P
     passes = pass_all([m.record for m in runs], theta, mapper)
     pairs = list(zip(runs, passes.runs, strict=True))
     channels = list(mapper(lambda pair: simulated(pair[0], pair[1], rig, theta, _load_of(*pair)), pairs))
-    return Played(channels, [run.course(passes.plants, before=False) for run in passes.runs])
+    return Played(channels, [run.course(passes.plant, before=False) for run in passes.runs])
 
 
 def unknown_load_rms(runs: Sequence[Measured], rig: Rig, theta: Vector, noise: Noise, seed: int) -> dict[str, float]:

@@ -12,12 +12,12 @@ from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, Step
 from hil_forceps.diagnosis.hypotheses.shortlist import best_starts
 from hil_forceps.diagnosis.inference.fit import Fit
 from hil_forceps.diagnosis.inference.parameters import Free
-from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.model import parameters
 from tests.hidden_effects.generator import RIG
 
 THETA = parameters.vector(RIG)
-FIT = Fit((), Passes(THETA, regimes(THETA), ()), np.zeros((0, 0)))
+FIT = Fit((), Passes(THETA, physics_of(THETA), ()), np.zeros((0, 0)))
 SEARCH = Search(
     runs=(),
     known=(),

@@ -9,7 +9,7 @@ from hil_forceps.diagnosis.preparation.command import driven
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.preparation.reference_timing import reference_timing
-from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.drive_sample import expected_count, sampled, sampled_covariance
 from hil_forceps.diagnosis.state_space.kernel import kernel
 from hil_forceps.diagnosis.state_space.layout import (
@@ -75,11 +75,11 @@ def logged(rig: Rig, samples: int, kind: str) -> tuple[Run, Vector]:
 
 
 def told(rig: Rig, run: Run) -> tuple[Record, Passed]:
-    even, plants = EvenRun.whole(run), regimes(parameters.vector(rig))
+    even, plant = EvenRun.whole(run), physics_of(parameters.vector(rig))
     record = record_of(even, rig, NOISE)
     for turn in range(2):
-        record = record.with_timing(reference_timing(pass_one(record, plants), first=turn == 0))
-    return record, pass_one(record, plants)
+        record = record.with_timing(reference_timing(pass_one(record, plant), first=turn == 0))
+    return record, pass_one(record, plant)
 
 
 @pytest.mark.parametrize("kind", ["held", "ahead", "line"])
@@ -116,8 +116,8 @@ def test_answers_are_those_of_another_pass(law: str) -> None:
     for name in ("forceps.jaw_pulley_radius_m", "forceps.motor_viscous_N_m_s_per_rad"):
         other, place = theta.copy(), parameters.index(name)
         other[place] *= 1.02
-        answer = response_run(regimes(other), regimes(theta).sliding, record.series, passed.filtered, 1.0)
-        change = pass_one(record, regimes(other)).filtered.residual - passed.filtered.residual
+        answer = response_run(physics_of(other), physics_of(theta), record.series, passed.filtered, 1.0)
+        change = pass_one(record, physics_of(other)).filtered.residual - passed.filtered.residual
         there, its = change[THERE, JAW], answer[THERE, JAW]
         assert float(there @ its) == pytest.approx(float(its @ its), rel=0.2)
 
@@ -131,7 +131,7 @@ def test_lost_rows_leave_open_what_a_count_makes_of_the_command() -> None:
     assert even is not None
     record = record_of(even, rig, NOISE)
     assert record.series.states == LAW_STATES
-    filtered = pass_one(record, regimes(parameters.vector(rig))).filtered
+    filtered = pass_one(record, physics_of(parameters.vector(rig))).filtered
     lost = np.flatnonzero(even.lost)
     assert np.all(filtered.count_slope[lost] > 0.0)
     assert np.all(np.delete(filtered.count_slope, lost) == 0.0)

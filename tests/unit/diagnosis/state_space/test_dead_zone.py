@@ -10,7 +10,7 @@ from hil_forceps.diagnosis.inference.dispersion import over_dispersion
 from hil_forceps.diagnosis.inference.fit import fit
 from hil_forceps.diagnosis.inference.parameters import effect_parameters, values_of, with_effect
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
-from hil_forceps.diagnosis.state_space.advance import expected_current_slope, regimes
+from hil_forceps.diagnosis.state_space.advance import expected_current_slope, physics_of
 from hil_forceps.diagnosis.state_space.covariance import moved
 from hil_forceps.diagnosis.state_space.layout import COMMAND_ERROR, OMEGA_M, RECORDED_STATES
 from hil_forceps.diagnosis.state_space.transition import transition
@@ -23,7 +23,7 @@ DEAD = "amplifier_deadband"
 
 
 def plant_with(effects: dict[str, dict[str, float]]) -> Physics:
-    return regimes(parameters.vector(true_rig(RIG, effects, {}))).sliding
+    return physics_of(parameters.vector(true_rig(RIG, effects, {})))
 
 
 def test_an_error_passes_outside_the_dead_zone_and_within_the_limit() -> None:

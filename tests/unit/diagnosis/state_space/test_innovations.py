@@ -7,7 +7,7 @@ import pytest
 
 from hil_forceps.diagnosis.evidence import Passes, gram, pass_all
 from hil_forceps.diagnosis.inference.fit import directions_of, fit
-from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.layout import CURRENT, ENCODER, JAW, LOAD_CELL
 from hil_forceps.diagnosis.state_space.response_pass import response_run
 from hil_forceps.model import parameters
@@ -77,7 +77,7 @@ def test_answers_to_known_parameters_are_the_filters_own() -> None:
         place = next(i for i, f in enumerate(free) if name in f.name)
         direction = directions_of(free, passes.theta)[place]
         run = passes.runs[0]
-        answer = response_run(regimes(direction.theta), passes.plants.sliding, run.series, run.filtered, direction.per)
+        answer = response_run(physics_of(direction.theta), passes.plant, run.series, run.filtered, direction.per)
         step = 2e-4 * free[place].scale
         moved = passes.theta.copy()
         moved[free[place].place] += step

@@ -9,7 +9,7 @@ import pytest
 from hil_forceps.diagnosis.evidence import HUBER, Direction, Passes, Wave, pass_all
 from hil_forceps.diagnosis.hypotheses.places import places_of
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
-from hil_forceps.diagnosis.state_space.advance import regimes
+from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.filter_pass import filter_run
 from hil_forceps.diagnosis.state_space.passes import Matrix, Passed
 from hil_forceps.diagnosis.state_space.response_pass import response_run
@@ -70,12 +70,12 @@ def test_arrays_of_a_pass_are_freed_once(sticking: Passes) -> None:
     further = theta * np.where(np.arange(theta.size) == 0, 1.0 + 1e-4, 1.0)
     RUNTIME._nrt_python.memsys_enable_stats()
     try:
-        filter_run(sticking.plants, run.series)
+        filter_run(sticking.plant, run.series)
         before = RUNTIME.rtsys.get_allocation_stats()
         for _ in range(3):
-            filtered = filter_run(sticking.plants, run.series)
-            response_run(regimes(further), sticking.plants.sliding, run.series, filtered, 1.0)
-            run.curves(sticking.plants, [("motor", np.ones(run.series.encoder_rad.size))])
+            filtered = filter_run(sticking.plant, run.series)
+            response_run(physics_of(further), sticking.plant, run.series, filtered, 1.0)
+            run.curves(sticking.plant, [("motor", np.ones(run.series.encoder_rad.size))])
         after = RUNTIME.rtsys.get_allocation_stats()
     finally:
         RUNTIME._nrt_python.memsys_disable_stats()
@@ -103,7 +103,7 @@ def test_given_decisions_hold_for_other_parameters_until_friction_is_another(sti
     passed = pass_all([decided], other, POOL.map).runs[0]
     np.testing.assert_array_equal(passed.filtered.doubtful, run.filtered.doubtful)
     np.testing.assert_array_equal(passed.counts[:, 0], run.counts[:, 0])
-    assert not decided.with_friction_of(regimes(other).sliding).series.switching.given
+    assert not decided.with_friction_of(physics_of(other)).series.switching.given
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_wave_answers_as_the_model_with_that_effect_does(wave: Wave) -> None:
     theta = with_effect(
         passes.theta, effect_id, start_of(effect_id, {"harmonic": wave.harmonic, name: share * wave.amplitude})
     )
-    exact, answer = run.answers(passes.plants, [Direction(theta, 1.0 / share)], [wave]).T
+    exact, answer = run.answers(passes.plant, [Direction(theta, 1.0 / share)], [wave]).T
     # A torque held over a row instead of one that follows the angle within it: some percent at these speeds.
     assert np.linalg.norm(answer - exact) < 0.08 * np.linalg.norm(exact)
 
