@@ -17,7 +17,7 @@ from hil_forceps.diagnosis.hypotheses.candidate import Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
 from hil_forceps.diagnosis.hypotheses.search import fit_known, search
 from hil_forceps.diagnosis.identification import LIKE_A_LOAD, Identified
-from hil_forceps.diagnosis.inference.fit import Fit
+from hil_forceps.diagnosis.inference.fit import Fit, Posterior
 from hil_forceps.diagnosis.inference.parameters import Free, known, known_parameters
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
 from hil_forceps.diagnosis.result import AuditFinding
@@ -138,4 +138,5 @@ def left_unseen(fitted: Fit, held_out: Sequence[DrivenRun], mapper: Mapper, seed
     theta, white = fitted.passes.theta, fitted.passes.runs[0].run.white
     runs = list(mapper(lambda run: run.adapted(theta, white), held_out))
     passes = pass_all(runs, theta, mapper)
-    return omnibus_test(fitted._replace(passes=passes), mapper, seed, None, Prior.by_fit(fitted.covariance))
+    prior = Prior.by_fit(Posterior.of(fitted), fitted.free, theta)
+    return omnibus_test(fitted._replace(passes=passes), mapper, seed, None, prior)

@@ -11,17 +11,18 @@ from scipy import stats
 
 from hil_forceps.diagnosis.error_rates import SETS_WITHOUT_TRUTH
 from hil_forceps.diagnosis.evidence import pass_all
-from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, Step, adapted_to, fitted, with_runs
+from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, adapted_to, fitted, with_runs
+from hil_forceps.diagnosis.hypotheses.exchange_test import Exchange
 from hil_forceps.diagnosis.hypotheses.harmonic_profile import likelier_harmonic
-from hil_forceps.diagnosis.hypotheses.places import WAVES
-from hil_forceps.diagnosis.inference.fit import fit
-from hil_forceps.diagnosis.inference.parameters import values_of, with_effect, without_effect
+from hil_forceps.diagnosis.hypotheses.places import WAVES, estimate
+from hil_forceps.diagnosis.inference.fit import fit, moved
+from hil_forceps.diagnosis.inference.parameters import start_of, with_effect, without_effect
 from hil_forceps.rig.catalogue import EFFECT_IDS, effect
 
 Vector = NDArray[np.float64]
 
-EXCHANGES = 3  # of an entry that joined, for others tried at that step
-EXCHANGE_SHARE = 0.7  # of the gain with which it joined: what gained less was no near rival
+EXCHANGES = 6  # that are refitted
+LINEAR_SHARE = 0.1  # of what is at stake, that the linear model may be wrong by: columns change with large amplitudes
 # Of twice the log likelihood, 8.9: models within it are kept. Models δ deviations apart part by N(δ², 4δ²), so the true
 # one falls behind another by more than D with Φ(−√D) at most, whatever δ, and behind any of the catalogue with
 # `SETS_WITHOUT_TRUTH`.
@@ -54,38 +55,41 @@ def with_likeliest_harmonics(s: Search, model: Candidate) -> Candidate:
 
 
 def exchanged(
-    s: Search, best: Candidate, rivals: tuple[Candidate, ...], steps: Sequence[Step]
+    s: Search, best: Candidate, rivals: tuple[Candidate, ...], near: Sequence[Exchange], threshold: float
 ) -> tuple[Candidate, tuple[Candidate, ...]]:
-    """Return the best model and its rivals, with entries exchanged that were near when another joined."""
+    """Return the best model and its rivals, with entries exchanged for others; `near`: what could, the best first."""
     every = {frozenset(c.effects): c for c in (*rivals, best)}
-    for step in steps:
-        if step.joined not in best.effects:
+    left = EXCHANGES
+    for e in near:
+        if left == 0 or s.spent() or e.gain < -SET_DROP - LINEAR_SHARE * e.stake:
+            break
+        effects = [*(k for k in best.effects if k not in e.leaving), *(q.effect_id for q in e.joining)]
+        is_compared = frozenset(effects) in every and not _needs_its_own_runs(s, effects, best)
+        if is_compared or len(set(effects)) < len(effects):
             continue
-        joined = max(c.gain for c in step.tried if c.effects[-1] == step.joined)
-        near = [c for c in step.tried if c.gain > EXCHANGE_SHARE * joined and c.effects[-1] not in best.effects]
-        for other in sorted(near, key=lambda c: -c.gain)[:EXCHANGES]:
-            effect_id = other.effects[-1]
-            effects = [effect_id if e == step.joined else e for e in best.effects]
-            is_compared = frozenset(effects) in every and not _needs_its_own_runs(s, effects, best)
-            if is_compared or s.spent():
-                continue
-            theta = without_effect(best.fit.passes.theta, step.joined)
-            theta = with_effect(theta, effect_id, values_of(other.fit.passes.theta, effect_id))
-            found = _rival(s, best, theta, effects)
-            every[frozenset(effects)] = found._replace(gain=best.gain + found.gain)
+        left -= 1
+        theta = moved(best.fit.passes.theta, best.fit.free, e.shifts)
+        for effect_id in e.leaving:
+            theta = without_effect(theta, effect_id)
+        for place, sizes in zip(e.joining, e.sizes, strict=True):
+            start = start_of(place.effect_id, estimate(place, sizes.tolist()))
+            theta = with_effect(theta, place.effect_id, start)
+        more = len(e.joining) - len(e.leaving)
+        found = _rival(s, best, theta, effects, more)
+        every[frozenset(effects)] = found._replace(gain=best.gain + found.gain - threshold * more)
     order = ranked(list(every.values()), s.tied_share)
     kept = tuple(c for c in order if c.gain > order[0].gain - SET_DROP)
     return (best, kept) if order[0] is best else (adapted_to(s, with_runs(s, order[0]))[1], kept)
 
 
-def _rival(s: Search, best: Candidate, theta: Vector, effects: Sequence[str]) -> Candidate:
+def _rival(s: Search, best: Candidate, theta: Vector, effects: Sequence[str], added: int) -> Candidate:
     """Return the fit of a rival from `theta` on; its gain is that above `best`, on runs that suit both."""
-    found = fitted(s, best, pass_all(s.runs, theta, s.mapper), effects, added=0)
+    found = fitted(s, best, pass_all(s.runs, theta, s.mapper), effects, added=added)
     if not _needs_its_own_runs(s, effects, best):
         return found
     s, found = adapted_to(s, found)
     there = best._replace(fit=fit(s.runs, best.fit.passes.theta, best.fit.free, s.mapper))
-    return fitted(s, there, found.fit.passes, effects, added=0)
+    return fitted(s, there, found.fit.passes, effects, added=added)
 
 
 def _needs_its_own_runs(s: Search, effects: Sequence[str], best: Candidate) -> bool:

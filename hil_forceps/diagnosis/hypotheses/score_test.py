@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.error_rates import FALSE_ALARMS
 from hil_forceps.diagnosis.evidence import Gram
 from hil_forceps.diagnosis.hypotheses.places import Place
-from hil_forceps.diagnosis.inference.fit import inverted, prior_of
+from hil_forceps.diagnosis.inference.fit import Posterior, inverted, prior_of
 from hil_forceps.diagnosis.inference.parameters import Free
 
 Vector = NDArray[np.float64]
@@ -50,16 +50,25 @@ class Prior(NamedTuple):
         return cls(np.diag(precision), precision * away)
 
     @classmethod
-    def by_fit(cls, covariance: Matrix) -> "Prior":
+    def by_fit(cls, known: Posterior, free: Sequence[Free], theta: Vector) -> "Prior":
         """Return what a fit to other runs knows."""
-        return cls(inverted(covariance), np.zeros(covariance.shape[0]))
+        away = np.array([(theta[f.place] - known.theta[f.place]) / f.scale for f in free])
+        return cls(known.precision, known.precision @ away)
 
 
-def score_test(found: Gram, prior: Prior, places: Sequence[Place], seed: int | None = None) -> Tested:
-    """Test all places; the first rows of `found` are the fitted parameters, as many as the prior has.
+class Projected(NamedTuple):
+    """Information and score of the places' columns beside the fitted parameters."""
 
-    Without a seed there is no threshold (infinite).
-    """
+    covariance: Matrix  # of the fitted parameters, (JᵀJ + Λ)⁻¹
+    alone: Vector  # shift of the fitted parameters without any place
+    solved: Matrix  # their shift per size of each column, with the sign changed
+    information: Matrix  # S
+    score: Vector  # b
+    good: NDArray[np.bool_]  # columns that the fitted parameters don't do as well
+
+
+def projected(found: Gram, prior: Prior) -> Projected:
+    """Project a Gram matrix; its first rows are the fitted parameters, as many as the prior has."""
     fitted = prior.pull.size
     own = found.information[fitted:, fitted:]
     cross = found.information[:fitted, fitted:]
@@ -69,14 +78,20 @@ def score_test(found: Gram, prior: Prior, places: Sequence[Place], seed: int | N
     s = own - cross.T @ solved
     b = -(found.score[fitted:] - solved.T @ (found.score[:fitted] + prior.pull))
     good = np.isfinite(np.diag(own)) & (np.diag(s) > IDENTIFIABLE * np.diag(own)) & (np.diag(s) > 1e-12)
+    return Projected(inverse, alone, solved, s, b, good)
+
+
+def score_test(found: Gram, prior: Prior, places: Sequence[Place], seed: int | None = None) -> Tested:
+    """Test all places; without a seed there is no threshold (infinite)."""
+    p = projected(found, prior)
     gains, sizes, shifts = [], [], []
     for place in places:
-        gain, size = _gain(s, b, place, good)
+        gain, size = _gain(p.information, p.score, place, p.good)
         gains.append(gain)
         sizes.append(size)
-        shifts.append(alone - solved[:, place.first : place.stop] @ size)
-    threshold = np.inf if seed is None else _threshold(s, places, good, seed)
-    return Tested(np.array(gains), sizes, shifts, np.where(good, np.diag(s), 0.0), threshold, alone)
+        shifts.append(p.alone - p.solved[:, place.first : place.stop] @ size)
+    threshold = np.inf if seed is None else _threshold(p.information, places, p.good, seed)
+    return Tested(np.array(gains), sizes, shifts, np.where(p.good, np.diag(p.information), 0.0), threshold, p.alone)
 
 
 def _gain(s: Matrix, b: Vector, place: Place, good: NDArray[np.bool_]) -> tuple[float, Vector]:

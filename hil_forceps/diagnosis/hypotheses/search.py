@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.evidence import Passes, gram, pass_all
+from hil_forceps.diagnosis.evidence import Gram, Passes, gram, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, Step, adapted_to, fitted, with_runs
 from hil_forceps.diagnosis.hypotheses.exchange import SET_DROP, exchanged, ranked, with_likeliest_harmonics
+from hil_forceps.diagnosis.hypotheses.exchange_test import Exchange, exchanges
 from hil_forceps.diagnosis.hypotheses.harmonics import telling_harmonics
 from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, Tested, score_test
@@ -43,13 +44,14 @@ def search(s: Search, theta: Vector) -> Found:
     left_out: list[str] = []
     explained = 0.0
     seen = {frozenset(best.effects)}
+    near: list[Exchange] = []
     while len(best.effects) < s.most_effects:
         where = f"beside {' + '.join(best.effects) or 'the known parameters'}"
         if s.spent():
             left_out.append(f"the catalogue {where}")
             break
         s.progress(f"scoring the catalogue {where}")
-        places, tested = _scored(s, best)
+        places, tested, found = _scored(s, best)
         tried = ()
         for start in best_starts(best.fit, places, tested, s.mapper):
             if s.spent():
@@ -64,6 +66,7 @@ def search(s: Search, theta: Vector) -> Found:
         light = tuple(c.without_runs() for c in tried)
         steps.append(Step(best.effects, tuple(places), tested, light, joined[0].effects[-1] if joined else ""))
         if not joined:
+            near = exchanges(best.fit, best.effects, places, found, tested.threshold) if best.effects else []
             break
         thinned = _thinned(s, with_runs(s, joined[0]), tested.threshold)
         if frozenset(thinned.effects) in seen:
@@ -72,10 +75,10 @@ def search(s: Search, theta: Vector) -> Found:
         seen.add(frozenset(thinned.effects))
         s, best = adapted_to(s, with_likeliest_harmonics(s, thinned))
         explained += best.gain
-    if best.effects and not s.spent():
+    if near and not s.spent():
         s.progress("exchanging entries for their nearest rivals")
         before = best.gain
-        best, rivals = exchanged(s, best, rivals, steps)
+        best, rivals = exchanged(s, best, rivals, near, tested.threshold)
         explained += best.gain - before
     return Found(baseline, best, rivals, tuple(steps), explained, tuple(left_out))
 
@@ -92,8 +95,8 @@ def _with_one_more(tried: tuple[Candidate, ...], new: Candidate) -> tuple[Candid
     return (*(c.without_runs() for c in tried), new)
 
 
-def _scored(s: Search, model: Candidate) -> tuple[list[Place], Tested]:
-    """Return all places beside a model, tested."""
+def _scored(s: Search, model: Candidate) -> tuple[list[Place], Tested, Gram]:
+    """Return all places beside a model, tested, and the Gram matrix of its free parameters and their columns."""
     passes, free = model.fit.passes, model.fit.free
     taken = frozenset(model.effects) - {"channel_skew"}
     harmonics = None
@@ -101,7 +104,7 @@ def _scored(s: Search, model: Candidate) -> tuple[list[Place], Tested]:
         harmonics = telling_harmonics(model.fit, s.mapper)
     places, directions, waves = places_of(passes, s.without | taken, harmonics)
     found = gram(passes, [*directions_of(free, passes.theta), *directions], s.mapper, waves)
-    return places, score_test(found, Prior.of(free, passes.theta), places, s.seed)
+    return places, score_test(found, Prior.of(free, passes.theta), places, s.seed), found
 
 
 def _refitted(s: Search, model: Candidate, start: Start) -> Candidate:

@@ -50,6 +50,26 @@ def prior_of(free: Sequence[Free], theta: Vector) -> tuple[Vector, Vector]:
     return away, precision
 
 
+class Posterior(NamedTuple):
+    """What a fit to other runs knows of the parameters: a normal distribution."""
+
+    theta: Vector
+    precision: Matrix  # in units of the scales
+
+    @classmethod
+    def of(cls, found: Fit) -> "Posterior":
+        """Return what a fit knows."""
+        return cls(found.passes.theta, inverted(found.covariance))
+
+
+def _away(free: Sequence[Free], theta: Vector, known: Posterior | None) -> tuple[Vector, Matrix]:
+    """Return deviations from what is known before, in units of the scales, and its precision."""
+    if known is None:
+        away, precision = prior_of(free, theta)
+        return away, np.diag(precision)
+    return np.array([(theta[f.place] - known.theta[f.place]) / f.scale for f in free]), known.precision
+
+
 def directions_of(free: Sequence[Free], theta: Vector) -> list[Direction]:
     """Return the directions of some parameters, each in units of its scale."""
     found = []
@@ -63,14 +83,14 @@ def directions_of(free: Sequence[Free], theta: Vector) -> list[Direction]:
     return found
 
 
-def penalised(passes: Passes, free: Sequence[Free], other: Passes) -> float:
-    """Return the log posterior of `passes` where both passes have evidence."""
+def penalised(passes: Passes, free: Sequence[Free], other: Passes, known: Posterior | None = None) -> float:
+    """Return the log posterior of `passes` where both passes have evidence; `known`: in place of the priors."""
     total = 0.0
     for mine, its in zip(passes.runs, other.runs, strict=True):
         both = mine.counts & its.counts
         total += float(mine.log_likelihood[both].sum())
-    away, precision = prior_of(free, passes.theta)
-    return total - 0.5 * float(away @ (precision * away))
+    away, precision = _away(free, passes.theta, known)
+    return total - 0.5 * float(away @ precision @ away)
 
 
 def fit(runs: Sequence[Evidence], theta: Vector, free: Sequence[Free], mapper: Mapper) -> Fit:
@@ -78,15 +98,17 @@ def fit(runs: Sequence[Evidence], theta: Vector, free: Sequence[Free], mapper: M
     return fit_from(runs, pass_all(runs, theta, mapper), free, mapper)
 
 
-def fit_from(runs: Sequence[Evidence], passes: Passes, free: Sequence[Free], mapper: Mapper) -> Fit:
-    """Return the fit from passes over its runs on."""
+def fit_from(
+    runs: Sequence[Evidence], passes: Passes, free: Sequence[Free], mapper: Mapper, known: Posterior | None = None
+) -> Fit:
+    """Return the fit from passes over its runs on; `known`: in place of the priors."""
     inverse = np.eye(len(free))
     for _ in range(MAX_STEPS):
-        newton = _newton(passes, free, mapper)
+        newton = _newton(passes, free, mapper, known)
         inverse = newton.inverse
         if newton.decrement < CONVERGED_CHI2:
             break
-        stepped = _accepted(runs, passes, free, newton.step, mapper)
+        stepped = _accepted(runs, passes, free, newton.step, mapper, known)
         if stepped is None:
             break
         passes, gain = stepped
@@ -101,11 +123,11 @@ class _Newton(NamedTuple):
     decrement: float  # the fall of χ² that the step is to bring
 
 
-def _newton(passes: Passes, free: Sequence[Free], mapper: Mapper) -> _Newton:
+def _newton(passes: Passes, free: Sequence[Free], mapper: Mapper, known: Posterior | None) -> _Newton:
     found = _finite(gram(passes, directions_of(free, passes.theta), mapper))
-    away, precision = prior_of(free, passes.theta)
-    downhill = -found.score - precision * away
-    curvature = found.information + np.diag(precision)
+    away, precision = _away(free, passes.theta, known)
+    downhill = -found.score - precision @ away
+    curvature = found.information + precision
     step = bounded_step(curvature, downhill, *reach_of(free, passes.theta))
     return _Newton(inverted(curvature), step, float(2.0 * downhill @ step - step @ curvature @ step))
 
@@ -152,14 +174,19 @@ def _decomposed(curvature: Matrix) -> tuple[Vector, Vector, Matrix]:
 
 
 def _accepted(
-    runs: Sequence[Evidence], passes: Passes, free: Sequence[Free], step: Vector, mapper: Mapper
+    runs: Sequence[Evidence],
+    passes: Passes,
+    free: Sequence[Free],
+    step: Vector,
+    mapper: Mapper,
+    known: Posterior | None,
 ) -> tuple[Passes, float] | None:
     """Return the passes a step on and what it gains of χ², shortened until no worse; None where no step is better."""
     factor = 1.0
     for _ in range(MAX_HALVINGS):
         theta = moved(passes.theta, free, factor * step)
         tried = pass_all(runs, theta, mapper)
-        before, after = penalised(passes, free, tried), penalised(tried, free, passes)
+        before, after = penalised(passes, free, tried, known), penalised(tried, free, passes, known)
         # Variances that change with the parameters move it, too: near the best, by less than what is called stationary.
         if np.isfinite(after) and after > before - 0.5 * STATIONARY_CHI2:
             return tried, 2.0 * (after - before)

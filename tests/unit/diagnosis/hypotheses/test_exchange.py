@@ -8,7 +8,9 @@ import pytest
 from hil_forceps.diagnosis.evidence import Passes
 from hil_forceps.diagnosis.hypotheses import exchange, score_test
 from hil_forceps.diagnosis.hypotheses import search as searching
-from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, Step
+from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search
+from hil_forceps.diagnosis.hypotheses.exchange_test import Exchange
+from hil_forceps.diagnosis.hypotheses.places import Place
 from hil_forceps.diagnosis.hypotheses.shortlist import best_starts
 from hil_forceps.diagnosis.inference.fit import Fit
 from hil_forceps.diagnosis.inference.parameters import Free
@@ -57,30 +59,47 @@ def fitting(monkeypatch: pytest.MonkeyPatch, gains: Mapping[frozenset[str], floa
     return asked
 
 
-TRIED = (
-    candidate(["wire_creep"], 300.0),
-    candidate(["wire_hysteresis"], 290.0),
-    candidate(["wire_damping"], 100.0),
-)
-STEPS = (
-    Step((), (), TESTED, TRIED, "wire_creep"),
-    Step(("wire_creep",), (), TESTED, (candidate(["wire_creep", "cogging"], 80.0),), "cogging"),
-)
 BEST = candidate(["wire_creep", "cogging"], 80.0)
 
 
-def test_what_was_near_and_is_likelier_beside_a_later_entry_takes_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+def exchange_of(leaving: Sequence[str], joining: Sequence[str], gain: float, stake: float = 0.0) -> Exchange:
+    """Return an exchange of whole entries, as it is predicted."""
+    places = tuple(Place(name, {}, {}, 0, 0, one_sided=False) for name in joining)
+    return Exchange(tuple(leaving), places, (np.zeros(0),) * len(places), np.zeros(0), gain, stake)
+
+
+def test_what_is_likelier_beside_a_later_entry_takes_the_place_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = fitting(monkeypatch, {frozenset({"wire_hysteresis", "cogging"}): 5.0})
-    best, rivals = exchange.exchanged(SEARCH, BEST, (BEST,), STEPS)
-    assert best.effects == ("wire_hysteresis", "cogging")
-    assert [c.effects for c in rivals] == [("wire_hysteresis", "cogging"), ("wire_creep", "cogging")]
+    near = [exchange_of(["wire_creep"], ["wire_hysteresis"], 4.0), exchange_of(["wire_creep"], ["wire_damping"], -20.0)]
+    best, rivals = exchange.exchanged(SEARCH, BEST, (BEST,), near, 16.0)
+    assert set(best.effects) == {"wire_hysteresis", "cogging"}
+    assert [set(c.effects) for c in rivals] == [{"wire_hysteresis", "cogging"}, {"wire_creep", "cogging"}]
     assert rivals[0].gain == 85.0
-    assert asked == [frozenset({"wire_hysteresis", "cogging"})]  # what was far behind isn't tried
+    assert asked == [frozenset({"wire_hysteresis", "cogging"})]  # what is far behind isn't tried
+
+
+def test_where_much_is_at_stake_the_prediction_is_trusted_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = fitting(monkeypatch, {frozenset({"wire_damping", "cogging"}): -1.0})
+    exchange.exchanged(SEARCH, BEST, (BEST,), [exchange_of(["wire_creep"], ["wire_damping"], -20.0, 500.0)], 16.0)
+    assert len(asked) == 1
+
+
+def test_an_entry_more_pays_for_itself_and_one_less_is_worth_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains = {frozenset({"wire_hysteresis", "wire_damping", "cogging"}): 20.0, frozenset({"torque_ripple"}): -10.0}
+    fitting(monkeypatch, gains)
+    near = [
+        exchange_of(["wire_creep"], ["wire_hysteresis", "wire_damping"], 4.0),
+        exchange_of(["wire_creep", "cogging"], ["torque_ripple"], 4.0),
+    ]
+    best, rivals = exchange.exchanged(SEARCH, BEST, (BEST,), near, 16.0)
+    assert best.effects == ("torque_ripple",)
+    assert [c.gain for c in rivals] == [86.0, 84.0, 80.0]
 
 
 def test_what_is_less_likely_by_far_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
     fitting(monkeypatch, {frozenset({"wire_hysteresis", "cogging"}): -40.0})
-    best, rivals = exchange.exchanged(SEARCH, BEST, (BEST,), STEPS)
+    near = [exchange_of(["wire_creep"], ["wire_hysteresis"], 4.0)]
+    best, rivals = exchange.exchanged(SEARCH, BEST, (BEST,), near, 16.0)
     assert best is BEST
     assert rivals == (BEST,)
 
@@ -115,7 +134,7 @@ def test_of_models_that_are_hardly_apart_the_one_with_fewest_parameters_is_first
 def test_a_rival_with_more_dry_friction_is_compared_on_runs_adapted_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside the best model, which has none, rows where a mass sticks are evidence; beside the rival they aren't."""
     smooth, dry = candidate(["loaded_presliding"], 102.0), candidate(["load_dependent_friction"], 100.0)
-    step = Step((), (), TESTED, (smooth, dry), "loaded_presliding")
+    near = [exchange_of(["loaded_presliding"], ["load_dependent_friction"], -2.0)]
     adapted = SEARCH._replace(runs=("adapted",), friction_decides=True)
     seen: list[tuple[object, ...]] = []
 
@@ -128,11 +147,11 @@ def test_a_rival_with_more_dry_friction_is_compared_on_runs_adapted_to_it(monkey
     monkeypatch.setattr(exchange, "pass_all", lambda *_: FIT.passes)
     monkeypatch.setattr(exchange, "adapted_to", lambda _, model: (adapted, model))
     monkeypatch.setattr(exchange, "fit", lambda *_: FIT)
-    best, rivals = exchange.exchanged(SEARCH._replace(friction_decides=True), smooth, (smooth, dry), (step,))
+    best, rivals = exchange.exchanged(SEARCH._replace(friction_decides=True), smooth, (smooth, dry), near, 16.0)
     assert seen == [(), ("adapted",)]
     assert best.effects == ("load_dependent_friction",)
     assert [c.gain for c in rivals] == [109.0, 102.0]
-    exchange.exchanged(SEARCH, smooth, (smooth, dry), (step,))
+    exchange.exchanged(SEARCH, smooth, (smooth, dry), near, 16.0)
     assert len(seen) == 2  # where friction decides nothing, both were compared when they joined
 
 
