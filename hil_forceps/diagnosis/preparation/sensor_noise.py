@@ -19,8 +19,8 @@ from scipy.ndimage import uniform_filter1d
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.preparation.command import commands_on_lines, first_integral, samples_in_a_row
 from hil_forceps.diagnosis.preparation.resolution import resolution_of
+from hil_forceps.diagnosis.state_space.drive.unseen_counts import SHOWS, count_current_A
 from hil_forceps.diagnosis.state_space.layout import Noise
-from hil_forceps.diagnosis.state_space.unseen_counts import SHOWS, count_current_A
 from hil_forceps.model.drive_law import law_vector
 from hil_forceps.rig import Rig
 

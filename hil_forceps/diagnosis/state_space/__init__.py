@@ -10,10 +10,8 @@ transition     linear part of the transition, covariance of a jump of the load
 advance        the model's own step over a row
 measurement    what the sensors show, and what a measurement changes
 covariance     its way from row to row
-drive_sample   a sample of the drive: what a count is expected to be, and errors of the law
-unseen_counts  what a drive counted between two rows, weighed by the next row's current
-between_rows   what that makes of the state, and how it answers to a change of it
-row_*          the parts of a pass: plant, friction, measurements and drive of a row
+drive/         the drive's law, what it counted between rows, and errors of its command
+row_*          the parts of a pass: plant, friction and measurements of a row
 filter_pass    one pass: innovations, their weights, gains, the course of the state
 response_pass  how the innovations answer to other parameters, along that course and with those gains
 forcing_pass   how they answer to torques and errors of sensors that are given row by row, many at once

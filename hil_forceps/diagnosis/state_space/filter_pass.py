@@ -11,8 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.advance import Stepper, advance, stepper
-from hil_forceps.diagnosis.state_space.between_rows import collapse
 from hil_forceps.diagnosis.state_space.covariance import disturbed, moved
+from hil_forceps.diagnosis.state_space.drive.between_rows import collapse
+from hil_forceps.diagnosis.state_space.drive.row import (
+    end_of_row,
+    first_sample,
+    next_current,
+    next_sample,
+    nominal_row,
+    note_current_slope,
+)
 from hil_forceps.diagnosis.state_space.kernel import inlined, kernel, returning_arrays, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
@@ -40,14 +48,6 @@ from hil_forceps.diagnosis.state_space.layout import (
     Filtered,
     Series,
     Work,
-)
-from hil_forceps.diagnosis.state_space.row_drive import (
-    end_of_row,
-    first_sample,
-    next_current,
-    next_sample,
-    nominal_row,
-    note_current_slope,
 )
 from hil_forceps.diagnosis.state_space.row_friction import begin_friction, open_friction, sliding_deviations
 from hil_forceps.diagnosis.state_space.row_measurements import sticks_at, take_measurements

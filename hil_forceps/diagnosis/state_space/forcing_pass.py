@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.state_space.drive.row import measured_command_gain
 from hil_forceps.diagnosis.state_space.kernel import kernel, with_work_arrays
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
@@ -28,7 +29,6 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
 )
 from hil_forceps.diagnosis.state_space.response_pass import answers_of_contact, sample_answers
-from hil_forceps.diagnosis.state_space.row_drive import measured_command_gain
 from hil_forceps.diagnosis.state_space.row_plant import end_friction, is_slack, noise_kept
 from hil_forceps.diagnosis.state_space.transition import transition
 from hil_forceps.model.composition import Physics

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.advance import advance, stepper
-from hil_forceps.diagnosis.state_space.between_rows import answered, ended
-from hil_forceps.diagnosis.state_space.drive_sample import sampled
+from hil_forceps.diagnosis.state_space.drive.between_rows import answered, ended
+from hil_forceps.diagnosis.state_space.drive.row import measured_command_gain
+from hil_forceps.diagnosis.state_space.drive.sample import sampled
 from hil_forceps.diagnosis.state_space.kernel import as_its_caller, inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
@@ -44,7 +45,6 @@ from hil_forceps.diagnosis.state_space.layout import (
     Filtered,
     Series,
 )
-from hil_forceps.diagnosis.state_space.row_drive import measured_command_gain
 from hil_forceps.diagnosis.state_space.row_plant import (
     acting_on,
     beginning,

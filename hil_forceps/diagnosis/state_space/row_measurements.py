@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.covariance import spread
+from hil_forceps.diagnosis.state_space.drive.row import measured_command_gain
 from hil_forceps.diagnosis.state_space.interval import share_kept
 from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
@@ -38,7 +39,6 @@ from hil_forceps.diagnosis.state_space.measurement import (
     predicted,
     white_variance,
 )
-from hil_forceps.diagnosis.state_space.row_drive import measured_command_gain
 from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]

@@ -10,7 +10,7 @@ from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.preparation.reference_timing import reference_timing
 from hil_forceps.diagnosis.state_space.advance import physics_of
-from hil_forceps.diagnosis.state_space.drive_sample import expected_count, sampled, sampled_covariance
+from hil_forceps.diagnosis.state_space.drive.sample import expected_count, sampled, sampled_covariance
 from hil_forceps.diagnosis.state_space.kernel import kernel
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.drive_sample import expected_count, law_errors
+from hil_forceps.diagnosis.state_space.drive.sample import expected_count, law_errors
 from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine, with_work_arrays
 from hil_forceps.diagnosis.state_space.layout import COMMANDS_BETWEEN, MADE_BETWEEN
 

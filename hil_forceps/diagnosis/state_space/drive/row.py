@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.advance import Stepper, advance, expected_current_slope
-from hil_forceps.diagnosis.state_space.between_rows import added
 from hil_forceps.diagnosis.state_space.covariance import forgotten
-from hil_forceps.diagnosis.state_space.drive_sample import Count, expected_count, sampled, sampled_covariance
+from hil_forceps.diagnosis.state_space.drive.between_rows import added
+from hil_forceps.diagnosis.state_space.drive.sample import Count, expected_count, sampled, sampled_covariance
 from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,

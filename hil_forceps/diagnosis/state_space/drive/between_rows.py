@@ -9,6 +9,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.state_space.drive.unseen_counts import (
+    UNKNOWN,
+    Samples,
+    expected_counts,
+    is_open,
+    shows_counts,
+    unseen_counts,
+)
 from hil_forceps.diagnosis.state_space.kernel import (
     as_its_caller,
     inlined,
@@ -34,14 +42,6 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
 )
 from hil_forceps.diagnosis.state_space.measurement import white_variance
-from hil_forceps.diagnosis.state_space.unseen_counts import (
-    UNKNOWN,
-    Samples,
-    expected_counts,
-    is_open,
-    shows_counts,
-    unseen_counts,
-)
 from hil_forceps.model.composition import Physics
 from hil_forceps.model.drive_law import SHARE
 
