@@ -73,7 +73,7 @@ def identify(
 
     Effects that the rig holds are taken as they stand: they are neither fitted nor named.
     """
-    progress("looking at noise, commands and loads")
+    progress("estimating noise, commands and loads")
     noise = sensor_noise([even.run for even in runs], rig)
     records, unseen_records = records_of(runs, held_out, rig, noise, mapper)
     without |= frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
@@ -95,7 +95,7 @@ def identify(
         weigh=weigh,
     )
     found = search(how, parameters.vector(rig))
-    progress("looking at what is left")
+    progress("testing the lack of fit")
     after = omnibus_test(found.best.fit, mapper, seed, weigh)
     before = omnibus_test(found.baseline, mapper, seed, weigh) if found.best.effects else after
     unseen = left_unseen(found.best.fit, unseen_records, mapper, seed, weigh) if unseen_records else None

@@ -40,7 +40,7 @@ def conclude_driven(
         spent=options.spent,
     )
     verdict = judge(identified.found, rig, (UNEXPLAINED_SHARE_DRIVEN, UNSEEN_SHARE_DRIVEN))
-    options.progress("simulating the models beside the runs")
+    options.progress("simulating the runs with each model")
     return _told(identified, rig, findings, verdict, options)
 
 
@@ -71,7 +71,7 @@ def _told(
             gained = gains(rows, played[1], played[2], own, options.seed)
     rungs: tuple[Rung, ...] = ()
     if not options.spent():
-        options.progress("climbing the ladder")
+        options.progress("refitting the steps of the ladder")
         values = {effect.id: effect.parameters for effect in verdict.effects}
         rungs = ladder(best, found.records, found.held_out or found.records, values, floors, mapper)
     # What the extended rig holds, then, where nothing is named.

@@ -105,7 +105,7 @@ def identify_driven(
         runs, held_out, rig, mapper=mapper, without=without, seed=seed, progress=progress, spent=spent
     )
     found = search(how, parameters.vector(rig))
-    progress("looking at what is left")
+    progress("testing the lack of fit")
     after = omnibus_test(found.best.fit, mapper, seed, None)
     before = omnibus_test(found.baseline, mapper, seed, None) if found.best.effects else after
     unseen = left_unseen(found.best.fit, unused, mapper, seed) if unused else None

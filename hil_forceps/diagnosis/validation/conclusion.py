@@ -73,18 +73,18 @@ def conclude(
     )
     verdict = judge(found, rig)
     least = detectable(found.found.steps[0]) if found.found.steps else {}
-    options.progress("simulating the models beside the runs")
+    options.progress("simulating the runs with each model")
     diagnosis, extended = _told(fitted, held_out, rig, findings, found, verdict, options)
     if options.spent():
         return diagnosis, extended, None
-    options.progress("looking for the next experiment")
+    options.progress("choosing the next experiment")
     proposal = propose(found, rig, [even.run for even in fitted], least, options.mapper)
     return replace(diagnosis, next_experiment=proposal.result), extended, proposal.trajectory
 
 
 def _cut_at_gaps(runs: Sequence[EvenRun]) -> list[AuditFinding]:
     pieces = Counter(even.of for even in runs if even.of)
-    said = f"; each begins anew behind a gap of more than {LONGEST_GAP} rows, those below {FEWEST_ROWS} are left out"
+    said = f" (cut at gaps of more than {LONGEST_GAP} rows); pieces of fewer than {FEWEST_ROWS} rows are left out"
     return [AuditFinding("pieces", "note", name, "", f"{n} pieces are used{said}") for name, n in pieces.items()]
 
 
