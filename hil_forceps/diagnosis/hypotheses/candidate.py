@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.inference.fit import Fit, fit, fit_from, penalised
 from hil_forceps.diagnosis.inference.parameters import Free, effect_parameters, values_of
 
 ADAPTING_ROUNDS = 3  # of a pass that decides and a fit to what it decided
-ADAPTED = 0.3  # deviations of a parameter: a fit that moves less decides the same
+ADAPTED_DEVIATIONS = 0.3  # deviations of a parameter: a fit that moves less decides the same
 
 
 class Candidate(NamedTuple):
@@ -83,7 +83,7 @@ def adapted_to(s: Search, model: Candidate) -> tuple[Search, Candidate]:
         s = s._replace(runs=runs)
         before = found.values
         found = fit(runs, found.passes.theta, found.free, s.mapper)
-        if np.all(np.abs(found.values - before) < ADAPTED * found.deviations):
+        if np.all(np.abs(found.values - before) < ADAPTED_DEVIATIONS * found.deviations):
             break
     return s, model._replace(fit=found)
 

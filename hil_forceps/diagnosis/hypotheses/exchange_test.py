@@ -20,7 +20,7 @@ from hil_forceps.diagnosis.inference.fit import Fit, inverted
 Vector = NDArray[np.float64]
 Columns = NDArray[np.int64]
 
-PAIRED = 30  # places that are tried two by two: those that gain most alone
+MAX_PAIRED_PLACES = 30  # places that are tried two by two: those that gain most alone
 
 
 class Exchange(NamedTuple):
@@ -58,7 +58,7 @@ def exchanges(
         saved = sum(COST_PER_COLUMN * (_parameters(model, e) - 1) + threshold for e in leaving)
         alone = [e for q in usable if (e := _exchange(p, leaving, (q,), v, at, stake))]
         alone.sort(key=lambda e: -e.gain)
-        pairs = combinations([e.joining[0] for e in alone[:PAIRED]], 2) if len(leaving) == 1 else ()
+        pairs = combinations([e.joining[0] for e in alone[:MAX_PAIRED_PLACES]], 2) if len(leaving) == 1 else ()
         together = [
             _exchange(p, leaving, pair, v, at, stake) for pair in pairs if pair[0].effect_id != pair[1].effect_id
         ]

@@ -13,11 +13,11 @@ from hil_forceps.diagnosis.inference.fit import Fit, directions_of
 
 Vector = NDArray[np.float64]
 
-HIGHEST = 60.0  # periods in a turn
-MOST = 1000  # harmonics that are looked at
+MAX_HARMONIC = 60.0  # periods in a turn
+MAX_HARMONICS = 1000  # harmonics that are looked at
 STEP_TURNS = 0.5  # of all turns that were run: harmonics nearer to each other are the same
-KEPT = 3  # the best, for the catalogue's places
-AT_ONCE = 50  # to spare memory
+KEPT_HARMONICS = 3  # the best, for the catalogue's places
+HARMONICS_AT_ONCE = 50  # to spare memory
 
 
 def telling_harmonics(model: Fit, mapper: Mapper) -> Harmonics:
@@ -25,9 +25,9 @@ def telling_harmonics(model: Fit, mapper: Mapper) -> Harmonics:
     passes = model.passes
     courses = [run.course(passes.plant, before=False) for run in passes.runs]
     turns = max(float(np.ptp(c.theta_m)) for c in courses) / (2.0 * np.pi)
-    step = max(min(1.0, STEP_TURNS / max(turns, 1e-9)), HIGHEST / MOST)
-    looked_at = np.arange(1.0, HIGHEST + 0.5 * step, step)
-    parts = [looked_at[first : first + AT_ONCE] for first in range(0, looked_at.size, AT_ONCE)]
+    step = max(min(1.0, STEP_TURNS / max(turns, 1e-9)), MAX_HARMONIC / MAX_HARMONICS)
+    looked_at = np.arange(1.0, MAX_HARMONIC + 0.5 * step, step)
+    parts = [looked_at[first : first + HARMONICS_AT_ONCE] for first in range(0, looked_at.size, HARMONICS_AT_ONCE)]
     known = directions_of(model.free, passes.theta)
 
     def one(run: Passed) -> list[Gram]:
@@ -45,8 +45,8 @@ def telling_harmonics(model: Fit, mapper: Mapper) -> Harmonics:
         places = [Place("", {}, {}, 2 * i, 2 * i + 2, False) for i in range(some.size)]
         gains.append(score_test(total(list(grams)), prior, places).gains)
     cogging, ripple = (_best(looked_at, half) for half in np.split(np.concatenate(gains), 2))
-    return Harmonics(cogging, ripple, max(1, looked_at.size // KEPT))
+    return Harmonics(cogging, ripple, max(1, looked_at.size // KEPT_HARMONICS))
 
 
 def _best(harmonics: Vector, gains: Vector) -> tuple[float, ...]:
-    return tuple(sorted(float(harmonics[i]) for i in np.argsort(-gains)[:KEPT]))
+    return tuple(sorted(float(harmonics[i]) for i in np.argsort(-gains)[:KEPT_HARMONICS]))

@@ -16,8 +16,10 @@ from hil_forceps.rig.catalogue import EFFECT_IDS, EFFECTS, effect
 Vector = NDArray[np.float64]
 
 # Of an amplitude that would show: over a row it must turn no mass round, which dry friction isn't linear in.
-SHARE = 1e-2
-SHARE_OF_ONE_SIDED = 0.05  # of friction that can't be negative, beside next to none  # tuned: by its catalogue size
+AMPLITUDE_SHARE = 1e-2
+ONE_SIDED_AMPLITUDE_SHARE = (
+    0.05  # of friction that can't be negative, beside next to none  # tuned: by its catalogue size
+)
 HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 16.0, 18.0, 21.0, 24.0)
 # Torques that recur with the motor's angle, and whether they come with the current: half of all columns.
 WAVES = {entry.id: entry.recurs_with == "angle and current" for entry in EFFECTS if entry.recurs_with is not None}
@@ -115,7 +117,7 @@ def waves_of(probe: Probe) -> list[Wave]:
 def _directions(theta: Vector, probe: Probe) -> list[Direction]:
     if not probe.amplitudes:
         return [Direction(with_effect(theta, probe.effect_id, start_of(probe.effect_id, probe.start)), 1.0)]
-    share = SHARE_OF_ONE_SIDED if probe.effect_id == "jaw_position_friction" else SHARE
+    share = ONE_SIDED_AMPLITUDE_SHARE if probe.effect_id == "jaw_position_friction" else AMPLITUDE_SHARE
     found = []
     for names in [tuple(probe.amplitudes)] if probe.together else [(name,) for name in probe.amplitudes]:
         shape = {k: v for k, v in probe.start.items() if k not in probe.amplitudes}

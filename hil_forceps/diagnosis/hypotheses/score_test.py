@@ -23,7 +23,7 @@ Matrix = NDArray[np.float64]
 DRAWS = 4000
 COST_PER_COLUMN = 2.0  # Akaike's: what χ² falls by chance, twice
 # Of a column's information: less is left where known parameters do the same, to the accuracy of finite differences.
-IDENTIFIABLE = 1e-5
+IDENTIFIABLE_SHARE = 1e-5
 
 
 class Tested(NamedTuple):
@@ -77,7 +77,7 @@ def projected(found: Gram, prior: Prior) -> Projected:
     alone = -inverse @ (found.score[:fitted] + prior.pull)
     s = own - cross.T @ solved
     b = -(found.score[fitted:] - solved.T @ (found.score[:fitted] + prior.pull))
-    good = np.isfinite(np.diag(own)) & (np.diag(s) > IDENTIFIABLE * np.diag(own)) & (np.diag(s) > 1e-12)
+    good = np.isfinite(np.diag(own)) & (np.diag(s) > IDENTIFIABLE_SHARE * np.diag(own)) & (np.diag(s) > 1e-12)
     return Projected(inverse, alone, solved, s, b, good)
 
 

@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.inference.fit import Fit, directions_of
 
 Vector = NDArray[np.float64]
 
-SHORTLIST = 6  # entries that are refitted at a step
+MAX_SHORTLIST = 6  # entries that are refitted at a step
 SHORTLIST_SHARE = 0.3  # of the best gain  # tuned: lag and damping beside a skew of d = 50
 # Of a shape: places to look are a factor of 5 to 7 apart, and a refit finds its way over one of 1.5.
 SHAPES_BETWEEN = (0.25, 0.4, 0.65, 1.5, 2.4, 4.0)
@@ -59,7 +59,7 @@ def _shortlist(places: Sequence[Place], tested: Tested) -> list[Start]:
         if top <= tested.threshold or gain < SHORTLIST_SHARE * top or gain < 0.5 * tested.threshold:
             break
         chosen.setdefault(_key(place), Start(place, tested.sizes[i], tested.shifts[i], gain))
-    return list(chosen.values())[:SHORTLIST]
+    return list(chosen.values())[:MAX_SHORTLIST]
 
 
 def _key(place: Place) -> tuple[str, ...]:

@@ -21,8 +21,8 @@ MAX_STEPS = 8
 CONVERGED_CHI2 = 0.02  # that a step is to gain: no parameter is further than 0.14 deviations from its best
 STATIONARY_CHI2 = 1.0  # that a step did gain: rows that come and go as evidence move χ² by as much
 MAX_HALVINGS = 4
-DIFFERENCE = 1e-4  # of a parameter's scale, for its answer: the plant is next to linear over it
-LARGEST_RATIO = 2.0  # by which a positive parameter may change in a step
+DIFFERENCE_SHARE = 1e-4  # of a parameter's scale, for its answer: the plant is next to linear over it
+MAX_STEP_RATIO = 2.0  # by which a positive parameter may change in a step
 
 
 class Fit(NamedTuple):
@@ -74,7 +74,7 @@ def directions_of(free: Sequence[Free], theta: Vector) -> list[Direction]:
     """Return the directions of some parameters, each in units of its scale."""
     found = []
     for f in free:
-        step = DIFFERENCE * max(f.scale, abs(theta[f.place]))
+        step = DIFFERENCE_SHARE * max(f.scale, abs(theta[f.place]))
         if theta[f.place] + step > f.high:
             step = -step
         changed = theta.copy()
@@ -147,8 +147,8 @@ def reach_of(free: Sequence[Free], theta: Vector) -> tuple[Vector, Vector]:
     for i, f in enumerate(free):
         old, least, most = theta[f.place], f.low, f.high
         if f.low >= 0.0 and not f.amplitude and old > 0.0:
-            least = least if "coulomb" in f.name else max(least, old / LARGEST_RATIO)
-            most = min(most, max(LARGEST_RATIO * old, f.scale))
+            least = least if "coulomb" in f.name else max(least, old / MAX_STEP_RATIO)
+            most = min(most, max(MAX_STEP_RATIO * old, f.scale))
         low[i], high[i] = (least - old) / f.scale, (most - old) / f.scale
     return low, high
 

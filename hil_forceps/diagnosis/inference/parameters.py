@@ -14,9 +14,9 @@ from hil_forceps.rig.quantities import Parameter
 
 Vector = NDArray[np.float64]
 
-FRICTION_PRIOR = 3.0  # times the rig's value: data sheets are wrong by such factors
+FRICTION_PRIOR_RATIO = 3.0  # times the rig's value: data sheets are wrong by such factors
 NO_FRICTION_SHARE = 1e-4  # of the motor's torque: deviation of dry friction that the rig gives as none
-WIDEST = 10.0  # times what the rig says, either way
+MAX_RATIO = 10.0  # times what the rig says, either way
 # No channel holds a length: both radii times s and the stiffness over s² give the same data. One radius is held;
 # without the jaw's angle the other, too.
 GAUGE = ("forceps.motor_pulley_radius_m",)
@@ -93,9 +93,9 @@ def _known(name: str, known: Parameter, torque_N_m: float) -> Free:
         return Free(name, value, 0.5 * value, low, high, False, False)
     sd = known.sd if known.sd is not None else 0.1 * abs(value)
     if friction:
-        sd = max(sd, FRICTION_PRIOR * value, NO_FRICTION_SHARE * torque_N_m)
+        sd = max(sd, FRICTION_PRIOR_RATIO * value, NO_FRICTION_SHARE * torque_N_m)
     elif known.minimum is None:
-        low, high = value / WIDEST, value * WIDEST
+        low, high = value / MAX_RATIO, value * MAX_RATIO
     elif known.sd is None:  # bounds, and nothing said of what is likely between them
         return Free(name, value, sd or 0.1 * (high - low), low, high, False, False)
     return Free(name, value, sd, low, high, True, False)

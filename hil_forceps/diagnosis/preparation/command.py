@@ -31,7 +31,7 @@ class Driven(NamedTuple):
     span_A: float  # of its commands
 
 
-WITHIN_LIMIT = 0.97  # of a current's limit: less is not clipped, noise and all
+UNCLIPPED_SHARE = 0.97  # of a current's limit: less is not clipped, noise and all
 MEDIAN_DEVIATION = math.sqrt(0.5 * math.pi)  # of a median, over that of a mean: Gaussian noise
 INTEGRAL_ROUNDS = 3  # the median of what is left is then as far off as its noise makes it
 SAME_LOSS_ROWS = 100  # over which a slow angle loses the same to its recording
@@ -123,7 +123,7 @@ def first_integral(law: Vector, rows: tuple[Vector, Vector, Vector], samples: in
         return FirstIntegral(0.0, 0.0, count)
     reference, encoder = (on_lines(values, samples) for values in rows[:2])
     shown = rows[2][1:]
-    within = np.abs(shown) < WITHIN_LIMIT * law[LIMIT]
+    within = np.abs(shown) < UNCLIPPED_SHARE * law[LIMIT]
     summed = np.cumsum(reference - encoder) * law[SAMPLE_TIME]
     integral, told, forgotten = 0.0, np.empty(0, dtype=np.intp), count
     for _ in range(INTEGRAL_ROUNDS):

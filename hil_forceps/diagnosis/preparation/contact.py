@@ -13,9 +13,9 @@ from scipy import stats
 
 Vector = NDArray[np.float64]
 
-FALSE_REJECTION = 1e-6  # of a curve that is the true one: its noise is known to some per cent only
-LEAST_SPREAD = 20.0  # deviations of the load cell that a load must vary by
-LEAST_PASSES = 3  # over the middle of the angles: less, and any load is a function of the angle
+FALSE_REJECTION_RATE = 1e-6  # of a curve that is the true one: its noise is known to some per cent only
+MIN_SPREAD_DEVIATIONS = 20.0  # deviations of the load cell that a load must vary by
+MIN_PASSES = 3  # over the middle of the angles: less, and any load is a function of the angle
 
 
 class Contact(NamedTuple):
@@ -32,13 +32,13 @@ _ROUNDS = 3  # of closer looks, each between the neighbours of the best
 
 def contact(load: Vector, jaw_rad: Vector, noise_variance: float, angle_variance: float) -> Contact | None:
     """Return the contact that a run's load follows over the jaw's angle; None where it follows none."""
-    if np.ptp(load) < LEAST_SPREAD * np.sqrt(noise_variance) or _passes(jaw_rad) < LEAST_PASSES:
+    if np.ptp(load) < MIN_SPREAD_DEVIATIONS * np.sqrt(noise_variance) or _passes(jaw_rad) < MIN_PASSES:
         return None
     best = min((_fitted(load, jaw_rad, upward) for upward in (True, False)), key=lambda found: found[0])
     squares, stiffness, angle, upward = best
     chi2 = squares / (noise_variance + stiffness**2 * angle_variance)
     # Deviations of sensors are known to some per cent: a tenth more power is no misfit.
-    if stiffness <= 0.0 or chi2 > 1.1 * float(stats.chi2.isf(FALSE_REJECTION, load.size - 2)):
+    if stiffness <= 0.0 or chi2 > 1.1 * float(stats.chi2.isf(FALSE_REJECTION_RATE, load.size - 2)):
         return None
     return Contact(stiffness, angle, upward)
 

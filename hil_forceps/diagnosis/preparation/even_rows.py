@@ -14,10 +14,10 @@ from hil_forceps.rig import Rig
 
 Mask = NDArray[np.bool_]
 
-UNEVEN = 0.02  # of a row: stamps that vary by more are no equally spaced rows
-MOST_LOST = 0.1  # of the rows
-LONGEST_GAP = 20  # rows: over a longer one the law's memory is worth nothing
-FEWEST_ROWS = 50  # of a run, or of a piece of one, that is diagnosed
+MAX_STAMP_SPREAD_ROWS = 0.02  # of a row: stamps that vary by more are no equally spaced rows
+MAX_LOST_SHARE = 0.1  # of the rows
+MAX_GAP_ROWS = 20  # rows: over a longer one the law's memory is worth nothing
+MIN_ROWS = 50  # of a run, or of a piece of one, that is diagnosed
 
 
 class EvenRun(NamedTuple):
@@ -55,19 +55,19 @@ def _part(run: Run, first: int, behind: int, of: str, begin_s: float) -> tuple[R
 def even_pieces(run: Run, rig: Rig) -> list[EvenRun]:
     """Return a run on equally spaced rows, in pieces where gaps are too long to be filled.
 
-    Pieces of fewer than `FEWEST_ROWS` rows are left out. Empty where a piece's stamps vary, or too many rows are lost.
+    Pieces of fewer than `MIN_ROWS` rows are left out. Empty where a piece's stamps vary, or too many rows are lost.
     """
     time_s = run.columns["time_s"]
     if time_s.size < 2:
         return []
     intervals = np.diff(time_s)
-    edges = np.flatnonzero(intervals > (LONGEST_GAP + 0.5) * float(np.median(intervals))) + 1
+    edges = np.flatnonzero(intervals > (MAX_GAP_ROWS + 0.5) * float(np.median(intervals))) + 1
     if not edges.size:
         even = even_rows(run, rig)
         return [even] if even is not None else []
     found = []
     for first, behind in zip((0, *edges), (*edges, time_s.size), strict=True):
-        if behind - first < FEWEST_ROWS:
+        if behind - first < MIN_ROWS:
             continue
         piece, begin_s = _part(run, first, behind, run.name, 0.0)
         even = even_rows(piece, rig)
@@ -86,17 +86,20 @@ def even_rows(run: Run, rig: Rig) -> EvenRun | None:
     period_s = float(np.median(intervals))
     if rig.drive is not None:
         samples = round(period_s / rig.drive.sample_time_s)
-        if samples > 0 and math.isclose(samples * rig.drive.sample_time_s, period_s, rel_tol=UNEVEN):
+        if samples > 0 and math.isclose(samples * rig.drive.sample_time_s, period_s, rel_tol=MAX_STAMP_SPREAD_ROWS):
             period_s = samples * rig.drive.sample_time_s  # stamps are printed with few digits
     steps = np.rint(intervals / period_s).astype(np.intp)
-    if np.any(steps < 1) or steps.max() > LONGEST_GAP:
+    if np.any(steps < 1) or steps.max() > MAX_GAP_ROWS:
         return None
     rows = np.concatenate(([0], np.cumsum(steps)))
     count = int(rows[-1]) + 1
     # A clock that runs a little fast or slow is no jitter: rows are spaced by what it says on the whole.
     spacing = float(time_s[-1] - time_s[0]) / (count - 1)
     even = time_s[0] + spacing * np.arange(count)
-    if count > (1.0 + MOST_LOST) * time_s.size or np.max(np.abs(time_s - even[rows])) > UNEVEN * spacing * steps.max():
+    if (
+        count > (1.0 + MAX_LOST_SHARE) * time_s.size
+        or np.max(np.abs(time_s - even[rows])) > MAX_STAMP_SPREAD_ROWS * spacing * steps.max()
+    ):
         return None
     lost = np.ones(count, dtype=np.bool_)
     lost[rows] = False

@@ -7,7 +7,7 @@ import numpy as np
 from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.result import AuditFinding
 
-MOST_ROWS = 120_000  # of all runs together: some 1.2 GB
+MAX_ROWS = 120_000  # of all runs together: some 1.2 GB
 EXCERPT_ROWS = 10_000  # long against all that a plant forgets, short enough for many of them
 
 
@@ -36,8 +36,8 @@ def excerpts(runs: Sequence[EvenRun]) -> tuple[list[EvenRun], list[AuditFinding]
 
 
 def _longest(rows: Sequence[int]) -> int:
-    """Return how many rows of a run are used, so that all together are no more than `MOST_ROWS`."""
-    left, share = MOST_ROWS, 0
+    """Return how many rows of a run are used, so that all together are no more than `MAX_ROWS`."""
+    left, share = MAX_ROWS, 0
     for place, count in enumerate(sorted(rows)):
         share = left // (len(rows) - place)
         if count > share:

@@ -55,7 +55,7 @@ ACCURACY_TIME_S = 0.1
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
 FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left
 MAX_FADING_ROWS = 50
-MOST_TOUCHED = 0.8  # tuned: of the rows; a torque constant that is 25 % off beside no load cell
+MAX_TOUCHED_SHARE = 0.8  # tuned: of the rows; a torque constant that is 25 % off beside no load cell
 JAW_ZERO_SD_RAD = 0.01  # of the jaw sensor, from run to run
 
 
@@ -322,7 +322,7 @@ def _grasped(touched: _Touched) -> Mask:
     """
     touches = np.asarray(touched.stiffness_N_m_per_rad > 0.0)
     # Where pulleys are not quite as the rig has them, such a load follows the angle everywhere: that is no contact.
-    return touches if np.mean(touches) < MOST_TOUCHED else np.zeros_like(touches)
+    return touches if np.mean(touches) < MAX_TOUCHED_SHARE else np.zeros_like(touches)
 
 
 def _start(

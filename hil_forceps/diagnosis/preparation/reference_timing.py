@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.state_space.passes import Passed
 Matrix = NDArray[np.float64]
 
 WINDOW_S = 2.0  # a host's timing is the same over it: a clock 100 ppm off drifts by less than a sample of the drive
-LEAST_WEIGHT = 0.01  # of a reference that never held around a row
+MIN_WEIGHT = 0.01  # of a reference that never held around a row
 
 
 def reference_timing(passed: Passed, *, first: bool) -> Matrix:
@@ -34,5 +34,5 @@ def reference_timing(passed: Passed, *, first: bool) -> Matrix:
         share = np.exp(log_likelihood - log_likelihood.max(axis=1, keepdims=True))
     else:
         share = around(share)
-    share = np.maximum(share / share.sum(axis=1, keepdims=True), LEAST_WEIGHT)
+    share = np.maximum(share / share.sum(axis=1, keepdims=True), MIN_WEIGHT)
     return np.asarray(share / share.sum(axis=1, keepdims=True))

@@ -9,9 +9,14 @@ from scipy.ndimage import binary_dilation, binary_opening, maximum_filter1d, min
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-QUARTERS = (1, 2, 4, 10)  # rows of a quarter: down to a count in ten rows  # tuned: chirps and holds, 10 % friction
-SLOW_QUARTER = 25  # rows, beside those for a sensor that is noisy
-BEYOND_CHANCE = 3.0  # deviations of the difference of two quarters' means; four of them must be
+QUARTERS_ROWS = (
+    1,
+    2,
+    4,
+    10,
+)  # rows of a quarter: down to a count in ten rows  # tuned: chirps and holds, 10 % friction
+SLOW_QUARTER_ROWS = 25  # rows, beside those for a sensor that is noisy
+TURN_DEVIATIONS = 3.0  # deviations of the difference of two quarters' means; four of them must be
 DWELL_ROWS = 50  # to either side: an encoder within two counts as long dwells  # tuned: frictionless holds
 
 
@@ -20,13 +25,13 @@ def may_stick(angle_rad: Vector, step_rad: float, margin: int) -> Mask:
 
     `step_rad`: by how much the angle must change to be sure, a count of its encoder.
     """
-    return _may_stick([(quarter, angle_rad, 0.9 * step_rad) for quarter in QUARTERS], margin)
+    return _may_stick([(quarter, angle_rad, 0.9 * step_rad) for quarter in QUARTERS_ROWS], margin)
 
 
 def may_stick_by_sensor(angle_rad: Vector, noise_rad: float, margin: int) -> Mask:
     """Return the same by an angle that is measured with white noise: means of quarters must differ beyond chance."""
-    means = [(quarter, uniform_filter1d(angle_rad, quarter)) for quarter in (*QUARTERS, SLOW_QUARTER)]
-    return _may_stick([(q, mean, BEYOND_CHANCE * noise_rad * np.sqrt(2.0 / q)) for q, mean in means], margin)
+    means = [(quarter, uniform_filter1d(angle_rad, quarter)) for quarter in (*QUARTERS_ROWS, SLOW_QUARTER_ROWS)]
+    return _may_stick([(q, mean, TURN_DEVIATIONS * noise_rad * np.sqrt(2.0 / q)) for q, mean in means], margin)
 
 
 def _may_stick(looks: Sequence[tuple[int, Vector, float]], margin: int) -> Mask:

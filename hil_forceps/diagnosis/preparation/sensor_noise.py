@@ -19,25 +19,27 @@ from scipy.ndimage import uniform_filter1d
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.preparation.command import commands_on_lines, first_integral, samples_in_a_row
 from hil_forceps.diagnosis.preparation.resolution import resolution_of
-from hil_forceps.diagnosis.state_space.drive.unseen_counts import SHOWS, count_current_A
+from hil_forceps.diagnosis.state_space.drive.unseen_counts import VISIBLE_COUNT_DEVIATIONS, count_current_A
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.model.drive_law import law_vector
 from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
 
-NEAR, MIDDLE, FAR = 1, 2, 12  # rows between the values of a difference
+NEAR_ROWS, MIDDLE_ROWS, FAR_ROWS = 1, 2, 12  # rows between the values of a difference
 BINOMIAL = (1.0, -4.0, 6.0, -4.0, 1.0)
 MEDIAN_OF_SQUARE = 0.4549364  # of a unit Gaussian: median of χ² with one degree of freedom
-CHANCE = 5.0  # deviations of the ratio of both variances: white noise seems coloured less often than 1 in 10⁶
-LEAST_CORRELATED, MOST_CORRELATED = 0.5, 0.99  # less is what lively motion leaves in the differences
+COLOUR_DEVIATIONS = (
+    5.0  # deviations of the ratio of both variances: white noise seems coloured less often than 1 in 10⁶
+)
+MIN_CORRELATION, MAX_CORRELATION = 0.5, 0.99  # less is what lively motion leaves in the differences
 QUIET_SHARE = 0.3  # of the rows: those with the least acceleration
 SMOOTHING_ROWS = 21  # of the encoder, so that its counting is no acceleration
 COLUMNS = ("theta_j_rad", "tau_w_N_m", "current_A")
 EDGE_SHARE = 0.1  # of a step: how sharp the edges of a quantised channel are taken to be
 # Of what a channel spans: no sensor is taken to be better. Integrators agree to a ten-thousandth, load cells are linear
 # to a thousandth.
-LEAST_SHARES = (1e-4, 1e-3, 1e-4)
+MIN_DEVIATION_SHARES = (1e-4, 1e-3, 1e-4)
 
 
 def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
@@ -58,7 +60,7 @@ def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
             deviation[channel], correlation[channel] = max(before, EDGE_SHARE * step), 0.0
             resolution[channel] = step
         span = max((float(np.ptp(run.columns[name])) for run in runs if name in run.columns), default=0.0)
-        least = max(LEAST_SHARES[channel] * span, 1e-12)
+        least = max(MIN_DEVIATION_SHARES[channel] * span, 1e-12)
         if deviation[channel] < least and resolution[channel] == 0.0:
             deviation[channel], correlation[channel] = least, 0.0
     return Noise(deviation, correlation, resolution)
@@ -74,7 +76,7 @@ def _current_beside_law(run: Run, rig: Rig) -> Vector | None:
         return None
     samples, law = samples_in_a_row(run, rig), law_vector(rig.drive)
     rounding_A = count_current_A(law, rig.encoder.quantum_rad) / math.sqrt(6.0)  # of a count, and of the line there
-    if samples == 0 or (samples > 1 and rounding_A > SHOWS * rig.noise.current_A):
+    if samples == 0 or (samples > 1 and rounding_A > VISIBLE_COUNT_DEVIATIONS * rig.noise.current_A):
         return None
     rows = (columns["theta_m_ref_rad"], columns["theta_m_rad"], columns["current_A"])
     command = commands_on_lines(law, rows, samples, first_integral(law, rows, samples, 0.0).value_rad_s)
@@ -83,19 +85,19 @@ def _current_beside_law(run: Run, rig: Rig) -> Vector | None:
 
 def autoregressive_noise(told: Sequence[tuple[Run, Vector]]) -> tuple[float, float]:
     """Return deviation and correlation from row to row; the correlation is 0 where the noise is white to chance."""
-    near, middle, far = (_difference_variance(told, spacing) for spacing in (NEAR, MIDDLE, FAR))
+    near, middle, far = (_difference_variance(told, spacing) for spacing in (NEAR_ROWS, MIDDLE_ROWS, FAR_ROWS))
     if near <= 0.0:
         return 0.0, 0.0
     rows = QUIET_SHARE * sum(values.size for _, values in told)
     # A variance from the median of n squares is known to 2.3/√n, and to twice that where neighbours hang together.
-    by_chance = CHANCE * np.sqrt(2.0) * 4.6 / np.sqrt(rows)
+    by_chance = COLOUR_DEVIATIONS * np.sqrt(2.0) * 4.6 / np.sqrt(rows)
     if far / near < 1.0 + by_chance:
         return float(np.sqrt(near / 70.0)), 0.0
     correlation = _correlation(far / near)
-    is_motion = middle / near < _share(correlation, MIDDLE) / _share(correlation, NEAR) - by_chance
-    if correlation < LEAST_CORRELATED or is_motion:
+    is_motion = middle / near < _share(correlation, MIDDLE_ROWS) / _share(correlation, NEAR_ROWS) - by_chance
+    if correlation < MIN_CORRELATION or is_motion:
         return float(np.sqrt(near / 70.0)), 0.0
-    return float(np.sqrt(near / _share(correlation, NEAR))), correlation
+    return float(np.sqrt(near / _share(correlation, NEAR_ROWS))), correlation
 
 
 def _difference_variance(told: Sequence[tuple[Run, Vector]], spacing: int) -> float:
@@ -124,8 +126,8 @@ def _correlation(ratio: float) -> float:
     """Return the correlation at which both variances have this ratio."""
 
     def misfit(correlation: float) -> float:
-        return _share(correlation, FAR) / _share(correlation, NEAR) - ratio
+        return _share(correlation, FAR_ROWS) / _share(correlation, NEAR_ROWS) - ratio
 
-    if misfit(MOST_CORRELATED) <= 0.0:
-        return MOST_CORRELATED
-    return float(optimize.brentq(misfit, 0.0, MOST_CORRELATED))
+    if misfit(MAX_CORRELATION) <= 0.0:
+        return MAX_CORRELATION
+    return float(optimize.brentq(misfit, 0.0, MAX_CORRELATION))

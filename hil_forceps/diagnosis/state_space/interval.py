@@ -12,14 +12,14 @@ from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 
 _ROOT_HALF = math.sqrt(0.5)
 _ROOT_2PI = math.sqrt(2.0 * math.pi)
-_TAIL = 2.0  # deviations: beyond, differences of the normal distribution lose digits
-_NARROW = 0.5  # deviations: so do those of edges as near
+_TAIL_DEVIATIONS = 2.0  # deviations: beyond, differences of the normal distribution lose digits
+_NARROW_DEVIATIONS = 0.5  # deviations: so do those of edges as near
 # Behind a count the density is flatter than a normal one, and the next count tells less than its information. With
 # these shares of it the innovations of simulated tracks are nearly white: predicted to 0.09 to 0.5 of a count, with
 # 0.1 to 3.4 counts a row, their correlations are at most 0.02. Narrower ones gain less (decision 0026).
 _OVERSTATED_PER_DEVIATION = 1.0 / 80.0
-_MOST_OVERSTATED = 0.15
-_REACH = 20.0  # exp(−20) of the density at the nearer edge: what lies beyond has no say
+_MAX_OVERSTATED_SHARE = 0.15
+_REACH_EXPONENT = 20.0  # exp(−20) of the density at the nearer edge: what lies beyond has no say
 _NODES, _WEIGHTS = (tuple(v) for v in np.polynomial.legendre.leggauss(12))  # 1e-5 of the result over that reach
 
 
@@ -31,7 +31,7 @@ def interval_likelihood(low: float, high: float, mean: float, deviation: float) 
     sign = 1.0
     if a + b < 0.0:  # mirrored, so that the nearer edge is a
         a, b, sign = -b, -a, -1.0
-    if a > _TAIL or width < _NARROW:
+    if a > _TAIL_DEVIATIONS or width < _NARROW_DEVIATIONS:
         log_p, score, information = _by_quadrature(a, width)
     else:
         if a > 0.0:
@@ -49,13 +49,13 @@ def interval_likelihood(low: float, high: float, mean: float, deviation: float) 
 @inlined
 def share_kept(width: float) -> float:
     """Return which share of an interval's information lessens the variance; `width`: of the interval, in deviations."""
-    return 1.0 - min(_MOST_OVERSTATED, width * _OVERSTATED_PER_DEVIATION)
+    return 1.0 - min(_MAX_OVERSTATED_SHARE, width * _OVERSTATED_PER_DEVIATION)
 
 
 @subroutine
 def _by_quadrature(a: float, width: float) -> tuple[float, float, float]:
     """Return the same in deviations, by moments of the density behind the nearer edge, exp(−a t − t²/2) at a + t."""
-    reach = min(width, _REACH / max(a, 1.0))
+    reach = min(width, _REACH_EXPONENT / max(a, 1.0))
     total, first = 0.0, 0.0
     for node, weight in zip(_NODES, _WEIGHTS):  # noqa: B905  # not known to the compiler
         t = 0.5 * reach * (1.0 + node)

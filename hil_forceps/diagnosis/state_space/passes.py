@@ -40,7 +40,7 @@ Mask = NDArray[np.bool_]
 
 # exp(−3) is left of what the filter's load was off by. Twice as many hide what shows behind holds only.
 LOAD_TIME_CONSTANTS = 3.0  # tuned: presliding friction of the jaw
-FAR = 1e6  # deviations: their square has four digits left beside a likelihood of 1
+MAX_SQUARED_DEVIATIONS = 1e6  # deviations: their square has four digits left beside a likelihood of 1
 MAX_MEMORY_ROWS = 100  # a load that is forgotten more slowly wanders little, and is little off
 
 # Longer than the filter remembers an error of its load or the wire rings. Between 0.1 and 1 s it makes no difference.
@@ -103,9 +103,9 @@ class Passed(NamedTuple):
         Far out the line alone: of two squares that nearly cancel nothing is left but rounding.
         """
         away = np.abs(self.filtered.residual)
-        beyond = np.clip(away - HUBER, 0.0, FAR)
+        beyond = np.clip(away - HUBER, 0.0, MAX_SQUARED_DEVIATIONS)
         line = -HUBER * np.minimum(away, WILD)
-        return np.asarray(np.where(away < FAR, self.filtered.log_likelihood + 0.5 * beyond**2, line))
+        return np.asarray(np.where(away < MAX_SQUARED_DEVIATIONS, self.filtered.log_likelihood + 0.5 * beyond**2, line))
 
     def answers(self, base: Physics, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
         """Return how the innovations answer to directions and behind them to waves (n·CHANNELS × columns)."""

@@ -15,14 +15,14 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-_SURE = 3.0  # deviations: a speed's sign is known beyond
+_SURE_SIGN_DEVIATIONS = 3.0  # deviations: a speed's sign is known beyond
 _SETTLING_ROWS = 300  # after which the filter's deviations stay as they are
 
 
 @inlined
 def near_standstill(first: float, last: float, deviation: float) -> bool:
     """Tell whether a speed's sign isn't sure over a row."""
-    return first * last <= 0.0 or min(abs(first), abs(last)) < _SURE * deviation
+    return first * last <= 0.0 or min(abs(first), abs(last)) < _SURE_SIGN_DEVIATIONS * deviation
 
 
 @inlined

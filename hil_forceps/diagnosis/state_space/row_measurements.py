@@ -45,7 +45,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-SURPRISE = 4.5  # deviations of an innovation: 1 in 150 000 by chance
+SURPRISE_DEVIATIONS = 4.5  # deviations of an innovation: 1 in 150 000 by chance
 SURE_SHARE = 0.01  # of the variance of a current: what counts leave open of it is then a tenth of its deviation
 
 
@@ -130,10 +130,10 @@ def take_measurements(
             corrected_but(considered, x, covariance, along, score, taken, out.gain[row, channel])
         else:
             corrected(x, covariance, along, score, taken)
-        if channel == CURRENT and abs(residual) > SURPRISE:
+        if channel == CURRENT and abs(residual) > SURPRISE_DEVIATIONS:
             error_A = residual / root / (1.0 + p.current_gain_relative_error)
             spread(covariance, f, FRICTION_M, (p.K_t * error_A) ** 2)
-        surprise = surprise or (abs(residual) > SURPRISE and channel != CURRENT)
+        surprise = surprise or (abs(residual) > SURPRISE_DEVIATIONS and channel != CURRENT)
     return surprise
 
 

@@ -38,7 +38,7 @@ from hil_forceps.model.linear.gains import (
 Matrix = NDArray[np.float64]
 
 TAUT, SLACK = 0, 1
-_INSTANTS = 16  # at which a jump may be, for its mean effect: the midpoint rule is then within 1e-3
+_JUMP_INSTANTS = 16  # at which a jump may be, for its mean effect: the midpoint rule is then within 1e-3
 FRICTION_MEMORY_S = 3e-3  # of dry friction where a mass may stick  # tuned: 0.5 to 20 ms tried on holds
 
 
@@ -88,12 +88,12 @@ def friction_kept(period_s: float) -> float:
 def jump_covariance(p: Physics, period_s: float) -> Matrix:
     """Return the second moment (STATES²) of what a unit jump of the load does, anywhere within a row."""
     total = np.zeros((STATES, STATES))
-    for i in range(_INSTANTS):
-        f = transition(p, period_s * (i + 0.5) / _INSTANTS, True)
+    for i in range(_JUMP_INSTANTS):
+        f = transition(p, period_s * (i + 0.5) / _JUMP_INSTANTS, True)
         answer = np.zeros(STATES)
         answer[:PLANT_STATES] = f[:PLANT_STATES, LOAD]
         answer[LOAD] = 1.0
-        total += np.outer(answer, answer) / _INSTANTS
+        total += np.outer(answer, answer) / _JUMP_INSTANTS
     return total
 
 

@@ -13,7 +13,7 @@ from hil_forceps.diagnosis.experiment_design.next_experiment import propose
 from hil_forceps.diagnosis.identification import Identified, identify
 from hil_forceps.diagnosis.options import Options, split_runs
 from hil_forceps.diagnosis.preparation.command import samples_in_a_row
-from hil_forceps.diagnosis.preparation.even_rows import FEWEST_ROWS, LONGEST_GAP, EvenRun, even_pieces
+from hil_forceps.diagnosis.preparation.even_rows import MAX_GAP_ROWS, MIN_ROWS, EvenRun, even_pieces
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
 from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Gain, RunEvidence
 from hil_forceps.diagnosis.validation.estimates import estimate_gains
@@ -84,7 +84,7 @@ def conclude(
 
 def _cut_at_gaps(runs: Sequence[EvenRun]) -> list[AuditFinding]:
     pieces = Counter(even.of for even in runs if even.of)
-    said = f" (cut at gaps of more than {LONGEST_GAP} rows); pieces of fewer than {FEWEST_ROWS} rows are left out"
+    said = f" (cut at gaps of more than {MAX_GAP_ROWS} rows); pieces of fewer than {MIN_ROWS} rows are left out"
     return [AuditFinding("pieces", "note", name, "", f"{n} pieces are used{said}") for name, n in pieces.items()]
 
 

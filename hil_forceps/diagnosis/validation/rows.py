@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.preparation.even_rows import FEWEST_ROWS
+from hil_forceps.diagnosis.preparation.even_rows import MIN_ROWS
 from hil_forceps.rig.errors import UserError
 
 Vector = NDArray[np.float64]
@@ -26,5 +26,5 @@ class Rows(NamedTuple):
 
 def require_rows(name: str, rows: int) -> None:
     """UserError where a run has too few rows to be diagnosed."""
-    if rows < FEWEST_ROWS:
-        raise UserError(f"{name}: {rows} rows are too few to diagnose; at least {FEWEST_ROWS} are needed")
+    if rows < MIN_ROWS:
+        raise UserError(f"{name}: {rows} rows are too few to diagnose; at least {MIN_ROWS} are needed")

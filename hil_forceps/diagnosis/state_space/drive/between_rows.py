@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.drive.unseen_counts import (
-    UNKNOWN,
+    UNKNOWNS,
     Samples,
     expected_counts,
     is_open,
@@ -48,7 +48,7 @@ from hil_forceps.model.drive_law import SHARE
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-_ALIKE = 1e-3  # of a deviation: the angles behind a row hang together, and one direction says all of it
+_LINE_DEVIATION_SHARE = 1e-3  # of a deviation: the angles behind a row hang together, and one direction says all of it
 
 
 @with_work_arrays
@@ -82,7 +82,7 @@ def collapse(
     shared = _times(ways[last], first)
     rest = math.sqrt(max(_times(ways[last], second) + edge_variance - shared * shared, 0.0))
     # Of one sample behind the row there is one angle, and one direction.
-    share = 1.0 / rest if last > 1 and rest > _ALIKE * root else 0.0
+    share = 1.0 / rest if last > 1 and rest > _LINE_DEVIATION_SHARE * root else 0.0
     second = (second - shared * first) * share
     spread_rad = np.zeros((d.samples, 2))
     for sample in range(1, d.samples):
@@ -104,7 +104,7 @@ def collapse(
         deviation_A,
     )
     out.timing[row] = d.timing[row]
-    mean, found = np.zeros(UNKNOWN), np.zeros((UNKNOWN, UNKNOWN))
+    mean, found = np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, UNKNOWNS))
     if is_open(v):
         if shows_counts(v):
             out.prior_variance[row] = unseen_counts(v, mean, found, out.timing[row])

@@ -26,7 +26,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Errors = TypeVar("Errors", float, Vector)
 
-REACH = 4.0  # deviations: 6e-5 of a normal distribution lies beyond
+REACH_DEVIATIONS = 4.0  # deviations: 6e-5 of a normal distribution lies beyond
 _ERRORS = (INTEGRAL_ERROR, DERIVATIVE_ERROR, COUNT_ERROR, COMMAND_ERROR)  # as `law_errors` returns them
 _ROOT_2 = math.sqrt(2.0)
 _ROOT_2_PI = math.sqrt(2.0 * math.pi)
@@ -46,7 +46,7 @@ def expected_count(angle_rad: float, deviation_rad: float, quantum_rad: float) -
     if quantum_rad <= 0.0:
         return Count(angle_rad, 1.0, 0.0)
     nearest = math.floor(angle_rad / quantum_rad + 0.5)
-    reach = int(REACH * deviation_rad / quantum_rad + 0.5)
+    reach = int(REACH_DEVIATIONS * deviation_rad / quantum_rad + 0.5)
     # Count n and more is counted beyond the edge below it: sums over edges are those over counts.
     mean, square, slope = 0.0, 0.0, 0.0
     for k in range(-reach, reach + 2):

@@ -23,21 +23,23 @@ from hil_forceps.diagnosis.state_space.layout import COMMANDS_BETWEEN, MADE_BETW
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-REACH = 4.2  # deviations: 1.5e-4 of two normal ones lies beyond
+REACH_DEVIATIONS = 4.2  # deviations: 1.5e-4 of two normal ones lies beyond
 ANGLES, SPEEDS = np.linspace(-4.0, 4.0, 25), np.linspace(-3.0, 3.0, 5)  # moments of both are right to 1e-3
-FAR = 4.5  # deviations: an edge of a count further away is not met
-MOST_MISFIT = 100.0  # χ²: a blow to the current sensor is no proof of a count
-LEAST_TIMING = 0.01  # of a reference's share, below which it isn't tried
-SHOWS = 0.5  # of the current's deviation: two values so far apart beside its noise are a normal distribution to 1 %
-SAME_REFERENCE = 0.05  # of the current's deviation: references that differ by less are one
-UNKNOWN = 2 + MADE_BETWEEN  # both directions, and what is made of them
+MAX_EDGE_DEVIATIONS = 4.5  # deviations: an edge of a count further away is not met
+MAX_MISFIT_CHI2 = 100.0  # χ²: a blow to the current sensor is no proof of a count
+MIN_TIMING_SHARE = 0.01  # of a reference's share, below which it isn't tried
+VISIBLE_COUNT_DEVIATIONS = (
+    0.5  # of the current's deviation: two values so far apart beside its noise are a normal distribution to 1 %
+)
+SAME_REFERENCE_DEVIATIONS = 0.05  # of the current's deviation: references that differ by less are one
+UNKNOWNS = 2 + MADE_BETWEEN  # both directions, and what is made of them
 MEAN_REFERENCE = -1
 
 
 def _grid(angles: Vector, speeds: Vector) -> Matrix:
     """Return points of two independent normal deviations, and the share of each (m × 3): the trapezoidal rule."""
     first, second = (axis.ravel() for axis in np.meshgrid(angles, speeds, indexing="ij"))
-    near = first**2 + second**2 < REACH**2
+    near = first**2 + second**2 < REACH_DEVIATIONS**2
     share = np.exp(-0.5 * (first[near] ** 2 + second[near] ** 2))
     return np.column_stack((first[near], second[near], share / share.sum()))
 
@@ -68,7 +70,7 @@ def is_open(v: Samples) -> bool:
     for sample in range(1, v.samples):
         spread = math.hypot(v.spread_rad[sample, 0], v.spread_rad[sample, 1])
         away = 0.5 * v.quantum_rad - abs(v.angles_rad[sample] - v.counts_rad[sample])
-        open_ = open_ or away < FAR * spread
+        open_ = open_ or away < MAX_EDGE_DEVIATIONS * spread
     return open_
 
 
@@ -80,14 +82,16 @@ def _same_references(v: Samples) -> bool:
         far_rad = 0.0
         for sample in range(v.samples):
             far_rad = max(far_rad, abs(v.references_rad[sample, kind]))
-        same = same and (v.timing[kind] < LEAST_TIMING or far_rad * per_rad <= SAME_REFERENCE * v.deviation_A)
+        same = same and (
+            v.timing[kind] < MIN_TIMING_SHARE or far_rad * per_rad <= SAME_REFERENCE_DEVIATIONS * v.deviation_A
+        )
     return same
 
 
 @subroutine
 def shows_counts(v: Samples) -> bool:
     """Tell whether the next current shows which of two neighbouring counts there was, or which reference."""
-    return count_current_A(v.law, v.quantum_rad) > SHOWS * v.deviation_A or not _same_references(v)
+    return count_current_A(v.law, v.quantum_rad) > VISIBLE_COUNT_DEVIATIONS * v.deviation_A or not _same_references(v)
 
 
 @subroutine
@@ -100,7 +104,7 @@ def count_current_A(law: Vector, quantum_rad: float) -> float:
 @with_work_arrays
 def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
     """Fill mean and covariance of both directions and of what counts make, whatever the next current is."""
-    made = np.zeros((v.samples, UNKNOWN))
+    made = np.zeros((v.samples, UNKNOWNS))
     covariance[:], mean[:] = 0.0, 0.0
     covariance[0, 0], covariance[1, 1] = 1.0, 1.0
     for sample in range(1, v.samples):
@@ -113,13 +117,13 @@ def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
             made[sample, 1 + other] = after[3]
         _at_end(after, made[sample])
         mean += (count.mean_rad - v.counts_rad[sample]) * made[sample]
-        for i in range(2, UNKNOWN):
+        for i in range(2, UNKNOWNS):
             for a in range(2):
                 covariance[a, i] += count.slope * v.spread_rad[sample, a] * made[sample, i]
-            for j in range(2, UNKNOWN):
+            for j in range(2, UNKNOWNS):
                 covariance[i, j] += count.variance * made[sample, i] * made[sample, j]
-    for i in range(2, UNKNOWN):
-        for j in range(2, UNKNOWN):
+    for i in range(2, UNKNOWNS):
+        for j in range(2, UNKNOWNS):
             covariance[i, j] += covariance[0, i] * covariance[0, j] + covariance[1, i] * covariance[1, j]
         covariance[i, 0], covariance[i, 1] = covariance[0, i], covariance[1, i]
 
@@ -155,12 +159,12 @@ def _fits(v: Samples, command_A: float) -> float:
     if math.isnan(v.shown_A):
         return 1.0
     misfit = (v.shown_A - command_A) / v.deviation_A
-    return math.exp(-0.5 * min(misfit * misfit, MOST_MISFIT))
+    return math.exp(-0.5 * min(misfit * misfit, MAX_MISFIT_CHI2))
 
 
 @with_work_arrays
 def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) -> float:
-    """Fill mean and covariance of both directions and of what counts make (`UNKNOWN`), given the next current.
+    """Fill mean and covariance of both directions and of what counts make (`UNKNOWNS`), given the next current.
 
     Where the last angle, and so none, hangs on the second direction, the first alone is tried; the second's variance
     is 0 then.
@@ -168,12 +172,12 @@ def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) 
     `timing` (3) is filled with how likely each reference was, given it too. Returned is the variance [A²] of the last
     command before the current is looked at.
     """
-    one, shares, same = np.zeros(UNKNOWN), np.zeros(3), _same_references(v)
+    one, shares, same = np.zeros(UNKNOWNS), np.zeros(3), _same_references(v)
     points = LINE if v.spread_rad[v.samples - 1, 1] == 0.0 else GRID
     command, square = 0.0, 0.0
     for kind in range(1 if same else 3):
         share = 1.0 if same else v.timing[kind]
-        if share < LEAST_TIMING:
+        if share < MIN_TIMING_SHARE:
             continue
         for at in range(points.shape[0]):
             _made(v, MEAN_REFERENCE if same else kind, points[at, 0], points[at, 1], one)
@@ -185,8 +189,8 @@ def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) 
             _add(weight, one, mean, covariance)
     total = shares.sum()
     mean /= total
-    for i in range(UNKNOWN):
-        for j in range(i, UNKNOWN):
+    for i in range(UNKNOWNS):
+        for j in range(i, UNKNOWNS):
             covariance[i, j] = covariance[i, j] / total - mean[i] * mean[j]
             covariance[j, i] = covariance[i, j]
     if not same:
@@ -197,8 +201,8 @@ def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) 
 @inlined
 def _add(weight: float, one: Vector, mean: Vector, square: Matrix) -> None:
     """Add a point to sums of the values and of their products, of which the upper half is filled."""
-    for i in range(UNKNOWN):
+    for i in range(UNKNOWNS):
         weighed = weight * one[i]
         mean[i] += weighed
-        for j in range(i, UNKNOWN):
+        for j in range(i, UNKNOWNS):
             square[i, j] += weighed * one[j]

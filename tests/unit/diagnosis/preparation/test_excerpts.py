@@ -34,8 +34,8 @@ def test_a_long_run_leaves_room_for_short_ones_and_is_taken_from_end_to_end() ->
     found, said = excerpts([long, short])
     assert found[-1] is short
     parts = found[:-1]
-    assert sum(part.lost.size for part in found) <= taking.MOST_ROWS
-    assert sum(part.lost.size for part in found) > 0.9 * taking.MOST_ROWS
+    assert sum(part.lost.size for part in found) <= taking.MAX_ROWS
+    assert sum(part.lost.size for part in found) > 0.9 * taking.MAX_ROWS
     assert {part.of for part in parts} == {"long"}
     assert len({part.name for part in parts}) == len(parts)
     assert parts[0].begin_s == 0.0
@@ -65,7 +65,7 @@ def test_what_drifts_does_so_since_the_start_of_the_run() -> None:
 
 
 def test_a_run_that_is_to_be_held_out_is_so_in_all_its_excerpts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(taking, "MOST_ROWS", 14_000)
+    monkeypatch.setattr(taking, "MAX_ROWS", 14_000)
     monkeypatch.setattr(taking, "EXCERPT_ROWS", 3_500)
     runs = runs_of(RIG, ("multisine", "trapezoid"), 7610)
     held = runs[0].name

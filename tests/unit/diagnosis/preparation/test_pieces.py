@@ -5,7 +5,7 @@ import numpy as np
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.conclude import diagnose
 from hil_forceps.diagnosis.options import Options
-from hil_forceps.diagnosis.preparation.even_rows import FEWEST_ROWS, LONGEST_GAP, even_pieces
+from hil_forceps.diagnosis.preparation.even_rows import MAX_GAP_ROWS, MIN_ROWS, even_pieces
 from tests.unit.diagnosis.simulated_runs import POOL, STICKING, runs_of
 
 
@@ -18,11 +18,11 @@ def without(run: Run, *gaps: slice) -> Run:
 
 def test_pieces_begin_behind_long_gaps_only() -> None:
     (run,) = runs_of(STICKING, ("multisine",), 7700)
-    filled = without(run, slice(100, 99 + LONGEST_GAP))
+    filled = without(run, slice(100, 99 + MAX_GAP_ROWS))
     (whole,) = even_pieces(filled, STICKING)
     assert (whole.name, whole.of, whole.begin_s) == (run.name, "", 0.0)
-    assert whole.lost.sum() == LONGEST_GAP - 1
-    short = FEWEST_ROWS - 1
+    assert whole.lost.sum() == MAX_GAP_ROWS - 1
+    short = MIN_ROWS - 1
     cut = without(run, slice(1000, 1100), slice(1100 + short, 3000))
     first, second = even_pieces(cut, STICKING)
     assert (first.of, second.of) == (run.name, run.name)
