@@ -51,6 +51,9 @@ INTEGRATION_SHARE = 1e-4  # of the speed: what the model's step leaves over a ro
 # The equations of model and world, each with its own steps, agree to 5e-4 of what an effect does; of the largest torque
 # that is some 1e-4. What a finer encoder sees beyond it is not told apart from a load that wanders off by as much.
 TORQUE_ACCURACY = 1e-4
+# No rounding hides that from an encoder without counts, and it is alike for seconds: the sum of a hundred errors that are
+# alike is ten times that of independent ones.
+IDEAL_TORQUE_ACCURACY = 10.0 * TORQUE_ACCURACY
 ACCURACY_TIME_S = 0.1
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
 FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left
@@ -150,9 +153,9 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise) -> Record:
             jump_variance=prior.jump_variance + touched.open_N_m**2 / 12.0,
             course_N_m=prior.course_N_m + touched.load_N_m,
         )
-    least = least_slope_variance(reach, period_s)
-    prior = prior._replace(slope_variance=np.maximum(prior.slope_variance, least))
     count = rig.encoder.quantum_rad
+    least = least_slope_variance(reach, period_s, TORQUE_ACCURACY if count else IDEAL_TORQUE_ACCURACY)
+    prior = prior._replace(slope_variance=np.maximum(prior.slope_variance, least))
     step = count or 1e-4 * max(float(np.ptp(encoder)), 1e-6)
     # Edges that are softer than they are by a tenth of a count already pass for a delay.
     edge_sd = EDGE_SHARE * count or IDEAL_SHARE * max(float(np.ptp(encoder)), 1e-6)
@@ -226,10 +229,10 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise) -> Record:
     return found.with_friction_of(physics_of(parameters.vector(rig)))
 
 
-def least_slope_variance(reach_N_m: float, period_s: float) -> float:
-    """Return the variance per row of a load's slope that wanders off by `TORQUE_ACCURACY` within `ACCURACY_TIME_S`."""
+def least_slope_variance(reach_N_m: float, period_s: float, accuracy: float) -> float:
+    """Return the variance per row of a load's slope that wanders off by `accuracy` within `ACCURACY_TIME_S`."""
     rows = ACCURACY_TIME_S / period_s
-    return float((TORQUE_ACCURACY * reach_N_m / period_s) ** 2 * 3.0 / rows**3)
+    return float((accuracy * reach_N_m / period_s) ** 2 * 3.0 / rows**3)
 
 
 def _fading_rows(period_s: float, rig: Rig) -> int:
