@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.drift.kernel import kernel
+from hil_forceps.rig.kernel import kernel_compiler
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+_kernel = kernel_compiler(("hil_forceps/trend/scatter.py",))
 
 CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0)
 # Deviations of e over the usual deviation of a session's own error, a quarter apart: of 100 sessions the log likelihood
@@ -46,7 +47,7 @@ def whitened(columns: Matrix, deviations: Vector, scatter: Scatter) -> tuple[Mat
     return out, float(half)
 
 
-@kernel
+@_kernel
 def _whiten(columns: Matrix, deviations: Vector, correlation: float, deviation: float, start: float) -> float:
     """Replace columns by their innovations over their deviations: a Kalman filter with one state."""
     rows, count = columns.shape
