@@ -12,8 +12,6 @@ from hil_forceps.trend.scatter import scatters, whitened
 
 Vector = NDArray[np.float64]
 
-OUTSIDE = 0.025  # of the likelihood, on each side
-
 
 class Onset(NamedTuple):
     """Places of sessions."""
@@ -37,6 +35,6 @@ def onset_of(series: Vector, deviations: Vector, kind: Kind, others: Sequence[Ch
         best = np.maximum(best, told)
     share = np.exp(best - best.max())
     total = np.cumsum(share) / share.sum()
-    low, high = (int(places[np.searchsorted(total, bound)]) for bound in (OUTSIDE, 1.0 - OUTSIDE))
+    low, high = (int(places[np.searchsorted(total, bound)]) for bound in (0.025, 0.975))
     likeliest = int(places[np.argmax(best)])
     return Onset(likeliest, min(low, likeliest), max(high, likeliest))

@@ -1,13 +1,12 @@
 """What was found over sessions, as plain data: `to_json` gives `trend.json`. Dates are ISO 8601, in UTC."""
 
-import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.result import TWO_SIDED_95
+from hil_forceps.diagnosis.result import TWO_SIDED_95, plain
 from hil_forceps.trend.change_test import Kind
 from hil_forceps.trend.words import behind, name_of
 
@@ -138,17 +137,17 @@ def _parameter(p: ParameterTrend) -> dict[str, Any]:
     return {
         "name": p.name,
         "unit": p.unit,
-        "assumed": _number(p.assumed),
+        "assumed": plain(p.assumed),
         "verdict": p.verdict,
-        "p_value": _number(p.p_value),
-        "scatter": {"sd": _number(p.scatter), "correlation": _number(p.correlation)},
+        "p_value": plain(p.p_value),
+        "scatter": {"sd": plain(p.scatter), "correlation": plain(p.correlation)},
         "changes": [_change(change, text) for change, text in zip(p.changes, p.sentences(), strict=True)],
         "apart": list(p.apart),
         "sessions": [each.session for each in p.sessions],
         "dates": [each.date for each in p.sessions],
-        "values": [_number(v) for v in p.values],
+        "values": [plain(v) for v in p.values],
         "ci95": [_ci(v, sd) for v, sd in zip(p.values, p.deviations, strict=True)],
-        "level": [_number(v) for v in p.level],
+        "level": [plain(v) for v in p.level],
         "level_ci95": [_ci(v, sd) for v, sd in zip(p.level, p.level_sd, strict=True)],
     }
 
@@ -163,18 +162,14 @@ def _change(change: ParameterChange, text: str) -> dict[str, Any]:
             "sessions": [change.low.session, change.high.session],
             "dates": [change.low.date, change.high.date],
         },
-        "size": _number(change.size),
+        "size": plain(change.size),
         "size_ci95": _ci(change.size, change.size_sd),
-        "total": _number(change.total),
+        "total": plain(change.total),
         "total_ci95": _ci(change.total, change.total_sd),
-        "before": _number(change.before),
-        "p_value": _number(change.p_value),
+        "before": plain(change.before),
+        "p_value": plain(change.p_value),
     }
 
 
 def _ci(value: float, sd: float) -> list[float | None]:
-    return [_number(value - TWO_SIDED_95 * sd), _number(value + TWO_SIDED_95 * sd)]
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return [plain(value - TWO_SIDED_95 * sd), plain(value + TWO_SIDED_95 * sd)]

@@ -11,16 +11,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.audit.audit import audit
+from hil_forceps.audit.finding import Finding
+from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.audit.audit import audit
-from hil_forceps.diagnosis.audit.finding import Finding
 from hil_forceps.diagnosis.conclude import silent
 from hil_forceps.diagnosis.driven.identification import fit_driven
 from hil_forceps.diagnosis.evidence import pass_all
 from hil_forceps.diagnosis.identification import known_of, records_of
 from hil_forceps.diagnosis.inference.fit import Fit, fit, fit_from
 from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
 from hil_forceps.diagnosis.state_space.advance import physics_of

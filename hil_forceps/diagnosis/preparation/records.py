@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.command import driven, mean_reference
 from hil_forceps.diagnosis.preparation.contact import contact
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
 from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick, may_stick_by_sensor
 from hil_forceps.diagnosis.state_space.advance import friction_at_rest_N_m, physics_of

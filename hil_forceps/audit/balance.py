@@ -1,27 +1,23 @@
 """Audit of channels against each other by kinematics and torque: signs, units, ratio, shift."""
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import savgol_filter
 
+from hil_forceps.audit.finding import Finding, View
+from hil_forceps.audit.law import BELIEVED, FEWEST_ROWS, best_match, in_thousandths
 from hil_forceps.data.run import Column
-from hil_forceps.diagnosis.audit.finding import Finding, View
-from hil_forceps.diagnosis.audit.law import FEWEST_ROWS, best_match
-from hil_forceps.rig.quantities import Parameter
 from hil_forceps.rig.schema import Rig
 
-_DEGREES = 180.0 / np.pi
 _UNIT_MATCH = 1.5  # a factor this near to that of a unit is the unit
-_RATIO_TOLERANCE = 0.25
-_UNRELATED = 0.2
-_BELIEVED = 0.5  # share of variance explained, from which a sign or a factor is believed
-_LOAD_MATTERS = 0.1
-_SHIFT_GAIN = 1.25
-_SMOOTH_ROWS = 11
-_STEP_ROWS = 5
-_VELOCITY_TRUST = 0.8
+_RATIO_TOLERANCE = 0.25  # of the ratio by the rig's pulleys: less is for the diagnosis
+_UNRELATED = 0.2  # share of variance explained, below which a jaw doesn't follow
+_LOAD_MATTERS = 0.1  # share of the torque's variance, from which a load is judged by it
+_SHIFT_GAIN = 1.25  # times less is left unexplained by a shift that is told
+_VELOCITY_TRUST = 0.8  # share of a velocity's variance explained, from which its shift is looked at
 
 
 def audit_kinematics(view: View, rig: Rig | None) -> Iterator[Finding]:
@@ -69,55 +65,54 @@ def _fit(regressors: list[Column], values: Column) -> _Fit:
 
 def _reference(view: View) -> Iterator[Finding]:
     match = best_match(view.piece("theta_m_ref_rad"), view.piece("theta_m_rad"), 0)
-    figures = {"slope": match.slope, "explained_share": match.share}
-    if match.share < _BELIEVED:
+    if match.share < BELIEVED:
         text = f"theta_m_rad does not follow theta_m_ref_rad ({100 * match.share:.0f} % explained)"
-        yield view.finding("reference", "theta_m_ref_rad", "warning", text, figures)
+        yield view.finding("reference", "theta_m_ref_rad", "warning", text)
     elif match.slope < 0.0:
         text = "theta_m_rad moves against theta_m_ref_rad: one of them has the wrong sign"
-        yield view.finding("sign", "theta_m_ref_rad", "problem", text, figures)
+        yield view.finding("sign", "theta_m_ref_rad", "problem", text)
     else:
-        yield from _degrees(view, match.slope, ("theta_m_ref_rad", "theta_m_rad"), figures)
+        yield from _degrees(view, match.slope, ("theta_m_ref_rad", "theta_m_rad"))
 
 
-def _degrees(view: View, factor: float, pair: tuple[str, str], figures: dict[str, float]) -> Iterator[Finding]:
+def _degrees(view: View, factor: float, pair: tuple[str, str]) -> Iterator[Finding]:
     """Tell which of two angles is in degrees when the second is `factor` times what the first lets expect."""
-    for channel, other, size in ((pair[1], pair[0], _DEGREES), (pair[0], pair[1], 1.0 / _DEGREES)):
+    degree = math.degrees(1.0)
+    for channel, other, size in ((pair[1], pair[0], degree), (pair[0], pair[1], 1.0 / degree)):
         if 1.0 / _UNIT_MATCH < factor / size < _UNIT_MATCH:
             text = f"{channel} is in degrees: it is 57 times as large as {other} lets expect"
-            yield view.finding("unit", channel, "problem", text, figures)
+            yield view.finding("unit", channel, "problem", text)
 
 
 def _jaw(view: View, rig: Rig | None) -> Iterator[Finding]:
     ratio, share = jaw_ratio(view)
-    figures = {"ratio": ratio, "explained_share": share}
-    if share < _BELIEVED:
+    if share < BELIEVED:
         if share < _UNRELATED and np.std(view.piece("theta_m_rad")) > 20.0 * max(
             view.noise_sd["theta_j_rad"], view.quanta["theta_m_rad"]
         ):
             text = f"theta_j_rad does not follow theta_m_rad ({100 * share:.0f} % explained)"
-            yield view.finding("kinematics", "theta_j_rad", "warning", text, figures)
+            yield view.finding("kinematics", "theta_j_rad", "warning", text)
         return
     if ratio < 0.0:
         text = "theta_j_rad falls where theta_m_rad rises: one of them has the wrong sign"
-        yield view.finding("sign", "theta_j_rad", "problem", text, figures)
+        yield view.finding("sign", "theta_j_rad", "problem", text)
     expected = None if rig is None else _ratio(rig)
     if expected is not None:
         factor = abs(ratio) / expected
-        found = list(_degrees(view, factor, ("theta_m_rad", "theta_j_rad"), figures | {"expected": expected}))
+        found = list(_degrees(view, factor, ("theta_m_rad", "theta_j_rad")))
         yield from found
         if not found and abs(factor - 1.0) > _RATIO_TOLERANCE:
             text = (
                 f"theta_j_rad moves {abs(ratio):.4g} times as far as theta_m_rad, by the rig's pulleys {expected:.4g} "
                 "times: another instrument, or wrong radii"
             )
-            yield view.finding("kinematics", "theta_j_rad", "problem", text, figures | {"expected": expected})
+            yield view.finding("kinematics", "theta_j_rad", "problem", text)
     yield from _shift(view)
 
 
 def _shift(view: View) -> Iterator[Finding]:
     """Compare the velocities of both angles at all shifts; what the load does to the wire has no part in the shift."""
-    steps = [view.piece(name)[_STEP_ROWS:] - view.piece(name)[:-_STEP_ROWS] for name in ("theta_m_rad", "theta_j_rad")]
+    steps = [view.piece(name)[5:] - view.piece(name)[:-5] for name in ("theta_m_rad", "theta_j_rad")]
     match = best_match(steps[0], steps[1], 0)
     if match.share < _VELOCITY_TRUST or abs(match.lag_rows) < 2:
         return
@@ -125,8 +120,7 @@ def _shift(view: View) -> Iterator[Finding]:
     if gain > _SHIFT_GAIN:
         late = match.lag_rows * view.interval_s
         text = f"theta_j_rad is {'late' if late > 0 else 'early'} by {1e3 * abs(late):.4g} ms against theta_m_rad"
-        figures = {"shift_s": late, "lag_rows": float(match.lag_rows), "gain": gain}
-        yield view.finding("channel_shift", "theta_j_rad", "warning", text, figures)
+        yield view.finding("channel_shift", "theta_j_rad", "warning", text)
 
 
 def audit_torque(view: View, rig: Rig, is_judged_by_law: bool) -> Iterator[Finding]:
@@ -138,7 +132,7 @@ def audit_torque(view: View, rig: Rig, is_judged_by_law: bool) -> Iterator[Findi
     torque = view.piece(view.torque_channel)
     if len(torque) < FEWEST_ROWS or view.is_constant[view.torque_channel] or view.is_constant["theta_m_rad"]:
         return
-    constant = _value(rig.motor.torque_constant_N_m_per_A) if view.torque_channel == "current_A" else 1.0
+    constant = rig.motor.torque_constant_N_m_per_A.value if view.torque_channel == "current_A" else 1.0
     load = view.columns.get("tau_w_N_m")
     has_load = load is not None and not view.is_constant["tau_w_N_m"]
     motion = _motion_torque(view, rig)
@@ -146,29 +140,24 @@ def audit_torque(view: View, rig: Rig, is_judged_by_law: bool) -> Iterator[Findi
         return
     parts = [motion, view.piece("tau_w_N_m")] if has_load else [motion]
     fit = _fit(parts, torque * constant)
-    factor = float(fit.slopes[0]) if fit.partial[0] > _BELIEVED else 1.0
+    factor = float(fit.slopes[0]) if fit.partial[0] > BELIEVED else 1.0
     if not is_judged_by_law:
         yield from _torque_scale(view, view.torque_channel, factor, factor)
     ratio = _ratio(rig)
-    if has_load and ratio and fit.partial[1] > _BELIEVED and fit.shares[1] > _LOAD_MATTERS:
+    if has_load and ratio and fit.partial[1] > BELIEVED and fit.shares[1] > _LOAD_MATTERS:
         # A torque in mN m, or turned round, is already told: the load is judged beside it.
-        load_factor = float(fit.slopes[1]) / ratio / (factor if factor < 0.0 or _is_milli(factor) else 1.0)
+        load_factor = float(fit.slopes[1]) / ratio / (factor if factor < 0.0 or in_thousandths(factor) else 1.0)
         yield from _torque_scale(view, "tau_w_N_m", load_factor, 1.0 / load_factor if load_factor else 1.0)
-
-
-def _is_milli(size: float) -> bool:
-    return 1000.0 / 3.0 < abs(size) < 3000.0
 
 
 def _torque_scale(view: View, channel: str, factor: float, size: float) -> Iterator[Finding]:
     """Tell a wrong sign by `factor`, the torque per expected torque, a wrong unit by how much too large it is."""
-    figures = {"factor": factor}
     if factor < 0.0:
         text = f"{channel} has the wrong sign: motion and load ask for the opposite"
-        yield view.finding("sign", channel, "problem", text, figures)
-    if _is_milli(size):
+        yield view.finding("sign", channel, "problem", text)
+    if in_thousandths(size):
         text = f"{channel} is about {abs(size):.3g} times too large: it seems to be in thousandths of its unit"
-        yield view.finding("unit", channel, "problem", text, figures)
+        yield view.finding("unit", channel, "problem", text)
 
 
 def _motion_torque(view: View, rig: Rig) -> Column | None:
@@ -176,25 +165,21 @@ def _motion_torque(view: View, rig: Rig) -> Column | None:
     forceps = rig.forceps
     ratio = _ratio(rig)
     known = [
-        _value(forceps.motor_inertia_kg_m2),
-        _value(forceps.jaw_inertia_kg_m2),
-        _value(forceps.motor_viscous_N_m_s_per_rad),
-        _value(forceps.motor_coulomb_N_m),
+        forceps.motor_inertia_kg_m2.value,
+        forceps.jaw_inertia_kg_m2.value,
+        forceps.motor_viscous_N_m_s_per_rad.value,
+        forceps.motor_coulomb_N_m.value,
     ]
     if ratio is None or any(value is None for value in known):
         return None
     motor, jaw, viscous, coulomb = (value or 0.0 for value in known)
     theta, step = view.piece("theta_m_rad"), view.interval_s
-    velocity = savgol_filter(theta, _SMOOTH_ROWS, 2, deriv=1, delta=step)
-    acceleration = savgol_filter(theta, 4 * _SMOOTH_ROWS + 1, 2, deriv=2, delta=step)
+    velocity = savgol_filter(theta, 11, 2, deriv=1, delta=step)
+    acceleration = savgol_filter(theta, 45, 2, deriv=2, delta=step)
     torque: Column = (motor + ratio**2 * jaw) * acceleration + viscous * velocity + coulomb * np.sign(velocity)
     return torque
 
 
 def _ratio(rig: Rig) -> float | None:
-    motor, jaw = _value(rig.forceps.motor_pulley_radius_m), _value(rig.forceps.jaw_pulley_radius_m)
+    motor, jaw = rig.forceps.motor_pulley_radius_m.value, rig.forceps.jaw_pulley_radius_m.value
     return None if motor is None or jaw is None else motor / jaw
-
-
-def _value(parameter: Parameter) -> float | None:
-    return parameter.value

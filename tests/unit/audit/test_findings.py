@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from hil_forceps.audit.audit import audit
+from hil_forceps.audit.finding import Finding
 from hil_forceps.data.run import Column, Run
-from hil_forceps.diagnosis.audit.audit import Finding, audit
 from hil_forceps.model.closed_loop import Inputs, law_vector, rest, simulate
 from hil_forceps.model.linear_loop import DriveParameters, make_loop, rest_state, rollout
 from hil_forceps.model.parameters import NAMES, index, vector
@@ -18,6 +19,7 @@ from hil_forceps.rig.catalogue import EFFECTS as CATALOGUE
 from tests.hidden_effects.generator import RIG as GENERATED
 from tests.hidden_effects.generator import generate, true_rig
 from tests.hidden_effects.generator_scenarios import SCENARIOS
+from tests.unit.audit.told_numbers import tells
 
 COUNTS = 16384
 Columns = dict[str, Column]
@@ -206,24 +208,21 @@ def test_what_is_hidden_is_found(change: Change, kind: str, channel: str) -> Non
     assert channel in found.text or channel == "time_s"
 
 
-def figure(change: Change, kind: str, channel: str, name: str) -> float:
+def text_of(change: Change, kind: str, channel: str) -> str:
     findings = audit([changed(change)], the_rig())
     (found,) = [finding for finding in findings if (finding.kind, finding.channel) == (kind, channel)]
-    return found.figures[name]
+    return found.text
 
 
-def test_figures_are_right() -> None:
-    assert figure(without(slice(3000, 3400)), "gaps", "time_s", "missing") == 400
-    counts = figure(counted("theta_m_rad", 2 * np.pi / 1024), "quantum", "theta_m_rad", "counts_per_rev")
-    assert counts == pytest.approx(1024, rel=1e-6)
-    assert figure(shifted("current_A", 4), "channel_shift", "current_A", "shift_s") == pytest.approx(4e-3)
-    assert figure(shifted("theta_j_rad", 15), "channel_shift", "theta_j_rad", "shift_s") == pytest.approx(
-        15e-3, abs=2e-3
-    )
-    assert figure(clipped(0.15), "clipped", "current_A", "level_A") == pytest.approx(0.15, abs=5e-3)
-    assert figure(scaled("theta_j_rad", 0.5), "kinematics", "theta_j_rad", "ratio") == pytest.approx(0.7, rel=0.05)
-    assert figure(spiked("theta_j_rad", 0.1, 2), "outliers", "theta_j_rad", "count") == 4
-    assert figure(noisy("current_A", 8e-3), "noise", "current_A", "seen") == pytest.approx(8e-3, rel=0.1)
+def test_numbers_are_right() -> None:
+    assert tells(text_of(without(slice(3000, 3400)), "gaps", "time_s"), 400)
+    assert tells(text_of(counted("theta_m_rad", 2 * np.pi / 1024), "quantum", "theta_m_rad"), 1024)
+    assert tells(text_of(shifted("current_A", 4), "channel_shift", "current_A"), 4)  # ms
+    assert tells(text_of(shifted("theta_j_rad", 15), "channel_shift", "theta_j_rad"), pytest.approx(15, abs=2))
+    assert tells(text_of(clipped(0.15), "clipped", "current_A"), pytest.approx(0.15, abs=5e-3))
+    assert tells(text_of(scaled("theta_j_rad", 0.5), "kinematics", "theta_j_rad"), pytest.approx(0.7, rel=0.05))
+    assert tells(text_of(spiked("theta_j_rad", 0.1, 2), "outliers", "theta_j_rad"), 4)
+    assert tells(text_of(noisy("current_A", 8e-3), "noise", "current_A"), pytest.approx(8e-3, rel=0.1))
 
 
 @pytest.mark.parametrize(

@@ -4,24 +4,23 @@ In the middle of a stroke friction pushes the torque up one way and down the oth
 way and behind the other; the mean of both ways is without either.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 from scipy.signal import savgol_filter
 
+from hil_forceps.audit.finding import Finding, View
 from hil_forceps.data.run import Column
-from hil_forceps.diagnosis.audit.finding import Finding, View
 
 _SPEED_SHARE = 0.3  # of the top speed: faster than that counts as moving
-_WINDOW_S = 0.1  # of the speed
 _ENDS = 0.02  # of the rows: the ends of a stroke are where it spends least
 _FEWEST_ROWS = 30  # each way, in the middle third of the stroke
 _SURELY = 3.0  # deviations
 _LEAST_SCALE = 0.01  # a wrong scale smaller than this is for the diagnosis
-_TO_DEVIATION = 1.4826  # of a Gaussian, from the median distance
-_MEDIAN = 1.2533  # standard error of a median over that of a mean
 _FEWEST_LOADS = 4  # runs
 _SURE_SLOPE = 10.0  # standard errors
 _LEAST_ZERO = 0.02  # of the channel's range over the runs
@@ -53,7 +52,7 @@ def audit_strokes(views: Sequence[View], *, law_known: bool) -> Iterator[Finding
 
 def _middle(view: View) -> Middle | None:
     angle = view.piece("theta_m_rad")
-    rows = 2 * round(0.5 * _WINDOW_S / view.interval_s) + 1
+    rows = 2 * round(0.05 / view.interval_s) + 1  # speed is that over 0.1 s
     if view.is_constant["theta_m_rad"] or len(angle) < max(4 * rows, _FEWEST_ROWS) or rows < 5:
         return None
     speed = savgol_filter(angle, rows, 2, deriv=1)
@@ -75,20 +74,19 @@ def _gear(pairs: Sequence[tuple[View, Middle]]) -> Iterator[Finding]:
         widths.append(abs(middle.width(before - behind)))
         ratios.append((float(np.ptp(before)) - widths[-1]) / float(np.ptp(behind)))
     ratio = float(np.median(ratios))
-    spread = _TO_DEVIATION * float(np.median(np.abs(np.array(ratios) - ratio)))
+    spread = float(stats.median_abs_deviation(ratios, scale="normal"))
     if len(ratios) < _FEWEST_LOADS:
         spread = max(spread, _LEAST_SCALE)  # one or two runs don't tell how much they differ
-    error = _MEDIAN * spread / float(np.sqrt(len(ratios)))
-    figures = {"ratio": ratio, "spread": spread, "standard_error": error}
+    error = math.sqrt(0.5 * math.pi / len(ratios)) * spread  # of a median
     told = f"theta_drive_rad travels {ratio:.4f} ± {2.0 * error:.4f} times as far as theta_m_rad, play apart"
     if abs(ratio - 1.0) > max(_SURELY * error, _LEAST_SCALE):
         text = f"{told}: its counts per turn, or the gear's ratio, must be {ratio:.4f} times what they were taken for"
-        yield Finding("gear_counts", "", "theta_drive_rad", "warning", text, figures)
+        yield Finding("gear_counts", "warning", "", "theta_drive_rad", text)
     else:
-        yield Finding("gear_counts", "", "theta_drive_rad", "note", f"{told}: counts and gear fit", figures)
+        yield Finding("gear_counts", "note", "", "theta_drive_rad", f"{told}: counts and gear fit")
     low, high = min(widths), max(widths)
     text = f"theta_drive_rad is ahead of theta_m_rad by {low:.3g} to {high:.3g} rad more forth than back: play, wind-up"
-    yield Finding("gear_play", "", "theta_drive_rad", "note", text, {"least_rad": low, "most_rad": high})
+    yield Finding("gear_play", "note", "", "theta_drive_rad", text)
 
 
 def _zero(pairs: Sequence[tuple[View, Middle]], channel: str) -> Iterator[Finding]:
@@ -99,13 +97,9 @@ def _zero(pairs: Sequence[tuple[View, Middle]], channel: str) -> Iterator[Findin
     torques = np.array([middle.mean(view.piece(channel)) for view, middle in pairs])
     if not float(np.ptp(loads)) > 0.0:
         return
-    columns = np.column_stack((loads, np.ones(loads.size)))
-    inverse = np.linalg.inv(columns.T @ columns)
-    slope, zero = (float(each) for each in inverse @ columns.T @ torques)
-    left = torques - columns @ np.array([slope, zero])
-    variance = float(left @ left) / max(loads.size - 2, 1)
-    slope_se, zero_se = (float(np.sqrt(variance * inverse[k, k])) for k in range(2))
-    if abs(slope) < _SURE_SLOPE * slope_se:
+    line = stats.linregress(loads, torques)
+    slope, zero, zero_se = float(line.slope), float(line.intercept), float(line.intercept_stderr)
+    if abs(slope) < _SURE_SLOPE * float(line.stderr):
         return
     if abs(zero) > max(_SURELY * zero_se, _LEAST_ZERO * float(np.ptp(torques))):
         unit = "A" if channel == "current_A" else "N m"
@@ -113,5 +107,4 @@ def _zero(pairs: Sequence[tuple[View, Middle]], channel: str) -> Iterator[Findin
             f"{channel} is {zero:.3g} ± {2.0 * zero_se:.2g} {unit} at no load, both ways in the mean: a zero of this "
             f"sensor, or of the load cell ({-zero / slope:.3g} N m), or a weight or spring at the jaw"
         )
-        figures = {"zero": zero, "standard_error": zero_se, "load_zero_N_m": -zero / slope}
-        yield Finding("zero", "", channel, "warning", text, figures)
+        yield Finding("zero", "warning", "", channel, text)

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from hil_forceps.data.run import GAP_IN_INTERVALS, Column, Run
+from hil_forceps.data.run import GAP_IN_INTERVALS, WHOLE_MULTIPLE, Column, Run
 from hil_forceps.model import closed_loop, driven
 from hil_forceps.model.closed_loop import DriveState, law_vector
 from hil_forceps.model.drive_law import law_current
@@ -15,8 +15,6 @@ from hil_forceps.rig.schema import Rig
 from hil_forceps.rig.sections import DriveLaw
 
 SUBSTEPS = 4  # of the plant in a sample of the drive
-_WHOLE = 0.01
-_START_ROWS = 20
 Reference = Literal["held", "straight", "smooth"]  # how a reference goes on between rows: no rig says
 REFERENCES: tuple[Reference, ...] = ("held", "straight", "smooth")
 _COMPARED = ("theta_m_rad", "current_A", "tau_m_N_m", "theta_j_rad", "tau_w_N_m")
@@ -74,11 +72,11 @@ def _closed(run: Run, rig: Rig, law: DriveLaw, theta: Column) -> Beside:
     ratio = run.sample_time_s / law.sample_time_s
     samples = max(round(ratio), 1)
     interval_s = law.sample_time_s * samples
-    if ratio > 1.0 and abs(ratio - samples) > _WHOLE * samples:
+    if ratio > 1.0 and abs(ratio - samples) > WHOLE_MULTIPLE * samples:
         told = f"rows come every {run.sample_time_s:.6g} s, no whole multiple of the drive's {law.sample_time_s:.6g} s"
         raise UserError(f"run {run.name}: {told}; correct drive.sample_time_s, or remove `drive` from the rig")
     # An instrument's clock is off by some ppm: an even axis at the run's own pace, unless rows are missing.
-    own = float(usual) if abs(float(usual) / interval_s - 1.0) < _WHOLE else interval_s
+    own = float(usual) if abs(float(usual) / interval_s - 1.0) < WHOLE_MULTIPLE else interval_s
     columns, notes = _even(run, own)
     rows = len(columns["time_s"])
     load = columns.get("tau_w_N_m", np.zeros(rows))
@@ -117,7 +115,7 @@ def _start(columns: dict[str, Column], theta: Column, row_law: Column, law: Driv
     angle = columns["theta_m_rad"]
     current = float(columns["current_A"][0]) if "current_A" in columns else 0.0
     start = closed_loop.rest(theta, float(angle[0]), load / jaw_radius, current)
-    rows = min(_START_ROWS, len(angle))
+    rows = min(20, len(angle))  # that tell speed and integral at the first of them
     speed = float(np.polyfit(columns["time_s"][:rows] - columns["time_s"][0], angle[:rows], 1)[0])
     ratio = float(theta[index("forceps.motor_pulley_radius_m")]) / jaw_radius
     plant = start.plant._replace(omega_m_rad_per_s=speed, omega_j_rad_per_s=speed * ratio)

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from hil_forceps.audit.audit import audit
+from hil_forceps.audit.finding import Finding
 from hil_forceps.data.readers.surgical_tool.reader import read_surgical_tool
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.audit.audit import Finding, audit
+from tests.unit.audit.told_numbers import tells
 
 Columns = dict[str, NDArray[np.float64]]
-DATA = Path(os.environ.get("HIL_FORCEPS_DATA", Path(__file__).parents[5] / "shared" / "data"))
+DATA = Path(os.environ.get("HIL_FORCEPS_DATA", Path(__file__).parents[4] / "shared" / "data"))
 INSTRUMENT = DATA / "surgical_tool" / "Tool_4_Maryland_R_5.zip"
 TIME = np.arange(10_000) * 1e-3
 PLAY = 0.03
@@ -62,15 +64,15 @@ def offset(channel: str, by: float) -> Callable[[Columns], Columns]:
 def test_a_gear_that_fits_is_a_note_with_its_play() -> None:
     told = found(dict)
     assert {kind: finding.severity for kind, finding in told.items()} == {"gear_counts": "note", "gear_play": "note"}
-    assert told["gear_counts"].figures["ratio"] == pytest.approx(1.0, abs=2e-3)
-    assert told["gear_play"].figures["most_rad"] == pytest.approx(PLAY, rel=0.02)
+    assert tells(told["gear_counts"].text, pytest.approx(1.0, abs=2e-3))
+    assert tells(told["gear_play"].text, pytest.approx(PLAY, rel=0.02))
 
 
 @pytest.mark.parametrize("factor", [4096 / 4196, 4196 / 4096, 0.5])
 def test_wrong_counts_of_the_motor_s_encoder_are_found(factor: float) -> None:
     told = found(scaled("theta_drive_rad", factor))["gear_counts"]
     assert told.severity == "warning"
-    assert told.figures["ratio"] == pytest.approx(factor, rel=4e-3)
+    assert tells(told.text, pytest.approx(factor, rel=4e-3))
 
 
 @pytest.mark.parametrize(
@@ -79,8 +81,8 @@ def test_wrong_counts_of_the_motor_s_encoder_are_found(factor: float) -> None:
 def test_a_zero_that_is_off_is_found(channel: str, by: float, zero: float) -> None:
     told = found(offset(channel, by))["zero"]
     assert (told.severity, told.channel) == ("warning", "tau_m_N_m")
-    assert told.figures["zero"] == pytest.approx(zero, abs=5e-4)
-    assert told.figures["load_zero_N_m"] == pytest.approx(-zero / 1.1, abs=5e-4)
+    assert tells(told.text, pytest.approx(zero, abs=5e-4))
+    assert tells(told.text, pytest.approx(-zero / 1.1, abs=5e-4))
 
 
 def test_too_few_loads_one_load_or_none_tell_no_zero() -> None:
@@ -102,4 +104,4 @@ def test_measured_runs_tell_4096_counts_from_4196(counts: int) -> None:
     told = {finding.kind: finding for finding in audit(runs, None) if finding.kind in KINDS}
     assert told["gear_counts"].severity == ("note" if counts == 4096 else "warning")
     assert told["zero"].channel in {"tau_m_N_m", "current_A"}
-    assert 0.005 < told["gear_play"].figures["most_rad"] < 0.05
+    assert tells(told["gear_play"].text, pytest.approx(0.0275, abs=0.0225))  # between 5 and 50 mrad

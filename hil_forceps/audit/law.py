@@ -7,21 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import correlate
 
+from hil_forceps.audit.channels import noise_finding
+from hil_forceps.audit.finding import Finding, View, noise_of
 from hil_forceps.data.run import Column
-from hil_forceps.diagnosis.audit.channels import noise_finding
-from hil_forceps.diagnosis.audit.finding import Finding, View, noise_of
 from hil_forceps.model.drive_law import DriveState, law_current, law_vector
 from hil_forceps.rig.schema import Rig
 from hil_forceps.rig.sections import DriveLaw
 
-FEWEST_ROWS = 200
-_MOST_LAG_ROWS = 120
+FEWEST_ROWS = 200  # of a piece in which channels are held against each other
+_MOST_LAG_ROWS = 120  # either way
+BELIEVED = 0.5  # share of variance explained, from which a law, a sign or a factor is believed
 _LAW_HOLDS = 0.9  # share of the current's variance that the law explains, beyond noise
-_IS_LAW_AT_ALL = 0.5
-_UNIT_FACTOR = 1000.0
-_SAME_UNIT = 3.0
-_CLIPPED_ROWS = 5
-_PLATEAU_SD = 4.0
+_SAME_UNIT = 3.0  # a factor this near to that of a unit is the unit
+_CLIPPED_ROWS = 5  # in a row
+_PLATEAU_SD = 4.0  # deviations of the noise: how wide a plateau is
 _ASKED_MORE = 1.1  # a little more is asked wherever a channel is late
 
 
@@ -78,38 +77,42 @@ def audit_law(view: View, rig: Rig | None) -> Iterator[Finding]:
     if np.std(current) < 4.0 * max(noise, rig.noise.current_A):
         return
     match = best_match(command, current, 1)
-    figures = {"slope": match.slope, "explained_share": match.share, "lag_rows": float(match.lag_rows)}
     ratio = view.interval_s / law.sample_time_s
-    if match.share < _IS_LAW_AT_ALL:
+    if match.share < BELIEVED:
         text = (
             f"current_A is not what the rig's drive would command from theta_m_ref_rad and theta_m_rad "
             f"({100 * match.share:.0f} % explained): another rig, or channels of different runs"
         )
-        yield view.finding("drive_law", "current_A", "problem", text, figures)
+        yield view.finding("drive_law", "current_A", "problem", text)
         return
-    yield from _scale(view, match, figures)
+    yield from _scale(view, match)
     if match.lag_rows not in ((1,) if ratio < 1.5 else (0, 1)) and match.share > match.share_unshifted + 1e-3:
         late = (match.lag_rows - 1) * view.interval_s
         told = "late" if late > 0 else "early"
         text = f"current_A is {told} by {1e3 * abs(late):.4g} ms against what the law commands"
-        yield view.finding("channel_shift", "current_A", "warning", text, figures | {"shift_s": late})
+        yield view.finding("channel_shift", "current_A", "warning", text)
     if abs(match.slope) < _SAME_UNIT and match.share < _LAW_HOLDS and ratio < 1.5 and not clipped:
         text = f"the rig's drive law explains only {100 * match.share:.0f} % of current_A: check its gains"
-        yield view.finding("drive_law", "current_A", "warning", text, figures)
+        yield view.finding("drive_law", "current_A", "warning", text)
     if rig.noise.current_A > 0.0 and ratio < 1.5 and match.share > 0.99:
         left = current[1:] - match.slope * command[:-1]
         yield from noise_finding(view, "current_A", noise_of(left), rig.noise.current_A)
 
 
-def _scale(view: View, match: Match, figures: dict[str, float]) -> Iterator[Finding]:
+def _scale(view: View, match: Match) -> Iterator[Finding]:
     if match.slope < 0.0:
         text = "current_A has the opposite sign of what the drive's law commands: turn it round"
-        yield view.finding("sign", "current_A", "problem", text, figures)
+        yield view.finding("sign", "current_A", "problem", text)
     factor = abs(match.slope)
-    for unit, size in (("mA", _UNIT_FACTOR), ("kA", 1.0 / _UNIT_FACTOR)):
-        if 1.0 / _SAME_UNIT < factor / size < _SAME_UNIT:
+    for unit, thousandths in (("mA", factor), ("kA", 1.0 / factor if factor else 0.0)):
+        if in_thousandths(thousandths):
             text = f"current_A is {factor:.4g} times what the law commands: it seems to be in {unit}"
-            yield view.finding("unit", "current_A", "problem", text, figures)
+            yield view.finding("unit", "current_A", "problem", text)
+
+
+def in_thousandths(factor: float) -> bool:
+    """Tell whether what is too large by a factor is in thousandths of its unit."""
+    return 1.0 / _SAME_UNIT < abs(factor) / 1000.0 < _SAME_UNIT
 
 
 def _clipped(view: View, command: Column, current: Column, law: DriveLaw) -> Iterator[Finding]:
@@ -125,18 +128,17 @@ def _clipped(view: View, command: Column, current: Column, law: DriveLaw) -> Ite
         & (np.sign(command[:-1]) == np.sign(current[1:]))
     )
     at_limit = np.abs(current[1:]) > law.current_limit_A - width
-    figures = {"level_A": top, "limit_A": law.current_limit_A}
     if _longest(at_limit) >= _CLIPPED_ROWS:
         share = float(np.mean(at_limit))
         text = f"current_A is at the rig's limit of {law.current_limit_A:.4g} A for {100 * share:.2g} % of the run"
-        yield view.finding("clipped", "current_A", "warning", text, figures | {"share": share})
+        yield view.finding("clipped", "current_A", "warning", text)
     elif _longest(is_flat) >= _CLIPPED_ROWS and np.std(np.abs(current[1:][is_flat])) < width:
         share = float(np.mean(is_flat))
         text = (
             f"current_A stands at {top:.4g} A for {100 * share:.2g} % of the run while the law asks for more: "
             f"clipped below the rig's limit of {law.current_limit_A:.4g} A"
         )
-        yield view.finding("clipped", "current_A", "warning", text, figures | {"share": share})
+        yield view.finding("clipped", "current_A", "warning", text)
 
 
 def _clipped_without_law(view: View) -> Iterator[Finding]:
@@ -153,8 +155,7 @@ def _clipped_without_law(view: View) -> Iterator[Finding]:
             text = (
                 f"{view.torque_channel} stands at its {side} value, {extreme:.5g}, for {100 * share:.2g} % of the run"
             )
-            figures = {"level": extreme, "share": share}
-            yield view.finding("clipped", view.torque_channel, "warning", f"{text}: clipped?", figures)
+            yield view.finding("clipped", view.torque_channel, "warning", f"{text}: clipped?")
 
 
 def _longest(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:

@@ -5,55 +5,46 @@ from hashlib import blake2b
 
 import numpy as np
 
-from hil_forceps.diagnosis.audit.balance import jaw_ratio
-from hil_forceps.diagnosis.audit.finding import Finding, View
+from hil_forceps.audit.balance import jaw_ratio
+from hil_forceps.audit.finding import Finding, View
 
-_MOVES_QUANTA = 5.0
-_MOVES_RAD = 1e-3
-_LOAD_SD = 10.0
-_RATIO_SPREAD = 0.1
-_HEAD_ROWS = 500
-_WINDOW_S = 0.02
+_MOVES = 5.0  # counts or deviations of the noise, from which something moves ...
+_MOVES_RAD = 1e-3  # ... and the least way
+_LOAD_SD = 10.0  # deviations of the noise, from which there is a load
+_RATIO_SPREAD = 0.1  # of the usual ratio: how far runs of one instrument may differ
+_HEAD_ROWS = 500  # that are the same only in cuts of one recording, or simulations that begin alike
 
 
 def audit_excitation(view: View) -> Iterator[Finding]:
     """Yield what one run lets anyone learn: travel, speed, reversals, load and its directions."""
     theta = view.piece("theta_m_rad")
     travel = float(np.ptp(theta))
-    still = max(_MOVES_QUANTA * view.quanta["theta_m_rad"], 5.0 * view.noise_sd["theta_m_rad"], _MOVES_RAD)
-    rows = min(max(round(_WINDOW_S / view.interval_s), 1), len(theta) - 1)
+    still = max(_MOVES * view.quanta["theta_m_rad"], _MOVES * view.noise_sd["theta_m_rad"], _MOVES_RAD)
+    rows = min(max(round(0.02 / view.interval_s), 1), len(theta) - 1)  # motion is looked at over 20 ms
     step = theta[rows:] - theta[:-rows]
     noise = max(2.0 * view.quanta["theta_m_rad"], 4.0 * view.noise_sd["theta_m_rad"], 1e-3 * travel)
     direction = np.sign(step) * (np.abs(step) > noise)
     moving = direction[direction != 0]
     reversals = float(np.count_nonzero(np.diff(moving)))
-    figures = {
-        "travel_rad": travel,
-        "moving_share": float(np.mean(direction != 0)) if direction.size else 0.0,
-        "top_speed_rad_per_s": float(np.max(np.abs(step))) / (rows * view.interval_s),
-        "reversals": reversals,
-        "duration_s": float(view.time_s[-1] - view.time_s[0]),
-    }
     if travel < still:
         text = f"nothing moves: theta_m_rad travels {travel:.3g} rad; friction and inertia can't be told from this run"
-        yield view.finding("excitation", "theta_m_rad", "warning", text, figures)
+        yield view.finding("excitation", "theta_m_rad", "warning", text)
         return
-    load = _load_text(view, figures)
+    load = _load_text(view)
     turns = travel / (2.0 * np.pi)
     text = f"{travel:.3g} rad ({turns:.2g} turns) travelled, {reversals:.0f} reversals, {load}"
-    yield view.finding("excitation", "", "note", text, figures)
+    yield view.finding("excitation", "", "note", text)
     if moving.size and np.all(moving == moving[0]):
         text = "theta_m_rad moves in one direction only: friction and load can't be told apart"
-        yield view.finding("one_direction", "theta_m_rad", "warning", text, figures)
+        yield view.finding("one_direction", "theta_m_rad", "warning", text)
 
 
-def _load_text(view: View, figures: dict[str, float]) -> str:
+def _load_text(view: View) -> str:
     if "tau_w_N_m" not in view.columns:
         return "load not measured"
     load = view.columns["tau_w_N_m"]
     noise = max(_LOAD_SD * view.noise_sd["tau_w_N_m"], 2.0 * view.quanta["tau_w_N_m"])
     low, high = float(np.min(load)), float(np.max(load))
-    figures |= {"load_min_N_m": low, "load_max_N_m": high}
     if high - low <= noise and max(abs(low), abs(high)) <= noise:
         return "no load"
     sides = "both ways" if low < -noise and high > noise else "one way"
@@ -74,14 +65,14 @@ def audit_together(views: Sequence[View]) -> Iterator[Finding]:
         for name, ratio in ratios.items():
             if abs(ratio / usual - 1.0) > _RATIO_SPREAD:
                 text = f"theta_j_rad moves {ratio:.4g} times as far as theta_m_rad, {usual:.4g} times in the other runs"
-                yield Finding("odd_run", name, "theta_j_rad", "problem", text, {"ratio": ratio, "usual": usual})
+                yield Finding("odd_run", "problem", name, "theta_j_rad", text)
     loads = [view.columns["tau_w_N_m"] for view in views if "tau_w_N_m" in view.columns]
     if not loads:
         text = "tau_w_N_m was measured in no run: the load is unknown, and stiffness and jaw friction hardly show"
-        yield Finding("no_load_cell", "", "tau_w_N_m", "note", text)
+        yield Finding("no_load_cell", "note", "", "tau_w_N_m", text)
     if not any("theta_j_rad" in view.columns for view in views):
         text = "theta_j_rad was measured in no run: what the wire does shows in the motor's torque only"
-        yield Finding("no_jaw_sensor", "", "theta_j_rad", "note", text)
+        yield Finding("no_jaw_sensor", "note", "", "theta_j_rad", text)
 
 
 def _duplicates(views: Sequence[View]) -> Iterator[Finding]:

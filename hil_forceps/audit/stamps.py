@@ -5,15 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.data.run import GAP_IN_INTERVALS, MAX_UNTOLD_JITTER_SHARE, Column, timing_notes
-from hil_forceps.diagnosis.audit.finding import Finding, Severity, View
+from hil_forceps.audit.finding import Finding, Severity, View
+from hil_forceps.data.run import GAP_IN_INTERVALS, MAX_UNTOLD_JITTER_SHARE, WHOLE_MULTIPLE, Column, timing_notes
 from hil_forceps.rig.schema import Rig
 
-_MUCH_MISSING = 0.01
-_MUCH_JITTER = 0.1
+_MUCH_MISSING = 0.01  # of the rows: more costs accuracy
+_MUCH_JITTER = 0.1  # of the usual interval: more costs accuracy
 _ALMOST_REPEATED = 0.1  # of the usual interval
-_DRIFT_WORTH_TELLING = 1e-4
-_RATE_TOLERANCE = 0.01
+_DRIFT_WORTH_TELLING = 1e-4  # of the interval, over a run
 
 
 def audit_stamps(view: View, rig: Rig | None) -> Iterator[Finding]:
@@ -27,11 +26,11 @@ def audit_stamps(view: View, rig: Rig | None) -> Iterator[Finding]:
     if jitter > MAX_UNTOLD_JITTER_SHARE:
         text = f"the sample interval of {usual:.6g} s jitters by {100 * jitter:.2g} % (standard deviation)"
         severity: Severity = "warning" if jitter > _MUCH_JITTER else "note"
-        yield view.finding("jitter", "time_s", severity, text, {"relative_sd": jitter, "interval_s": usual})
+        yield view.finding("jitter", "time_s", severity, text)
     short = np.flatnonzero(intervals < _ALMOST_REPEATED * usual)
     if short.size:
         text = f"{short.size} stamps almost repeat the one before, the first at {view.time_s[short[0] + 1]:.6g} s"
-        yield view.finding("repeated_stamps", "time_s", "warning", text, {"count": float(short.size)})
+        yield view.finding("repeated_stamps", "time_s", "warning", text)
     yield from _drift(view, regular)
     yield from _rate(view, rig)
     known = set(timing_notes(view.time_s))
@@ -51,8 +50,7 @@ def _gaps(view: View, intervals: Column, is_gap: NDArray[np.bool_]) -> Iterator[
         f"{gaps.size} gap{'s' if gaps.size > 1 else ''}, about {lost:.0f} samples missing ({100 * share:.2g} %); "
         f"longest {intervals[longest]:.4g} s after {view.time_s[longest]:.6g} s"
     )
-    figures = {"count": float(gaps.size), "missing": lost, "longest_s": float(intervals[longest])}
-    yield view.finding("gaps", "time_s", "warning" if share > _MUCH_MISSING else "note", text, figures)
+    yield view.finding("gaps", "time_s", "warning" if share > _MUCH_MISSING else "note", text)
 
 
 def _drift(view: View, regular: Column) -> Iterator[Finding]:
@@ -65,7 +63,7 @@ def _drift(view: View, regular: Column) -> Iterator[Finding]:
     chance = float(np.hypot(np.std(first), np.std(last)) / np.sqrt(third) / view.interval_s)
     if abs(change) > max(_DRIFT_WORTH_TELLING, 6.0 * chance):
         text = f"the sample interval drifts by {100 * change:+.2g} % over the run: its clock does not run evenly"
-        yield view.finding("clock_drift", "time_s", "warning", text, {"relative_change": change})
+        yield view.finding("clock_drift", "time_s", "warning", text)
 
 
 def _rate(view: View, rig: Rig | None) -> Iterator[Finding]:
@@ -73,11 +71,10 @@ def _rate(view: View, rig: Rig | None) -> Iterator[Finding]:
         return
     ratio = view.interval_s / rig.drive.sample_time_s
     whole = max(round(ratio), 1)
-    figures = {"interval_s": view.interval_s, "drive_sample_time_s": rig.drive.sample_time_s}
     told = f"rows come every {view.interval_s:.6g} s, the rig's drive samples every {rig.drive.sample_time_s:.6g} s"
-    if abs(ratio - whole) > _RATE_TOLERANCE * whole:
+    if abs(ratio - whole) > WHOLE_MULTIPLE * whole:
         text = f"{told}: no whole multiple; stamps in another unit, another drive, or a log that was resampled"
-        yield view.finding("sample_rate", "time_s", "problem", text, figures)
+        yield view.finding("sample_rate", "time_s", "problem", text)
     elif whole > 1:
         text = f"{told}: one row in {whole} of its samples"
-        yield view.finding("sample_rate", "time_s", "note", text, figures)
+        yield view.finding("sample_rate", "time_s", "note", text)

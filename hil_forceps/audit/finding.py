@@ -1,14 +1,12 @@
 """What the audit says, and the run as it looks at it."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from hil_forceps.data.run import GAP_IN_INTERVALS, Column, Run
-from hil_forceps.diagnosis.result import AuditFinding
 
 Severity = Literal["note", "warning", "problem"]
 
@@ -22,15 +20,10 @@ class Finding:
     """
 
     kind: str
+    severity: Severity
     run: str
     channel: str
-    severity: Severity
     text: str
-    figures: Mapping[str, float] = field(default_factory=dict)
-
-    def told(self) -> AuditFinding:
-        """Return it as the result has it."""
-        return AuditFinding(self.kind, self.severity, self.run, self.channel, self.text)
 
 
 class View:
@@ -49,11 +42,9 @@ class View:
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def finding(
-        self, kind: str, channel: str, severity: Severity, text: str, figures: Mapping[str, float] | None = None
-    ) -> Finding:
+    def finding(self, kind: str, channel: str, severity: Severity, text: str) -> Finding:
         """Make a finding of this run."""
-        return Finding(kind, self.name, channel, severity, text, figures or {})
+        return Finding(kind, severity, self.name, channel, text)
 
     @cached_property
     def channels(self) -> dict[str, Column]:
@@ -91,7 +82,7 @@ class View:
 _FEWEST_STEPS = 6  # between distinct values; fewer show no lattice
 _LARGEST_MULTIPLE = 20.0  # of the step: beyond, printed decimals blur which multiple it is
 _OFF_LATTICE = 0.2  # of the step
-_ON_LATTICE_SHARE = 0.98
+_ON_LATTICE_SHARE = 0.98  # of the steps
 
 
 def quantum_of(values: Column) -> float:
@@ -114,10 +105,6 @@ def quantum_of(values: Column) -> float:
     return 0.0
 
 
-_TRIMMED = 0.05
-_TRIMMED_SHARE = 0.7588  # of a Gaussian's variance within its central 95 %
-
-
 def noise_of(values: Column) -> float:
     """Return the standard deviation of white noise on top of a smooth signal, from third differences.
 
@@ -127,5 +114,6 @@ def noise_of(values: Column) -> float:
     if len(values) < 8:
         return 0.0
     squares = np.square(np.diff(values, 3))
-    kept = np.partition(squares, int((1.0 - _TRIMMED) * len(squares)))[: max(int((1.0 - _TRIMMED) * len(squares)), 1)]
-    return float(np.sqrt(np.mean(kept) / _TRIMMED_SHARE / 20.0))
+    count = int(0.95 * len(squares))
+    kept = np.partition(squares, count)[: max(count, 1)]
+    return float(np.sqrt(np.mean(kept) / 0.7588 / 20.0))  # the central 95 % of a Gaussian have 0.7588 of its variance

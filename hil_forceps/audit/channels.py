@@ -5,24 +5,23 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from hil_forceps.audit.finding import Finding, Severity, View
 from hil_forceps.data.run import Column
-from hil_forceps.diagnosis.audit.finding import Finding, Severity, View
 from hil_forceps.rig.schema import Rig
 
-_DEGREES = 180.0 / math.pi
-_STUCK_ROWS = 20
+_STUCK_ROWS = 20  # the least that is told
 _STUCK_FACTOR = 10.0  # times as long as the channel stands otherwise
-_STUCK_QUANTA = 3.5
+_STUCK_QUANTA = 3.5  # counts: a jump behind a stop
 _STUCK_JUMP = 3.0  # times the steps that follow
-_SPIKE_SD = 12.0
-_SPIKE_QUANTA = 8.0
+_SPIKE_SD = 12.0  # deviations of the noise: an outlier's height ...
+_SPIKE_QUANTA = 8.0  # ... and in counts
 _AROUND = (-4, -3, -2, 2, 3, 4)  # rows beside an outlier of one or two samples
 _CALM = 0.25  # of the outlier's height: beside a true transient the signal moves as well
-_COARSE_STEPS = 20.0
-_NOISE_FACTOR = 3.0
-_SAME_COUNTS = 0.03
+_COARSE_STEPS = 20.0  # that a channel moves over: fewer are coarse
+_NOISE_FACTOR = 3.0  # times what the rig says, or less than that share of it
+_SAME_COUNTS = 0.03  # share by which steps of one encoder differ
 _SURELY_OTHER = 1.5  # a wrong scale of some percent is for the diagnosis
-_FINEST_COUNTS = 1 << 20
+_FINEST_COUNTS = 1 << 20  # a turn: finer ones are printed decimals
 
 
 def audit_channels(view: View, rig: Rig | None) -> Iterator[Finding]:
@@ -47,7 +46,7 @@ def _constant(view: View, channel: str, value: float) -> Finding:
     else:
         text = f"{channel} is {value:.6g} throughout: a dead sensor, or nothing happened"
     severity: Severity = "problem" if is_needed else "note" if channel == "theta_m_ref_rad" else "warning"
-    return view.finding("constant", channel, severity, text, {"value": value})
+    return view.finding("constant", channel, severity, text)
 
 
 def _stuck(view: View, channel: str) -> Iterator[Finding]:
@@ -63,13 +62,13 @@ def _stuck(view: View, channel: str) -> Iterator[Finding]:
     at = float(view.time_s[view.stretch][changes[longest] + 1])
     if usual > 1 and np.mean(spacing % usual == 0) > 0.95:
         text = f"{channel} changes at every {usual}th row only: sampled more slowly than the rest and held"
-        yield view.finding("held", channel, "warning", text, {"rows": float(usual)})
+        yield view.finding("held", channel, "warning", text)
         return
     is_long = rows >= max(_STUCK_ROWS, _STUCK_FACTOR * np.quantile(spacing, 0.995))
     if is_long and _jumps(view, channel, int(changes[longest + 1])):
         seconds = rows * view.interval_s
         text = f"{channel} stands still for {seconds:.4g} s from {at:.6g} s, though it changes at almost every row"
-        yield view.finding("stuck", channel, "warning", text, {"begin_s": at, "duration_s": seconds})
+        yield view.finding("stuck", channel, "warning", text)
 
 
 def _jumps(view: View, channel: str, row: int) -> bool:
@@ -101,8 +100,7 @@ def _spikes(view: View, channel: str) -> Iterator[Finding]:
             f"{channel}: {rows.size} outlier{'s' if rows.size > 1 else ''}, the largest {values[worst]:.5g} "
             f"at {view.time_s[worst]:.6g} s"
         )
-        figures = {"count": float(rows.size), "largest": float(np.max(away)), "time_s": float(view.time_s[worst])}
-        yield view.finding("outliers", channel, "warning", text, figures)
+        yield view.finding("outliers", channel, "warning", text)
 
 
 def _noise(view: View, channel: str, rig: Rig | None) -> Iterator[Finding]:
@@ -115,17 +113,16 @@ def _noise(view: View, channel: str, rig: Rig | None) -> Iterator[Finding]:
 def noise_finding(view: View, channel: str, seen: float, expected: float) -> Iterator[Finding]:
     """Compare noise seen in a channel with what the rig says of it."""
     counted = math.hypot(expected, view.quanta[channel] / math.sqrt(12.0))
-    figures = {"seen": seen, "expected": expected}
     if seen > _NOISE_FACTOR * counted:
         text = f"{channel}: noise of {seen:.3g}, {seen / counted:.3g} times what the rig's `noise` says"
-        yield view.finding("noise", channel, "warning", text, figures)
+        yield view.finding("noise", channel, "warning", text)
     elif (
         seen < expected / _NOISE_FACTOR and expected > 1.1 * view.quanta[channel]
     ):  # counts while it stands have no noise
         text = (
             f"{channel}: noise of {seen:.3g} only, the rig's `noise` says {expected:.3g}: filtered, or another sensor"
         )
-        yield view.finding("noise", channel, "warning", text, figures)
+        yield view.finding("noise", channel, "warning", text)
 
 
 def _quantum(view: View, channel: str, rig: Rig | None) -> Iterator[Finding]:
@@ -137,35 +134,34 @@ def _quantum(view: View, channel: str, rig: Rig | None) -> Iterator[Finding]:
         steps = float(np.ptp(view.columns[channel])) / quantum
         if steps < _COARSE_STEPS:
             text = f"{channel} moves over {steps:.0f} steps of {quantum:.4g} only: coarse for what it measures"
-            yield view.finding("quantum", channel, "warning", text, {"quantum": quantum, "steps": steps})
+            yield view.finding("quantum", channel, "warning", text)
 
 
 def _encoder(view: View, quantum: float, counts: int | None) -> Iterator[Finding]:
     """Compare the encoder's step in the data with the rig's; a log may leave out counts, so multiples are weighed."""
     wire = 2.0 * math.pi / (1 << 24)
     expected = wire if counts is None else 2.0 * math.pi / counts
-    figures = {"quantum_rad": quantum, "expected_rad": expected}
     values = view.columns["theta_m_rad"]
     told = "ideal" if counts is None else str(counts)
     if quantum == 0.0:
         if counts is not None and _is_dense(values, expected):
             text = f"theta_m_rad shows no counts, the rig's encoder has {told} a turn: filtered, or another encoder"
-            yield view.finding("quantum", "theta_m_rad", "warning", text, figures)
+            yield view.finding("quantum", "theta_m_rad", "warning", text)
         return
     ratio = quantum / expected
     steps = float(np.ptp(values)) / quantum
     seen = 2.0 * math.pi / quantum
-    if abs(ratio / _DEGREES - 1.0) < _SAME_COUNTS:
+    if abs(ratio / math.degrees(1.0) - 1.0) < _SAME_COUNTS:
         text = f"theta_m_rad counts in steps of {quantum:.5g}: that is the rig's encoder ({told} a turn) in degrees"
-        yield view.finding("unit", "theta_m_rad", "problem", text, figures)
+        yield view.finding("unit", "theta_m_rad", "problem", text)
     elif counts is None:
         if seen < _FINEST_COUNTS and steps > 10:  # finer ones are printed decimals
             text = f"theta_m_rad counts in steps of {quantum:.5g} rad, {seen:.0f} a turn; the rig calls it ideal"
-            yield view.finding("quantum", "theta_m_rad", "warning", text, figures | {"counts_per_rev": seen})
+            yield view.finding("quantum", "theta_m_rad", "warning", text)
     # A short log may happen to leave out every second count; not every eighth, and no log adds any.
     elif ratio < 1.0 / _SURELY_OTHER or ratio > (_SURELY_OTHER if steps > 30 else 8.0):
         text = f"theta_m_rad counts in steps of {quantum:.5g} rad, {seen:.0f} a turn; the rig's encoder says {told}"
-        yield view.finding("quantum", "theta_m_rad", "problem", text, figures | {"counts_per_rev": seen})
+        yield view.finding("quantum", "theta_m_rad", "problem", text)
 
 
 def _is_dense(values: Column, quantum: float) -> bool:

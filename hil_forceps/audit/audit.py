@@ -2,18 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 
+from hil_forceps.audit.balance import audit_kinematics, audit_torque
+from hil_forceps.audit.channels import audit_channels
+from hil_forceps.audit.finding import Finding, Severity, View
+from hil_forceps.audit.law import audit_law
+from hil_forceps.audit.runs import audit_excitation, audit_together
+from hil_forceps.audit.stamps import audit_stamps
+from hil_forceps.audit.strokes import audit_strokes
+from hil_forceps.data.even_rows import even_rows
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.audit.balance import audit_kinematics, audit_torque
-from hil_forceps.diagnosis.audit.channels import audit_channels
-from hil_forceps.diagnosis.audit.finding import Finding, Severity, View
-from hil_forceps.diagnosis.audit.law import audit_law
-from hil_forceps.diagnosis.audit.runs import audit_excitation, audit_together
-from hil_forceps.diagnosis.audit.stamps import audit_stamps
-from hil_forceps.diagnosis.audit.strokes import audit_strokes
-from hil_forceps.diagnosis.preparation.even_rows import even_rows
 from hil_forceps.rig.schema import Rig
-
-__all__ = ["Finding", "Severity", "audit"]
 
 _ORDER: tuple[Severity, ...] = ("problem", "warning", "note")
 
