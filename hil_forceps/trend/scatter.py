@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from hil_forceps.rig.kernel import kernel_compiler
 
@@ -71,6 +72,5 @@ def drawn(rng: np.random.Generator, deviations: Vector, scatter: Scatter, count:
     rows = deviations.size
     e = scatter.deviation * rng.standard_normal((rows, count))
     e[0] *= 1.0 / np.sqrt(1.0 - scatter.correlation**2) if scatter.correlation < 1.0 else 0.0
-    for k in range(1, rows):
-        e[k] += scatter.correlation * e[k - 1]
+    e = lfilter([1.0], [1.0, -scatter.correlation], e, axis=0)
     return np.asarray(e + deviations[:, np.newaxis] * rng.standard_normal((rows, count)))

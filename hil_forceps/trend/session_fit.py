@@ -24,7 +24,6 @@ from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noise
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
 from hil_forceps.diagnosis.state_space.advance import physics_of
-from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.diagnosis.state_space.passes import Passed
 from hil_forceps.diagnosis.validation.conclusion import even_runs
 from hil_forceps.diagnosis.validation.rows import require_rows
@@ -92,10 +91,9 @@ def fit_even(even: Sequence[EvenRun], rig: Rig) -> Fit:
     """Return the fit of the known parameters to runs of a drive whose law is known."""
     noise = sensor_noise([each.run for each in even], rig)
     records, _ = records_of(even, [], rig, noise, map)
-    theta = parameters.vector(rig)
-    free = known_of(rig, records)
     parts = _parts(even)
-    theta = fit(records, theta, free, map).passes.theta if parts is None else _start(parts, rig, noise, theta)
+    first = records_of(parts, [], rig, noise, map)[0] if parts else records
+    theta = fit(first, parameters.vector(rig), known_of(rig, first), map).passes.theta
     runs = [record.with_friction_of(physics_of(theta)) for record in records]
     passes = pass_all(runs, theta, map)
     quiet = with_likeliest_load_noises(runs, passes, map)
@@ -104,22 +102,17 @@ def fit_even(even: Sequence[EvenRun], rig: Rig) -> Fit:
     decided = [run.decided_by(passed.filtered) for run, passed in zip(quiet, passes.runs, strict=True)]
     # With what it decided itself, a pass is the same again: it need not be made twice.
     same = [Passed(run.series, p.filtered, p.counts) for run, p in zip(decided, passes.runs, strict=True)]
-    return fit_from(decided, passes._replace(runs=tuple(same)), free, map)
+    return fit_from(decided, passes._replace(runs=tuple(same)), known_of(rig, records), map)
 
 
-def _parts(even: Sequence[EvenRun]) -> list[EvenRun] | None:
-    """Return excerpts of the longest run to begin with; None where they would save nothing."""
+def _parts(even: Sequence[EvenRun]) -> list[EvenRun]:
+    """Return excerpts of the longest run to begin with; none where they would save nothing."""
     longest = max(even, key=lambda each: each.lost.size)
     rows = longest.lost.size
     if rows < LEAST_RATIO * START_EXCERPTS * START_ROWS:
-        return None
+        return []
     firsts = np.linspace(0, rows - START_ROWS, START_EXCERPTS + 2)[1:-1].astype(int)
     return [longest.part(int(first), int(first) + START_ROWS) for first in firsts]
-
-
-def _start(parts: Sequence[EvenRun], rig: Rig, noise: Noise, theta: Vector) -> Vector:
-    records, _ = records_of(parts, [], rig, noise, map)
-    return fit(records, theta, known_of(rig, records), map).passes.theta
 
 
 def _words(finding: Finding) -> str:
