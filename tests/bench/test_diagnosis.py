@@ -37,7 +37,9 @@ def test_diagnosis_of_six_runs(capsys: pytest.CaptureFixture[str]) -> None:
         seconds.append(min(taken))
         named = " + ".join(effect.id for effect in found.causes) or found.verdict
         with capsys.disabled():
-            sys.stdout.write(f"\n{kind} {seed}, {sum(len(run.columns["time_s"]) for run in runs)} rows: {seconds[-1]:.1f} s, {named}")
+            sys.stdout.write(
+                f"\n{kind} {seed}, {sum(len(run.columns['time_s']) for run in runs)} rows: {seconds[-1]:.1f} s, {named}"
+            )
     peak_MB = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     with capsys.disabled():
         sys.stdout.write(
