@@ -69,7 +69,7 @@ def _reference(view: View) -> Iterator[Finding]:
         text = f"theta_m_rad does not follow theta_m_ref_rad ({100 * match.share:.0f} % explained)"
         yield view.finding("reference", "theta_m_ref_rad", "warning", text)
     elif match.slope < 0.0:
-        text = "theta_m_rad moves against theta_m_ref_rad: one of them has the wrong sign"
+        text = "theta_m_rad moves opposite to theta_m_ref_rad: one of them has the wrong sign"
         yield view.finding("sign", "theta_m_ref_rad", "problem", text)
     else:
         yield from _degrees(view, match.slope, ("theta_m_ref_rad", "theta_m_rad"))
@@ -80,7 +80,7 @@ def _degrees(view: View, factor: float, pair: tuple[str, str]) -> Iterator[Findi
     degree = math.degrees(1.0)
     for channel, other, size in ((pair[1], pair[0], degree), (pair[0], pair[1], 1.0 / degree)):
         if 1.0 / _UNIT_MATCH < factor / size < _UNIT_MATCH:
-            text = f"{channel} is in degrees: it is 57 times as large as {other} lets expect"
+            text = f"{channel} seems to be in degrees: it is 57 times as large as {other} predicts"
             yield view.finding("unit", channel, "problem", text)
 
 
@@ -103,8 +103,8 @@ def _jaw(view: View, rig: Rig | None) -> Iterator[Finding]:
         yield from found
         if not found and abs(factor - 1.0) > _RATIO_TOLERANCE:
             text = (
-                f"theta_j_rad moves {abs(ratio):.4g} times as far as theta_m_rad, by the rig's pulleys {expected:.4g} "
-                "times: another instrument, or wrong radii"
+                f"theta_j_rad moves {abs(ratio):.4g} times as far as theta_m_rad, but the rig's radii give "
+                f"{expected:.4g}: the instrument is another one, or the radii are wrong"
             )
             yield view.finding("kinematics", "theta_j_rad", "problem", text)
     yield from _shift(view)
@@ -119,7 +119,7 @@ def _shift(view: View) -> Iterator[Finding]:
     gain = (1.0 - match.share_unshifted) / max(1.0 - match.share, 1e-12)
     if gain > _SHIFT_GAIN:
         late = match.lag_rows * view.interval_s
-        text = f"theta_j_rad is {'late' if late > 0 else 'early'} by {1e3 * abs(late):.4g} ms against theta_m_rad"
+        text = f"theta_j_rad {'lags' if late > 0 else 'leads'} theta_m_rad by {1e3 * abs(late):.4g} ms"
         yield view.finding("channel_shift", "theta_j_rad", "warning", text)
 
 
@@ -153,7 +153,7 @@ def audit_torque(view: View, rig: Rig, is_judged_by_law: bool) -> Iterator[Findi
 def _torque_scale(view: View, channel: str, factor: float, size: float) -> Iterator[Finding]:
     """Tell a wrong sign by `factor`, the torque per expected torque, a wrong unit by how much too large it is."""
     if factor < 0.0:
-        text = f"{channel} has the wrong sign: motion and load ask for the opposite"
+        text = f"{channel} has the wrong sign: motion and load require the opposite"
         yield view.finding("sign", channel, "problem", text)
     if in_thousandths(size):
         text = f"{channel} is about {abs(size):.3g} times too large: it seems to be in thousandths of its unit"

@@ -40,11 +40,11 @@ def audit_channels(view: View, rig: Rig | None) -> Iterator[Finding]:
 def _constant(view: View, channel: str, value: float) -> Finding:
     is_needed = channel in ("theta_m_rad", view.torque_channel)
     if channel == "tau_w_N_m" and value == 0.0:
-        text = "tau_w_N_m is 0 throughout: no load, or no load cell (a channel that was not measured must be absent)"
+        text = "tau_w_N_m is always 0: no load, or no load cell (leave out a channel that was not measured)"
     elif channel == "theta_m_ref_rad":
-        text = f"theta_m_ref_rad is {value:.6g} throughout: the drive holds"
+        text = f"theta_m_ref_rad is constant at {value:.6g}: the drive holds its position"
     else:
-        text = f"{channel} is {value:.6g} throughout: a dead sensor, or nothing happened"
+        text = f"{channel} is constant at {value:.6g}: a dead sensor, or nothing happened"
     severity: Severity = "problem" if is_needed else "note" if channel == "theta_m_ref_rad" else "warning"
     return view.finding("constant", channel, severity, text)
 
@@ -61,13 +61,13 @@ def _stuck(view: View, channel: str) -> Iterator[Finding]:
     rows = int(spacing[longest])
     at = float(view.time_s[view.stretch][changes[longest] + 1])
     if usual > 1 and np.mean(spacing % usual == 0) > 0.95:
-        text = f"{channel} changes at every {usual}th row only: sampled more slowly than the rest and held"
+        text = f"{channel} changes only once in {usual} rows: it is sampled more slowly than the rest, and held"
         yield view.finding("held", channel, "warning", text)
         return
     is_long = rows >= max(_STUCK_ROWS, _STUCK_FACTOR * np.quantile(spacing, 0.995))
     if is_long and _jumps(view, channel, int(changes[longest + 1])):
         seconds = rows * view.interval_s
-        text = f"{channel} stands still for {seconds:.4g} s from {at:.6g} s, though it changes at almost every row"
+        text = f"{channel} is constant for {seconds:.4g} s from {at:.6g} s on; elsewhere it changes at almost every row"
         yield view.finding("stuck", channel, "warning", text)
 
 
@@ -114,13 +114,13 @@ def noise_finding(view: View, channel: str, seen: float, expected: float) -> Ite
     """Compare noise seen in a channel with what the rig says of it."""
     counted = math.hypot(expected, view.quanta[channel] / math.sqrt(12.0))
     if seen > _NOISE_FACTOR * counted:
-        text = f"{channel}: noise of {seen:.3g}, {seen / counted:.3g} times what the rig's `noise` says"
+        text = f"{channel}: noise of {seen:.3g}, {seen / counted:.3g} times the value in the rig's `noise`"
         yield view.finding("noise", channel, "warning", text)
     elif (
         seen < expected / _NOISE_FACTOR and expected > 1.1 * view.quanta[channel]
     ):  # counts while it stands have no noise
         text = (
-            f"{channel}: noise of {seen:.3g} only, the rig's `noise` says {expected:.3g}: filtered, or another sensor"
+            f"{channel}: noise of only {seen:.3g}, but {expected:.3g} in the rig's `noise`: filtered, or another sensor"
         )
         yield view.finding("noise", channel, "warning", text)
 
@@ -133,7 +133,7 @@ def _quantum(view: View, channel: str, rig: Rig | None) -> Iterator[Finding]:
     elif quantum > 0.0:
         steps = float(np.ptp(view.columns[channel])) / quantum
         if steps < _COARSE_STEPS:
-            text = f"{channel} moves over {steps:.0f} steps of {quantum:.4g} only: coarse for what it measures"
+            text = f"{channel} covers only {steps:.0f} steps of {quantum:.4g}: its resolution is coarse for this motion"
             yield view.finding("quantum", channel, "warning", text)
 
 
@@ -145,22 +145,22 @@ def _encoder(view: View, quantum: float, counts: int | None) -> Iterator[Finding
     told = "ideal" if counts is None else str(counts)
     if quantum == 0.0:
         if counts is not None and _is_dense(values, expected):
-            text = f"theta_m_rad shows no counts, the rig's encoder has {told} a turn: filtered, or another encoder"
+            text = f"theta_m_rad shows no counts, but the rig's encoder has {told} a turn: filtered, or another encoder"
             yield view.finding("quantum", "theta_m_rad", "warning", text)
         return
     ratio = quantum / expected
     steps = float(np.ptp(values)) / quantum
     seen = 2.0 * math.pi / quantum
     if abs(ratio / math.degrees(1.0) - 1.0) < _SAME_COUNTS:
-        text = f"theta_m_rad counts in steps of {quantum:.5g}: that is the rig's encoder ({told} a turn) in degrees"
+        text = f"theta_m_rad has steps of {quantum:.5g}: the rig's encoder ({told} a turn) in degrees"
         yield view.finding("unit", "theta_m_rad", "problem", text)
     elif counts is None:
         if seen < _FINEST_COUNTS and steps > 10:  # finer ones are printed decimals
-            text = f"theta_m_rad counts in steps of {quantum:.5g} rad, {seen:.0f} a turn; the rig calls it ideal"
+            text = f"theta_m_rad has steps of {quantum:.5g} rad, {seen:.0f} a turn, but the rig's encoder is ideal"
             yield view.finding("quantum", "theta_m_rad", "warning", text)
     # A short log may happen to leave out every second count; not every eighth, and no log adds any.
     elif ratio < 1.0 / _SURELY_OTHER or ratio > (_SURELY_OTHER if steps > 30 else 8.0):
-        text = f"theta_m_rad counts in steps of {quantum:.5g} rad, {seen:.0f} a turn; the rig's encoder says {told}"
+        text = f"theta_m_rad has steps of {quantum:.5g} rad, {seen:.0f} a turn, but the rig's encoder has {told}"
         yield view.finding("quantum", "theta_m_rad", "problem", text)
 
 

@@ -80,7 +80,7 @@ def audit_law(view: View, rig: Rig | None) -> Iterator[Finding]:
     ratio = view.interval_s / law.sample_time_s
     if match.share < BELIEVED:
         text = (
-            f"current_A is not what the rig's drive would command from theta_m_ref_rad and theta_m_rad "
+            f"the rig's drive law does not explain current_A by theta_m_ref_rad and theta_m_rad "
             f"({100 * match.share:.0f} % explained): another rig, or channels of different runs"
         )
         yield view.finding("drive_law", "current_A", "problem", text)
@@ -88,8 +88,8 @@ def audit_law(view: View, rig: Rig | None) -> Iterator[Finding]:
     yield from _scale(view, match)
     if match.lag_rows not in ((1,) if ratio < 1.5 else (0, 1)) and match.share > match.share_unshifted + 1e-3:
         late = (match.lag_rows - 1) * view.interval_s
-        told = "late" if late > 0 else "early"
-        text = f"current_A is {told} by {1e3 * abs(late):.4g} ms against what the law commands"
+        told = "lags" if late > 0 else "leads"
+        text = f"current_A {told} the command of the drive's law by {1e3 * abs(late):.4g} ms"
         yield view.finding("channel_shift", "current_A", "warning", text)
     if abs(match.slope) < _SAME_UNIT and match.share < _LAW_HOLDS and ratio < 1.5 and not clipped:
         text = f"the rig's drive law explains only {100 * match.share:.0f} % of current_A: check its gains"
@@ -101,12 +101,12 @@ def audit_law(view: View, rig: Rig | None) -> Iterator[Finding]:
 
 def _scale(view: View, match: Match) -> Iterator[Finding]:
     if match.slope < 0.0:
-        text = "current_A has the opposite sign of what the drive's law commands: turn it round"
+        text = "current_A has the opposite sign of the command of the drive's law: invert it"
         yield view.finding("sign", "current_A", "problem", text)
     factor = abs(match.slope)
     for unit, thousandths in (("mA", factor), ("kA", 1.0 / factor if factor else 0.0)):
         if in_thousandths(thousandths):
-            text = f"current_A is {factor:.4g} times what the law commands: it seems to be in {unit}"
+            text = f"current_A is {factor:.4g} times the command of the drive's law: it seems to be in {unit}"
             yield view.finding("unit", "current_A", "problem", text)
 
 
@@ -135,8 +135,8 @@ def _clipped(view: View, command: Column, current: Column, law: DriveLaw) -> Ite
     elif _longest(is_flat) >= _CLIPPED_ROWS and np.std(np.abs(current[1:][is_flat])) < width:
         share = float(np.mean(is_flat))
         text = (
-            f"current_A stands at {top:.4g} A for {100 * share:.2g} % of the run while the law asks for more: "
-            f"clipped below the rig's limit of {law.current_limit_A:.4g} A"
+            f"current_A stays at {top:.4g} A for {100 * share:.2g} % of the run although the law commands more: "
+            f"it is clipped below the rig's limit of {law.current_limit_A:.4g} A"
         )
         yield view.finding("clipped", "current_A", "warning", text)
 
@@ -152,10 +152,8 @@ def _clipped_without_law(view: View) -> Iterator[Finding]:
         lengths = np.flatnonzero(np.diff(at) == -1) - begins
         if np.count_nonzero(lengths >= _CLIPPED_ROWS) >= 2 and view.quanta[view.torque_channel] < 0.01 * np.ptp(values):
             share = float(np.mean(values == extreme))
-            text = (
-                f"{view.torque_channel} stands at its {side} value, {extreme:.5g}, for {100 * share:.2g} % of the run"
-            )
-            yield view.finding("clipped", view.torque_channel, "warning", f"{text}: clipped?")
+            text = f"{view.torque_channel} stays at its {side} value, {extreme:.5g}, for {100 * share:.2g} % of the run"
+            yield view.finding("clipped", view.torque_channel, "warning", f"{text}: it may be clipped")
 
 
 def _longest(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:

@@ -27,15 +27,15 @@ def audit_excitation(view: View) -> Iterator[Finding]:
     moving = direction[direction != 0]
     reversals = float(np.count_nonzero(np.diff(moving)))
     if travel < still:
-        text = f"nothing moves: theta_m_rad travels {travel:.3g} rad; friction and inertia can't be told from this run"
+        text = f"no motion: theta_m_rad moves by {travel:.3g} rad; this run shows neither friction nor inertia"
         yield view.finding("excitation", "theta_m_rad", "warning", text)
         return
     load = _load_text(view)
     turns = travel / (2.0 * np.pi)
-    text = f"{travel:.3g} rad ({turns:.2g} turns) travelled, {reversals:.0f} reversals, {load}"
+    text = f"range of {travel:.3g} rad ({turns:.2g} turns), {reversals:.0f} reversals, {load}"
     yield view.finding("excitation", "", "note", text)
     if moving.size and np.all(moving == moving[0]):
-        text = "theta_m_rad moves in one direction only: friction and load can't be told apart"
+        text = "theta_m_rad moves in one direction only: friction and load can't be distinguished"
         yield view.finding("one_direction", "theta_m_rad", "warning", text)
 
 
@@ -47,7 +47,7 @@ def _load_text(view: View) -> str:
     low, high = float(np.min(load)), float(np.max(load))
     if high - low <= noise and max(abs(low), abs(high)) <= noise:
         return "no load"
-    sides = "both ways" if low < -noise and high > noise else "one way"
+    sides = "in both directions" if low < -noise and high > noise else "in one direction"
     return f"load from {low:.3g} to {high:.3g} N m, {sides}"
 
 
@@ -64,14 +64,14 @@ def audit_together(views: Sequence[View]) -> Iterator[Finding]:
         usual = float(np.median(list(ratios.values())))
         for name, ratio in ratios.items():
             if abs(ratio / usual - 1.0) > _RATIO_SPREAD:
-                text = f"theta_j_rad moves {ratio:.4g} times as far as theta_m_rad, {usual:.4g} times in the other runs"
+                text = f"theta_j_rad moves {ratio:.4g} times as far as theta_m_rad, but {usual:.4g} times in other runs"
                 yield Finding("odd_run", "problem", name, "theta_j_rad", text)
     loads = [view.columns["tau_w_N_m"] for view in views if "tau_w_N_m" in view.columns]
     if not loads:
-        text = "tau_w_N_m was measured in no run: the load is unknown, and stiffness and jaw friction hardly show"
+        text = "tau_w_N_m was measured in no run: the load is unknown, stiffness and jaw friction hardly show"
         yield Finding("no_load_cell", "note", "", "tau_w_N_m", text)
     if not any("theta_j_rad" in view.columns for view in views):
-        text = "theta_j_rad was measured in no run: what the wire does shows in the motor's torque only"
+        text = "theta_j_rad was measured in no run: the wire shows only in the motor's torque"
         yield Finding("no_jaw_sensor", "note", "", "theta_j_rad", text)
 
 
@@ -85,12 +85,12 @@ def _duplicates(views: Sequence[View]) -> Iterator[Finding]:
         key = _digest(columns, len(view))
         head = _digest(columns, _HEAD_ROWS)
         if key in whole:
-            text = f"the same data as run {whole[key]}: counted twice it would make everything look twice as sure"
+            text = f"the same data as run {whole[key]}: used twice, they would make all intervals too narrow"
             yield view.finding("duplicate", "", "problem", text)
         elif head in heads:
             text = (
-                f"begins with the same {_HEAD_ROWS} rows as run {heads[head]}: two cuts of one recording, or two "
-                "simulations that begin alike"
+                f"the first {_HEAD_ROWS} rows are those of run {heads[head]}: two parts of one recording, or two "
+                "simulations with the same start"
             )
             yield view.finding("duplicate", "", "warning", text)
         whole.setdefault(key, view.name)

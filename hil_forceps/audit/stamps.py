@@ -29,7 +29,7 @@ def audit_stamps(view: View, rig: Rig | None) -> Iterator[Finding]:
         yield view.finding("jitter", "time_s", severity, text)
     short = np.flatnonzero(intervals < _ALMOST_REPEATED * usual)
     if short.size:
-        text = f"{short.size} stamps almost repeat the one before, the first at {view.time_s[short[0] + 1]:.6g} s"
+        text = f"{short.size} stamps are almost equal to the one before, the first at {view.time_s[short[0] + 1]:.6g} s"
         yield view.finding("repeated_stamps", "time_s", "warning", text)
     yield from _drift(view, regular)
     yield from _rate(view, rig)
@@ -62,7 +62,7 @@ def _drift(view: View, regular: Column) -> Iterator[Finding]:
     change = float((np.mean(last) - np.mean(first)) / view.interval_s)
     chance = float(np.hypot(np.std(first), np.std(last)) / np.sqrt(third) / view.interval_s)
     if abs(change) > max(_DRIFT_WORTH_TELLING, 6.0 * chance):
-        text = f"the sample interval drifts by {100 * change:+.2g} % over the run: its clock does not run evenly"
+        text = f"the sample interval drifts by {100 * change:+.2g} % over the run: its clock is not even"
         yield view.finding("clock_drift", "time_s", "warning", text)
 
 
@@ -71,10 +71,10 @@ def _rate(view: View, rig: Rig | None) -> Iterator[Finding]:
         return
     ratio = view.interval_s / rig.drive.sample_time_s
     whole = max(round(ratio), 1)
-    told = f"rows come every {view.interval_s:.6g} s, the rig's drive samples every {rig.drive.sample_time_s:.6g} s"
+    told = f"rows are {view.interval_s:.6g} s apart, samples of the rig's drive {rig.drive.sample_time_s:.6g} s"
     if abs(ratio - whole) > WHOLE_MULTIPLE * whole:
-        text = f"{told}: no whole multiple; stamps in another unit, another drive, or a log that was resampled"
+        text = f"{told}: no whole multiple; another unit of the stamps, another drive, or a resampled log"
         yield view.finding("sample_rate", "time_s", "problem", text)
     elif whole > 1:
-        text = f"{told}: one row in {whole} of its samples"
+        text = f"{told}: one row for {whole} samples"
         yield view.finding("sample_rate", "time_s", "note", text)

@@ -78,14 +78,14 @@ def _gear(pairs: Sequence[tuple[View, Middle]]) -> Iterator[Finding]:
     if len(ratios) < _FEWEST_LOADS:
         spread = max(spread, _LEAST_SCALE)  # one or two runs don't tell how much they differ
     error = math.sqrt(0.5 * math.pi / len(ratios)) * spread  # of a median
-    told = f"theta_drive_rad travels {ratio:.4f} ± {2.0 * error:.4f} times as far as theta_m_rad, play apart"
+    told = f"theta_drive_rad moves {ratio:.4f} ± {2.0 * error:.4f} times as far as theta_m_rad, without the play"
     if abs(ratio - 1.0) > max(_SURELY * error, _LEAST_SCALE):
-        text = f"{told}: its counts per turn, or the gear's ratio, must be {ratio:.4f} times what they were taken for"
+        text = f"{told}: multiply its counts per turn, or the gear's ratio, by {ratio:.4f}"
         yield Finding("gear_counts", "warning", "", "theta_drive_rad", text)
     else:
-        yield Finding("gear_counts", "note", "", "theta_drive_rad", f"{told}: counts and gear fit")
+        yield Finding("gear_counts", "note", "", "theta_drive_rad", f"{told}: counts and gear ratio agree")
     low, high = min(widths), max(widths)
-    text = f"theta_drive_rad is ahead of theta_m_rad by {low:.3g} to {high:.3g} rad more forth than back: play, wind-up"
+    text = f"theta_drive_rad leads theta_m_rad by {low:.3g} to {high:.3g} rad more forth than back: play, wind-up"
     yield Finding("gear_play", "note", "", "theta_drive_rad", text)
 
 
@@ -104,7 +104,7 @@ def _zero(pairs: Sequence[tuple[View, Middle]], channel: str) -> Iterator[Findin
     if abs(zero) > max(_SURELY * zero_se, _LEAST_ZERO * float(np.ptp(torques))):
         unit = "A" if channel == "current_A" else "N m"
         text = (
-            f"{channel} is {zero:.3g} ± {2.0 * zero_se:.2g} {unit} at no load, both ways in the mean: a zero of this "
-            f"sensor, or of the load cell ({-zero / slope:.3g} N m), or a weight or spring at the jaw"
+            f"{channel} is {zero:.3g} ± {2.0 * zero_se:.2g} {unit} without load (mean of both directions): an offset "
+            f"of this sensor or of the load cell ({-zero / slope:.3g} N m), or a weight or spring at the jaw"
         )
         yield Finding("zero", "warning", "", channel, text)

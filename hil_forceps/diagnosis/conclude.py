@@ -33,15 +33,15 @@ def diagnose(runs: Sequence[Run], rig: Rig, options: Options) -> Conclusion:
     """Diagnose runs; UserError when they can't be used at all, verdict `undetermined` when they say nothing."""
     findings = audit(runs, rig)
     if reasons := silent(runs, rig):
-        return _undetermined("These data cannot tell: " + reasons[0] + ".", reasons, findings, rig)
+        return _undetermined(f"No verdict is possible: {reasons[0]}.", reasons, findings, rig)
     # Units, signs or a rig that can't be right look like marvellous effects, and the fit may not even end.
     if wrong := [finding.text for finding in findings if finding.severity == "problem"]:
-        said = "These data cannot tell: they can't be right as they are."
+        said = "No verdict is possible: the audit found errors in the data."
         return _undetermined(said, tuple(dict.fromkeys(wrong)), findings, rig)
     if any(ANGLE_FROM_SPEED in run.notes for run in runs):
         by_angle = sorted(effect.id for effect in EFFECTS if effect.by_angle)
         options = replace(options, without=options.without | frozenset(by_angle))
-        left_out = f"each run's angle has a zero of its own: {', '.join(by_angle)} are left out"
+        left_out = f"the angle's zero differs from run to run; left out are the effects {', '.join(by_angle)}"
         findings.append(Finding("angle", "note", "", "theta_m_rad", left_out))
     even = even_runs(runs, rig)
     if even is not None:
@@ -61,11 +61,11 @@ def silent(runs: Sequence[Run], rig: Rig) -> tuple[str, ...]:
         reasons.append("the motor does not move in any run; move the jaw over its range, both ways, at several speeds")
     if not any("theta_j_rad" in run.columns or "tau_w_N_m" in run.columns for run in runs):
         reasons.append(
-            "neither the jaw's angle nor its load was measured, so whatever is seen at the motor may be load; "
-            "measure one of them, or leave the jaw free and give tau_w_N_m as 0"
+            "neither the jaw's angle nor its load was measured, so any torque at the motor may be load; "
+            "measure one of them, or leave the jaw free and set tau_w_N_m to 0"
         )
     if not all({"current_A", "tau_m_N_m"} & set(run.columns) for run in runs):
-        reasons.append("neither the current nor the motor's torque was measured in every run; record one of them")
+        reasons.append("some runs have neither the current nor the motor's torque; record one of them in every run")
     elif even_runs(runs, rig) is None and len({"tau_m_N_m" in run.columns for run in runs}) > 1:
-        reasons.append("some runs have the motor's torque and others the current; give runs of one kind")
+        reasons.append("some runs have the motor's torque and others the current; use runs with the same channel")
     return tuple(reasons)

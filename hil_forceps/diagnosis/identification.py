@@ -65,7 +65,7 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     Effects that the rig holds are taken as they stand: they are neither fitted nor named.
     """
     mapper = options.mapper
-    options.progress("looking at noise, commands and loads")
+    options.progress("estimating noise, commands and loads")
     noise = sensor_noise([even.run for even in runs], rig)
     records, unseen_records = records_of(runs, held_out, rig, noise, mapper)
     without = options.without | frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
@@ -98,7 +98,7 @@ def searched(
     """
     found = search(how, parameters.vector(rig))
     best, given = found.best.fit, (how.mapper, how.seed, how.weigh)
-    how.progress("looking at what is left")
+    how.progress("testing the lack of fit")
     after = omnibus_test(best, *given)
     before = omnibus_test(found.baseline, *given) if found.best.effects else after
     return found, before, after, unseen(best, held_out, *given) if held_out else None

@@ -1,4 +1,4 @@
 """The catalogue of effects: one file each, with its entry and its equations as plain functions.
 
-The model is put together from them (`model.composition`). The simulated world has equations of its own.
+The model is composed of them (`model.composition`). The simulated world has equations of its own.
 """

@@ -1,12 +1,12 @@
-"""What an entry of the catalogue of effects says of itself: plain data, without any physics."""
+"""Data of an entry in the catalogue of effects, without any physics."""
 
 import math
 from typing import Literal, NamedTuple
 
 Location = Literal["motor", "wire", "jaw", "sensor", "timing"]
-# What runs contain (`hypotheses.entries.Scene`), where the values at which an entry is looked for scale with it.
+# Extents of runs (`hypotheses.entries.Scene`), by which starting values of the search can scale.
 RunExtent = Literal[
-    "",  # nothing: numbers as they are
+    "",  # absolute values
     "duration_s",
     "angle_range_rad",
     "jaw_range_rad",
@@ -19,14 +19,14 @@ RunExtent = Literal[
 
 
 class Grid(NamedTuple):
-    """Values of a shape parameter at which its entry is looked for: shares of what the runs contain."""
+    """Starting values of a shape parameter in the search, as shares of an extent of the runs."""
 
     of: RunExtent
     shares: tuple[float, ...]
 
 
 class Size(NamedTuple):
-    """How large an amplitude is taken where its entry is looked for: by what the runs contain."""
+    """Starting size of an amplitude in the search, from an extent of the runs."""
 
     share: float
     of: RunExtent
@@ -42,12 +42,12 @@ class Parameter(NamedTuple):
     minimum: float
     maximum: float
     neutral: float | None  # the value that switches the effect off; None: a shape, meaningless while it is off
-    typical: float  # a size to begin from: visible, not large
+    typical: float  # starting size: detectable, not large
     meaning: str
-    plausible: float = math.inf  # the largest that hardware has; what fits beyond only acts like it
+    plausible: float = math.inf  # the largest of known hardware; what fits beyond only resembles the effect
     search_grid: Grid | None = None  # of a shape
     size: Size | None = None  # of an amplitude, where it is not the typical one
-    hidden: tuple[float, float] | None = None  # range of a shape where tests hide the effect; even in the logarithm
+    hidden: tuple[float, float] | None = None  # range of a shape in tests with hidden effects, log-uniform
 
 
 class Effect(NamedTuple):
@@ -60,11 +60,11 @@ class Effect(NamedTuple):
     parameters: tuple[Parameter, ...]
     source: str
     shown_by: str  # what data can show it
-    by_angle: bool = False  # depends on where the angle's zero is
-    # What of a step of the plant it changes: the level of dry friction, torques, or the law of the wire; else it only
-    # shifts constants of the linear plant, or acts on the path of the current or on a sensor.
+    by_angle: bool = False  # depends on the zero of the angle
+    # What it changes in a step of the plant: the level of dry friction, torques, or the law of the wire. Others only
+    # change constants of the linear plant, or act on the path of the current or on a sensor.
     changes: Literal["friction", "torque", "wire", "nothing else"] = "nothing else"
     dry_friction_of: Literal["motor", "jaw"] | None = None  # part of what holds that body at rest
-    corrected: bool = True  # estimators can take it out of their samples
-    recurs_with: Literal["angle", "angle and current"] | None = None  # torque that is a wave over the motor's angle
-    one_by_one: bool = False  # each amplitude is looked for alone
+    corrected: bool = True  # estimators can correct their samples for it
+    recurs_with: Literal["angle", "angle and current"] | None = None  # torque that is periodic in the motor's angle
+    one_by_one: bool = False  # each amplitude is scored alone

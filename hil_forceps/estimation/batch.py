@@ -1,4 +1,4 @@
-"""A whole record through an estimator at once: the kernels of single steps in a compiled loop, so the same numbers."""
+"""A whole record through an estimator: the kernels of single steps in a compiled loop, with the same results."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ def _run(
 def run(
     estimator: Estimator, time_ns: NDArray[np.int64], theta_m_rad: Vector, motor_torque_N_m: Vector
 ) -> tuple[Vector, Vector]:
-    """Return τ̂_w [N m] and x̂ [m] at each sample, bit for bit what stepping through the samples gives.
+    """Return τ̂_w [N m] and x̂ [m] at each sample, bit for bit as by single steps.
 
     All arrays are n long, n ≥ 1; ValueError otherwise.
     """

@@ -1,15 +1,15 @@
-"""What is known of effects, taken out of an estimator's samples and put into its estimates.
+"""Corrections of an estimator's samples and estimates for known effects.
 
-The estimators work on the paper's plant. Around them, sample by sample: the encoder's errors leave the angle, and the
-winding of the wire on an uneven pulley, behind the play, goes into it; the errors of the current sensor, drift, ripple,
-cogging and the friction beyond the paper's leave the motor's torque. Of what comes out, the jaw's weight, what it is
-coupled to and its friction beyond the paper's leave the load, its lever is put in, and the tension goes through the
-wire's own law (hardening, dead zone, hysteresis, creep, moved zero) to the elongation.
+The estimators work on the paper's plant. Before them, sample by sample, the encoder's errors are removed from the
+angle, and it is converted to the wire that an uneven pulley winds, behind the play. Errors of the current sensor,
+drift, ripple, cogging and the friction beyond the paper's are removed from the motor's torque. After them, the jaw's
+weight, its coupling and its friction beyond the paper's are removed from the load, the lever of the jaw is applied, and
+the elongation follows from the tension by the wire's own law (hardening, dead zone, hysteresis, creep, moved zero).
 
-The elongation that comes out is the one that (10) needs: r_j θ_j^ref + x̂ is r_m times the angle that the encoder shows.
-A current that lags or comes late was not held over the interval before its sample; of the currents at both ends its
-mean is found, where each hold is seen. Not corrected here: damping of the wire (in the Kalman filter's own model), dead
-band and saturation (the current is measured behind them), and skewed channels (a matter of the record).
+The resulting elongation is the one that (10) needs: r_j θ_j^ref + x̂ is r_m times the angle that the encoder shows. A
+current that lags or comes late was not constant over the interval before its sample. Its mean follows from the currents
+at both ends, if every hold is sampled. Not corrected here: damping of the wire (in the Kalman filter's own model), dead
+band and saturation (the current is measured after them), and skewed channels (a property of the record).
 """
 
 import math
@@ -53,13 +53,13 @@ Vector = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 IGNORED = frozenset(entry.id for entry in EFFECTS if not entry.corrected)
-_HOLD_TOLERANCE_SHARE = 0.25  # of an interval that it may be off by and still be one hold of the drive
-_SLOW_LAG_KEPT_SHARE = 0.9  # of a current over a hold: it is then as good as a line from end to end
-_NEWTON_ITERATIONS = 8  # of Newton's method and of fixed points that gain a factor of 10 a round at least
+_HOLD_TOLERANCE_SHARE = 0.25  # of a hold of the drive, by which an interval may differ from it
+_SLOW_LAG_KEPT_SHARE = 0.9  # of a current over a hold: above, it is nearly linear over the hold
+_NEWTON_ITERATIONS = 8  # of Newton's method, and of a fixed point that gains a factor of 10 in each at least
 
 
 class Memory(NamedTuple):
-    """What the corrections remember, as floats; the estimate is in it."""
+    """Memory of the corrections, as floats, and the estimate."""
 
     first_ns: float
     last_ns: float
@@ -71,33 +71,33 @@ class Memory(NamedTuple):
     loaded: float  # z of the presliding that grows with tension
     gripped: float  # z of the jaw's presliding
     theta_j: float  # as estimated
-    lost_rad: float  # how far the pulley stays behind the motor
+    lost_rad: float  # angle by which the pulley lags the motor
     loop: float
     creep_m: float
-    stretched_m: float  # elongation less its moved zero and creep
+    stretched_m: float  # elongation less the moved zero and the creep
     tension_N: float
     tau_w_N_m: float
     elongation_m: float
 
 
 _tuple: Any = fixed.to_fixed_tuple  # an array of known length as a tuple, in a kernel
-_Seen = tuple[Vector, float, float]  # memory, and angle and torque as the paper's plant would have shown them
+_Seen = tuple[Vector, float, float]  # memory, and angle and torque of the paper's plant
 _SIZE, _VALUES = len(Memory._fields), len(Physics._fields)
 _LAST = Memory._fields.index("last_ns")
 
 
 class Tuning(NamedTuple):
-    """How the corrections see."""
+    """Constants of the corrections."""
 
     corner_rad_per_s: float  # of the low-pass of the speed
-    # A quarter of a count within the low-pass's time: slower than that can't be told from standing still.
+    # [rad/s] A quarter of a count within the low-pass's time constant: lower speeds look like standstill.
     still: float
-    hold_s: float  # of a current, where every one is seen; else 0
+    hold_s: float  # of a current, if every hold is sampled; else 0
 
 
 @inlined
 def _true_angle(p: Physics, shown: float) -> float:
-    """Return the motor's angle behind what the encoder shows."""
+    """Return the motor's angle for the angle that the encoder shows."""
     angle = shown / (1.0 + p.encoder_scale_relative_error)
     for _ in range(_NEWTON_ITERATIONS):
         angle -= (encoder_rad(p, angle) - shown) / (1.0 + p.encoder_scale_relative_error)
@@ -116,7 +116,7 @@ def _true_current(p: Physics, torque_N_m: float) -> float:
 
 @inlined
 def begin(p: Physics, time_ns: int, shown_rad: float, torque_N_m: float) -> Memory:
-    """Return the memory at the first sample: at rest, everything relaxed."""
+    """Return the memory at the first sample: at rest, without memory of wire and friction."""
     current_A = _true_current(p, torque_N_m)
     angle = _true_angle(p, shown_rad)
     now = float(time_ns)
@@ -127,7 +127,7 @@ def begin(p: Physics, time_ns: int, shown_rad: float, torque_N_m: float) -> Memo
 
 @inlined
 def _mean_current(p: Physics, previous_A: float, current_A: float, hold_s: float) -> float:
-    """Return the mean over a hold that was seen at both ends, of a current that lags its command or comes late."""
+    """Return the mean over a hold of a current that lags its command or comes late, from its values at both ends."""
     mean = current_A
     if p.electrical_lag_time_constant_s > 0.0:
         kept = math.exp(-hold_s / p.electrical_lag_time_constant_s)
@@ -144,7 +144,7 @@ def _mean_current(p: Physics, previous_A: float, current_A: float, hold_s: float
 def before(
     p: Physics, m: Memory, tuning: Tuning, time_ns: int, shown_rad: float, torque_N_m: float
 ) -> tuple[Memory, float, float]:
-    """Return the memory at a sample, and the angle and the torque that the paper's plant would have shown."""
+    """Return the memory at a sample, and the angle and torque of the paper's plant."""
     dt_s = (time_ns - m.last_ns) * 1e-9
     theta_m = _true_angle(p, shown_rad)
     speed, presliding, loaded, lost = m.speed, m.presliding, m.loaded, m.lost_rad
@@ -165,7 +165,7 @@ def before(
     level += sided_friction_N_m(p, speed)
     friction = motor_viscosity_N_m_s_per_rad(p, time_s) * speed + level * _direction(speed, tuning.still)
     friction += rub_N_m(p, presliding, loaded, m.tension_N) + motor_drag_N_m(p, speed)
-    # r f = torque − friction − inertia: through the nominal radius, with the friction that the estimator takes off.
+    # r f = torque − friction − inertia: scaled to the nominal radius, plus the friction that the estimator subtracts.
     theta_p = theta_m - lost
     seen = p.r_m / radius_m(p, theta_p) * (torque - friction) + paper
     memory = Memory(
@@ -177,7 +177,7 @@ def before(
 
 @inlined
 def _stretch(p: Physics, force_N: float) -> float:
-    """Return the stretch beyond the dead zone that takes a force: Newton's method on the cubic."""
+    """Return the stretch beyond the dead zone for a force: Newton's method on the cubic."""
     linear = force_N / p.k
     stretch: float = linear / (1.0 + p.wire_hardening_beta_per_m2 * linear * linear) ** (1.0 / 3.0)
     for _ in range(_NEWTON_ITERATIONS):
@@ -188,7 +188,7 @@ def _stretch(p: Physics, force_N: float) -> float:
 
 @inlined
 def after(p: Physics, m: Memory, tuning: Tuning, dt_s: float, tau_w_N_m: float, elongation_m: float) -> Memory:
-    """Return the memory with the estimate that an estimator's own one comes to."""
+    """Return the memory with the corrected estimate."""
     tension = p.k * elongation_m
     stretch = _stretch(p, tension - p.wire_hysteresis_force_N * m.loop)
     stretched = stretch
@@ -214,7 +214,7 @@ def after(p: Physics, m: Memory, tuning: Tuning, dt_s: float, tau_w_N_m: float, 
     )  # fmt: skip
 
 
-# Arrays in and out: a tuple of so many numbers costs more at each call from Python than all the arithmetic.
+# Arrays in and out: a tuple of so many numbers would take longer at each call from Python than the arithmetic.
 @kernel
 def _start(theta: Vector, tuning: Tuning, time_ns: int, shown: float, torque: float) -> _Seen:
     p = Physics(*_tuple(theta, _VALUES))
@@ -264,7 +264,7 @@ def _record(
 
 
 def tuning_of(rig: Rig, sample_time_s: float) -> Tuning:
-    """Return how the corrections see samples that are `sample_time_s` apart."""
+    """Return the constants of the corrections for samples that are `sample_time_s` apart."""
     corner = 2.0 * np.pi * rig.estimators.rfob_cutoff_Hz
     counts = rig.encoder.counts_per_rev
     quantum = 1e-6 if counts is None else 2.0 * np.pi / counts
@@ -274,7 +274,7 @@ def tuning_of(rig: Rig, sample_time_s: float) -> Tuning:
 
 
 def corrected(estimator: Estimator, rig: Rig, sample_time_s: float) -> Estimator:
-    """Return the estimator with a rig's effects taken into account; itself when there are none that it could.
+    """Return the estimator with corrections for a rig's effects, or itself if there is none to correct.
 
     UserError when the rig doesn't know a value of the plant.
     """

@@ -1,8 +1,8 @@
 """An estimator in the closed loop without a bus: our own plant, the drive's law and (10), in one compiled loop.
 
-At each sample the drive latches encoder and current and runs its law with the reference it has; the estimator gets the
-sample and the reference computed from it is there before the next. So a bus that delivers in time changes nothing but
-the rounding of the wire, which `over_wire` puts in.
+At each sample the drive latches encoder and current, and runs its law with the reference that it has. The estimator
+gets the sample, and the reference computed from it arrives before the next sample. A bus that delivers in time would
+only add the rounding of the protocol, which is `over_wire`.
 """
 
 import math
@@ -32,7 +32,7 @@ _COLUMNS = 8
 
 
 class DirectRun(NamedTuple):
-    """What happened, one entry per sample; states are those at the sample's instant."""
+    """A run of the loop, one entry per sample; states at the sample's instant."""
 
     time_s: Vector
     theta_m_rad: Vector  # as the estimator got it
@@ -78,7 +78,7 @@ def _run(
         else:
             state = step(state, constants, time_ns, seen_angle, torque)
         elongation = state[ELONGATION] if compensated else 0.0
-        # Not a number: nothing is sent and the drive keeps what it has.
+        # Not finite: nothing is sent, and the drive keeps its reference.
         if math.isfinite(elongation):
             reference = quantise((r_j * jaw_reference_rad[n] + elongation) / r_m, quanta[0])
         out[0, n] = n * period_s
@@ -107,7 +107,7 @@ def run_direct(
     """Run the loop from rest at the first reference, at the drive's own sample time.
 
     `jaw_reference_rad` (n): θ_j^ref at each sample. `tau_w_N_m` (n·m): load over each of the m plant steps of a sample
-    (`plant_steps`). `torque_constant_N_m_per_A`: what makes a torque of a sample's current; None: the plant's own.
+    (`plant_steps`). `torque_constant_N_m_per_A`: for the torque of a sample's current; None: the plant's own.
     ValueError when these don't fit or the estimator isn't one of ours; UserError when the rig has no drive or doesn't
     know a value.
     """
@@ -136,5 +136,5 @@ def run_direct(
 
 
 def plant_steps(rig: Rig) -> int:
-    """Return how many plant steps a sample of the drive has: as many as keep each within the bench's."""
+    """Return the number of plant steps in a sample of the drive, so that none is longer than the bench's."""
     return max(1, math.ceil(rig.require_drive().sample_time_s / rig.bench.plant_step_s * (1.0 - 1e-9)))

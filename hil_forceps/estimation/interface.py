@@ -1,4 +1,4 @@
-"""What every estimator is: pure functions from (state, sample) to state, and a view of the state."""
+"""Interface of all estimators: pure functions from (state, sample) to state, and a view of the state."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from hil_forceps.rig.schema import Rig
 Vector = NDArray[np.float64]
 State = Vector
 
-_new: Final = tuple.__new__  # a NamedTuple of all its fields, in half the time of its own constructor
+_new: Final = tuple.__new__  # makes a NamedTuple in half the time of its constructor
 
-# Where the states of our own estimators keep what they tell; the rest of a state is each one's own.
+# Places of the estimates in a state of our own estimators; the rest of a state is private.
 TAU_W, ELONGATION = 3, 4
 
 
@@ -28,7 +28,7 @@ class Sample(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What an estimator knows after a sample."""
+    """Estimates after a sample."""
 
     tau_w_N_m: float
     elongation_m: float
@@ -49,11 +49,10 @@ Record = Callable[[NDArray[np.int64], State, State], tuple[State, State]]
 class Estimator:
     """One algorithm with its parameters bound.
 
-    `start` makes a state from the first sample (at rest, load unknown), `step` takes the next sample, whatever time
-    has passed since the last (gaps are bridged, never ignored; a stamp that isn't later leaves the state as it is),
-    `estimate` reads the state. All are pure; a state is never changed in place. Not finite numbers come out as they
-    are: the gate stops them. `compiled` is there where `batch` can run the same kernels in a compiled loop; `record`
-    where an estimator with corrections has a loop of its own: stamps [ns], θ_m, motor torque -> τ̂_w, x̂.
+    `start` makes a state from the first sample (at rest, load unknown). `step` takes the next sample after any
+    interval; a stamp that isn't later leaves the state as it is. `estimate` reads the state. All are pure; a state is
+    never changed in place. Values that aren't finite pass through; the gate stops them. `compiled`: for a compiled loop
+    in `batch`. `record`: the loop of an estimator with corrections: stamps [ns], θ_m, motor torque -> τ̂_w, x̂.
     """
 
     id: str
@@ -65,16 +64,16 @@ class Estimator:
 
 
 class Algorithm(NamedTuple):
-    """What a file of this package offers: how its estimator is made for a rig, and what that does about effects.
+    """What a file of `algorithms` offers: how to make its estimator for a rig, and what that does about effects.
 
-    `make(rig, sample_time_s, over_wire)`: `sample_time_s` is the nominal time between samples; `over_wire` tells that
-    these are rounded as the protocol does it. UserError when the rig doesn't know a value that is needed.
+    `make(rig, sample_time_s, over_wire)`: `sample_time_s` is the nominal time between samples; `over_wire`: these are
+    rounded as by the protocol. UserError when the rig doesn't know a value that is needed.
     """
 
     id: str
     make: Callable[[Rig, float, bool], Estimator]
-    corrected: bool = False  # effects of the rig are taken out of its samples (`corrections`)
-    models: frozenset[str] = frozenset()  # effects that are in its own model
+    corrected: bool = False  # its samples are corrected for effects of the rig (`corrections`)
+    models: frozenset[str] = frozenset()  # effects in its own model
 
 
 def estimator_of_kernels(
@@ -97,5 +96,5 @@ def estimator_of_kernels(
 
 
 def _estimate(state: State) -> Estimate:
-    number = state.item  # a Python float at once, at a fifth of the time of `float(state[...])`
+    number = state.item  # a Python float in a fifth of the time of `float(state[...])`
     return _new(Estimate, (number(TAU_W), number(ELONGATION)))

@@ -1,7 +1,7 @@
 """Kernels as arguments of kernels: a compiled loop takes any estimator's steps without being compiled for it.
 
-numba compiles a loop anew for every compiled function that it is given, and finds none of that in its cache the next
-time. A function given by its address and signature has one type for all estimators.
+numba compiles a loop again for every compiled function among its arguments, and does not cache the result. A function
+that is given by its address and signature has one type for all estimators.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
-"""Estimators by name, with the numbers of a rig bound to them.
+"""Estimators by name, with the values of a rig bound to them.
 
-Every file of `algorithms` lists what it offers in its `ALGORITHMS`; the names that a file or a command may
-give, and their order in tables, are `ALGORITHM_IDS` of the rig's schema.
+Every file of `algorithms` lists its estimators in `ALGORITHMS`. The names that a file or a command may give, and their
+order in tables, are `ALGORITHM_IDS` of the rig's schema.
 """
 
 import math
@@ -24,17 +24,17 @@ def _found() -> dict[str, Algorithm]:
 
 
 def _in_order(ids: Iterable[str]) -> list[str]:
-    """Return ids as the schema has them, and behind them what it doesn't have."""
+    """Return ids in the order of the schema, unknown ones last."""
     return sorted(ids, key=lambda each: (*ALGORITHM_IDS, each).index(each))
 
 
 def make_estimator(estimator_id: str, rig: Rig, sample_time_s: float, *, over_wire: bool = True) -> Estimator:
     """Bind an algorithm to a rig; `sample_time_s` is the nominal time between the samples it will get.
 
-    `over_wire=False` tells that samples come without the wire's rounding. Effects of the rig are taken into account as
-    far as a sample can tell them (`corrections`) where the algorithm says so; the paper's own stay as published. Such
-    an estimator has no `compiled`. ValueError for an id that isn't in `ESTIMATOR_IDS` or a sample time that isn't
-    positive; UserError when the rig doesn't know a value that is needed.
+    `over_wire=False`: samples come without the protocol's rounding. Samples are corrected for effects of the rig
+    (`corrections`) if the algorithm says so; an estimator with corrections has no `compiled`. ValueError for an id that
+    isn't in `ESTIMATOR_IDS` or a sample time that isn't positive; UserError when the rig doesn't know a value that is
+    needed.
     """
     if not (math.isfinite(sample_time_s) and sample_time_s > 0.0):
         raise ValueError(f"sample_time_s must be positive, got {sample_time_s!r}")
@@ -44,7 +44,7 @@ def make_estimator(estimator_id: str, rig: Rig, sample_time_s: float, *, over_wi
 
 
 def effects_passed_over(estimator_id: str, rig: Rig) -> tuple[str, ...]:
-    """Return the effects of a rig that an estimator works without: what a user should be told."""
+    """Return the effects of a rig that an estimator ignores, for a note to the user."""
     algorithm = _algorithm(estimator_id)
     if not algorithm.corrected:
         return tuple(rig.effects)

@@ -1,10 +1,11 @@
-"""Jaw torque and jaw angle from the motor's side of a transmission with friction that remembers: one step a sample.
+"""Jaw torque and jaw angle from the motor's side of a transmission whose friction has memory: one step per sample.
 
 The paper's balance (1)-(3) has Coulomb friction and one ratio. A wire in a long shaft, led over pulleys, has friction
-that builds up over a way (Dahl, "A solid friction model", 1968; a sum of such elements as in Al-Bender, Lampaert,
-Swevers, IEEE TAC 50(11), 2005), grows with the tension (capstan) and differs along the stroke, as the ratio does. With
-x the low-passed pulley angle θ scaled to −1 … 1 over its range, u what drives the pulley (torque, or current), ω and α
-speed and acceleration, z_i the friction elements and s = tanh(ω/ω_0) the friction that turns round at once (a rotor's),
+that builds up over a displacement (Dahl, "A solid friction model", 1968; a sum of such elements as in Al-Bender,
+Lampaert, Swevers, IEEE TAC 50(11), 2005), grows with the tension (capstan) and varies along the stroke, as the ratio
+does. With x the low-passed pulley angle θ scaled to −1 … 1 over its range, u the input at the pulley (torque or
+current), ω and α speed and acceleration, z_i the friction elements, and s = tanh(ω/ω_0) friction that reverses at once,
+as a rotor's,
 
     τ̂_w = Σ c_p x^p + u Σ a_p x^p + Σ_i z_i (Σ f_ip x^p + u Σ h_ip x^p) + s (Σ d_p x^p + u Σ e_p x^p)
           + (b + b' u) ω + J α
@@ -12,12 +13,12 @@ speed and acceleration, z_i the friction elements and s = tanh(ω/ω_0) the fric
 
     dz_i = (1 − z_i sgn dθ_d) / δ_i dθ_d + e^(−|dθ_d| / δ_0) du / u_0,  |z_i| ≤ 1
 
-θ_d is the angle of the motor's own encoder where there is one (its way through the play of a gear counts), else θ. At
-rest friction answers to force instead of way: it takes what drives, from none to all of it over u_0, and hardly any of
-a changing current reaches the wire (stiction; Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994). The
-first equation is the balance seen from the jaw; the second is (3) with the wire's stretch by tension and friction. Both
-are linear in everything but δ_i, u_0 and the corner of the low-pass. x is held at ±1 outside its range, where nothing
-was fitted; ρ θ goes on. What is estimated needs only samples up to now, and nothing about the load's course.
+θ_d is the angle of the motor's own encoder if there is one (its motion through the play of a gear counts), else θ. At
+rest, friction responds to force instead of displacement. It takes up a changing u, over u_0, so that hardly any of it
+reaches the wire (stiction; Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994). The first equation is
+the balance at the jaw; the second is (3) with the wire's stretch by tension and friction. Both are linear in everything
+but δ_i, u_0 and the corner of the low-pass. Outside its range, where nothing was fitted, x is held at ±1; ρ θ
+continues. The estimates are causal and assume nothing about the load.
 """
 
 from typing import NamedTuple
@@ -31,16 +32,16 @@ Vector = NDArray[np.float64]
 State = NDArray[np.float64]
 
 ELEMENTS = 3
-_SHAPE, _GAIN, _FRICTION, _LOADED, _SUDDEN = 4, 3, 4, 2, 2  # how many powers of x each group has
+_SHAPE, _GAIN, _FRICTION, _LOADED, _SUDDEN = 4, 3, 4, 2, 2  # number of powers of x in each group
 TERMS = _SHAPE + _GAIN + ELEMENTS * (_FRICTION + _LOADED) + 2 * _SUDDEN + 3
-MAX_REST_RAD_PER_S = 0.02  # ω_0: slower than this the direction isn't told well
-MAX_REST_RAD = 3e-5  # δ_0: a sample over which the motor turns further isn't one at rest
+MAX_REST_RAD_PER_S = 0.02  # ω_0: at lower speeds the direction is uncertain
+MAX_REST_RAD = 3e-5  # δ_0: larger displacements in a sample are motion, not rest
 TERM_DRIVE = _SHAPE  # the term u itself, low-passed
 TERM_SPEED = TERMS - 3
-_SLOPE = 1  # the term x, which isn't held at the ends of the range for the jaw's angle
+_SLOPE = 1  # the term x; for the jaw's angle it isn't held at the ends of the range
 
 TAU_W, THETA_J = 3, 4
-_TIME, _DRIVE_ANGLE, _FIRST = 0, 1, 5  # of a state; from _FIRST the low-passes, two poles each, then the elements
+_TIME, _DRIVE_ANGLE, _FIRST = 0, 1, 5  # of a state; from _FIRST on the low-passes, two poles each, then the elements
 _LOW_PASSES = 3  # of θ, θ_d and u
 _Z = _FIRST + 2 * _LOW_PASSES
 _SIZE = _Z + ELEMENTS
@@ -50,25 +51,25 @@ _ANGLE = _TORQUE + TERMS
 
 
 class Structure(NamedTuple):
-    """What isn't linear in the model."""
+    """The parameters in which the model isn't linear."""
 
     corner_rad_per_s: float  # of the low-pass, two equal poles
     presliding_rad: tuple[float, float, float]  # δ_i
     range_rad: tuple[float, float]  # of θ where the model was fitted
-    standstill: float = 0.0  # u_0, in the unit of what drives; 0: friction at rest doesn't answer to it
+    standstill: float = 0.0  # u_0, in the unit of u; 0: friction at rest doesn't respond to u
 
 
 class Sample(NamedTuple):
-    """What the motor's side measured at one instant."""
+    """Measurements on the motor's side at one instant."""
 
     time_ns: int
     theta_m_rad: float
     theta_drive_rad: float  # θ_m again where the motor has no encoder of its own
-    drive: float  # N m or A: whatever the model was fitted to
+    drive: float  # u in N m or A, as in the fit
 
 
 def constants(structure: Structure, torque: Vector | None = None, angle: Vector | None = None) -> Vector:
-    """Return what the kernels take; `torque` and `angle` are coefficients [TERMS], zero where they aren't known yet."""
+    """Return the constants of the kernels; `torque` and `angle` are coefficients [TERMS], zero if not known yet."""
     low, high = structure.range_rad
     if not high > low or not structure.corner_rad_per_s > 0 or not min(structure.presliding_rad) > 0:
         raise ValueError(f"range, corner and presliding lengths must be positive, got {structure}")
@@ -82,7 +83,7 @@ def constants(structure: Structure, torque: Vector | None = None, angle: Vector 
 
 @kernel
 def start(c: Vector, time_ns: int, theta_m_rad: float, theta_drive_rad: float, drive: float) -> State:
-    """Return the state after the first sample: at rest, with friction that pulls neither way."""
+    """Return the state after the first sample: at rest, friction elements at 0."""
     state = np.zeros(_SIZE)
     state[_TIME] = float(time_ns)
     state[_DRIVE_ANGLE] = theta_drive_rad
@@ -121,11 +122,11 @@ def step(state: State, c: Vector, time_ns: int, theta_m_rad: float, theta_drive_
 
 @kernel
 def _fill(state: State, c: Vector, row: Vector) -> float:
-    """Put the terms of the model into `row` [TERMS]; return x as it is outside the range."""
+    """Fill `row` [TERMS] with the terms of the model; return x before it is held within the range."""
     free: float = (state[_FIRST + 1] - c[_MIDDLE]) / c[_HALF]
     x = min(1.0, max(-1.0, free))
     drive = state[_FIRST + 5]
-    # the low-pass itself tells speed and acceleration: nothing is differenced
+    # speed and acceleration from the low-pass itself, without differences
     speed = c[_CORNER] * (state[_FIRST + 2] - state[_FIRST + 3])
     acceleration = c[_CORNER] * (c[_CORNER] * (state[_DRIVE_ANGLE] - state[_FIRST + 2]) - speed)
     at = _powers(row, 0, x, _SHAPE, 1.0)
@@ -185,7 +186,7 @@ def run(
 def terms(
     c: Vector, time_ns: NDArray[np.int64], theta_m_rad: Vector, theta_drive_rad: Vector, drive: Vector
 ) -> tuple[Vector, Vector]:
-    """Return the model's terms [samples, TERMS] for a fit, and x [samples] as it is outside the range."""
+    """Return the model's terms [samples, TERMS] for a fit, and x [samples] before it is held within the range."""
     samples = time_ns.shape[0]
     rows, free = np.empty((samples, TERMS)), np.empty(samples)
     state = start(c, time_ns[0], theta_m_rad[0], theta_drive_rad[0], drive[0])
@@ -197,14 +198,14 @@ def terms(
 
 
 def for_angle(rows: Vector, free: Vector) -> Vector:
-    """Return the terms as the jaw's angle takes them: with x not held at the ends of the range."""
+    """Return the terms for the jaw's angle, in which x isn't held at the ends of the range."""
     changed = rows.copy()
     changed[:, _SLOPE] = free
     return changed
 
 
 def term_names() -> tuple[str, ...]:
-    """Return the model's terms in words, in the order of the coefficients; u is what drives."""
+    """Return the model's terms in words, in the order of the coefficients; u is the input."""
     groups = [("", _SHAPE), ("u", _GAIN)]
     for n in range(1, ELEMENTS + 1):
         groups += [(f"z{n}", _FRICTION), (f"z{n} u", _LOADED)]

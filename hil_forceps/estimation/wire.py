@@ -1,4 +1,4 @@
-"""What the wire of `firmware_protocol` rounds to: angles to 2⁻²⁴ turn, currents to 0.2 mA."""
+"""Resolution of `firmware_protocol`: angles 2⁻²⁴ turn, currents 0.2 mA."""
 
 import math
 

@@ -60,7 +60,7 @@ def _even(run: Run, interval_s: float) -> tuple[dict[str, Column], list[str]]:
     notes = []
     missing = float(np.max(np.diff(time_s))) / interval_s
     if missing > GAP_IN_INTERVALS:
-        notes.append(f"gaps are bridged by straight lines, the longest of {missing * interval_s:.4g} s")
+        notes.append(f"gaps are interpolated linearly; the longest is {missing * interval_s:.4g} s")
     if count == len(time_s) and np.max(np.abs(even - time_s)) < 1e-3 * interval_s:
         return {**run.columns, "time_s": even}, notes
     others = {name: np.interp(even, time_s, values) for name, values in run.columns.items() if name != "time_s"}
@@ -73,7 +73,7 @@ def _closed(run: Run, rig: Rig, law: DriveLaw, theta: Column) -> Beside:
     samples = max(round(ratio), 1)
     interval_s = law.sample_time_s * samples
     if ratio > 1.0 and abs(ratio - samples) > WHOLE_MULTIPLE * samples:
-        told = f"rows come every {run.sample_time_s:.6g} s, no whole multiple of the drive's {law.sample_time_s:.6g} s"
+        told = f"rows are {run.sample_time_s:.6g} s apart, no whole multiple of the drive's {law.sample_time_s:.6g} s"
         raise UserError(f"run {run.name}: {told}; correct drive.sample_time_s, or remove `drive` from the rig")
     # An instrument's clock is off by some ppm: an even axis at the run's own pace, unless rows are missing.
     own = float(usual) if abs(float(usual) / interval_s - 1.0) < WHOLE_MULTIPLE else interval_s
@@ -97,7 +97,7 @@ def _closed(run: Run, rig: Rig, law: DriveLaw, theta: Column) -> Beside:
     best = min(outs, key=lambda name: float(np.std(outs[name].theta_m_rad - columns["theta_m_rad"])))
     out = outs[best]
     if best != "held":
-        notes.append(f"between rows the drive is given a {best} reference: held until the next row it fits worse")
+        notes.append(f"between rows the reference is interpolated ({best}): held until the next row, it fits worse")
     constant = rig.plant().torque_constant_N_m_per_A
     simulated = {
         "theta_m_rad": out.theta_m_rad,

@@ -1,1 +1,1 @@
-"""The simulation that gets diagnosed: scalar step functions."""
+"""The model that a diagnosis tests: plant, drive and sensors, as scalar step functions."""

@@ -1,7 +1,7 @@
-"""The mind's own simulation of the closed loop, with every effect of the catalogue.
+"""The simulation of the closed loop with every effect of the catalogue.
 
 The simulated world (another package) integrates the same equations with another method; a test compares the two.
-Rows are what a log has: all as it is at the instant of the row, so the current is the one commanded a sample earlier.
+Rows are as in a log: values at the instant of the row, so the current is the one commanded a sample earlier.
 """
 
 import math
@@ -26,7 +26,7 @@ from hil_forceps.model.step.whole_step import decays, suits, whole_step
 
 __all__ = ["Channels", "DriveState", "Inputs", "Start", "State", "law_current", "law_vector", "rest", "simulate"]
 
-_MAX_VISCOSITY_CHANGE_SHARE = 0.02  # of D_m: further away, the linear plant is made anew
+_MAX_VISCOSITY_CHANGE_SHARE = 0.02  # of D_m: beyond, the linear plant is recomputed
 _CHANNELS = 8
 _REST_ITERATIONS = 50
 
@@ -35,17 +35,17 @@ _NO_ERROR: Vector = np.empty(0)
 
 
 class Inputs(NamedTuple):
-    """What a run was driven with. `tau_w_N_m` is as recorded: a skewed channel is set right for the plant."""
+    """Inputs of a run. `tau_w_N_m` as recorded; its skew is corrected for the plant."""
 
     time_s: Vector  # n, equally spaced
     reference_rad: Vector  # n, held until the next row, or one for each sample of the drive
     tau_w_N_m: Vector  # n, linear in between
     edge_rows: NDArray[np.int64]  # m, increasing: between row k and k + 1 the load jumps ...
     edge_fractions: Vector  # m: ... at this fraction of the interval, instead of a ramp
-    # As many as references, or none: what the drive's encoder shows beyond the angle, its rounding as it happened. The
-    # loop makes currents of it, which shake the motor; shaken friction is another friction. Not in the recorded angle.
+    # As many as references, or none: error of the angle that the drive reads, its rounding as it happened. The loop
+    # turns it into currents that move the motor, which changes the friction. It is not in the recorded angle.
     encoder_error_rad: Vector = _NO_ERROR
-    # As many as references, or none: what is added to the drive's commands behind its limit.
+    # As many as references, or none: added to the current after the amplifier's limit.
     added_A: Vector = _NO_ERROR
 
 
@@ -57,7 +57,7 @@ class Start(NamedTuple):
 
 
 class Channels(NamedTuple):
-    """A run as simulated, n each: the first four as the sensors give them, the rest as it is."""
+    """A run as simulated, n each: the first four as sensors record them, the others true."""
 
     theta_m_rad: Vector
     current_A: Vector
@@ -72,8 +72,7 @@ class Channels(NamedTuple):
 def rest(theta: Vector, theta_m_rad: float, tension_N: float = 0.0, current_A: float = 0.0) -> Start:
     """Return the start of a forceps at rest with the motor at `theta_m_rad` (true) and `tension_N` in the wire.
 
-    Creep, hysteresis and play are in their middle; the drive has the angle as it is, no quantisation, and holds
-    `current_A`.
+    Creep, hysteresis and play are 0. The drive has the angle without quantisation and holds `current_A`.
     """
     p = Physics(*theta.tolist())
     return Start(
@@ -95,7 +94,7 @@ def rest_state(p: Physics, theta_m_rad: float, tension_N: float, current_A: floa
 
 
 class Counts(NamedTuple):
-    """How a row is divided."""
+    """Division of a row."""
 
     steps: int  # of the plant in a sample of the drive
     substeps: int  # of the plant in a row
@@ -103,10 +102,10 @@ class Counts(NamedTuple):
 
 
 class StepConstants(NamedTuple):
-    """What every step of one length has in common."""
+    """Constants of all steps of one length."""
 
     inertia: tuple[float, float]  # I/h of motor and jaw
-    kept: tuple[float, float]  # what creep keeps over a step and over a piece of it
+    kept: tuple[float, float]  # share of the creep that is left after a step, and after a piece of it
 
 
 @inlined
@@ -121,7 +120,7 @@ def _load(first: float, last: float, step: int, steps: int, edge: float) -> tupl
 
 @inlined
 def record(out: Vector, row: int, p: Physics, x: State, tau_w_N_m: float) -> None:
-    """Write a row: all as it is, before the sensors' channels are made of it."""
+    """Write the true values of a row, before errors of the sensors."""
     speed = followed(p, x.lost_rad, x.omega_m_rad_per_s)
     w = wire(p, x.theta_m_rad - x.lost_rad, speed, x.theta_j_rad, x.omega_j_rad_per_s, x.creep_m, x.loop)
     out[0, row] = encoder_rad(p, x.theta_m_rad)
@@ -136,7 +135,7 @@ def record(out: Vector, row: int, p: Physics, x: State, tau_w_N_m: float) -> Non
 
 @kernel
 def _edges(rows: int, edge_rows: NDArray[np.int64], edge_fractions: Vector) -> Vector:
-    """Return for each row where in it the load jumps; below 0 where it doesn't."""
+    """Return for each row the fraction at which the load jumps, −1 where it doesn't."""
     edges = np.full(rows, -1.0)
     for k in range(edge_rows.shape[0]):
         edges[edge_rows[k]] = edge_fractions[k]
@@ -153,7 +152,7 @@ def _behind(commands: Vector, place: int, samples: int) -> float:
 
 @inlined
 def amplified(p: Physics, commanded_A: float) -> float:
-    """Return what the amplifier is to give for a command: behind its dead band, within its limit."""
+    """Return the amplifier's current for a command: dead band, then limit."""
     beyond = dead_zone(commanded_A, p.amplifier_deadband_half_width_A)
     return max(-p.current_saturation_limit_A, min(p.current_saturation_limit_A, beyond))
 
@@ -162,7 +161,7 @@ def amplified(p: Physics, commanded_A: float) -> float:
 def _commanded(
     p: Physics, law: Vector, quantum_rad: float, inputs: Inputs, at: int, theta_m_rad: float, drive: DriveState
 ) -> tuple[DriveState, float]:
-    """Return the drive after its sample, and the current that its amplifier is to give."""
+    """Return the drive after its sample, and the amplifier's current."""
     angle = quantise(encoder_rad(p, theta_m_rad), quantum_rad)
     if at < inputs.encoder_error_rad.shape[0]:
         angle += inputs.encoder_error_rad[at]
@@ -175,13 +174,13 @@ def _commanded(
 
 @inlined
 def _steady(p: Physics, current: float, load: tuple[float, float], time_s: float) -> Drive:
-    """Return what drives with a steady current and no jump of the load."""
+    """Return the inputs for a steady current and a load without a jump."""
     return Drive(current, 0.0, current, torque_constant(p, time_s), motor_viscosity_N_m_s_per_rad(p, time_s), *load)
 
 
 @inlined
 def step_constants(p: Physics, step_s: float) -> StepConstants:
-    """Return what every step of one length has in common."""
+    """Return the constants of all steps of one length."""
     creep_s = p.wire_creep_time_constant_s
     kept = (math.exp(-step_s / creep_s), math.exp(-step_s / PIECES / creep_s))
     return StepConstants((p.I_m / step_s, p.I_j / step_s), kept)
@@ -205,15 +204,15 @@ def over_sample(
 ) -> State:
     """Return the plant's state a sample of the drive on.
 
-    `gains` (`fill_all`) is made anew in place where the motor's viscosity has drifted; `whole` and `keeps`
-    (`fill_multiples`, `decays`) have a row for each step of the sample, or none where steps are never taken as one.
-    `commands`: the delayed ones before and after the one that arrives. `load_N_m`: at both ends of the row, and where
-    in it the load jumps (`_load`).
+    `gains` (`fill_all`) is recomputed in place where the motor's viscosity has drifted. `whole` and `keeps`
+    (`fill_multiples`, `decays`) have a row for each step of the sample, or none where steps are never joined.
+    `commands`: the delayed ones before and after the arrival. `load_N_m`: at both ends of the row, and the fraction of
+    the row at which the load jumps (`_load`).
     """
     old, new = commands
     first, last, edge = load_N_m
     steps, substeps, step_s = counts.steps, counts.substeps, counts.step_s
-    span, done = whole.shape[0] if edge < 0.0 else 0, 0  # how many steps are tried as one, and how many are done
+    span, done = whole.shape[0] if edge < 0.0 else 0, 0  # steps that are tried as one, and steps that are done
     while done < steps:
         if span > 0 and done % span == 0:
             even = _load(first, last, (sample * steps + done) // span, substeps // span, -1.0)
@@ -222,7 +221,7 @@ def over_sample(
             if moves:
                 done += span
                 continue
-            if done == 0 and span == steps:  # halves, then
+            if done == 0 and span == steps:  # try halves
                 span = span // 2 if not kind.plain and steps % 4 == 0 else 0
                 continue
         into, done = done, done + 1
@@ -246,14 +245,14 @@ def _rollout(
     p: Physics, law: Vector, quantum_rad: float, row_s: float, inputs: Inputs, start: Start, substeps: int, samples: int
 ) -> Vector:
     rows, steps, step_s = inputs.tau_w_N_m.shape[0], substeps // samples, row_s / substeps
-    told = inputs.reference_rad.shape[0] // rows  # references a row
+    told = inputs.reference_rad.shape[0] // rows  # references per row
     x, drive = start
     out = np.empty((_CHANNELS, rows))
     edges = _edges(rows, inputs.edge_rows, inputs.edge_fractions)
     kind = kind_of(p)
     gains = np.empty((SHORT + 2, SIZE))
     fill_all(gains, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
-    # Of a sample of the drive: what a plant does while it moves on needs no steps.
+    # Over several steps of a sample: while motor and jaw keep moving, these are taken as one.
     wholly = steps if suits(p, kind, steps) else 0
     whole = np.empty((wholly, SIZE))
     fill_multiples(whole, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
@@ -287,7 +286,7 @@ def simulate(
     substeps: int = 4,
     drive_samples_per_row: int = 1,
 ) -> Channels:
-    """Simulate a run. The GIL is released for all of it but a few tens of µs.
+    """Simulate a run; the GIL is released but for a few tens of µs.
 
     `theta`: `parameters.NAMES`. `law`: `law_vector`. `quantum_rad`: of the encoder, 0 for none. `substeps` of the plant
     a row, a multiple of `drive_samples_per_row`. ValueError when shapes or counts don't fit.

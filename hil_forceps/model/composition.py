@@ -171,7 +171,7 @@ def motor_viscosity_N_m_s_per_rad(p: Physics, time_s: float) -> float:
 
 @inlined
 def motor_drag_N_m(p: Physics, omega_m_rad_per_s: float) -> float:
-    """Return what brakes one direction of the motor more."""
+    """Return the torque that brakes one direction of the motor more."""
     total = 0.0
     total += _viscous_asymmetry__motor_drag_N_m(p.viscous_asymmetry_difference_N_m_s_per_rad, omega_m_rad_per_s)
     return total
@@ -179,7 +179,7 @@ def motor_drag_N_m(p: Physics, omega_m_rad_per_s: float) -> float:
 
 @inlined
 def motor_torque_N_m(p: Physics, theta_m_rad: float) -> float:
-    """Return the torque on the motor that comes without current."""
+    """Return the torque on the motor without current."""
     total = 0.0
     total += _cogging__motor_torque_N_m(p.cogging_sine_N_m, p.cogging_cosine_N_m, p.cogging_harmonic, theta_m_rad)
     return total
@@ -243,7 +243,7 @@ def lever_m(p: Physics, theta_j_rad: float) -> float:
 
 @inlined
 def jaw_load_N_m(p: Physics, theta_j_rad: float) -> float:
-    """Return the load on the jaw that hangs on its angle."""
+    """Return the load on the jaw that depends on its angle."""
     total = 0.0
     total += _jaw_gravity__jaw_load_N_m(p.jaw_gravity_sine_N_m, p.jaw_gravity_cosine_N_m, theta_j_rad)
     total += _jaw_coupling__jaw_load_N_m(p.jaw_coupling_stiffness_N_m_per_rad, p.jaw_coupling_torque_N_m, theta_j_rad)
@@ -252,7 +252,7 @@ def jaw_load_N_m(p: Physics, theta_j_rad: float) -> float:
 
 @inlined
 def jaw_friction_N_m(p: Physics, theta_j_rad: float) -> float:
-    """Return the jaw's dry friction, as long as it is any."""
+    """Return the level of the jaw's dry friction; below 0 there is none."""
     total = p.jaw_coulomb
     total += _jaw_position_friction__jaw_friction_N_m(
         p.jaw_position_friction_slope_N_m_per_rad, p.jaw_position_friction_curvature_N_m_per_rad2, theta_j_rad
@@ -262,7 +262,7 @@ def jaw_friction_N_m(p: Physics, theta_j_rad: float) -> float:
 
 @inlined
 def encoder_rad(p: Physics, theta_m_rad: float) -> float:
-    """Return the angle that the encoder shows, before it counts."""
+    """Return the angle that the encoder shows, before quantisation."""
     total = theta_m_rad
     total += _encoder_eccentricity__encoder_error_rad(
         p.encoder_eccentricity_sine_rad, p.encoder_eccentricity_cosine_rad, theta_m_rad

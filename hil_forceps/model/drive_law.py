@@ -16,19 +16,19 @@ SAMPLE_TIME, KP, KI, KD, SHARE, LIMIT, ERROR_FIRST = range(7)
 
 
 class DriveState(NamedTuple):
-    """What the drive remembers between samples."""
+    """State of the drive between samples."""
 
     integral_rad_s: float
-    theta_enc_rad: float  # of the last sample; NaN before the first: nothing to take a difference with
+    theta_enc_rad: float  # of the last sample; NaN before the first, when there is no difference to take
     velocity_rad_per_s: float  # filtered
     current_A: float  # commanded
 
 
 def law_vector(drive: DriveLaw, *, backward_euler: bool = False, error_first: bool = True) -> Vector:
-    """Return a law's numbers: sample time, kp, ki, kd, filter's share of a new velocity, limit, order of the integral.
+    """Return the numbers of a law, by the places above; `SHARE` is the weight of a new velocity in its filter.
 
-    `backward_euler`: the share of that discretisation of the filter, else the exact one. `error_first`: the error of a
-    sample is in the integral before the current of that sample is made (1), or after (0).
+    `backward_euler`: discretise the filter so, else exactly. `error_first`: a sample's error enters the integral before
+    the current of that sample is computed, else after.
     """
     angle = 2.0 * math.pi * drive.derivative_cutoff_Hz * drive.sample_time_s
     share = angle / (1.0 + angle) if backward_euler else -math.expm1(-angle)
@@ -46,7 +46,7 @@ def quantise(value: float, quantum: float) -> float:
 
 @inlined
 def drive_sample(law: Vector, state: DriveState, reference_rad: float, theta_enc_rad: float) -> DriveState:
-    """Return the drive's state after a sample; its current is held until the next."""
+    """Return the drive's state after a sample; its current is held until the next one."""
     period, ki, limit = law[SAMPLE_TIME], law[KI], law[LIMIT]
     error = reference_rad - theta_enc_rad
     integral = state.integral_rad_s + error * period
@@ -70,7 +70,7 @@ def _commands(law: Vector, state: DriveState, references_rad: Vector, theta_enc_
 
 
 def law_current(law: Vector, reference_rad: Vector, theta_enc_rad: Vector, start: DriveState) -> Vector:
-    """Return what the law commands from recorded angles: (n) [A], that of row k being measured at row k + 1.
+    """Return the commands of the law for recorded angles (n) [A]; the one of row k is measured at row k + 1.
 
     ValueError when the lengths differ.
     """

@@ -1,9 +1,9 @@
-"""The simulation of a rig whose drive isn't known: the measured motion of the motor is prescribed.
+"""The simulation of a rig whose drive isn't known: the measured motion of the motor is its input.
 
-With the load known, the jaw follows through the wire, and the motor's torque is what its balance asks for. With the
-jaw's angle measured instead, the wire's tension follows from the angles, and the load is what closes the jaw's balance.
-The jaw is stepped implicitly (backward Euler): with the motor held to its motion nothing else damps the wire's mode,
-and what it does above the bandwidth of the smoothed motion is not of interest here.
+If the load is known, the jaw follows through the wire, and the motor's torque results from its balance. If the jaw's
+angle is measured instead, the tension results from the angles, and the load from the jaw's balance. The jaw is stepped
+by backward Euler. With the motor's motion prescribed, little else damps the wire's mode, and frequencies above the
+bandwidth of the smoothed motion are of no interest here.
 """
 
 from typing import NamedTuple
@@ -45,7 +45,7 @@ DEFAULT_BANDWIDTH_HZ = 30.0
 
 
 class Inputs(NamedTuple):
-    """Columns of a run as recorded, n each; `tau_w_N_m` or `theta_j_rad` may be None where not measured, not both."""
+    """Columns of a run as recorded, n each; one of `tau_w_N_m` and `theta_j_rad` may be None."""
 
     time_s: Vector  # equally spaced
     theta_m_rad: Vector
@@ -54,7 +54,7 @@ class Inputs(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What the wire and the friction remember at the first row."""
+    """Memories of wire and friction at the first row."""
 
     creep_m: float = 0.0
     loop: float = 0.0
@@ -65,7 +65,7 @@ class Start(NamedTuple):
 
 
 class Channels(NamedTuple):
-    """A run as simulated, n each; the first three as sensors give them, the rest as it is."""
+    """A run as simulated, n each; the first four as sensors record them, the last two true."""
 
     current_A: Vector
     theta_j_rad: Vector
@@ -94,7 +94,7 @@ def _slip(
     h: float,
     memory: tuple[float, float, float, float],
 ) -> float:
-    """Return the jaw's speed at the end of a step with friction as part of `load`, by Newton's method."""
+    """Return the jaw's speed at the end of a step, by Newton's method; `load` includes dry friction."""
     theta, speed = before
     creep, loop0, wound0, gripped0 = memory
     end = speed
@@ -139,7 +139,7 @@ def _jaw_speed(
     h: float,
     memory: tuple[float, float, float, float],
 ) -> float:
-    """Return the jaw's speed at the end of a step: friction holds it where its level is enough."""
+    """Return the jaw's speed at the end of a step; 0 where dry friction holds it."""
     level = jaw_level_N_m(p, before[0])
     forward = _slip(p, theta_p, omega_p, before, load + level, h, memory)
     if forward > 0.0 or level == 0.0:
@@ -205,23 +205,23 @@ def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: boo
 
 
 def motor_angle_rad(theta: Vector, theta_enc_rad: Vector, row_s: float) -> Vector:
-    """Return the true motor angle from the recorded one: skew, scale and eccentricity of the encoder taken out."""
+    """Return the true motor angle from the recorded one: skew, scale and eccentricity of the encoder removed."""
     p = Physics(*theta.tolist())
     rows = -p.channel_skew_theta_m_s / row_s
     beyond = int(np.ceil(abs(rows))) + 2
-    # Held beyond the ends, the motion would stop there within a row.
+    # Extrapolated: values held beyond the ends would stop the motion there.
     recorded = late(np.pad(theta_enc_rad, beyond, mode="reflect", reflect_type="odd"), rows)[beyond:-beyond]
     angle = recorded / (1.0 + p.encoder_scale_relative_error)
-    for _ in range(8):  # the error's slope is far below 1: each round takes off its own factor of it
+    for _ in range(8):  # the slope of the error is far below 1: each iteration multiplies what is left by it
         error = p.encoder_eccentricity_sine_rad * np.sin(angle) + p.encoder_eccentricity_cosine_rad * np.cos(angle)
         angle = (recorded - error) / (1.0 + p.encoder_scale_relative_error)
     return angle
 
 
 def _resting_jaw(p: Physics, theta_m: float, tau_w_N_m: float) -> float:
-    """Return the jaw's angle in balance with the load, the wire's memory relaxed."""
+    """Return the jaw's angle in balance with the load, without memory of the wire."""
     theta_j = paid_angle(p, p.r_m * theta_m)
-    step_s = 1.0  # a step so long that inertia has no say
+    step_s = 1.0  # so long that inertia does not matter
     state = (0.0, 0.0, wire(p, theta_m, 0.0, theta_j, 0.0, 0.0, 0.0).elongation_m, 0.0)
     for _ in range(5):
         theta_j += step_s * _slip(p, theta_m, 0.0, (theta_j, 0.0), tau_w_N_m, step_s, state)
@@ -240,9 +240,9 @@ def simulate(
     """Predict current, motor torque, and the jaw's angle or the load, from the measured motion of the motor.
 
     `theta`: `parameters.NAMES`. Angles are smoothed to `bandwidth_Hz` (`smoothing`). Below `still_rad_per_s` the
-    motor's dry friction goes through zero along a line: at rest a motion doesn't tell it. `motion`: what the recorded
-    angle gives where the encoder has no error, if it is there already. ValueError when neither load nor jaw angle is
-    there, or shapes don't fit.
+    motor's dry friction is linear in speed, because at rest the motion does not determine it. `motion`: the smoothed
+    recorded angle, if there already; used where the encoder has no error. ValueError when neither load nor jaw angle
+    is there, or shapes don't fit.
     """
     rows = inputs.time_s.shape[0]
     columns = (inputs.theta_m_rad, inputs.tau_w_N_m, inputs.theta_j_rad)

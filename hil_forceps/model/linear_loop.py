@@ -1,8 +1,8 @@
-"""The mind's own simulation of the closed loop: exact steps of the linear plant, implicit friction, the drive's law.
+"""The closed loop without effects: exact steps of the linear plant, implicit friction, the drive's law.
 
 The simulated world (another package) integrates its own equations with another method and a smoothed friction; a test
-compares the two. Here the plant is stepped by its exact discretisation with inputs held, and Coulomb friction is what
-brings the velocity at the end of the step to zero, limited to its level: it can stop a mass but never drive it.
+compares the two. Here the plant is stepped by its exact discretisation with inputs held. Coulomb friction is the torque
+that brings the velocity at the end of the step to zero, limited to its level: it can stop a mass but never drive it.
 
 Plant state (4): θ_m, ω_m, θ_j, ω_j. Drive state (5): ∫e dt, last θ_enc, filtered velocity, current held, samples seen.
 """
@@ -34,19 +34,19 @@ class DriveParameters(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """Plant and drive, prepared for the kernels; make it with `make_loop`."""
+    """Plant and drive as the kernels take them, from `make_loop`."""
 
     transition: Matrix  # Φ of one plant step
     input_gain: Matrix  # Γ of one plant step
     frictions_N_m: Vector  # τ_Fm, τ_Fj
-    drive: Vector  # T, kp, ki, kd, velocity filter's share of the new value, limit
+    drive: Vector  # T, kp, ki, kd, weight of a new value in the velocity's filter, limit
     torque_constant_N_m_per_A: float
     encoder_quantum_rad: float  # 0: not quantised
     steps_per_sample: int
 
 
 class Rollout(NamedTuple):
-    """What `rollout` returns, one row per drive sample: all as they are at the instant of the sample."""
+    """Result of `rollout`, one row per sample of the drive: values at the instant of the sample."""
 
     states: Matrix  # n×4 plant states
     theta_m_rad: Vector  # encoder angle
@@ -77,7 +77,7 @@ def make_loop(
 
 
 def rest_state(plant: PlantParameters, theta_j_rad: float) -> Vector:
-    """Return the plant at rest with a slack wire (x = 0) at jaw angle `theta_j_rad`."""
+    """Return the plant at rest with an unstretched wire (x = 0) at jaw angle `theta_j_rad`."""
     ratio = plant.jaw_pulley_radius_m / plant.motor_pulley_radius_m
     return np.array([ratio * theta_j_rad, 0.0, theta_j_rad, 0.0])
 
@@ -92,7 +92,7 @@ def friction_N_m(free_velocity: float, velocity_per_torque: float, level_N_m: fl
 def plant_step(
     state: Vector, torque_N_m: float, load_N_m: float, transition: Matrix, input_gain: Matrix, frictions_N_m: Vector
 ) -> Vector:
-    """Return the plant state one step on, motor torque and jaw load held."""
+    """Return the plant state after a step, motor torque and jaw load held."""
     after = np.empty(4)
     for i in range(4):
         total = input_gain[i, 0] * torque_N_m + input_gain[i, 1] * load_N_m
@@ -100,7 +100,7 @@ def plant_step(
             total += transition[i, j] * state[j]
         after[i] = total
     motor = friction_N_m(after[1], input_gain[1, 0], frictions_N_m[0])
-    # The jaw's load counts positive against the motion, so its column is negative.
+    # The load on the jaw is positive against the motion, so its column is negative.
     jaw = friction_N_m(after[3], -input_gain[3, 1], frictions_N_m[1])
     for i in range(4):
         after[i] += input_gain[i, 1] * jaw - input_gain[i, 0] * motor
@@ -117,7 +117,7 @@ def quantise(value: float, quantum: float) -> float:
 
 @kernel
 def drive_step(state: Vector, reference_rad: float, theta_enc_rad: float, drive: Vector) -> Vector:
-    """Return the drive's state after a sample; entry `DRIVE_CURRENT` is what it holds until the next."""
+    """Return the drive's state after a sample; entry `DRIVE_CURRENT` is held until the next."""
     period, kp, ki, kd, share, limit = drive[0], drive[1], drive[2], drive[3], drive[4], drive[5]
     error = reference_rad - theta_enc_rad
     integral = state[DRIVE_INTEGRAL] + error * period
@@ -133,7 +133,7 @@ def drive_step(state: Vector, reference_rad: float, theta_enc_rad: float, drive:
 
 @kernel
 def interval(state: Vector, current_A: float, load_N_m: Vector, loop: Loop) -> Vector:
-    """Return the plant state one drive interval on; `load_N_m` has τ_w for each plant step of it."""
+    """Return the plant state after an interval of the drive; `load_N_m` has τ_w for each plant step of it."""
     for i in range(loop.steps_per_sample):
         state = plant_step(
             state,

@@ -1,4 +1,4 @@
-"""Everything that can be fitted, as one flat vector: the plant's values, then every parameter of every effect."""
+"""All parameters that can be fitted, as one flat vector: those of the plant, then those of every effect."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -28,9 +28,9 @@ def index(name: str) -> int:
 
 
 def off_value(name: str) -> float:
-    """Return what a parameter of an effect is while the effect is off; KeyError for an unknown one.
+    """Return the value of an effect's parameter while the effect is off; KeyError for an unknown one.
 
-    A shape that has no neutral value keeps the catalogue's typical one; a limit of the current is infinite.
+    A shape has no neutral value and keeps the catalogue's typical one; a limit of the current is infinite.
     """
     if name == _NO_LIMIT:
         return math.inf
@@ -39,12 +39,12 @@ def off_value(name: str) -> float:
 
 
 def neutral() -> Vector:
-    """Return the part of the vector behind the plant's values with every effect off."""
+    """Return the part of the vector after the plant's values, with every effect off."""
     return np.array([off_value(name) for name in _EFFECT_PARAMETERS])
 
 
 def vector(rig: Rig) -> Vector:
-    """Return the whole vector of a rig; UserError naming every plant value that isn't known."""
+    """Return the vector of a rig; UserError that names every unknown value of the plant."""
     theta = np.concatenate((np.array(rig.plant()), neutral()))
     for effect_id, values in rig.effects.items():
         for name, value in values.items():
@@ -53,7 +53,7 @@ def vector(rig: Rig) -> Vector:
 
 
 def rig_with(rig: Rig, theta: Vector, effect_ids: Collection[str]) -> Rig:
-    """Return the rig with the vector's values and only the named effects; UserError when that is no valid rig."""
+    """Return the rig with the vector's values and only the named effects; UserError when the result is no valid rig."""
     changes: dict[str, object] = {name: float(theta[_INDEX[name]]) for name in PLANT_NAMES}
     effects: dict[str, dict[str, float]] = {}
     for effect in EFFECTS:
@@ -64,5 +64,5 @@ def rig_with(rig: Rig, theta: Vector, effect_ids: Collection[str]) -> Rig:
             }
     if unknown := set(effect_ids) - set(effects):
         raise ValueError(f"not in the catalogue: {', '.join(sorted(unknown))}")
-    # Taken away first: what is left out must not stay.
+    # The whole section is replaced: effects that are left out must not stay.
     return rig.with_changes({**changes, "effects": effects})

@@ -1,7 +1,7 @@
-"""The plant with every effect of the catalogue: what a step of it is made of, as scalar functions.
+"""The plant with every effect of the catalogue: the scalar functions that a step consists of.
 
 The equations are those at the head of `hil_forceps/rig/catalogue.py`. Effects that add to a torque, a level, a radius
-or an angle are summed in `composition`; here is what remembers (presliding, play), and the law of the wire.
+or an angle are summed in `composition`. Here are the effects with memory (presliding, play) and the law of the wire.
 """
 
 import math
@@ -38,16 +38,16 @@ class State(NamedTuple):
     presliding: float  # z of the motor's presliding
     loaded: float  # z of the presliding that grows with tension
     gripped: float  # z of the jaw's presliding
-    lost_rad: float  # p: how far the pulley stays behind the motor
+    lost_rad: float  # p: angle by which the pulley lags the motor
     current_A: float  # true current
 
 
 class Kind(NamedTuple):
-    """What a step can leave out, told once for all of them."""
+    """What every step of a plant can leave out."""
 
-    plain: bool  # nothing beyond the linear plant with constant friction is on
-    straight: bool  # the wire is the linear plant's
-    steady: bool  # nothing but friction's level hangs on the state
+    plain: bool  # linear plant with constant dry friction
+    straight: bool  # the wire is linear
+    steady: bool  # only the level of dry friction depends on the state
     motor_directed: bool  # what brakes the motor depends on its direction
     jaw_directed: bool  # and the jaw
 
@@ -64,13 +64,13 @@ class Wire(NamedTuple):
 
 @inlined
 def dead_zone(value: float, half_width: float) -> float:
-    """Return what of `value` lies beyond ±half_width."""
+    """Return the part of `value` beyond ±half_width."""
     return value - max(-half_width, min(half_width, value))
 
 
 @inlined
 def slide(state: float, way: float, length: float) -> float:
-    """Return z after sliding `way`: z' = 1 − z sgn over way/length, exact."""
+    """Return z after a displacement `way` s: dz/ds = (1 − z sgn ds)/length, exact (Dahl)."""
     if way > 0.0:
         return 1.0 + (state - 1.0) * math.exp(-way / length)
     if way < 0.0:
@@ -80,7 +80,7 @@ def slide(state: float, way: float, length: float) -> float:
 
 @inlined
 def paid_angle(p: Physics, length_m: float) -> float:
-    """Return the jaw's angle at which it has taken a length of wire: Newton's method, exact without a lever's curve."""
+    """Return the jaw's angle at which it has taken a length of wire; by Newton's method if the lever varies."""
     theta_j = length_m / p.r_j
     if p.transmission_curve_cosine != 0.0 or p.transmission_curve_sine != 0.0:
         for _ in range(_NEWTON_ITERATIONS):
@@ -90,7 +90,7 @@ def paid_angle(p: Physics, length_m: float) -> float:
 
 @inlined
 def lost_after(p: Physics, lost_rad: float, way_rad: float) -> float:
-    """Return how far the pulley stays behind after a way of the motor: the play operator, exact."""
+    """Return the angle by which the pulley lags after a displacement of the motor: the play operator, exact."""
     if p.transmission_play_half_width_rad == 0.0:
         return 0.0
     return max(-p.transmission_play_half_width_rad, min(p.transmission_play_half_width_rad, lost_rad + way_rad))
@@ -98,7 +98,7 @@ def lost_after(p: Physics, lost_rad: float, way_rad: float) -> float:
 
 @inlined
 def followed(p: Physics, lost_rad: float, omega_m: float) -> float:
-    """Return the pulley's speed: the motor's at the end of the play that it moves to, 0 within."""
+    """Return the pulley's speed: the motor's where the play is taken up in its direction, else 0."""
     if p.transmission_play_half_width_rad == 0.0 or lost_rad * omega_m >= p.transmission_play_half_width_rad * abs(
         omega_m
     ):
@@ -125,7 +125,7 @@ def wire(
 
 @inlined
 def rub_N_m(p: Physics, presliding: float, loaded: float, tension_N: float) -> float:
-    """Return the motor's friction that builds up over a way; `presliding` and `loaded` from −1 to 1."""
+    """Return the motor's presliding friction; `presliding` and `loaded` from −1 to 1."""
     rub = p.presliding_friction_level_N_m * presliding
     if p.loaded_presliding_mu != 0.0:
         rub += p.loaded_presliding_mu * p.r_m * abs(tension_N) * loaded
@@ -134,7 +134,7 @@ def rub_N_m(p: Physics, presliding: float, loaded: float, tension_N: float) -> f
 
 @inlined
 def slid(p: Physics, presliding: float, loaded: float, way: float) -> tuple[float, float]:
-    """Return the states of the motor's friction that builds up over a way, after a way."""
+    """Return the states of the motor's presliding friction after a displacement."""
     if p.presliding_friction_level_N_m != 0.0:
         presliding = slide(presliding, way, p.presliding_friction_angle_rad)
     if p.loaded_presliding_mu != 0.0:
@@ -144,25 +144,25 @@ def slid(p: Physics, presliding: float, loaded: float, way: float) -> tuple[floa
 
 @inlined
 def grip_N_m(p: Physics, gripped: float, tension_N: float) -> float:
-    """Return the jaw's friction that builds up over a way; `gripped` from −1 to 1."""
+    """Return the jaw's presliding friction; `gripped` from −1 to 1."""
     return (p.jaw_presliding_level_N_m + p.jaw_presliding_mu * p.r_j * abs(tension_N)) * gripped
 
 
 @inlined
 def grips(p: Physics) -> bool:
-    """Whether the jaw has friction that builds up over a way."""
+    """Tell whether the jaw has presliding friction."""
     return p.jaw_presliding_level_N_m != 0.0 or p.jaw_presliding_mu != 0.0
 
 
 @inlined
 def jaw_level_N_m(p: Physics, theta_j: float) -> float:
-    """Return the level of the jaw's friction."""
+    """Return the level of the jaw's dry friction."""
     return max(0.0, jaw_friction_N_m(p, theta_j))
 
 
 @inlined
 def sided_friction_N_m(p: Physics, omega_m: float) -> float:
-    """Return by how much more the motor is braked the way it goes than at least."""
+    """Return the additional dry friction of the motor in its direction of motion."""
     if omega_m > 0.0:
         return forward_friction_N_m(p)
     return backward_friction_N_m(p) if omega_m < 0.0 else 0.0

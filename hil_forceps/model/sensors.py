@@ -1,4 +1,4 @@
-"""Channels that are recorded late: resampling of rows by a part of a row."""
+"""Delayed channels: resampling by a fraction of a row."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,9 +7,9 @@ from hil_forceps.model.parameters import Vector
 
 
 def late(values: Vector, rows: float, *, linear: bool = False) -> Vector:
-    """Return `values` (n) as they were `rows` earlier (a fraction too; negative: later), held beyond the ends.
+    """Return `values` (n) delayed by `rows` (fractional or negative, too), held beyond the ends.
 
-    Between rows: a cubic through four of them, or a line for what jumps.
+    Interpolated by a cubic through four rows, or linearly, for channels that jump.
     """
     if rows == 0.0:
         return values
@@ -32,7 +32,7 @@ def late(values: Vector, rows: float, *, linear: bool = False) -> Vector:
 def late_load(
     values: Vector, edge_rows: NDArray[np.int64], edge_fractions: Vector, rows: float
 ) -> tuple[Vector, NDArray[np.int64], Vector]:
-    """Return a load with jumps as it was `rows` earlier: values, edge_rows, edge_fractions."""
+    """Return a load with jumps, delayed by `rows`: values, edge_rows, edge_fractions."""
     n = values.shape[0]
     at = np.clip(np.arange(n) - rows, 0.0, n - 1.0)
     first = np.minimum(np.floor(at).astype(np.int64), n - 2)

@@ -1,4 +1,4 @@
-"""A measured angle as a smooth motion: value, speed and acceleration at the rows, without a shift in time."""
+"""A measured angle as a smooth motion: angle, speed and acceleration at the rows, without delay."""
 
 import math
 from typing import NamedTuple
@@ -9,7 +9,8 @@ from scipy.signal import savgol_filter
 from hil_forceps.model.parameters import Vector
 
 _POLYNOMIAL_ORDER = 3
-# y where ∫ (9/8 − 15/8 t²) cos(y t) dt over −1 … 1 is √½: the weights of a cubic's fit at the middle of its window.
+# −3 dB of a local cubic: the y at which ∫ (9/8 − 15/8 t²) cos(y t) dt over −1 … 1 is √½ (weights of the fit at the
+# middle of its window).
 _HALF_POWER_ARGUMENT = 3.34311
 
 
@@ -22,14 +23,15 @@ class Smooth(NamedTuple):
 
 
 def half_window(row_s: float, bandwidth_Hz: float) -> int:
-    """Return how many rows on each side a cubic takes in, so that it is 3 dB down at `bandwidth_Hz`."""
+    """Return the rows on each side of a local cubic that is 3 dB down at `bandwidth_Hz`."""
     return max(2, round((_HALF_POWER_ARGUMENT / (math.pi * bandwidth_Hz * row_s) - 1.0) / 2.0))
 
 
 def smooth(angle_rad: Vector, row_s: float, bandwidth_Hz: float) -> Smooth:
     """Fit a cubic to the rows around each row (n).
 
-    ValueError when `bandwidth_Hz` isn't positive. A run too short for the window is taken in with a shorter one.
+    A run shorter than the window gets a shorter one. ValueError when `bandwidth_Hz` isn't positive, or for fewer than 5
+    rows.
     """
     if not (math.isfinite(bandwidth_Hz) and bandwidth_Hz > 0.0):
         raise ValueError(f"bandwidth_Hz must be positive, got {bandwidth_Hz!r}")

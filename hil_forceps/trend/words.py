@@ -13,17 +13,17 @@ _NAMES = {
 }
 # What textbooks and data sheets give as usual causes; the data can't tell which it is.
 _BEHIND = {
-    ("forceps.motor_viscous_N_m_s_per_rad", "rises"): "grease that thickens or is colder",
-    ("forceps.motor_viscous_N_m_s_per_rad", "falls"): "grease that is lost or warmer",
-    ("forceps.motor_coulomb_N_m", "rises"): "worn or dirty bearings and seals, a brush or a guide that drags",
+    ("forceps.motor_viscous_N_m_s_per_rad", "rises"): "thicker or colder grease",
+    ("forceps.motor_viscous_N_m_s_per_rad", "falls"): "lost or warmer grease",
+    ("forceps.motor_coulomb_N_m", "rises"): "worn or dirty bearings or seals, a dragging brush or guide",
     ("forceps.motor_coulomb_N_m", "falls"): "running in",
-    ("forceps.jaw_coulomb_N_m", "rises"): "wear or dirt in the jaw's joint, a wire that drags on its guides",
+    ("forceps.jaw_coulomb_N_m", "rises"): "wear or dirt in the jaw's joint, a wire dragging on its guides",
     ("forceps.jaw_coulomb_N_m", "falls"): "running in",
-    ("forceps.wire_stiffness_N_per_m", "falls"): "a wire that stretches, strands that break, a clamp that gives",
-    ("forceps.wire_stiffness_N_per_m", "rises"): "a wire that beds in, or was replaced or pulled tighter",
-    ("motor.torque_constant_N_m_per_A", "falls"): "magnets that are warmer or weakened, a current sensor that drifts",
-    ("motor.torque_constant_N_m_per_A", "rises"): "a current sensor that drifts",
-    ("forceps.jaw_pulley_radius_m", "rises"): "a wire that rides up, an encoder's scale",
+    ("forceps.wire_stiffness_N_per_m", "falls"): "a stretched wire, broken strands, a loose clamp",
+    ("forceps.wire_stiffness_N_per_m", "rises"): "a wire that has bedded in, was replaced or was tightened",
+    ("motor.torque_constant_N_m_per_A", "falls"): "warmer or weaker magnets, a drifting current sensor",
+    ("motor.torque_constant_N_m_per_A", "rises"): "a drifting current sensor",
+    ("forceps.jaw_pulley_radius_m", "rises"): "a wire that climbs on its pulley, an encoder's scale",
     ("forceps.jaw_pulley_radius_m", "falls"): "a worn groove, an encoder's scale",
 }
 

@@ -30,14 +30,14 @@ def conclude_driven(
     identified = identify_driven(fitted, held_out, rig, options)
     found, best = identified.found, identified.found.found.best
     verdict = judge(found, rig, (UNEXPLAINED_SHARE_DRIVEN, UNSEEN_SHARE_DRIVEN))
-    options.progress("simulating the models beside the runs")
+    options.progress("simulating the runs with each model")
     models = models_of(found, verdict, identified.rig)
     shown = _shown(found.records, models, options)
     unseen = _shown(found.held_out, models, options) if found.held_out else None
     told = beside(shown, unseen, options.seed, None)
     rungs: tuple[Rung, ...] = ()
     if not options.spent():
-        options.progress("climbing the ladder")
+        options.progress("refitting the steps of the ladder")
         values = {effect.id: effect.parameters for effect in verdict.effects}
         rungs = ladder(best, found.records, found.held_out or found.records, values, told.floors, options.mapper)
     # What the extended rig holds, then, where nothing is named.

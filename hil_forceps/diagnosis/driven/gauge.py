@@ -42,7 +42,7 @@ def with_scale(shifts: Mapping[str, Shift], rig: Rig) -> tuple[dict[str, Shift],
     turned = stiffness.value * radius.value**2
     relative = float(np.hypot(_half(stiffness), 2.0 * _half(radius)))
     text = (
-        f"both radii and the stiffness have a scale in common that no sensor shows; what shows is "
+        f"no sensor shows the common scale of radii and stiffness; determined are "
         f"r_m/r_j = {ratio:.4g} [{held.value / radius.high:.4g}, {held.value / radius.low:.4g}] and "
         f"k r_j² = {turned:.4g} [{turned * (1 - relative):.4g}, {turned * (1 + relative):.4g}] N m/rad"
     )

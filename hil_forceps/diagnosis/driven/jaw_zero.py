@@ -23,7 +23,7 @@ def without_jaw_zero(
     angles = [jaw for record in records if (jaw := record.jaw_rad) is not None]
     if zero is None or abs(zero) <= FAR_SHARE * max(float(np.ptp(angle)) for angle in angles):
         return list(records), list(held_out), ()
-    note = f"theta_j_rad has its zero {zero:.4g} rad from where theta_m_rad puts it; taken out of every run"
+    note = f"theta_j_rad has an offset of {zero:.4g} rad against theta_m_rad; it is removed from every run"
     return [_moved(r, zero) for r in records], [_moved(r, zero) for r in held_out], (note,)
 
 

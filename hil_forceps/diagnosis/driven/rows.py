@@ -89,7 +89,7 @@ def driven_rows(runs: Sequence[Run]) -> tuple[list[DrivenRows], list[Finding]]:
         factor = max(1, round(1.0 / (HIGHEST_RATE_Hz * period_s)), int(np.ceil(count / MOST_ROWS)))
         found.append(_rows(run, period_s, factor, slow))
         corner_Hz = PASS_SHARE / (factor * period_s)
-        text = f"all channels low-passed at {corner_Hz:.3g} Hz, one row in {factor} used"
+        text = f"all channels are low-passed at {corner_Hz:.3g} Hz; one row in {factor} is used"
         notes.append(Finding("preparation", "note", run.name, "", text))
     return found, notes
 

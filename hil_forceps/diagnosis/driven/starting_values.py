@@ -47,9 +47,7 @@ def completed(records: Sequence[DrivenRows], rig: Rig) -> Rig:
     if not names:
         return rig
     if unbounded := [name for name in names if known(rig, name).minimum is None]:
-        raise UserError(
-            [f"{n}: is unknown and has no bounds; give {{min, max}} for the diagnosis to search in" for n in unbounded]
-        )
+        raise UserError([f"{n}: has neither a value nor bounds; give {{min, max}}" for n in unbounded])
     values = {name: _value(rig, name) for name in parameters.PLANT_NAMES}
     values |= {name: value for name, value in _guessed(guess(records), rig, records).items() if name in names}
     changes: dict[str, object] = {}

@@ -63,7 +63,7 @@ def conclude(
     found = identify(fitted, held_out, rig, options)
     verdict = judge(found, rig)
     models = models_of(found, verdict, rig)
-    options.progress("simulating the models beside the runs")
+    options.progress("simulating the runs with each model")
     rigs = (parameters.rig_with(rig, models.before, rig.effects), parameters.rig_with(rig, models.after, models.named))
     shown = _shown(fitted, found.records, rig, models, found, options)
     unseen = _shown(held_out, found.held_out, rig, models, found, options) if held_out else None
@@ -71,7 +71,7 @@ def conclude(
     options.to_draw(diagnosis)
     if options.spent():
         return diagnosis, models.extended, None
-    options.progress("looking for the next experiment")
+    options.progress("choosing the next experiment")
     made = [even.run for even in fitted]
     proposal = propose(found, rig, made, diagnosis.minimum_detectable, options.mapper)
     return replace(diagnosis, next_experiment=proposal.result), models.extended, proposal.trajectory
@@ -79,7 +79,7 @@ def conclude(
 
 def _cut_at_gaps(runs: Sequence[EvenRun]) -> list[Finding]:
     pieces = Counter(even.of for even in runs if even.of)
-    said = f"; each begins anew behind a gap of more than {LONGEST_GAP} rows, those below {FEWEST_ROWS} are left out"
+    said = f" (cut at gaps of more than {LONGEST_GAP} rows); pieces of fewer than {FEWEST_ROWS} rows are left out"
     return [Finding("pieces", "note", name, "", f"{n} pieces are used{said}") for name, n in pieces.items()]
 
 

@@ -159,6 +159,7 @@ def floors_with_strokes(
 
 def repetition(strokes: Strokes) -> Finding:
     """Say what a run that repeats itself shows of its noise."""
-    floors = ", ".join(f"{name} by {floor:.3g}" for name, floor in strokes.floor_rms.items())
-    text = f"the same stroke every {strokes.period_s:.4g} s, {strokes.times:.1f} times; noise between strokes: {floors}"
+    floors = ", ".join(f"{floor:.3g} in {name}" for name, floor in strokes.floor_rms.items())
+    repeated = f"a stroke repeats every {strokes.period_s:.4g} s, {strokes.times:.1f} times"
+    text = f"{repeated}; its repetitions differ by {floors}"
     return Finding("strokes", "note", strokes.run, "", text)

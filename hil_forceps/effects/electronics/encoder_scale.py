@@ -2,7 +2,7 @@
 
 from hil_forceps.effects.entry import Effect, Parameter
 
-# Plausible: a sensor whose gain is off by more than a tenth is no sound sensor.
+# Plausible: the gain of a sound sensor is off by a tenth at most.
 EFFECT = Effect(
     "encoder_scale",
     "sensor",

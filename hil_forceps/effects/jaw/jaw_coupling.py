@@ -19,5 +19,5 @@ EFFECT = Effect(
 
 
 def jaw_load_N_m(stiffness_N_m_per_rad: float, torque_N_m: float, theta_j_rad: float) -> float:
-    """Return the load of what the jaw is coupled to."""
+    """Return the load on the jaw by the coupling."""
     return stiffness_N_m_per_rad * theta_j_rad + torque_N_m

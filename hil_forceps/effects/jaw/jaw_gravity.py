@@ -21,7 +21,7 @@ EFFECT = Effect(
 
 
 def jaw_load_N_m(sine_N_m: float, cosine_N_m: float, theta_j_rad: float) -> float:
-    """Return the load of the jaw's weight."""
+    """Return the load on the jaw by its weight."""
     if cosine_N_m == 0.0 and sine_N_m == 0.0:
         return 0.0
     return cosine_N_m * math.cos(theta_j_rad) + sine_N_m * math.sin(theta_j_rad)

@@ -20,5 +20,5 @@ EFFECT = Effect(
 
 
 def jaw_friction_N_m(slope_N_m_per_rad: float, curvature_N_m_per_rad2: float, theta_j_rad: float) -> float:
-    """Return what the jaw's dry friction is above its constant part, which may be less than nothing."""
+    """Return the part of the jaw's dry friction that depends on its angle; may be negative."""
     return (slope_N_m_per_rad + curvature_N_m_per_rad2 * theta_j_rad) * theta_j_rad

@@ -1,4 +1,4 @@
-"""Jaw presliding."""
+"""Jaw presliding: friction at the jaw that builds up over a displacement, partly with the tension of the wire."""
 
 from hil_forceps.effects.entry import Effect, Grid, Parameter
 

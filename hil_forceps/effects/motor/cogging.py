@@ -32,7 +32,7 @@ EFFECT = Effect(
 
 
 def motor_torque_N_m(sine_N_m: float, cosine_N_m: float, harmonic: float, theta_m_rad: float) -> float:
-    """Return the torque that the motor's angle makes without current."""
+    """Return the cogging torque at an angle of the motor."""
     if sine_N_m == 0.0 and cosine_N_m == 0.0:
         return 0.0
     phase = harmonic * theta_m_rad

@@ -15,10 +15,10 @@ EFFECT = Effect(
 
 
 def forward_friction_N_m(difference_N_m: float) -> float:
-    """Return by how much more friction brakes a positive speed of the motor."""
+    """Return the additional friction at positive speeds of the motor."""
     return max(0.0, difference_N_m)
 
 
 def backward_friction_N_m(difference_N_m: float) -> float:
-    """Return by how much more friction brakes a negative speed of the motor."""
+    """Return the additional friction at negative speeds of the motor."""
     return max(0.0, -difference_N_m)

@@ -1,4 +1,4 @@
-"""Film friction: friction of the motor that a film of grease gives way to near standstill, where it flows."""
+"""Film friction: friction of a grease film, which builds up with speed and vanishes at standstill."""
 
 import math
 
@@ -31,7 +31,7 @@ EFFECT = Effect(
 
 
 def motor_friction_N_m(level_N_m: float, speed_rad_per_s: float, omega_m_rad_per_s: float) -> float:
-    """Return the film's friction at a speed; none at standstill."""
+    """Return the film's friction at a speed; 0 at standstill."""
     if level_N_m == 0.0:
         return 0.0
     return level_N_m * (1.0 - math.exp(-abs(omega_m_rad_per_s) / speed_rad_per_s))

@@ -17,7 +17,7 @@ EFFECT = Effect(
 
 
 def motor_friction_N_m(mu: float, r_m: float, tension_N: float) -> float:
-    """Return the motor's dry friction under the wire's tension."""
+    """Return the part of the motor's dry friction that the wire's tension causes."""
     return mu * r_m * abs(tension_N)
 
 

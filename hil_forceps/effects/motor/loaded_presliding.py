@@ -1,4 +1,4 @@
-"""Loaded presliding: friction that grows with the tension of the wire and builds up over a way."""
+"""Loaded presliding: friction that grows with the tension of the wire and builds up over a displacement."""
 
 from hil_forceps.effects.entry import Effect, Grid, Parameter
 

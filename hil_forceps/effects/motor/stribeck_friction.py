@@ -1,4 +1,4 @@
-"""Stribeck friction: friction of the motor higher at low speed."""
+"""Stribeck friction: friction of the motor is higher at low speed."""
 
 import math
 

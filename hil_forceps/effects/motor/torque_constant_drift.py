@@ -4,7 +4,7 @@ import math
 
 from hil_forceps.effects.entry import Effect, Grid, Parameter
 
-# Plausible: magnets lose 0.1 % of K_t a kelvin.
+# Plausible: magnets lose 0.1 % of K_t per kelvin.
 EFFECT = Effect(
     "torque_constant_drift",
     "motor",

@@ -4,7 +4,7 @@ import math
 
 from hil_forceps.effects.entry import Effect, Grid, Parameter
 
-# Plausible: ripple beyond a fifth is no sound motor.
+# Plausible: no sound motor has a ripple beyond a fifth.
 EFFECT = Effect(
     "torque_ripple",
     "motor",

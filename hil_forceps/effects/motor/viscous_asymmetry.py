@@ -15,10 +15,10 @@ EFFECT = Effect(
 
 
 def motor_viscosity_N_m_s_per_rad(difference_N_m_s_per_rad: float) -> float:
-    """Return what the mean of both directions is above D_m."""
+    """Return by how much the mean of both directions exceeds D_m."""
     return 0.5 * abs(difference_N_m_s_per_rad)
 
 
 def motor_drag_N_m(difference_N_m_s_per_rad: float, omega_m_rad_per_s: float) -> float:
-    """Return how much more than the mean one direction is braked: a torque, one way always."""
+    """Return the torque beyond the mean friction of both directions; its sign is the same in both."""
     return 0.5 * difference_N_m_s_per_rad * abs(omega_m_rad_per_s)

@@ -31,7 +31,7 @@ EFFECT = Effect(
 
 
 def motor_viscosity_N_m_s_per_rad(relative_change: float, time_constant_s: float, D_m: float, time_s: float) -> float:
-    """Return by how much the motor's viscous friction has changed at a time."""
+    """Return the change of the motor's viscous friction at a time."""
     if relative_change == 0.0:
         return 0.0
     return D_m * relative_change * (1.0 - math.exp(-time_s / time_constant_s))

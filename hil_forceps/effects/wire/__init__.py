@@ -1,1 +1,1 @@
-"""Effects of the wire and of what winds it."""
+"""Effects of the wire, its pulleys and levers."""

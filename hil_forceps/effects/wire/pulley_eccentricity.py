@@ -4,7 +4,7 @@ import math
 
 from hil_forceps.effects.entry import Effect, Parameter
 
-# Plausible: a radius that is off by more than a tenth is no sound pulley.
+# Plausible: the radius of a sound pulley varies by a tenth at most.
 EFFECT = Effect(
     "pulley_eccentricity",
     "wire",
@@ -22,14 +22,14 @@ EFFECT = Effect(
 
 
 def wound_m(sine: float, cosine: float, r_m: float, theta_p_rad: float) -> float:
-    """Return the wire that the eccentricity winds up from angle 0 on: the integral of the radius."""
+    """Return the wire that the eccentricity winds up from angle 0 on: the integral of `radius_m`."""
     if cosine == 0.0 and sine == 0.0:
         return 0.0
     return r_m * (cosine * math.sin(theta_p_rad) + sine * (1.0 - math.cos(theta_p_rad)))
 
 
 def radius_m(sine: float, cosine: float, r_m: float, theta_p_rad: float) -> float:
-    """Return what the motor pulley's radius is above its mean."""
+    """Return the deviation of the motor pulley's radius from its mean."""
     if cosine == 0.0 and sine == 0.0:
         return 0.0
     return r_m * (cosine * math.cos(theta_p_rad) + sine * math.sin(theta_p_rad))

@@ -18,10 +18,10 @@ EFFECT = Effect(
 
 
 def wound_m(pitch_m_per_turn: float, theta_p_rad: float) -> float:
-    """Return the wire that the growing radius winds up from angle 0 on."""
+    """Return the wire that the growth of the radius winds up from angle 0 on."""
     return pitch_m_per_turn * theta_p_rad * theta_p_rad / (4.0 * math.pi)
 
 
 def radius_m(pitch_m_per_turn: float, theta_p_rad: float) -> float:
-    """Return by how much the radius has grown."""
+    """Return the growth of the radius."""
     return pitch_m_per_turn * theta_p_rad / (2.0 * math.pi)

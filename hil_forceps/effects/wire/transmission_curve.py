@@ -4,7 +4,7 @@ import math
 
 from hil_forceps.effects.entry import Effect, Parameter
 
-# Plausible: a lever that turns by less than some 60 degrees to either side.
+# Plausible: a lever that turns by less than about 60 degrees to either side.
 EFFECT = Effect(
     "transmission_curve",
     "jaw",
@@ -22,14 +22,14 @@ EFFECT = Effect(
 
 
 def paid_m(sine: float, cosine: float, r_j: float, theta_j_rad: float) -> float:
-    """Return the wire that the jaw takes beyond r_j θ_j from angle 0 on: the integral of its lever."""
+    """Return the wire that the jaw takes beyond r_j θ_j from angle 0 on: the integral of `lever_m`."""
     if cosine == 0.0 and sine == 0.0:
         return 0.0
     return r_j * (cosine * math.sin(theta_j_rad) + sine * (1.0 - math.cos(theta_j_rad)))
 
 
 def lever_m(sine: float, cosine: float, r_j: float, theta_j_rad: float) -> float:
-    """Return what the lever at which the wire pulls the jaw is above r_j."""
+    """Return the deviation from r_j of the lever at which the wire pulls the jaw."""
     if cosine == 0.0 and sine == 0.0:
         return 0.0
     return r_j * (cosine * math.cos(theta_j_rad) + sine * math.sin(theta_j_rad))

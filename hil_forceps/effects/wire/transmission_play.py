@@ -1,8 +1,8 @@
-"""Transmission play."""
+"""Transmission play: lost motion behind the motor's encoder at each reversal, held by friction."""
 
 from hil_forceps.effects.entry import Effect, Parameter, Size
 
-# What nothing holds in its gap is a dead zone of tension, `wire_slack` with δ = r_m ψ: no sensor tells those.
+# Play that no friction holds is a dead zone of the tension: `wire_slack` with δ = r_m ψ. No sensor distinguishes them.
 EFFECT = Effect(
     "transmission_play",
     "motor",

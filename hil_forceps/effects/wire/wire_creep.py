@@ -2,7 +2,7 @@
 
 from hil_forceps.effects.entry import Effect, Grid, Parameter
 
-# Plausible: cables creep by some percent of their stretch, fibre ropes by up to a third.
+# Plausible: cables creep by some per cent of their stretch, fibre ropes by up to a third.
 EFFECT = Effect(
     "wire_creep",
     "wire",

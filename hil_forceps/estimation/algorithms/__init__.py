@@ -1,1 +1,1 @@
-"""One file for each algorithm; those that it offers are its `ALGORITHMS`."""
+"""One file for each algorithm; its estimators are listed in `ALGORITHMS`."""

@@ -1,12 +1,12 @@
 """The improved algorithm (the paper's section IV), literally as published and in a stable form.
 
-RFOB on (5), whose inertia holds motor and jaw, gives τ̂_ex (11); x̂ is (13). A model of the wire (15) with a free
-acceleration α runs beside it, and α is moved down the gradient of ½(x̂ − x_n)² (16), (19); τ̂_w is (20).
+RFOB on (5), whose inertia is that of motor and jaw together, gives τ̂_ex (11); x̂ is (13). A model of the wire (15)
+with a free acceleration α runs in parallel, and α descends the gradient of ½(x̂ − x_n)² (16), (19); τ̂_w is (20).
 
-As published, (15) is integrated by simple Euler (17) with h = T/2 and α is moved twice a sample: each step multiplies
-the undamped oscillation by √(1 + h²A) > 1, so x_n, α and τ̂_w leave the range of numbers; x̂ doesn't depend on them.
+As published, (15) is integrated by explicit Euler (17) with h = T/2, and α is updated twice a sample. Each step
+multiplies the undamped oscillation by √(1 + h²A) > 1, so x_n, α and τ̂_w overflow; x̂ doesn't depend on them.
 
-In the stable form only the integration differs: the velocity is moved first and the position with the new velocity
+In the stable form only the integration differs: first the velocity is updated, then the position with the new velocity
 (symplectic Euler), in as many steps as keep h√A ≤ 1. The update of α is the published one: no h makes it matter
 (docs/estimators.md).
 """
@@ -29,12 +29,12 @@ _RM, _RJ, _IM, _IJ, _DM, _FM, _FJ, _A, _CORNER, _INERTIA, _STABLE = range(11)
 
 # 0 < η ≤ 1 in (19): the largest step that the paper allows.
 _ETA = 1.0
-# A model of the wire that has run alone for so long tells nothing; it starts again at x̂. Bounds the steps of a sample.
+# After a longer gap the model of the wire starts again at x̂. Bounds the steps of a sample.
 _MAX_GAP_S = 0.1
 
 
 def constants(plant: PlantParameters, corner_rad_per_s: float, *, as_published: bool) -> NDArray[np.float64]:
-    """Return what `step` takes as constants."""
+    """Return the constants of `step`."""
     return np.array(
         [
             plant.motor_pulley_radius_m,
@@ -88,7 +88,7 @@ def _run_stable(x_hat: float, x: float, v: float, alpha: float, a: float, dt_s: 
 
 @kernel
 def start(c: NDArray[np.float64], time_ns: int, theta_m_rad: float, motor_torque_N_m: float) -> State:
-    """Return the state of a forceps at rest: the motor's torque is what the wire carries."""
+    """Return the state of a forceps at rest: the wire carries the motor's torque."""
     x_hat = _elongation(c, motor_torque_N_m, motor_torque_N_m, 0.0)
     tau_w = c[_RJ] / c[_RM] * motor_torque_N_m
     return np.array([float(time_ns), theta_m_rad, motor_torque_N_m, tau_w, x_hat, x_hat, 0.0, 0.0])

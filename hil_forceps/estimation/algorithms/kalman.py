@@ -1,16 +1,16 @@
 """Kalman filter on the whole two-inertia model with the load as a state: three hypotheses about the load, mixed.
 
-A load that now and then steps isn't a random walk of one intensity: whatever follows a step fast is noisy in between.
-So three filters run side by side. "Quiet": the load has only drifted. "Fresh": it has stepped just now, by an unknown
-amount. "Settling": it stepped a few milliseconds ago, and what the wire does since tells by how much. Each sample
-weighs them by how well they foretold it; the estimate is the weighted mean. That "fresh" is soon left again, and fed
-from both others, is what makes it ready for the next step while one is still told apart.
-(The interacting-multiple-model filter of Blom and Bar-Shalom, 1988, with the step on the transition.)
+A load that steps now and then isn't a random walk of one intensity: a filter that follows a step fast is noisy in
+between. So three filters run in parallel. "Quiet": the load has only drifted. "Fresh": it has stepped just now, by an
+unknown amount. "Settling": it stepped a few milliseconds ago, and the response of the wire since then tells by how
+much. Each sample weights them by the likelihood of their predictions; the estimate is the weighted mean. "Fresh" soon
+passes into "settling" and is entered from both others, so it is ready for the next step while the last one is still
+settling. (The interacting-multiple-model filter of Blom and Bar-Shalom, 1988, with the step on the transition.)
 
 The motor torque of a sample was held over the interval that ends there, so the prediction over it is exact for any
-stamps; its error (current noise, rounding) enters as noise of the input. The encoder's rounding is noise of the angle.
-Coulomb friction is an input too: over each stretch of time what would bring the speeds at its end to zero, limited to
-its levels. So it is the known level against the motion, and at a standstill it holds what it can.
+stamps. Its error (current noise, rounding) is noise of the input. The encoder's rounding is noise of the angle. Coulomb
+friction is an input, too: over each stretch of time the torques that would bring the speeds at its end to zero, limited
+to their levels. So friction has its level in motion, and at standstill holds as far as its level allows.
 """
 
 import math
@@ -64,19 +64,19 @@ _QUIET = 6
 _FRESH = _QUIET + _SIZE
 _SETTLING = _FRESH + _SIZE
 STATE_SIZE = _SETTLING + _SIZE
-_PREDICTED_SIZE = _SIZE + 25  # a hypothesis, and the half of its covariance's product: one piece of memory a step
+_PREDICTED_SIZE = _SIZE + 25  # a hypothesis, and an intermediate product of its covariance, in one array
 
-# Speeds at the first sample: "at rest" as far as a person can tell.
+# Variance of the speeds at the first sample, taken as at rest.
 _START_SPEED_VAR_rad2_per_s2 = 1.0
-# A sample whose interval is longer than the hold by more than this part of it has a stretch of unknown torque before.
+# Of a hold: an interval that exceeds it by more has a stretch of unknown torque before it.
 _MAX_HOLD_EXCESS_SHARE = 0.5
 _MAX_INTERVAL_DIFFERENCE_S = 1e-10
-# After so long without a sample nothing of a state is left that rest wouldn't tell as well.
+# After a longer gap the state holds no more than a start at rest.
 _MAX_GAP_S = 0.25
-# A thousand standard deviations off for every hypothesis: the angle has jumped, not the forceps moved (an encoder that
-# was reset, a sample that is wrong). To explain it would wreck the state; it starts anew, as it does after NaN.
+# A thousand standard deviations for every hypothesis: the angle has jumped (an encoder that was reset, a wrong sample).
+# The filter starts again, as it does after NaN.
 _MAX_NORMALISED_INNOVATION_SQUARED = 1e6
-# No hypothesis is ever given up: a weight of zero would stay zero.
+# No hypothesis is given up: a weight of zero would stay zero.
 _MIN_WEIGHT = 1e-12
 
 
@@ -103,7 +103,7 @@ def _predict(
     step_var: float,
     c: Constants,
 ) -> None:
-    """Write to `after` the hypothesis a stretch of time on; `step_var` is the variance of what τ_w moves by within."""
+    """Write to `after` the hypothesis after a stretch of time; `step_var`: variance of the change of τ_w within it."""
     half = after[_SIZE:]
     for i in range(5):
         mean = over[i, TORQUE_COLUMN] * torque_N_m
@@ -130,7 +130,7 @@ def _predict(
 
 @subroutine
 def _correct(after: Vector, predicted: Vector, theta_m_rad: float, angle_var: float) -> tuple[float, float]:
-    """Write to `after` the hypothesis with the angle seen; return how far off that was in variances, and its log."""
+    """Write to `after` the hypothesis given the angle; return the normalised innovation squared and log likelihood."""
     innovation = theta_m_rad - predicted[ANGLE_M]
     variance = max(0.0, predicted[5]) + angle_var
     for i in range(5):
@@ -138,12 +138,13 @@ def _correct(after: Vector, predicted: Vector, theta_m_rad: float, angle_var: fl
         after[i] = predicted[i] + gain * innovation
         for j in range(5):
             after[5 + 5 * i + j] = predicted[5 + 5 * i + j] - gain * predicted[5 + j]
-    # What is left of the angle's own row cancels to nothing above when the angle is far better seen than foretold.
+    # The angle's own row is computed apart: the difference above cancels if the measurement is far better than the
+    # prediction.
     left = angle_var / variance
     for j in range(5):
         after[5 + j] = left * predicted[5 + j]
         after[5 + 5 * j] = after[5 + j]
-    # Rounding after jumps that no forceps makes must not leave a variance below zero.
+    # Rounding after impossible jumps must not leave a negative variance.
     for i in range(5):
         after[5 + 6 * i] = max(0.0, after[5 + 6 * i])
     off = innovation * innovation / variance
@@ -152,9 +153,9 @@ def _correct(after: Vector, predicted: Vector, theta_m_rad: float, angle_var: fl
 
 @returning_arrays
 def _stretches(dt_s: float, c: Constants) -> tuple[float, Matrix, Matrix]:
-    """Return what part of an interval lies before the hold of its torque, that stretch, and the one after it.
+    """Return the share of an interval before the hold of its torque, the stretch before it, and that of the hold.
 
-    The part is 0 and the first stretch of no use where the torque was held all the time.
+    The share is 0, and the first stretch unused, if the torque was held all the time.
     """
     nominal = abs(dt_s - c[PERIOD]) < _MAX_INTERVAL_DIFFERENCE_S
     lead_s = dt_s - c[HOLD]
@@ -177,10 +178,10 @@ def _advance(
     torque_N_m: float,
     c: Constants,
 ) -> None:
-    """Write to `predicted` the hypothesis at the next sample, before its angle is seen; τ_w moves by `moves_var`.
+    """Write to `predicted` the hypothesis at the next sample, before its angle; τ_w changes with variance `moves_var`.
 
-    Before the hold the torque isn't known (the drive sends every n-th sample only, or samples were lost): it is taken
-    halfway between the torques at both ends, with half their difference as its error.
+    Before the hold the torque is unknown (the drive sends only every n-th sample, or samples were lost): it is taken as
+    the mean of the torques at both ends, with half their difference as its standard deviation.
     """
     if lead_part > 0.0:
         half_difference = 0.5 * (torque_N_m - before_N_m)
@@ -192,7 +193,7 @@ def _advance(
 
 @kernel
 def _tell(state: State, time_ns: int, torque_N_m: float, weights: tuple[float, float, float], c: Constants) -> None:
-    """Write to a state whose hypotheses stand what else there is: time, torque, weights, and the estimate."""
+    """Write time, torque, weights and estimate to a state whose hypotheses are complete."""
     quiet, fresh, settling = state[_QUIET:_FRESH], state[_FRESH:_SETTLING], state[_SETTLING:]
     state[TIME] = time_ns
     state[TORQUE] = torque_N_m
@@ -206,14 +207,14 @@ def _tell(state: State, time_ns: int, torque_N_m: float, weights: tuple[float, f
 
 @kernel
 def start(c: Constants, time_ns: int, theta_m_rad: float, motor_torque_N_m: float) -> State:
-    """Return the state of a forceps at rest: the motor's torque is what the wire carries, give or take a step."""
+    """Return the state of a forceps at rest: the wire carries the motor's torque, with the variance of a step."""
     ratio = c[RADIUS_M] / c[RADIUS_J]
     load = motor_torque_N_m / ratio
     hypothesis = np.zeros(_SIZE)
     hypothesis[ANGLE_M] = theta_m_rad
     hypothesis[ANGLE_J] = ratio * theta_m_rad - c[TURN_PER_LOAD] * load
     hypothesis[LOAD] = load
-    # At rest the jaw goes with the motor, and a load stretches the wire: two independent errors, one column each.
+    # Two independent errors, a column each: at rest the jaw follows the motor, and a load stretches the wire.
     for column, variance in (
         (np.array([1.0, 0.0, ratio, 0.0, 0.0]), c[ANGLE_VAR]),
         (np.array([0.0, 0.0, -c[TURN_PER_LOAD], 0.0, 1.0]), c[STEP_VAR]),
@@ -235,21 +236,21 @@ def start(c: Constants, time_ns: int, theta_m_rad: float, motor_torque_N_m: floa
 def _age(
     after: State, state: State, dt_s: float, stepped: Vector, c: Constants
 ) -> tuple[tuple[float, float, float], float]:
-    """Write to `after` the hypotheses after time has passed and the load may have stepped.
+    """Write to `after` the hypotheses after an interval in which the load may have stepped.
 
-    Return their weights, and how new "fresh" is. `stepped`: room for one hypothesis.
+    Return their weights, and the share of "fresh" that is new. `stepped`: room for one hypothesis.
     """
     was_fresh, was_settling = state[FRESH_WEIGHT], state[SETTLING_WEIGHT]
     was_quiet = 1.0 - was_fresh - was_settling
     quiet, fresh, settling = after[_QUIET:_FRESH], after[_FRESH:_SETTLING], after[_SETTLING:]
-    # What was fresh settles, what was settling is quiet.
+    # Fresh becomes settling, settling becomes quiet.
     ages = -math.expm1(-c[SETTLE_RATE] * dt_s) * was_fresh
     rests = -math.expm1(-c[QUIET_RATE] * dt_s) * was_settling
     to_quiet, to_settling = was_quiet + rests, was_settling - rests + ages
     mix(quiet, was_quiet / to_quiet, state[_QUIET:_FRESH], rests / to_quiet, state[_SETTLING:])
     stays = (was_settling - rests) / to_settling
     mix(settling, stays, state[_SETTLING:], ages / to_settling, state[_FRESH:_SETTLING])
-    # The load steps, out of either; so "fresh" always has in it that it just did.
+    # The load steps from either of them.
     from_quiet = -math.expm1(-c[STEP_RATE] * dt_s) * to_quiet
     from_settling = -math.expm1(-c[RESTEP_RATE] * dt_s) * to_settling
     new = from_quiet + from_settling
@@ -261,7 +262,7 @@ def _age(
 
 @subroutine
 def _weigh(weights: tuple[float, float, float], logs: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return the weights after each hypothesis has foretold a sample this well; they sum to 1, none is 0."""
+    """Return the weights given the log likelihoods of a sample; they sum to 1, none is 0."""
     best = max(logs[0], logs[1], logs[2])
     quiet = weights[0] * math.exp(logs[0] - best)
     fresh = weights[1] * math.exp(logs[1] - best)

@@ -1,8 +1,8 @@
-"""What the Kalman filter knows of forceps, load and sensors: its constants, and exact stretches of time.
+"""The Kalman filter's model of forceps, load and sensors: its constants, and exact transitions over stretches of time.
 
-State (5): θ_m, ω_m, θ_j, ω_j, τ_w. Between samples the plant is linear with the motor torque held, and τ_w is held too
+State (5): θ_m, ω_m, θ_j, ω_j, τ_w. Between samples the plant is linear with the motor torque held; τ_w is held, too,
 except where it steps. A stretch of time is a 5×11 matrix: Φ (5×5), the response to a unit of motor torque (5×1), and
-the covariance that a unit-variance step of τ_w within the stretch leaves at its end (5×5).
+the covariance at its end by a unit-variance step of τ_w within it (5×5).
 """
 
 from typing import NamedTuple
@@ -37,33 +37,33 @@ _HELD = _LEAD + _STRETCH_SIZE
 
 _FRICTION_SWEEPS = 3
 
-# Steps of τ_w within a stretch are looked for at 2**_MIN_STEP_HALVINGS places at least.
+# A step of τ_w within a stretch may be at one of 2**_MIN_STEP_HALVINGS places at least.
 _MIN_STEP_HALVINGS = 3
 
 
 class Tuning(NamedTuple):
-    """What is expected of the load, and how far model and encoder are trusted. Defaults serve any rig."""
+    """Expected changes of the load, and errors of model and encoder. The defaults serve any rig."""
 
-    # The load steps by about as much as turns the jaw by this through the wire's elasticity: 2 mN m in the paper.
+    # Standard deviation of a step of the load, as the angle that it turns the jaw by: 2 mN m in the paper.
     step_jaw_turn_rad: float = 0.04
     step_rate_per_s: float = 0.3
-    # Soon after a step another is likelier.
+    # After a step another one is more likely for a while.
     restep_rate_per_s: float = 1.0
-    # For so long a step counts as fresh, and for so long after that its effect on the wire is told apart.
+    # Mean times for which a step counts as fresh, and then as settling.
     fresh_s: float = 0.001
     settling_s: float = 0.012
     # Slow change of the load: (share of the step)² per second.
     drift_per_s: float = 1e-3
-    # The same where an encoder counts: what it blurs makes the filter follow slow change late, by √(blur/drift).
+    # The same with an encoder that counts: its rounding delays the response to slow change, by √(rounding/drift).
     drift_with_counts_per_s: float = 1e-2
-    # What friction may be off by, in parts of its level, and a count's edge, in parts of a count. A pulley that sticks
-    # carries anything between minus and plus its level: 1/√3 of it is the standard deviation of that.
+    # Error of friction as a share of its level, and of a count's edge as a share of a count. A pulley that sticks has
+    # any friction between minus and plus its level: the standard deviation of that is 1/√3 of the level.
     friction_share: float = 0.58
     count_share: float = 0.15
 
 
 class Sensors(NamedTuple):
-    """What the samples are measured with."""
+    """Resolution and noise of the samples."""
 
     encoder_quantum_rad: float
     transport_quantum_rad: float  # rounding on the way from drive to estimator, 0: none
@@ -71,7 +71,7 @@ class Sensors(NamedTuple):
     transport_quantum_A: float
 
 
-# Where neither encoder nor transport rounds, some error remains to be assumed, or the gain has no bound.
+# Without rounding by encoder and transport some error has to be assumed, else the gain has no bound.
 _MIN_ANGLE_ERROR_RAD = 1e-10
 
 
@@ -83,10 +83,10 @@ def constants(
     tuning: Tuning,
     wire_damping_N_s_per_m: float = 0.0,
 ) -> Constants:
-    """Return what the kernels take as constants.
+    """Return the constants of the kernels.
 
-    `sample_time_s` is the nominal time between samples, `hold_time_s` for how long the drive holds a current. Shorter
-    than the former when the drive sends every n-th sample; then the torque before the last hold is only guessed.
+    `sample_time_s`: nominal time between samples. `hold_time_s`: for which the drive holds a current; it is shorter if
+    the drive sends every n-th sample, and then the torque before the last hold is unknown.
     """
     r_m, r_j = plant.motor_pulley_radius_m, plant.jaw_pulley_radius_m
     hold_time_s = min(sample_time_s, hold_time_s)
@@ -124,7 +124,7 @@ def constants(
 
 
 def balanced_rates(plant: PlantParameters, wire_damping_N_s_per_m: float = 0.0) -> tuple[Matrix, NDArray[np.float64]]:
-    """Return the 6×6 rates [1/s] of state, τ_w and motor torque in units that make them alike, and these units."""
+    """Return the 6×6 rates [1/s] of state, τ_w and motor torque in balanced units, and these units."""
     a, b = continuous(plant)
     if wire_damping_N_s_per_m != 0.0:
         r_m, r_j = plant.motor_pulley_radius_m, plant.jaw_pulley_radius_m
@@ -142,7 +142,7 @@ def balanced_rates(plant: PlantParameters, wire_damping_N_s_per_m: float = 0.0) 
 
 @returning_arrays
 def lead_stretch(c: Constants) -> Matrix:
-    """Return the stretch from the last sample to where the drive began to hold the torque of this one."""
+    """Return the stretch from the last sample to the begin of the hold of this one's torque."""
     return c[_LEAD:_HELD].reshape((5, 11))
 
 
@@ -154,17 +154,17 @@ def held_stretch(c: Constants) -> Matrix:
 
 @kernel
 def stretch(c: Constants, dt_s: float) -> Matrix:
-    """Return the stretch of `dt_s`, exact but for the places where a step of τ_w may fall.
+    """Return the stretch of `dt_s`, exact but for the places where a step of τ_w may be.
 
-    A step falls at the beginning (on the last sample: a load that comes with the experiment's own time) or, as likely,
-    anywhere within.
+    A step is at the beginning (at the last sample, as of a load that is synchronous with the experiment) or, with the
+    same probability, anywhere within.
     """
     units = c[_UNITS:_LEAD]
     rates = c[_RATES:_UNITS].copy().reshape((6, 6)) * dt_s
     count = max(halvings(rates), _MIN_STEP_HALVINGS)
     transition = taylor_exponential(rates * 0.5 ** (count + 1))
-    # Mean covariance of a step within: of one in the middle of the smallest part, then by doubling, that of the second
-    # half and that of the first carried through it.
+    # Mean covariance of a step within: in the middle of the smallest part, then by doubling the mean of a step in the
+    # second half, and of one in the first half carried through the second.
     within = np.empty((5, 5))
     for i in range(5):
         for j in range(5):
@@ -191,10 +191,10 @@ def stretch(c: Constants, dt_s: float) -> Matrix:
 def frictions_N_m(
     speed_m: float, speed_j: float, over: Matrix, level_m_N_m: float, level_j_N_m: float
 ) -> tuple[float, float]:
-    """Return Coulomb friction of motor and jaw over a stretch that without it would end at these speeds.
+    """Return Coulomb friction of motor and jaw over a stretch that would end at these speeds without it.
 
-    What brings both speeds to zero, each limited to its level: Moreau's implicit rule for two masses, by projected
-    Gauss-Seidel.
+    The torques that bring both speeds to zero, each limited to its level: Moreau's implicit rule for two masses, by
+    projected Gauss-Seidel.
     """
     motor, jaw = 0.0, 0.0
     for _ in range(_FRICTION_SWEEPS):

@@ -1,7 +1,7 @@
 """The previous algorithm (the paper's section III): RFOB on (1) for the wire's tension, then (8) and (9).
 
-It takes τ_m and τ_w as constant while the wire settles; when the load steps it multiplies the tension's transient by
-(r_m²/r_j)(I_j/I_m) + r_j, which is where its spikes come from.
+It assumes that τ_m and τ_w are constant while the wire settles. When the load steps, it multiplies the transient of the
+tension by (r_m²/r_j)(I_j/I_m) + r_j, which causes its spikes.
 """
 
 import math
@@ -21,7 +21,7 @@ _RM, _RJ, _IM, _IJ, _DM, _FM, _FJ, _A, _CORNER = range(9)
 
 
 def constants(plant: PlantParameters, corner_rad_per_s: float) -> NDArray[np.float64]:
-    """Return what `step` takes as constants."""
+    """Return the constants of `step`."""
     return np.array(
         [
             plant.motor_pulley_radius_m,
@@ -52,7 +52,7 @@ def _estimate(
 
 @kernel
 def start(c: NDArray[np.float64], time_ns: int, theta_m_rad: float, motor_torque_N_m: float) -> State:
-    """Return the state of a forceps at rest: the motor's torque is what the wire carries."""
+    """Return the state of a forceps at rest: the wire carries the motor's torque."""
     tau_w, elongation = _estimate(c, motor_torque_N_m, motor_torque_N_m, 0.0)
     return np.array([float(time_ns), theta_m_rad, motor_torque_N_m, tau_w, elongation])
 

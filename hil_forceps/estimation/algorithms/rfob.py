@@ -1,8 +1,8 @@
-"""The reaction force observer: what acts on an inertia, seen as torque put in less torque seen as motion.
+"""The reaction force observer: the disturbance torque on an inertia, as applied torque less the torque of its motion.
 
 In the pseudo-integral form the disturbance is g/(s+g) [u + g I ω] − g I ω, where u is all known torque on the inertia
-I: no velocity is differentiated. The velocity is the encoder's backward difference, and the low-pass is exact for
-inputs held over the interval, whatever its length.
+I: no velocity is differentiated. The velocity is the encoder's backward difference. The low-pass is exact for inputs
+that are held over the interval, whatever its length.
 """
 
 import math

@@ -1,8 +1,8 @@
-"""Exact response of the linear plant over one step, wire taut or slack: what the rollout adds its effects to.
+"""Exact response of the linear plant over one step, wire taut or slack; effects are added to it.
 
-The linear plant is the paper's with the wire's damping and the jaw's viscosity. It is invariant to a turn of both
-pulleys together, so its response hangs on the linear stretch x = r_m θ_m − r_j θ_j and the two speeds; inputs are a
-torque on each pulley, held (mean) or a line through zero at the middle of the step (slope).
+The linear plant is the paper's, with damping of the wire and viscous friction of the jaw. It is invariant to a common
+rotation of both pulleys, so its response depends on the linear stretch x = r_m θ_m − r_j θ_j and the two speeds. Inputs
+are a torque on each pulley, held (mean) or a line through zero at the middle of the step (slope).
 """
 
 import numpy as np
@@ -14,12 +14,12 @@ from hil_forceps.model.linear.two_inertia import expm
 
 Gains = NDArray[np.float64]
 
-TAUT, SLACK = 0, 1  # rows: the wire's state, ...
-SHORT = 2  # ... and added to them, for a piece of a step
+TAUT, SLACK = 0, 1  # rows: state of the wire, ...
+SHORT = 2  # ... plus this for a piece of a step
 PIECES = 8  # of a step
-MOTOR_WAY, MOTOR_SPEED, JAW_WAY, JAW_SPEED = 0, 7, 14, 21  # where the rows begin
+MOTOR_WAY, MOTOR_SPEED, JAW_WAY, JAW_SPEED = 0, 7, 14, 21  # where each quantity's coefficients begin in a row
 FROM_STRETCH, FROM_MOTOR, FROM_JAW, MOTOR_MEAN, MOTOR_SLOPE, JAW_MEAN, JAW_SLOPE = range(7)
-VISCOSITY, STIFFNESS, DAMPING = 28, 29, 30  # of the plant that the row is for
+VISCOSITY, STIFFNESS, DAMPING = 28, 29, 30  # of the plant that the row belongs to
 SIZE = 31
 
 
@@ -39,7 +39,7 @@ def fill_gains(
     """Fill `row` (`SIZE`) with the response over `step_s` of a plant with viscosities D, stiffness k, damping c."""
     speed_unit = 1.0 / step_s
     motor_unit, jaw_unit = I_m * speed_unit * speed_unit, I_j * speed_unit * speed_unit
-    # Time in steps, angles in radians, torques in I/step²: the entries are then as large as what happens in a step.
+    # Units: time in steps, angles in radians, torques in I/step². Entries are then of the size of the response itself.
     joint = np.zeros((8, 8))
     stiff_m, stiff_j = k / motor_unit, k / jaw_unit
     damp_m, damp_j = c * speed_unit / motor_unit, c * speed_unit / jaw_unit
@@ -66,7 +66,7 @@ def fill_gains(
 
 @subroutine
 def fill_all(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
-    """Fill the table (4×`SIZE`): a step and a piece of it, taut and slack."""
+    """Fill a table (4×`SIZE`) with the responses over a step and over a piece of it, taut and slack."""
     for base, length in ((0, step_s), (SHORT, step_s / PIECES)):
         fill_gains(
             gains[base + TAUT],
@@ -96,7 +96,7 @@ def fill_all(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
 
 @subroutine
 def fill_multiples(gains: Gains, p: Physics, viscosity: float, step_s: float) -> None:
-    """Fill a table (n×`SIZE`) with the responses over one step, two, and so on, the wire taut."""
+    """Fill a table (n×`SIZE`) with the responses over one step, two, and so on, wire taut."""
     for k in range(gains.shape[0]):
         fill_gains(
             gains[k],

@@ -15,7 +15,7 @@ from hil_forceps.rig.plant import PlantParameters
 
 Matrix = NDArray[np.float64]
 
-# With the argument scaled to a norm of 1/2, the first term left out is below 2**-54 of the result.
+# For an argument with a norm of 1/2 the first omitted term is below 2**-54 of the result.
 _TAYLOR_TERMS = 14
 _MAX_TAYLOR_NORM = 0.5
 
@@ -53,7 +53,7 @@ def multiply(left: Matrix, right: Matrix) -> Matrix:
 
 @subroutine
 def halvings(matrix: Matrix) -> int:
-    """Return how often `matrix` is halved until `taylor_exponential` is exact to rounding (0 for what isn't finite)."""
+    """Return how often to halve `matrix` so that `taylor_exponential` is exact to rounding (0 if it isn't finite)."""
     norm = 0.0
     for i in range(matrix.shape[0]):
         row = 0.0
@@ -130,7 +130,7 @@ def wire_mode_squared(plant: PlantParameters) -> float:
 
 
 def total_inertia_kg_m2(plant: PlantParameters) -> float:
-    """Return I = I_m + (r_m²/r_j²) I_j of (5): the forceps as the motor feels it, wire taken as rigid."""
+    """Return I = I_m + (r_m²/r_j²) I_j of (5): inertia at the motor with a rigid wire."""
     ratio = plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m
     return plant.motor_inertia_kg_m2 + ratio * ratio * plant.jaw_inertia_kg_m2
 
@@ -147,7 +147,7 @@ def steady_elongation_m(plant: PlantParameters, tau_w_N_m: float) -> float:
 
 
 def steady_jaw_error_rad(plant: PlantParameters, tau_w_N_m: float) -> float:
-    """Return how far the jaw lags (negative) when it holds `tau_w_N_m` and nothing compensates: (3)."""
+    """Return the jaw's error (negative: it lags) when it holds `tau_w_N_m` without compensation: (3)."""
     return -steady_elongation_m(plant, tau_w_N_m) / plant.jaw_pulley_radius_m
 
 

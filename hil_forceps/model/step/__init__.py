@@ -1,1 +1,1 @@
-"""Steps of the plant with every effect: exact where it is linear, dry friction by a rule of its own."""
+"""Steps of the plant with every effect: exact for its linear part; dry friction can stop or reverse within a step."""

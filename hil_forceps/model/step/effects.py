@@ -1,7 +1,6 @@
-"""What the effects add to the linear plant over a step: values at its start and at its end, a line between.
+"""What the effects add to the linear plant over a step: values at its start and end, a line between.
 
-Stiff additions of the wire and of presliding are held back by their own stiffness, so that no size of an effect makes
-the step unstable.
+Stiff additions, of wire and presliding, are implicit, so that no size of an effect makes the step unstable.
 """
 
 from typing import NamedTuple
@@ -27,7 +26,7 @@ from hil_forceps.model.step.motion import Drive, Motion, Torques
 class Excess(NamedTuple):
     """What the effects add to the linear plant at an instant."""
 
-    wire: float  # tension above the linear
+    wire: float  # tension beyond that of the linear wire
     motor: float  # torque on the motor pulley, without the wire's and presliding
     jaw: float  # torque on the jaw, without the wire's
 
@@ -41,7 +40,7 @@ def wire_of(p: Physics, m: Motion, lost_rad: float, creep_m: float, loop: float)
 
 @inlined
 def wire_at_ends(p: Physics, kind: Kind, m: Motion, lost_rad: float, creep_m: float, loop: float) -> Wire:
-    """Return the wire at an end of a step: `wire_of`, or the linear plant's where it is that."""
+    """Return the wire at an end of a step: `wire_of`, or that of the linear plant if the wire is linear."""
     if not kind.straight:
         return wire_of(p, m, lost_rad, creep_m, loop)
     return Wire(p.r_m * m.theta_m - p.r_j * m.theta_j, linear_tension_N(p, m), p.r_m, p.r_j, False)
@@ -69,11 +68,11 @@ def excess_of(p: Physics, kind: Kind, g: Gains, s: int, m: Motion, w: Wire, d: D
 
 @inlined
 def held_back(change: float, way: float, way_of_mean: float, way_of_slope: float) -> tuple[float, float]:
-    """Return how much of a force's change over a step is put in: (mean, slope).
+    """Return mean and slope of the change of a force over a step.
 
-    `change` is what a way of `way` would bring; the force itself shortens the way by `way_of_mean` per unit of its mean
-    (0 < way_of_mean) and `way_of_slope` per unit of its slope. Soft: half of it and all of it, a line from start to
-    end. Stiff: the end's value alone, found implicitly, which damps.
+    `change`: that of a displacement `way`, which the force itself reduces by `way_of_mean` (> 0) per unit of its mean
+    and by `way_of_slope` per unit of its slope. Soft: a line from start to end, with half the change as its mean.
+    Stiff: the value at the end alone, found implicitly, which damps.
     """
     stiffness = change / way if way != 0.0 else 0.0
     if not stiffness > 0.0:
@@ -86,7 +85,7 @@ def held_back(change: float, way: float, way_of_mean: float, way_of_slope: float
 
 @inlined
 def _pull(p: Physics, g: Gains, s: int, way: float, change: float) -> tuple[float, float]:
-    """Return how much of a change of the wire's tension over a step is put in: (mean, slope)."""
+    """Return mean and slope of a change of the wire's tension over a step."""
     by_mean = p.r_m * p.r_m * g[s, MOTOR_WAY + MOTOR_MEAN] + p.r_j * p.r_j * g[s, JAW_WAY + JAW_MEAN]
     by_mean -= p.r_m * p.r_j * (g[s, MOTOR_WAY + JAW_MEAN] + g[s, JAW_WAY + MOTOR_MEAN])
     by_slope = p.r_m * p.r_m * g[s, MOTOR_WAY + MOTOR_SLOPE] + p.r_j * p.r_j * g[s, JAW_WAY + JAW_SLOPE]
@@ -106,9 +105,9 @@ def corrections(
     first: Excess,
     last: Excess,
 ) -> Torques:
-    """Return what the change of the effects over the step adds to the torques at its start, held.
+    """Return what the change of the effects over a step adds to torques that are held at their values at its start.
 
-    `ways`: the wire's (its elongation), and how much friction that builds up over a way has changed, motor and jaw.
+    `ways`: changes of the elongation and of the presliding friction of motor and jaw.
     """
     pull, pull_slope = 0.0, 0.0
     if not kind.straight:
@@ -132,7 +131,7 @@ def corrections(
 
 @inlined
 def remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: float, current_A: float) -> State:
-    """Return the state at the end of a step, with what wire and friction remember of it."""
+    """Return the state at the end of a step, with the memories of wire and friction updated."""
     creep, loop, gripped = x.creep_m, x.loop, x.gripped
     way = end.theta_m - x.theta_m_rad
     lost = lost_after(p, x.lost_rad, way)
@@ -151,6 +150,6 @@ def remembered(p: Physics, x: State, end: Motion, w0: Wire, w1: Wire, kept: floa
 
 @inlined
 def nothing_else(x: State, end: Motion, current_A: float) -> State:
-    """Return the state at the end of a step that leaves nothing in wire or friction."""
+    """Return the state at the end of a step that leaves the memories of wire and friction as they are."""
     kept = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
     return State(end.theta_m, end.omega_m, end.theta_j, end.omega_j, *kept, current_A)

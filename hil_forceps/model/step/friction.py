@@ -14,7 +14,7 @@ MOVING, STOPPED, STUCK = 0, 1, 2
 
 
 class Response(NamedTuple):
-    """What a torque over a step does: speed and way at its end, per mean and per slope."""
+    """Response to a torque over a step: speed and displacement at its end, per unit of its mean and slope."""
 
     speed_of_mean: float
     speed_of_slope: float
@@ -23,23 +23,24 @@ class Response(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """Levels of friction over a step."""
+    """Levels of dry friction over a step."""
 
     start: float
     end: float
     rest: float  # at standstill
-    forward: float  # above these for a positive speed
-    backward: float  # above these for a negative speed
+    forward: float  # in addition, for a positive speed
+    backward: float  # in addition, for a negative speed
 
 
 @inlined
 def friction(
     speed: float, free_speed: float, free_way: float, push: float, inertia_per_step: float, r: Response, levels: Levels
 ) -> tuple[float, float, int]:
-    """Return mean and slope of the friction torque (positive: brakes a positive speed), and what becomes of it.
+    """Return mean and slope of the friction torque (positive: brakes a positive speed), and the outcome.
 
-    `speed` is that at the start, exactly 0 while stuck; `free_speed` and `free_way` are what the step would end with
-    without friction; `push` is the torque at the start without friction; `inertia_per_step` is I/h.
+    The outcome is `MOVING`, `STOPPED` or `STUCK`. `speed`: at the start, exactly 0 while stuck; `free_speed` and
+    `free_way`: at the end of the step without friction; `push`: torque at the start without friction;
+    `inertia_per_step`: I/h.
     """
     if speed == 0.0:
         return _held(free_speed, free_way, r, levels)
@@ -50,7 +51,7 @@ def friction(
     end = sign * free_speed - r.speed_of_mean * mean - r.speed_of_slope * slope
     if end > 0.0:
         return sign * mean, sign * slope, MOVING
-    # The speed as a parabola from its start, with its acceleration there, to its end: where it crosses zero.
+    # Where the speed crosses zero, as a parabola with the speed and acceleration at the start and the speed at the end.
     begin, rise = sign * speed, (sign * push - first) / inertia_per_step
     bend = end - begin - rise
     share = min(1.0, 2.0 * begin / (math.sqrt(max(0.0, rise * rise - 4.0 * bend * begin)) - rise))
@@ -61,7 +62,7 @@ def friction(
     opposite = levels.rest + (levels.backward if speed > 0.0 else levels.forward)
     fate = MOVING
     after = -opposite
-    if push_there >= -opposite:  # it can't turn round: what holds from there on ends at standstill
+    if push_there >= -opposite:  # it can't reverse: friction from there on ends at standstill
         fate = STOPPED
         effect = rest * (r.speed_of_mean + 6.0 * r.speed_of_slope * share)
         after = before
@@ -74,9 +75,9 @@ def friction(
 
 @inlined
 def _held(free_speed: float, free_way: float, r: Response, levels: Levels) -> tuple[float, float, int]:
-    """Return the friction that keeps it where it is, as far as the level lets it.
+    """Return the friction that holds a mass, limited to its level.
 
-    What would hold it is a line over the step; where that line leaves the level, it breaks away.
+    The torque that would hold it is a line over the step; where the line exceeds the level, the mass breaks away.
     """
     scale = r.way_of_mean * r.speed_of_slope - r.way_of_slope * r.speed_of_mean
     mean = (free_way * r.speed_of_slope - free_speed * r.way_of_slope) / scale

@@ -1,4 +1,4 @@
-"""The motion over a step with dry friction of motor and jaw: the rule of `friction` for the one, then for the other."""
+"""The motion over a step with dry friction: the rule of `friction` for the motor, then for the jaw."""
 
 from hil_forceps.model.composition import Physics
 from hil_forceps.model.kernel import inlined
@@ -75,9 +75,9 @@ def settled_again(
     motor: Levels,
     jaw: Levels,
 ) -> Motion:
-    """Return the motion at the end with more torques, and friction that ends at other levels than it begins with.
+    """Return the motion with more torques, and with levels of friction that change over the step.
 
-    `end`: the motion as `settled` without both. Where motor and jaw go on as they went, it is linear in them.
+    `end`: the result of `settled` without both. While motor and jaw keep their direction, the motion is linear in them.
     """
     rise = motor.end - motor.start if x.omega_m_rad_per_s > 0.0 else motor.start - motor.end
     rise_j = jaw.end - jaw.start if x.omega_j_rad_per_s > 0.0 else jaw.start - jaw.end
@@ -90,7 +90,7 @@ def settled_again(
 
 @inlined
 def _go_on(x: State, end: Motion) -> bool:
-    """Tell whether motor and jaw go the way they went."""
+    """Tell whether motor and jaw keep their direction."""
     return x.omega_m_rad_per_s * end.omega_m > 0.0 and x.omega_j_rad_per_s * end.omega_j > 0.0
 
 

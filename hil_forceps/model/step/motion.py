@@ -1,4 +1,4 @@
-"""Ways and speeds of the linear plant over a step, and what drives it: rows of its exact response (`linear.gains`)."""
+"""Displacements and speeds of the linear plant over a step, by its exact response (`linear.gains`), and its inputs."""
 
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from hil_forceps.model.physics import State
 
 
 class Torques(NamedTuple):
-    """What acts on the pulleys over a step: mean and slope of each."""
+    """Torques on the pulleys over a step: mean and slope of each."""
 
     motor: float
     motor_slope: float
@@ -40,7 +40,7 @@ class Motion(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """What drives a step from outside."""
+    """Inputs of a step."""
 
     current: float  # mean over the step
     current_slope: float
@@ -53,7 +53,7 @@ class Drive(NamedTuple):
 
 @inlined
 def row_of(g: Gains, s: int, row: int, stretch: float, omega_m: float, omega_j: float, u: Torques) -> float:
-    """Return what a row of the gains makes of a state and of torques."""
+    """Return a row of the gains applied to a state and to torques."""
     total: float = g[s, row + FROM_STRETCH] * stretch
     total += g[s, row + FROM_MOTOR] * omega_m + g[s, row + FROM_JAW] * omega_j
     return total + _response(g, s, row, u)
@@ -68,7 +68,7 @@ def _response(g: Gains, s: int, row: int, u: Torques) -> float:
 
 @inlined
 def free_motion(p: Physics, g: Gains, s: int, x: State, u: Torques) -> Motion:
-    """Return ways and end speeds of a step without dry friction."""
+    """Return displacements and final speeds of a step without dry friction."""
     omega_m, omega_j = x.omega_m_rad_per_s, x.omega_j_rad_per_s
     stretch = p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad
     return Motion(
@@ -81,7 +81,7 @@ def free_motion(p: Physics, g: Gains, s: int, x: State, u: Torques) -> Motion:
 
 @inlined
 def added(g: Gains, s: int, m: Motion, u: Torques) -> Motion:
-    """Return ways and end speeds with more torques."""
+    """Return displacements and final speeds with more torques."""
     return Motion(
         m.theta_m + _response(g, s, MOTOR_WAY, u),
         m.omega_m + _response(g, s, MOTOR_SPEED, u),

@@ -1,6 +1,6 @@
-"""A step taken again in short pieces where it has to be.
+"""Steps that are repeated in short pieces where one step is too coarse.
 
-That is where the wire comes taut or slack, the motor passes through its play or the speeds at which its friction falls.
+That is where the wire becomes taut or slack, the motor passes through its play, or its friction changes with speed.
 """
 
 import math
@@ -14,10 +14,10 @@ from hil_forceps.model.step.motion import Drive, Motion
 from hil_forceps.model.step.single_step import full_step, level_step
 
 _STRIBECK_REACH = 3.0  # times the Stribeck speed: exp(−9) of the rise is left
-_MIN_FILM_REACH = 0.3  # of the film's speed: below it a step may want pieces, and up to where the film is stiff
-_MAX_SPEED_CHANGE_SHARE = 0.2  # of the speed over which friction changes: over less it is as good as a line
-# Of I/h: what friction's slope may be for a step to take it as it comes. Half of it would do for a film, by what it
-# moves; but where a fit comes by that slope χ² has a step, and one film's fit stopped there.
+_MIN_FILM_REACH = 0.3  # of the film's speed: below it, and where the film is stiff, a step may need pieces
+_MAX_SPEED_CHANGE_SHARE = 0.2  # of the speed over which friction changes: over less it is nearly linear
+# Of I/h: largest slope of friction over speed for one step. For a film's accuracy half of I/h would do, but χ² is
+# discontinuous where a fit passes that slope, and one fit of a film stopped there.
 _MAX_FRICTION_SLOPE_SHARE = 0.1
 
 
@@ -25,7 +25,7 @@ _MAX_FRICTION_SLOPE_SHARE = 0.1
 def _uneven(
     change_N_m: float, over_rad_per_s: float, reach: float, inertia_per_step: float, speeds: tuple[float, float]
 ) -> bool:
-    """Whether friction that changes over some speed, and up to `reach` times that, does so too fast for a step."""
+    """Tell whether friction that changes over a speed, and up to `reach` times it, changes too fast for one step."""
     first, last = speeds
     if min(abs(first), abs(last)) >= reach * over_rad_per_s or (first == 0.0 and last == 0.0):
         return False
@@ -39,7 +39,7 @@ def _uneven(
 
 @inlined
 def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
-    """Whether something happened in a step that wants shorter ones."""
+    """Tell whether a step has to be repeated in pieces."""
     if p.transmission_play_half_width_rad > 0.0 and (
         abs(x.lost_rad) < p.transmission_play_half_width_rad or abs(end.lost_rad) < p.transmission_play_half_width_rad
     ):
@@ -55,10 +55,10 @@ def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
     ):
         return True
     if p.film_friction_level_N_m != 0.0:
-        # Beyond, its slope is at most half of what a step can take: L/ω_f exp(−|ω|/ω_f) < I/2h.
+        # At higher speeds the film's slope is below half of I/h: L/ω_f exp(−|ω|/ω_f) < I/2h.
         over = 2.0 * p.film_friction_level_N_m / p.film_friction_speed_rad_per_s / inertia_per_step
         if min(abs(speeds[0]), abs(speeds[1])) >= max(_MIN_FILM_REACH, over - 1.0) * p.film_friction_speed_rad_per_s:
-            return False  # ln x ≤ x − 1, and far quicker
+            return False  # ln x ≤ x − 1, which takes far less time
         stiff = math.log(max(1.0, over))
         return _uneven(
             p.film_friction_level_N_m,
@@ -74,7 +74,7 @@ def _sudden(p: Physics, inertia_per_step: float, x: State, end: State) -> bool:
 def _one_step(
     p: Physics, kind: Kind, g: Gains, base: int, inertia: tuple[float, float], kept: float, x: State, d: Drive
 ) -> State:
-    """Return `full_step`, by the shorter way where the plant allows it."""
+    """Return `full_step`, or the quicker `level_step` where it is the same."""
     if kind.steady:
         return level_step(p, g, base, inertia, x, d)
     return full_step(p, kind, g, base, inertia, kept, x, d)
@@ -84,7 +84,7 @@ def _one_step(
 def _in_pieces(
     p: Physics, kind: Kind, g: Gains, inertia: tuple[float, float], kept: float, x: State, d: Drive
 ) -> State:
-    """Return the state after a step taken in `PIECES`; `kept`: what creep keeps over a piece."""
+    """Return the state after a step in `PIECES`; `kept`: share of the creep that is left after a piece."""
     scale = 1.0 / PIECES
     for piece in range(PIECES):
         at = (piece + 0.5) * scale - 0.5
@@ -99,7 +99,7 @@ def _in_pieces(
 def refined_step(
     p: Physics, kind: Kind, g: Gains, inertia: tuple[float, float], kept: tuple[float, float], x: State, d: Drive
 ) -> State:
-    """Return `full_step`, in pieces where it has to be; `kept`: what creep keeps over a step and over a piece."""
+    """Return a step, in pieces where needed; `kept`: share of the creep left after a step and after a piece."""
     end = _one_step(p, kind, g, TAUT, inertia, kept[0], x, d)
     if _sudden(p, inertia[0], x, end):
         return _in_pieces(p, kind, g, inertia, kept[1], x, d)

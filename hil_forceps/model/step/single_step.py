@@ -1,8 +1,8 @@
 """One step of the plant with every effect: exact where it is linear, second order where it is not.
 
-The linear plant answers exactly to what the step brings (`motion`); what the effects add to it is evaluated at the
-start and at the end that follows from its value at the start, and put in as a line between (`effects`). Dry friction
-has its own rule (`frictional_motion`).
+The response of the linear plant to the inputs is exact (`motion`). What the effects add is evaluated at the start, and
+at the end that is predicted with its values at the start; a line between is added (`effects`). Dry friction has its own
+rule (`frictional_motion`).
 """
 
 from hil_forceps.model.composition import (
@@ -33,9 +33,10 @@ from hil_forceps.model.step.motion import Drive, Motion, Torques, free_motion
 def full_step(
     p: Physics, kind: Kind, g: Gains, base: int, inertia: tuple[float, float], kept: float, x: State, d: Drive
 ) -> State:
-    """Return the plant's state a step on with every effect that hangs on the state.
+    """Return the plant's state after a step, with every effect that depends on the state.
 
-    `base`: where the gains for a step of this length begin; `inertia`: I/h of motor and jaw; `kept`: what creep keeps.
+    `base`: first row of the gains for a step of this length; `inertia`: I/h of motor and jaw; `kept`: share of the
+    creep that is left.
     """
     now = Motion(x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s)
     w0 = wire_at_ends(p, kind, now, x.lost_rad, x.creep_m, x.loop)
@@ -75,7 +76,7 @@ def full_step(
 
 @inlined
 def level_step(p: Physics, g: Gains, s: int, inertia: tuple[float, float], x: State, d: Drive) -> State:
-    """Return what `full_step` does where nothing but friction's level hangs on the state."""
+    """Return the result of `full_step` where only the level of dry friction depends on the state."""
     now = Motion(x.theta_m_rad, x.omega_m_rad_per_s, x.theta_j_rad, x.omega_j_rad_per_s)
     tension = linear_tension_N(p, now)
     u = Torques(d.torque_constant * d.current, d.torque_constant * d.current_slope, -d.load, -d.load_slope)
@@ -89,7 +90,7 @@ def level_step(p: Physics, g: Gains, s: int, inertia: tuple[float, float], x: St
         motor_friction_N_m(p, end.omega_m, linear_tension_N(p, end)),
         jaw_level_N_m(p, end.theta_j),
     )
-    # Far from standstill, friction that hangs on speed no longer changes: then the end is found already.
+    # Far from standstill the level no longer changes with speed: then this is the result.
     if last_level != level or last_level_j != level_j:
         motor = Levels(level, last_level, rest, forward, backward)
         jaw = Levels(level_j, last_level_j, level_j, 0.0, 0.0)
@@ -99,7 +100,7 @@ def level_step(p: Physics, g: Gains, s: int, inertia: tuple[float, float], x: St
 
 @inlined
 def plain_step(p: Physics, g: Gains, inertia: tuple[float, float], x: State, d: Drive) -> State:
-    """Return the plant's state a step on, without an effect that hangs on the state."""
+    """Return the plant's state after a step, without any effect that depends on the state."""
     forward, backward = forward_friction_N_m(p), backward_friction_N_m(p)
     motor = Levels(p.motor_coulomb, p.motor_coulomb, p.motor_coulomb, forward, backward)
     jaw = Levels(p.jaw_coulomb, p.jaw_coulomb, p.jaw_coulomb, 0.0, 0.0)

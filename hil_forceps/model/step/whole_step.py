@@ -1,8 +1,7 @@
-"""One step in place of several, while motor and jaw move on: exact for the linear plant, fourth order for effects.
+"""One step in place of several while motor and jaw keep moving: exact for the linear plant, fourth order for effects.
 
-What the effects drive over the step is the parabola through its values at the start, in the middle and at the end,
-which are looked for until they no longer change. What a parabola leaves has neither mean nor first moment: it moves no
-free pulley.
+The torques of the effects over the step are a parabola through their values at the start, in the middle and at the end.
+These are found by iteration. What a parabola leaves has neither mean nor first moment, and moves no free pulley.
 """
 
 import math
@@ -18,18 +17,19 @@ from hil_forceps.model.physics import Kind, State, Wire, grip_N_m, grips, jaw_le
 from hil_forceps.model.step.effects import excess_of, linear_tension_N, nothing_else, remembered, wire_at_ends
 from hil_forceps.model.step.motion import Drive, Motion, Torques, added, free_motion, row_of
 
-# Of the motor's friction where it is quick, dry and viscous; of each other torque as far as it is felt at the motor:
-_MAX_CHANGE_SHARE = 0.2  # what a torque may change by over the step, ...
-_MAX_BEND_SHARE = 0.1  # ... bend by, ...
-_CONVERGED_SHARE = 1e-3  # ... and change by in one more round where it is found
-_USUAL_STEPS = 4  # of a sample: where more are asked, all is to be more exact
+# Shares of the motor's friction at its speed, dry and viscous; a torque on the jaw is weighted by what it is at the
+# motor:
+_MAX_CHANGE_SHARE = 0.2  # change of a torque over the step, ...
+_MAX_BEND_SHARE = 0.1  # ... its bend (end less twice the middle), ...
+_CONVERGED_SHARE = 1e-3  # ... and what further iterations may change
+_USUAL_STEPS = 4  # in a sample; with more of them these shares are smaller
 _MAX_ITERATIONS = 8
-_SLOW_CONTRACTION = 0.5  # what a round leaves of the last one's change: of friction over speed, ...
-_FAST_CONTRACTION = 0.1  # ... and of all else
+_SLOW_CONTRACTION = 0.5  # ratio of successive changes in the iteration: of friction over speed, ...
+_FAST_CONTRACTION = 0.1  # ... and of other effects
 
 
 class Forces(NamedTuple):
-    """What effects and dry friction drive at an instant."""
+    """Torques of effects and dry friction at an instant."""
 
     motor: float
     jaw: float
@@ -37,7 +37,7 @@ class Forces(NamedTuple):
 
 
 class More(NamedTuple):
-    """What is driven more than at the start, in the middle of the step and at its end."""
+    """Torques beyond those at the start, in the middle of the step and at its end."""
 
     motor_middle: float
     motor_end: float
@@ -47,10 +47,10 @@ class More(NamedTuple):
 
 @inlined
 def suits(p: Physics, kind: Kind, steps: int) -> bool:
-    """Whether `whole_step` can be tried with so many steps a sample.
+    """Tell whether `whole_step` can be tried with so many steps in a sample.
 
-    Not with falling friction, which amplifies any difference; nor where a current isn't steady or the wire turns with
-    its oscillations, which a parabola doesn't follow.
+    Not with Stribeck friction, which amplifies differences; nor with a lag or dead time of the current or a hysteresis
+    of the wire, which a parabola doesn't follow.
     """
     return (
         p.stribeck_friction_rise_N_m == 0.0
@@ -68,7 +68,7 @@ def _even(kind: Kind, steps: int) -> bool:
 
 @returning_arrays
 def decays(p: Physics, steps: int, step_s: float) -> NDArray[np.float64]:
-    """Return what creep keeps over one step, over two, and so on."""
+    """Return the share of the creep that is left after one step, after two, and so on."""
     kept = np.empty(steps)
     for k in range(steps):
         kept[k] = math.exp(-(k + 1) * step_s / p.wire_creep_time_constant_s)
@@ -119,21 +119,21 @@ def _more(
     start: Torques,
     end: Motion,
 ) -> tuple[bool, More, Wire]:
-    """Return whether it was found, what is driven more than `first`, and the wire at the end.
+    """Return whether the iteration converged, the torques beyond `first`, and the wire at the end.
 
-    `start`: the torques with `first` all along; `end`: the ways and speeds that follow from them.
+    `start`: torques with `first` held; `end`: displacements and speeds that follow from them.
     """
     half = steps // 2 - 1
     middle = free_motion(
         p, g, half, x, Torques(start.motor, 0.0, start.jaw - 0.25 * start.jaw_slope, 0.5 * start.jaw_slope)
     )
-    drawn = p.wire_creep_share * first.wire.tension_N / p.k  # where creep goes
+    drawn = p.wire_creep_share * first.wire.tension_N / p.k  # limit of the creep
     creep, creep_end = drawn + kept[half] * (x.creep_m - drawn), drawn + kept[steps - 1] * (x.creep_m - drawn)
     scale = max(friction_N_m, motor_friction_N_m(p, x.omega_m_rad_per_s, first.wire.tension_N))
     scale += p.film_friction_level_N_m + d.viscosity * abs(x.omega_m_rad_per_s)
     if scale == 0.0:
         return False, More(0.0, 0.0, 0.0, 0.0), first.wire
-    felt = scale / (jaw_level_N_m(p, x.theta_j_rad) + scale * p.r_j / p.r_m)  # of a torque on the jaw
+    felt = scale / (jaw_level_N_m(p, x.theta_j_rad) + scale * p.r_j / p.r_m)  # weight of a torque on the jaw
     scale *= min(1.0, (_USUAL_STEPS / g.shape[0]) ** 4)
     left = _SLOW_CONTRACTION if kind.steady else _FAST_CONTRACTION
     more, moved, wire_end = More(0.0, 0.0, 0.0, 0.0), 0.0, first.wire
@@ -156,7 +156,7 @@ def _more(
 
 @inlined
 def _forces(p: Physics, kind: Kind, g: Gains, x: State, at: Motion, creep_m: float, d: Drive) -> Forces:
-    """Return what effects and friction drive at an instant after x, all of it gone one way and with no play left."""
+    """Return torques of effects and friction at an instant after x, for motion in one direction and no play left."""
     motor, jaw = 0.0, 0.0
     w = Wire(0.0, 0.0 if kind.plain else linear_tension_N(p, at), p.r_m, p.r_j, False)
     if not kind.steady:
@@ -177,7 +177,7 @@ def _forces(p: Physics, kind: Kind, g: Gains, x: State, at: Motion, creep_m: flo
 
 @inlined
 def _smooth(more: More, felt: float, scale: float) -> bool:
-    """Whether a parabola is as good as what it stands for; a half wave through the middle would not bend it."""
+    """Tell whether torques change and bend little enough for a parabola; half a cosine changes without a bend."""
     motor, jaw = max(abs(more.motor_middle), abs(more.motor_end)), max(abs(more.jaw_middle), abs(more.jaw_end))
     bend, bend_j = abs(more.motor_end - 2.0 * more.motor_middle), abs(more.jaw_end - 2.0 * more.jaw_middle)
     return max(motor, felt * jaw) <= _MAX_CHANGE_SHARE * scale and max(bend, felt * bend_j) <= _MAX_BEND_SHARE * scale
@@ -210,7 +210,7 @@ def _on_between(p: Physics, kind: Kind, g: Gains, steps: int, x: State, u: Torqu
     speed_m, speed_j = x.omega_m_rad_per_s, x.omega_j_rad_per_s
     for k in range(steps - 1):
         share = (k + 1.0) / steps
-        until = 0.5 * (share - 1.0)  # from the middle of all steps to that of those up to here
+        until = 0.5 * (share - 1.0)  # from the middle of all steps to the middle of those so far
         part = Torques(
             u.motor + until * u.motor_slope, share * u.motor_slope, u.jaw + until * u.jaw_slope, share * u.jaw_slope
         )
@@ -236,19 +236,19 @@ def _goes_on(kind: Kind, x: State, omega_m: float, omega_j: float) -> bool:
 
 @inlined
 def _moved(x: State, way: Motion) -> Motion:
-    """Return angles for ways."""
+    """Return angles for displacements."""
     return Motion(x.theta_m_rad + way.theta_m, way.omega_m, x.theta_j_rad + way.theta_j, way.omega_j)
 
 
 @inlined
 def _over_all(more: More) -> Torques:
-    """Return mean and slope over the step of the parabolas from 0 on."""
+    """Return mean and slope over the step of parabolas that begin at 0."""
     motor, jaw = (4.0 * more.motor_middle + more.motor_end) / 6.0, (4.0 * more.jaw_middle + more.jaw_end) / 6.0
     return Torques(motor, more.motor_end, jaw, more.jaw_end)
 
 
 @inlined
 def _over_half(more: More) -> Torques:
-    """Return the same over the first half of it."""
+    """Return the same over the first half of the step."""
     motor, jaw = (8.0 * more.motor_middle - more.motor_end) / 24.0, (8.0 * more.jaw_middle - more.jaw_end) / 24.0
     return Torques(motor, more.motor_middle, jaw, more.jaw_middle)

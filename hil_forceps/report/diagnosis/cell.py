@@ -15,7 +15,7 @@ def cell(diagnosis: Diagnosis) -> str:
     if rows := list(_fitted(diagnosis)):
         parts.append(table(("cause", "parameter", "fitted (95 %)", "assumed"), rows, numbers_from=2))
     if diagnosis.gain:
-        head = ("held-out runs", "RMSE before", "after", "of noise", "explained")
+        head = ("held-out runs", "RMSE before", "after", "noise floor", "explained")
         parts.append(table(head, [_gain(name, gain) for name, gain in diagnosis.gain.items()]))
     if diagnosis.reasons:
         parts.append(bullets(escaped(reason) for reason in diagnosis.reasons))

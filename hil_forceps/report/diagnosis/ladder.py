@@ -26,10 +26,10 @@ def ladder_section(diagnosis: Diagnosis, image: str) -> str:
     for name in names:
         unit = quantity(name).unit
         head += [escaped(f"{quantity(name).words}, RMSE" + (f" ({unit})" if unit else "")), "gain of the step"]
-    used = "runs never used" if diagnosis.held_out else "the runs fitted to: none was held out"
+    used = "the runs held out" if diagnosis.held_out else "the fitted runs, because none was held out"
     text = (
         f"<p>Errors on {used}. The gain of a step is its share of the squared error that the known parameters leave "
-        "above the noise floor; below zero it makes that channel worse.</p>"
+        "above the noise floor. A negative gain means that the channel became worse.</p>"
     )
     return text + image + table(head, rows, numbers_from=2) + _left(diagnosis)
 
@@ -43,7 +43,7 @@ def _left(diagnosis: Diagnosis) -> str:
     if not parts:
         return ""
     over = ", ".join(escaped(quantity(name).words) for name in diagnosis.varies_over) or _trends(diagnosis)
-    return f"<p>What stays: {', '.join(parts)}{f'; it varies over {over}' if over else ''}.</p>"
+    return f"<p>Remaining error: {', '.join(parts)}{f'; it varies over {over}' if over else ''}.</p>"
 
 
 def _trends(diagnosis: Diagnosis) -> str:
@@ -51,7 +51,7 @@ def _trends(diagnosis: Diagnosis) -> str:
     ranked = sorted((trend for trend in diagnosis.trends if trend.after > 1.0), key=lambda trend: -trend.after)
     return ", ".join(
         f"{escaped(quantity(trend.variable).words)} ({escaped(quantity(trend.channel).words)}, "
-        f"{number(trend.after)} times what chance gives)"
+        f"{number(trend.after)} times the threshold)"
         for trend in ranked[:MOST_TRENDS]
     )
 

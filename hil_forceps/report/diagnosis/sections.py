@@ -63,7 +63,7 @@ def trends(diagnosis: Diagnosis) -> str:
         )
         for trend in ranked
     )
-    head = ("residual of", "over", "ratio to chance, before", "after")
+    head = ("residual of", "over", "ratio to threshold, before", "after")
     return "<h3>What the residual depends on</h3>" + table(head, rows, numbers_from=2)
 
 
@@ -194,14 +194,15 @@ def how() -> str:
     lines = [line.strip() for line in (catalogue.__doc__ or "").splitlines() if line.startswith("    ")]
     chain = "".join(f"<li>{equation(line)}</li>" for line in lines)
     return (
-        "<p>The data are audited before any physics. The known parameters are refitted to all channels at once, with "
-        "priors from the rig, with the closed loop simulated if its law is known; the residual is compared with the "
-        "noise floor. Every entry of the catalogue is then scored by the simulation's response to it, with refitted "
-        "parameters projected out and residuals whitened; the threshold is the score by chance, for the whole "
-        "catalogue "
-        "together. Entries are added one by one as long as they exceed it, and models that are too close to the best "
-        "are kept as a set. The gain is computed on runs used neither for fitting nor for selection. "
-        "Residuals are measured less simulated.</p>"
+        "<p>The data are audited before any model. If the drive's law is known, an extended Kalman filter predicts "
+        "each row from the rows before it. Otherwise the measured motion drives the simulation. The known "
+        "parameters are fitted to the errors of the prediction, with priors from the rig. Every entry of the "
+        "catalogue is then scored: the errors are whitened, and what the fitted parameters explain is projected "
+        f"out. The threshold is the score that chance exceeds in {percent(FALSE_ALARMS)} of data sets, for the whole "
+        "catalogue together. The best entries are refitted, and added one by one as long as they exceed the "
+        "threshold. Models that are too close to the best one are kept as a set. Smooth curves without physics test "
+        "what remains. The gain is computed on runs used neither for fitting nor for selection. Residuals in the "
+        "figures are measured less simulated.</p>"
         f'<h3>Equations of the simulation</h3><ul class="chain">{chain}</ul>'
     )
 

@@ -92,4 +92,4 @@ def test_lost_frames_are_no_cause(record: Callable[..., Path], tmp_path: Path) -
     assert told["verdict"] == "consistent", told["sentence"]
     texts = [finding["text"] for finding in told["data_audit"]]
     assert any("samples missing" in text for text in texts)
-    assert not any("nothing moves" in text or "does not follow" in text for text in texts)
+    assert not any("no motion" in text or "does not follow" in text for text in texts)

@@ -74,7 +74,7 @@ def test_numbers_that_are_none_become_null_and_strict_json_takes_it() -> None:
 
 
 def test_an_empty_diagnosis_has_every_key() -> None:
-    data = to_json(Diagnosis("undetermined", "These data cannot tell."))
+    data = to_json(Diagnosis("undetermined", "No verdict is possible."))
     assert set(data) >= KEYS
     assert data["effects"] == []
     assert data["parameter_shifts"] == {}

@@ -48,39 +48,39 @@ def panels(diagnosis: Diagnosis) -> list[Panel]:
         found += _of_runs(diagnosis, run, names)
     if diagnosis.balances:
         caption = (
-            "What smooth curves find left at each balance, before and after: root of the fall of χ² by the best of "
-            f"them, over what chance gives in {percent(FALSE_ALARMS)} of data sets."
+            "Lack of fit at each balance, before and after: root of the decrease of χ² by the best smooth curves, "
+            f"relative to the threshold, which chance exceeds in {percent(FALSE_ALARMS)} of data sets."
         )
         found.append(Panel("balances", caption, lambda: balances_figure(diagnosis)))
     if diagnosis.candidates:
         caption = (
-            "How far the misfit falls when an entry of the catalogue joins the model, per step of the choice; "
-            f"the mark is what is asked: what chance gives in {percent(FALSE_ALARMS)} of data sets, the whole "
+            "Decrease of χ² when an entry of the catalogue is added to the model, for each step of the selection. "
+            f"The mark is the threshold, which chance exceeds in {percent(FALSE_ALARMS)} of data sets, the whole "
             "catalogue together."
         )
         found.append(Panel("candidates", caption, lambda: candidates_figure(diagnosis)))
     if diagnosis.ladder:
         caption = (
-            "The ladder: error of each channel with the known parameters alone and after each entry that joined, "
-            "refitted each time; dashed: noise floor."
+            "The ladder: error of each channel with the known parameters alone and after each entry that was added, "
+            "refitted each time. Dashed: noise floor."
         )
         found.append(Panel("ladder", caption, lambda: ladder_figure(diagnosis)))
     if diagnosis.parameter_shifts:
-        caption = "Parameters of the rig, fitted against assumed. Grey: the interval holds the assumed value."
+        caption = "Parameters of the rig, fitted against assumed. Grey: the interval contains the assumed value."
         found.append(Panel("parameters", caption, lambda: shifts_figure(diagnosis)))
     if diagnosis.gain:
         caption = (
-            "Runs used neither to fit nor to choose: (a) error before, after and at the noise floor, over the error "
+            "Runs held out: (a) error before, after and at the noise floor, relative to the error "
             "before; (b) share of the squared error above the floor that is explained, with its 95 % interval."
         )
         found.append(Panel("gain", caption, lambda: gain_figure(diagnosis)))
     held_out = telling_run(diagnosis, held_out=True)
     if held_out is not None and held_out is not run and names:
-        caption = f"Held-out run {held_out.name}: never used to fit or to choose. Lines as above."
+        caption = f"Held-out run {held_out.name}: used neither for fitting nor for selection. Lines as above."
         found.append(Panel("held_out", caption, lambda: traces_figure(diagnosis, held_out)))
     estimated = next((one for one in (held_out, run, *diagnosis.runs) if one and estimated_in(one)), None)
     if estimated is not None:
-        caption = f"What the estimator makes of {estimated.name} with the model before and after, and its error."
+        caption = f"Estimates in {estimated.name} with the model before and after, and their errors."
         found.append(Panel("estimates", caption, lambda: estimates_figure(diagnosis, estimated)))
     return found
 
@@ -107,12 +107,12 @@ def _of_runs(diagnosis: Diagnosis, run: RunEvidence, names: tuple[str, ...]) -> 
     density = "density before" if len(shown) > 1 else "density"
     traces = (
         f"Run {run.name}, the one with the largest misfit: measured, {given}{compared}. Below each "
-        "channel its residual, measured less simulated. The right column magnifies the part marked yellow on the left."
+        "channel its residual, measured less simulated. The right column enlarges the part marked yellow on the left."
     )
-    over_time = f"Residuals of all runs over time, {compared}. Dotted: where 95 % of mere noise lies."
+    over_time = f"Residuals of all runs over time, {compared}. Dotted: range of 95 % of pure noise."
     over = (
-        f"over what may drive it, all runs: {compared}. Grey: {density}; lines: mean with its 95 % interval. "
-        "What is only noise scatters round zero everywhere."
+        f"over variables that may cause it, all runs: {compared}. Grey: {density}; lines: mean with its 95 % "
+        "interval. The mean of pure noise is zero everywhere."
     )
     spectra = f"Amplitude density of the residuals, {compared}; a residual that is white noise lies on the floor."
     return [

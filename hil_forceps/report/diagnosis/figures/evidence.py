@@ -54,7 +54,7 @@ def balances_figure(diagnosis: Diagnosis) -> Figure:
         axes = figure.subplots()
         _bars(axes, rows - 0.2, before, BASELINE.color, "before")
         _bars(axes, rows + 0.2, after, EXTENDED.color, "after")
-        axes.axvline(1, color=FLOOR.color, ls=FLOOR.dash, lw=0.9, label="chance")
+        axes.axvline(1, color=FLOOR.color, ls=FLOOR.dash, lw=0.9, label="threshold")
         _rows(axes, labels)
         finite = np.concatenate([before, after, [1.0]])
         finite = finite[np.isfinite(finite)]
@@ -63,7 +63,7 @@ def balances_figure(diagnosis: Diagnosis) -> Figure:
             axes.set_xlim(min(0.5, 0.8 * float(finite[finite > 0].min())), 2.5 * float(finite.max()))
         else:
             axes.set_xlim(0, 1.15 * float(finite.max()))
-        axes.set_xlabel("root of the fall of χ² by the best curve, over chance")
+        axes.set_xlabel("root of the decrease of χ² by the best curves, relative to the threshold")
         legend(figure)
     return figure
 
@@ -134,7 +134,7 @@ def gain_figure(diagnosis: Diagnosis) -> Figure:
         share.axvline(0, color=REFERENCE, lw=0.4)
         lows = [100 * gain.low for gain in gains if math.isfinite(gain.low)]
         share.set_xlim(max(min([*lows, 0.0]) - 4, -120), 108)
-        share.set_xlabel("share of what the noise leaves, explained (%)")
+        share.set_xlabel("explained share of the error above noise (%)")
         panel_letter(error, "a")
         panel_letter(share, "b")
         legend(figure, error)
@@ -203,7 +203,7 @@ def _candidates(axes: Axes, group: Sequence[Candidate], rows: int) -> None:
     axes.set_xlim(0, 2 * max([*scores, *thresholds, 1.0]))
     _rows(axes, [c.id.replace("_", " ") for c in group])
     axes.set_ylim(rows - 0.4, -0.6)
-    axes.set_xlabel(r"fall of the misfit, $\Delta\chi^2$")
+    axes.set_xlabel(r"decrease of the misfit, $\Delta\chi^2$")
 
 
 def _legend_of_states(figure: Figure, states: set[str]) -> None:
@@ -212,7 +212,7 @@ def _legend_of_states(figure: Figure, states: set[str]) -> None:
         for state, color in STATE_COLORS.items()
         if state in states
     ]
-    handles.append(Line2D([], [], color=INK, lw=1.2, label="chance"))
+    handles.append(Line2D([], [], color=INK, lw=1.2, label="threshold"))
     figure.legend(handles=handles, loc="upper center", ncols=len(handles), columnspacing=1.0)
 
 

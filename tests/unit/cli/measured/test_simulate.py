@@ -104,7 +104,7 @@ def test_rows_of_other_paces() -> None:
     gap = Run("gap", {name: np.delete(values, slice(500, 520)) for name, values in run.columns.items()})
     result = simulate_beside(gap, rig)
     assert len(result.time_s) == COUNT
-    assert "gaps are bridged by straight lines, the longest of 0.021 s" in result.notes
+    assert "gaps are interpolated linearly; the longest is 0.021 s" in result.notes
     odd = Run("odd", {name: 1.3 * values if name == "time_s" else values for name, values in run.columns.items()})
     with pytest.raises(UserError, match="no whole multiple of the drive"):
         simulate_beside(odd, rig)

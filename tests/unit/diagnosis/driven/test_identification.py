@@ -92,7 +92,7 @@ def test_nothing_hidden_is_named_and_the_jaw_keeps_its_inertia(noise: NoiseKind)
 def test_starting_values_come_from_the_balances() -> None:
     case = hidden({})
     records, notes = driven_rows(case.fit)
-    assert all("one row in 6 used" in note.text for note in notes)
+    assert all("one row in 6 is used" in note.text for note in notes)
     plant = case.true.plant()
     found = guess(records)
     assert found.ratio == pytest.approx(plant.motor_pulley_radius_m / plant.jaw_pulley_radius_m, rel=0.01)
@@ -118,7 +118,7 @@ def test_what_is_unknown_is_fitted_and_no_channel_holds_a_length() -> None:
 def test_what_nothing_bounds_is_refused() -> None:
     case = hidden({})
     records, _ = driven_rows(case.fit)
-    with pytest.raises(UserError, match="no bounds"):
+    with pytest.raises(UserError, match="neither a value nor bounds"):
         completed(records, without_drive(case).with_changes({"forceps.wire_stiffness_N_per_m": "unknown"}))
 
 

@@ -46,10 +46,10 @@ def test_ladder_is_drawn_and_tabulated_with_the_gain_of_each_step(tmp_path: Path
         assert words in page.text, words
     left = (Trend("wire", "memory of tension", 30.0, 55.7), Trend("jaw", "omega", 40.0, 0.7))
     told = ladder_section(replace(diagnosis, varies_over=(), trends=left), "")
-    assert "it varies over memory of tension (wire, 55.7 times what chance gives)." in told
+    assert "it varies over memory of tension (wire, 55.7 times the threshold)." in told
     alone = replace(diagnosis, ladder=LADDER[:1], held_out=(), gain={})
     assert "none was held out" in ladder_section(alone, "")
-    assert "What stays" not in ladder_section(alone, "")
+    assert "Remaining error" not in ladder_section(alone, "")
 
 
 def test_ladder_s_figure_has_a_bar_a_step_and_a_panel_a_channel() -> None:
