@@ -12,7 +12,7 @@ from hil_forceps.control.compensator import motor_reference_rad
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.data.pandas_frame import to_pandas
 from hil_forceps.data.run import Column, Run
-from hil_forceps.diagnosis.validation.beside import SUBSTEPS, simulate_beside
+from hil_forceps.identification.simulation import SUBSTEPS, simulate_beside
 from hil_forceps.model import closed_loop
 from hil_forceps.model.closed_loop import law_vector
 from hil_forceps.model.parameters import vector

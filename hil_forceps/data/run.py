@@ -30,6 +30,7 @@ KNOWN_COLUMNS = (
 ANGLE_FROM_SPEED = "no position was recorded: theta_m_rad is the integral of the speed and begins at 0 in each run"
 
 GAP_IN_INTERVALS = 1.5  # an interval longer than this many usual ones is a gap: at least one sample is missing
+WHOLE_MULTIPLE = 0.01  # share by which rows may miss a whole multiple of a drive's sample time: clocks are off by less
 MAX_UNTOLD_JITTER_SHARE = 0.01  # of the usual interval; printed stamps of three decimals stay below it
 
 

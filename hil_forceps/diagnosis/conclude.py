@@ -6,12 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hil_forceps.audit.audit import audit
+from hil_forceps.audit.finding import Finding
 from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.data.run import ANGLE_FROM_SPEED, Run
-from hil_forceps.diagnosis.audit.audit import audit
 from hil_forceps.diagnosis.driven.conclusion import conclude_driven
 from hil_forceps.diagnosis.options import Options
-from hil_forceps.diagnosis.result import AuditFinding, Diagnosis
+from hil_forceps.diagnosis.result import Diagnosis
 from hil_forceps.diagnosis.validation.conclusion import conclude as by_filter
 from hil_forceps.diagnosis.validation.conclusion import even_runs
 from hil_forceps.rig import Rig
@@ -31,23 +32,25 @@ class Conclusion(NamedTuple):
 def diagnose(runs: Sequence[Run], rig: Rig, options: Options) -> Conclusion:
     """Diagnose runs; UserError when they can't be used at all, verdict `undetermined` when they say nothing."""
     findings = audit(runs, rig)
-    told = tuple(finding.told() for finding in findings)
     if reasons := silent(runs, rig):
-        said = f"No verdict is possible: {reasons[0]}."
-        return Conclusion(Diagnosis("undetermined", said, data_audit=told, reasons=reasons), rig)
+        return _undetermined(f"No verdict is possible: {reasons[0]}.", reasons, findings, rig)
     # Units, signs or a rig that can't be right look like marvellous effects, and the fit may not even end.
     if wrong := [finding.text for finding in findings if finding.severity == "problem"]:
         said = "No verdict is possible: the audit found errors in the data."
-        return Conclusion(Diagnosis("undetermined", said, data_audit=told, reasons=tuple(dict.fromkeys(wrong))), rig)
+        return _undetermined(said, tuple(dict.fromkeys(wrong)), findings, rig)
     if any(ANGLE_FROM_SPEED in run.notes for run in runs):
         by_angle = sorted(effect.id for effect in EFFECTS if effect.by_angle)
         options = replace(options, without=options.without | frozenset(by_angle))
         left_out = f"the angle's zero differs from run to run; left out are the effects {', '.join(by_angle)}"
-        told = (*told, AuditFinding("angle", "note", "", "theta_m_rad", left_out))
+        findings.append(Finding("angle", "note", "", "theta_m_rad", left_out))
     even = even_runs(runs, rig)
     if even is not None:
-        return Conclusion(*by_filter(even, rig, told, options))
-    return Conclusion(*conclude_driven(runs, rig, told, options))
+        return Conclusion(*by_filter(even, rig, findings, options))
+    return Conclusion(*conclude_driven(runs, rig, findings, options))
+
+
+def _undetermined(said: str, reasons: tuple[str, ...], findings: Sequence[Finding], rig: Rig) -> Conclusion:
+    return Conclusion(Diagnosis("undetermined", said, data_audit=tuple(findings), reasons=reasons), rig)
 
 
 def silent(runs: Sequence[Run], rig: Rig) -> tuple[str, ...]:

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.diagnosis.error_rates import STEP_ERROR_SHARE
-from hil_forceps.diagnosis.evidence import Mapper, pass_all
+from hil_forceps.diagnosis.evidence import Evidence, Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Adapt, Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
 from hil_forceps.diagnosis.hypotheses.search import Found, search
@@ -24,7 +25,7 @@ from hil_forceps.diagnosis.inference.fit import Fit, Posterior, fit_from
 from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
+from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.preparation.reference_timing import reference_timing
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
@@ -40,8 +41,8 @@ Vector = NDArray[np.float64]
 
 # Without a load cell, what acts on the jaw is a load, as any: nothing tells it from one.
 LIKE_A_LOAD = frozenset(entry.id for entry in EFFECTS if entry.location == "jaw")
-
-
+# Other values of the rig give the same runs, as other radii do: no experiment tells it.
+GAUGES = frozenset({"encoder_scale"})
 MOST_EFFECTS = 6
 TIMING_ROUNDS = 3  # the first tells hosts that are always alike, two more those that aren't: shares then move by < 1 %
 
@@ -58,48 +59,49 @@ class Identified(NamedTuple):
     unseen: LackOfFit | None  # beside it in the runs held out; None without any
 
 
-def identify(
-    runs: Sequence[EvenRun],
-    held_out: Sequence[EvenRun],
-    rig: Rig,
-    *,
-    mapper: Mapper,
-    without: frozenset[str] = frozenset(),
-    seed: int = 0,
-    progress: Callable[[str], None] = lambda _: None,
-    spent: Callable[[], bool] = lambda: False,
-) -> Identified:
+def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, options: Options) -> Identified:
     """Return what equally spaced runs of a drive whose law is known say of a rig.
 
     Effects that the rig holds are taken as they stand: they are neither fitted nor named.
     """
-    progress("estimating noise, commands and loads")
+    mapper = options.mapper
+    options.progress("estimating noise, commands and loads")
     noise = sensor_noise([even.run for even in runs], rig)
     records, unseen_records = records_of(runs, held_out, rig, noise, mapper)
-    without |= frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
-    weigh = by_student_t if is_approximate(noise, records) else over_dispersion
+    without = options.without | frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
     how = Search(
         records,
         known_of(rig, records),
         mapper,
         without,
-        seed,
-        progress,
-        spent,
+        options.seed,
+        options.progress,
+        options.spent,
         adapting(mapper),
         STEP_ERROR_SHARE,
         tied_share=0.0,
         geared=False,
         friction_decides=True,
         most_effects=MOST_EFFECTS,
-        weigh=weigh,
+        weigh=by_student_t if is_approximate(noise, records) else over_dispersion,
     )
-    found = search(how, parameters.vector(rig))
-    progress("testing the lack of fit")
-    after = omnibus_test(found.best.fit, mapper, seed, weigh)
-    before = omnibus_test(found.baseline, mapper, seed, weigh) if found.best.effects else after
-    unseen = left_unseen(found.best.fit, unseen_records, mapper, seed, weigh) if unseen_records else None
+    found, before, after, unseen = searched(how, rig, unseen_records, left_unseen)
     return Identified(noise, records, unseen_records, found, before, after, unseen)
+
+
+def searched(
+    how: Search, rig: Rig, held_out: Sequence[Evidence], unseen: Callable[..., LackOfFit]
+) -> tuple[Found, LackOfFit, LackOfFit, LackOfFit | None]:
+    """Return what a search finds, what the known parameters and the best model leave, and the latter in runs held out.
+
+    `unseen`: of fit, runs, mapper, seed and weights of gains, what the fit leaves in runs that it has never seen.
+    """
+    found = search(how, parameters.vector(rig))
+    best, given = found.best.fit, (how.mapper, how.seed, how.weigh)
+    how.progress("testing the lack of fit")
+    after = omnibus_test(best, *given)
+    before = omnibus_test(found.baseline, *given) if found.best.effects else after
+    return found, before, after, unseen(best, held_out, *given) if held_out else None
 
 
 def is_approximate(noise: Noise, records: Sequence[Record]) -> bool:

@@ -8,22 +8,16 @@ from hil_forceps.diagnosis.evidence import Mapper
 from hil_forceps.diagnosis.result import Diagnosis
 from hil_forceps.rig.errors import UserError
 
-Progress = Callable[[str], None]
-
 HELD_OUT_SHARE = 3  # one run in three is held out
 
 
-def no_progress(_: str) -> None:
-    """Say nothing."""
+def do_nothing(_: object) -> None:
+    """Tell and draw nothing."""
 
 
 def never() -> bool:
     """Say no."""
     return False
-
-
-def not_drawn(_: Diagnosis) -> None:
-    """Draw nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,9 +28,9 @@ class Options:
     hold_out: tuple[str, ...] = ()  # names of runs to hold out; none: chosen here
     seed: int = 0
     mapper: Mapper = map
-    progress: Progress = no_progress
+    progress: Callable[[str], None] = do_nothing
     # Told all that figures show, while the next experiment is still looked for; may come from a thread of its own.
-    to_draw: Callable[[Diagnosis], None] = not_drawn
+    to_draw: Callable[[Diagnosis], None] = do_nothing
     spent: Callable[[], bool] = never  # whether the time that was allowed is spent
 
 

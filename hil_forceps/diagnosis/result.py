@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.audit.finding import Finding
 from hil_forceps.rig.catalogue import Location
 
 Vector = NDArray[np.float64]
@@ -73,17 +74,6 @@ class NextExperiment:
     separates: tuple[tuple[str, ...], ...]
     predicted_separation: float  # effect size d between the tied models, in standard deviations
     why: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class AuditFinding:
-    """Something about the data themselves."""
-
-    kind: str
-    severity: Literal["note", "warning", "problem"]
-    run: str
-    channel: str
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +143,7 @@ class Diagnosis:
     parameter_shifts: Mapping[str, Shift] = field(default_factory=dict)
     gain: Mapping[str, Gain] = field(default_factory=dict)
     held_out: tuple[str, ...] = ()
-    data_audit: tuple[AuditFinding, ...] = ()
+    data_audit: tuple[Finding, ...] = ()
     minimum_detectable: Mapping[str, Detectable] = field(default_factory=dict)
     next_experiment: NextExperiment | None = None
     varies_over: tuple[str, ...] = ()  # of what no entry explains
@@ -186,39 +176,37 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "balances": [_fields(balance) for balance in diagnosis.balances],
         "trends": [_fields(trend) for trend in diagnosis.trends],
         "ladder": [_rung(rung) for rung in diagnosis.ladder],
-        "noise_sd": {name: _number(sd) for name, sd in diagnosis.noise_sd.items()},
+        "noise_sd": {name: plain(sd) for name, sd in diagnosis.noise_sd.items()},
     }
     return data
 
 
 def _effect(effect: NamedEffect) -> dict[str, Any]:
-    parameters = {
-        name: {"value": _number(p.value), "unit": p.unit, "ci95": _interval(p)} for name, p in effect.parameters.items()
-    }
     return {
         "id": effect.id,
-        "confidence": _number(effect.confidence),
+        "confidence": plain(effect.confidence),
         "location": effect.location,
-        "parameters": parameters,
+        "parameters": _estimates(effect.parameters),
     }
 
 
 def _rung(rung: Rung) -> dict[str, Any]:
-    parameters = {
-        name: {"value": _number(p.value), "unit": p.unit, "ci95": _interval(p)} for name, p in rung.parameters.items()
-    }
     return {
         "id": rung.id,
-        "rmse": {name: _number(error) for name, error in rung.rmse.items()},
-        "gain": {name: _number(gain) for name, gain in rung.gain.items()},
-        "parameters": parameters,
+        "rmse": {name: plain(error) for name, error in rung.rmse.items()},
+        "gain": {name: plain(gain) for name, gain in rung.gain.items()},
+        "parameters": _estimates(rung.parameters),
     }
+
+
+def _estimates(parameters: Mapping[str, Estimate]) -> dict[str, Any]:
+    return {name: {"value": plain(p.value), "unit": p.unit, "ci95": _interval(p)} for name, p in parameters.items()}
 
 
 def _shift(shift: Shift) -> dict[str, Any]:
     return {
-        "assumed": _number(shift.assumed),
-        "fitted": _number(shift.fitted.value),
+        "assumed": plain(shift.assumed),
+        "fitted": plain(shift.fitted.value),
         "unit": shift.fitted.unit,
         "ci95": _interval(shift.fitted),
     }
@@ -226,29 +214,30 @@ def _shift(shift: Shift) -> dict[str, Any]:
 
 def _gain(gain: Gain) -> dict[str, Any]:
     return {
-        "baseline_rmse": _number(gain.baseline_rmse),
-        "extended_rmse": _number(gain.extended_rmse),
-        "floor_rmse": _number(gain.floor_rmse),
-        "explained_share": _number(gain.explained_share),
-        "ci95": [_number(gain.low), _number(gain.high)],
+        "baseline_rmse": plain(gain.baseline_rmse),
+        "extended_rmse": plain(gain.extended_rmse),
+        "floor_rmse": plain(gain.floor_rmse),
+        "explained_share": plain(gain.explained_share),
+        "ci95": [plain(gain.low), plain(gain.high)],
     }
 
 
 def _interval(estimate: Estimate) -> list[float | None]:
-    return [_number(estimate.low), _number(estimate.high)]
+    return [plain(estimate.low), plain(estimate.high)]
 
 
-def _number(value: float | None) -> float | None:
+def plain(value: float | None) -> float | None:
+    """Return a number as JSON can have it: None where it isn't finite."""
     return float(value) if value is not None and math.isfinite(value) else None
 
 
 def _fields(item: object) -> dict[str, Any]:
-    plain: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     for name in item.__slots__:  # type: ignore[attr-defined]  # frozen slotted dataclasses of numbers and text only
         value = getattr(item, name)
         if isinstance(value, float):
-            value = _number(value)
+            value = plain(value)
         elif isinstance(value, tuple):
             value = [list(part) if isinstance(part, tuple) else part for part in value]
-        plain[name] = value
-    return plain
+        found[name] = value
+    return found

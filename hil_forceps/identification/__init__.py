@@ -1,1 +1,1 @@
-"""Models fitted to measured runs, and held against runs that were left out."""
+"""Models held against measured runs: simulated beside them, or fitted and compared in runs that were left out."""

@@ -20,6 +20,7 @@ import numpy as np
 from scipy import stats
 
 from hil_forceps.diagnosis.identification import Identified, identify
+from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.result import TWO_SIDED_95
 from hil_forceps.diagnosis.validation.verdict import judge
 from hil_forceps.rig import Rig
@@ -41,10 +42,10 @@ def run_case(case: Drawn, *, usual: bool) -> Outcome:
     try:
         without = frozenset(case.effects) if case.kind == "deleted" else frozenset()
         fitted, unseen = even_parts(made)
-        found = identify(fitted, unseen, made.assumed, mapper=map, without=without)
+        found = identify(fitted, unseen, made.assumed, Options(without))
         record |= _told(found, made.assumed, made.true)
         if case.kind == "deleted":
-            whole = judge(identify(fitted, unseen, made.assumed, mapper=map), made.assumed)
+            whole = judge(identify(fitted, unseen, made.assumed, Options()), made.assumed)
             record["only_candidate"] = whole.sets == (case.effects,)
     except Exception as problem:  # whatever goes wrong is a result of the campaign
         where = traceback.extract_tb(problem.__traceback__)[-1]

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hil_forceps.data.even_rows import EvenRun, even_rows
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from tests.hidden_effects.cases import drawn_effect, drawn_shifts

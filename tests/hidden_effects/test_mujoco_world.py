@@ -5,8 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.diagnosis.identification import identify
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
+from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.validation.verdict import judge
 from hil_forceps.rig import Rig
 from tests.hidden_effects.generator import RIG
@@ -34,7 +35,7 @@ def diagnosed(rig: Rig, hidden: Hidden, seed: int) -> tuple[str, tuple[tuple[str
     """Return verdict, sets, and the parameters of what is named."""
     runs = [mujoco_run(rig, SCENARIOS[kind], seed + i, hidden) for i, kind in enumerate((*FITTED, *HELD_OUT))]
     even = [EvenRun.whole(run) for run in runs]
-    found = judge(identify(even[: len(FITTED)], even[len(FITTED) :], rig, mapper=POOL.map), rig)
+    found = judge(identify(even[: len(FITTED)], even[len(FITTED) :], rig, Options(mapper=POOL.map)), rig)
     values = {name: p.value for effect in found.effects for name, p in effect.parameters.items()}
     return found.verdict, found.sets, values
 

@@ -9,13 +9,14 @@ from hil_forceps.bench.session import Plan, run_session, service_config
 from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from hil_forceps.cli.arguments.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.even_rows import EvenRun, even_rows
 from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis import identification
 from hil_forceps.diagnosis.experiment_design.next_experiment import MOST_RIVALS, propose
 from hil_forceps.diagnosis.identification import Identified, identify
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
-from hil_forceps.diagnosis.validation.verdict import detectable
+from hil_forceps.diagnosis.options import Options
+from hil_forceps.diagnosis.validation.numbers import detectable
 from hil_forceps.drives.registry import machine_for, sample_period_s
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
@@ -38,7 +39,7 @@ ABOVE = 2.0  # and more: predicted is what four of five cases reach, not their m
 
 def identified(runs: list[Run], held: Run, rig: Rig) -> Identified:
     without = frozenset(EFFECT_IDS) - LOOKED_FOR
-    return identify([evenly(run, rig) for run in runs], [evenly(held, rig)], rig, mapper=map, without=without)
+    return identify([evenly(run, rig) for run in runs], [evenly(held, rig)], rig, Options(without))
 
 
 def evenly(run: Run, rig: Rig) -> EvenRun:

@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
+from hil_forceps.audit.finding import Finding, Severity
 from hil_forceps.cli.terminal.notes import note_console
 from hil_forceps.cli.terminal.tables import FILE_COLUMNS, print_table
 from hil_forceps.data.readers.format import Choice
@@ -17,7 +18,6 @@ from hil_forceps.data.readers.read_run import read_run
 from hil_forceps.data.readers.tables.columns import OnColumns
 from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.audit.audit import Finding, Severity
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 

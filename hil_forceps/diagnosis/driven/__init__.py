@@ -5,12 +5,10 @@ smoothing        what drives, without its noise
 jaw_zero         the zero between both encoders, common to all runs
 starting_values  of what the rig doesn't know, by least squares on the balances
 simulation       torque or current, and the jaw's angle, from motion and load
-runs             runs as the search takes them
-passed           a run beside a model (`evidence.Passed`)
+passed           runs as the search takes them, and beside models (`evidence.Passed`), zeros of sensors fitted
 whitening        the autoregressive filter that makes a channel's noise white
 noise            what neither a model nor a regression on the catalogue explains
 identification   from rows to the models that the search finds
-play             models beside runs, zeros of sensors fitted
 ladder           what each entry gained, in runs held out
 gauge            what no sensor shows: radii and stiffness have a scale in common
 conclusion       from runs to the whole result

@@ -1,26 +1,27 @@
 """Identify a forceps from runs whose drive isn't known, driven by the motion as measured."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from hil_forceps.audit.finding import Finding
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.driven.jaw_zero import without_jaw_zero
 from hil_forceps.diagnosis.driven.noise import Adapting, noise_of_strokes
-from hil_forceps.diagnosis.driven.passed import DrivenRun
+from hil_forceps.diagnosis.driven.passed import DrivenRun, driven_runs
 from hil_forceps.diagnosis.driven.rows import driven_rows
-from hil_forceps.diagnosis.driven.runs import driven_runs
 from hil_forceps.diagnosis.driven.starting_values import K_T, completed
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
-from hil_forceps.diagnosis.hypotheses.search import fit_known, search
-from hil_forceps.diagnosis.identification import LIKE_A_LOAD, Identified
+from hil_forceps.diagnosis.hypotheses.search import fit_known
+from hil_forceps.diagnosis.identification import GAUGES, LIKE_A_LOAD, Identified, searched
+from hil_forceps.diagnosis.inference.dispersion import Weigh
 from hil_forceps.diagnosis.inference.fit import Fit, Posterior
 from hil_forceps.diagnosis.inference.parameters import Free, known, known_parameters
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
-from hil_forceps.diagnosis.result import AuditFinding
+from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
@@ -29,7 +30,6 @@ from hil_forceps.rig import Rig
 # lies flat, for the worse in the runs held out).
 LEAST_SHARE = 0.01  # of what is explained, that a further entry must gain
 MOST_EFFECTS = 8  # a real instrument has many
-GAUGES = frozenset({"encoder_scale"})  # other radii give the same
 
 
 class DrivenIdentified(NamedTuple):
@@ -37,7 +37,7 @@ class DrivenIdentified(NamedTuple):
 
     found: Identified
     rig: Rig  # with a starting value for all that it doesn't know
-    notes: tuple[AuditFinding, ...]
+    notes: tuple[Finding, ...]
 
 
 class Prepared(NamedTuple):
@@ -46,38 +46,28 @@ class Prepared(NamedTuple):
     search: Search
     rig: Rig  # with a starting value for all that it doesn't know
     held_out: list[DrivenRun]
-    notes: tuple[AuditFinding, ...]
+    notes: tuple[Finding, ...]
 
 
-def prepared(
-    runs: Sequence[Run],
-    held_out: Sequence[Run],
-    rig: Rig,
-    *,
-    mapper: Mapper,
-    without: frozenset[str] = frozenset(),
-    seed: int = 0,
-    progress: Callable[[str], None] = lambda _: None,
-    spent: Callable[[], bool] = lambda: False,
-) -> Prepared:
+def prepared(runs: Sequence[Run], held_out: Sequence[Run], rig: Rig, options: Options) -> Prepared:
     """Smooth runs and put a search over them together; UserError as `identify_driven`."""
-    progress("smoothing the runs")
+    options.progress("smoothing the runs")
     rows, notes = driven_rows(runs)
     held, more = driven_rows(held_out)
     rows, held, zeros = without_jaw_zero(rows, held)
-    notes += [*more, *(AuditFinding("preparation", "note", "", "", zero) for zero in zeros)]
+    notes += [*more, *(Finding("preparation", "note", "", "", zero) for zero in zeros)]
     rig = completed(rows, rig)
-    fitted = driven_runs(rows)
-    without |= frozenset(rig.effects) | GAUGES
+    fitted, mapper = driven_runs(rows), options.mapper
+    without = options.without | frozenset(rig.effects) | GAUGES
     without |= frozenset() if any(run.load_measured for run in fitted) else LIKE_A_LOAD
     how = Search(
         fitted,
         known_of(rig, fitted),
         mapper,
         without,
-        seed,
-        progress,
-        spent,
+        options.seed,
+        options.progress,
+        options.spent,
         Adapting(without, mapper, noise_of_strokes(fitted)),
         LEAST_SHARE,
         tied_share=LEAST_SHARE,  # a further parameter is to gain no less than a further entry
@@ -89,26 +79,10 @@ def prepared(
     return Prepared(how, rig, driven_runs(held) if held else [], tuple(notes))
 
 
-def identify_driven(
-    runs: Sequence[Run],
-    held_out: Sequence[Run],
-    rig: Rig,
-    *,
-    mapper: Mapper,
-    without: frozenset[str] = frozenset(),
-    seed: int = 0,
-    progress: Callable[[str], None] = lambda _: None,
-    spent: Callable[[], bool] = lambda: False,
-) -> DrivenIdentified:
+def identify_driven(runs: Sequence[Run], held_out: Sequence[Run], rig: Rig, options: Options) -> DrivenIdentified:
     """Return what runs say of a rig; UserError where a run can't serve, or nothing bounds an unknown parameter."""
-    how, rig, unused, notes = prepared(
-        runs, held_out, rig, mapper=mapper, without=without, seed=seed, progress=progress, spent=spent
-    )
-    found = search(how, parameters.vector(rig))
-    progress("testing the lack of fit")
-    after = omnibus_test(found.best.fit, mapper, seed, None)
-    before = omnibus_test(found.baseline, mapper, seed, None) if found.best.effects else after
-    unseen = left_unseen(found.best.fit, unused, mapper, seed) if unused else None
+    how, rig, unused, notes = prepared(runs, held_out, rig, options)
+    found, before, after, unseen = searched(how, rig, unused, left_unseen)
     runs_of_best = tuple(passed.run for passed in found.best.fit.passes.runs)
     nothing = Noise(np.zeros(3), np.zeros(3), np.zeros(3))  # of the filter's sensors: there is no filter
     whole = Identified(nothing, runs_of_best, tuple(unused), found, before, after, unseen)
@@ -117,7 +91,7 @@ def identify_driven(
 
 def fit_driven(runs: Sequence[Run], rig: Rig) -> tuple[Fit, int]:
     """Return the fit of the known parameters alone, and how many rows it used; UserError where a run can't serve."""
-    how, rig, _, _ = prepared(runs, [], rig, mapper=map)
+    how, rig, _, _ = prepared(runs, [], rig, Options())
     return fit_known(how, parameters.vector(rig)), sum(int(run.mask.sum()) for run in how.runs)
 
 
@@ -133,10 +107,12 @@ def known_of(rig: Rig, runs: Sequence[DrivenRun]) -> tuple[Free, ...]:
     return tuple(free for free in told if channel == "current_A" or free.name != K_T)
 
 
-def left_unseen(fitted: Fit, held_out: Sequence[DrivenRun], mapper: Mapper, seed: int) -> LackOfFit:
+def left_unseen(
+    fitted: Fit, held_out: Sequence[DrivenRun], mapper: Mapper, seed: int, weigh: Weigh | None
+) -> LackOfFit:
     """Return what a fit leaves in runs that it has never seen, beside noise as in those that it was fitted to."""
     theta, white = fitted.passes.theta, fitted.passes.runs[0].run.white
     runs = list(mapper(lambda run: run.adapted(theta, white), held_out))
     passes = pass_all(runs, theta, mapper)
     prior = Prior.by_fit(Posterior.of(fitted), fitted.free, theta)
-    return omnibus_test(fitted._replace(passes=passes), mapper, seed, None, prior)
+    return omnibus_test(fitted._replace(passes=passes), mapper, seed, weigh, prior)

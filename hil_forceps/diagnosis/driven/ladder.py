@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil_forceps.diagnosis.driven.passed import DrivenRun
-from hil_forceps.diagnosis.driven.play import play
+from hil_forceps.diagnosis.driven.passed import DrivenRun, play
 from hil_forceps.diagnosis.evidence import Mapper
 from hil_forceps.diagnosis.hypotheses.candidate import Candidate
 from hil_forceps.diagnosis.inference.fit import Fit, fit

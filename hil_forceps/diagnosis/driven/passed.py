@@ -1,4 +1,4 @@
-"""A run that is driven by its motion beside a model, as the search takes it (`evidence.Passed`)."""
+"""Runs that are driven by their motion, beside models, as the search takes them (`evidence.Passed`)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.driven.simulation import DrivenModel
-from hil_forceps.diagnosis.driven.whitening import Whitening
-from hil_forceps.diagnosis.evidence import WILD, Columns, Direction, Wave
+from hil_forceps.diagnosis.driven.rows import DrivenRows
+from hil_forceps.diagnosis.driven.simulation import DrivenModel, driven_models
+from hil_forceps.diagnosis.driven.whitening import Whitening, white
+from hil_forceps.diagnosis.evidence import WILD, Columns, Direction, Mapper, Wave, pass_all
+from hil_forceps.diagnosis.validation.heldout import DIVERGED_SPANS, Played
 from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.model.composition import Physics
 from hil_forceps.model.driven import Channels
@@ -17,6 +19,10 @@ from hil_forceps.model.driven import Channels
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+ZERO_SHARE = 0.02  # of the jaw's range: zero of its sensor from run to run
+LEAST_ZERO_RAD = 2e-3
+OFFSET_SHARE = 0.1  # of the torque or current seen: zero of its sensor from run to run
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,3 +180,37 @@ def _passed(run: DrivenRun, shown: Channels, raw: dict[str, Vector]) -> DrivenPa
     finite = [np.isfinite(w).all() for w in whitened]
     stacked = np.column_stack([w if good else np.full(w.size, WILD) for w, good in zip(whitened, finite, strict=True)])
     return DrivenPassed(run, shown, raw, zeros, counts, stacked, tuple(projections))
+
+
+def driven_runs(rows: Sequence[DrivenRows]) -> list[DrivenRun]:
+    """Return runs as the search takes them; what they leave is taken for white until a model has been fitted."""
+    seen = max(float(np.sqrt(np.mean(run.rows.channels[run.torque_channel] ** 2))) for run in rows)
+    angles = [run.rows.channels["theta_j_rad"] for run in rows if "theta_j_rad" in run.rows.channels]
+    zero = max([LEAST_ZERO_RAD, *(ZERO_SHARE * float(np.ptp(angle)) for angle in angles)])
+    zeros = {"theta_j_rad": zero, "current_A": OFFSET_SHARE * seen, "tau_m_N_m": OFFSET_SHARE * seen}
+    found = []
+    for model in driven_models(rows):
+        channels = model.rows.rows.channels
+        first = {name: white(max(model.rows.noise[name], 1e-3 * float(np.ptp(v)))) for name, v in channels.items()}
+        nothing = {name: np.zeros(values.size) for name, values in channels.items()}
+        found.append(DrivenRun(model, {name: zeros[name] for name in channels}, first, nothing))
+    return found
+
+
+def play(runs: Sequence[DrivenRun], theta: Vector, mapper: Mapper) -> Played:
+    """Simulate runs with a vector of parameters."""
+    adapted = list(mapper(lambda run: run.adapted(theta, run.white), runs))
+    passes = pass_all(adapted, theta, mapper)
+    courses = [passed.course(passes.plant, before=False) for passed in passes.runs]
+    return Played([_channels(passed) for passed in passes.runs], courses)
+
+
+def _channels(passed: DrivenPassed) -> dict[str, Vector]:
+    rows = passed.run.rows
+    said = {name: values - passed.raw[name] + passed.zeros[name] for name, values in rows.channels.items()}
+    span = {name: max(float(np.ptp(values)), 1e-12) for name, values in rows.channels.items()}
+    kept = {
+        name: np.nan_to_num(said[name], nan=DIVERGED_SPANS * span[name], posinf=DIVERGED_SPANS * span[name])
+        for name in said
+    }
+    return {"theta_m_rad": rows.reference_rad, **kept}

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from hil_forceps.audit.finding import Finding
+from hil_forceps.data.even_rows import MAX_STAMP_SPREAD_ROWS
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.driven.smoothing import smoothed_as_noise_asks, white_deviation
 from hil_forceps.diagnosis.preparation.sensor_noise import autoregressive_noise
-from hil_forceps.diagnosis.result import AuditFinding
 from hil_forceps.diagnosis.validation.rows import Rows, require_rows
 
 Vector = NDArray[np.float64]
@@ -24,14 +25,11 @@ Mask = NDArray[np.bool_]
 MOST_ROWS = 30_000  # of all runs together: a simulation of them takes a tenth of a second
 HIGHEST_RATE_Hz = 180.0  # of rows: what a balance of torques tells lies far below its half
 PASS_SHARE = 0.3  # of the rate of rows: the corner of the low pass
-ORDER = 4
 SETTLING_S = 0.15  # at both ends of a run: the low pass and the state of friction
 AROUND_JUMP_S = 0.04  # longer than the low pass answers
 JUMP_IN_SD = 8.0  # an increment of the load this far above its usual size is a jump
 STILL_SHARE = 0.03  # of the top speed: below it friction may be anything up to its level
-TOP_QUANTILE = 0.99
 AFTER_GAP_S = 0.05
-UNEVEN = 0.02  # of a row: stamps that vary by more are interpolated
 DRIVING = ("theta_m_rad", "tau_w_N_m", "theta_j_rad")
 CHANNELS = ("theta_m_rad", "current_A", "tau_m_N_m", "theta_j_rad", "tau_w_N_m")
 
@@ -79,7 +77,7 @@ def angle_balance(runs: Sequence[DrivenRows]) -> tuple[NDArray[np.float64], Vect
     return np.concatenate(rows), np.concatenate(right)
 
 
-def driven_rows(runs: Sequence[Run]) -> tuple[list[DrivenRows], list[AuditFinding]]:
+def driven_rows(runs: Sequence[Run]) -> tuple[list[DrivenRows], list[Finding]]:
     """Make rows of the runs, and notes on what was left out; UserError when a run can't serve at all."""
     for run in runs:
         require_rows(run.name, len(run))
@@ -92,7 +90,7 @@ def driven_rows(runs: Sequence[Run]) -> tuple[list[DrivenRows], list[AuditFindin
         found.append(_rows(run, period_s, factor, slow))
         corner_Hz = PASS_SHARE / (factor * period_s)
         text = f"all channels are low-passed at {corner_Hz:.3g} Hz; one row in {factor} is used"
-        notes.append(AuditFinding("preparation", "note", run.name, "", text))
+        notes.append(Finding("preparation", "note", run.name, "", text))
     return found, notes
 
 
@@ -117,7 +115,7 @@ def _rows(run: Run, period_s: float, factor: int, slow_noise: dict[str, float]) 
         columns.pop("current_A", None)
     jumps = _jumps(columns["tau_w_N_m"]) if "tau_w_N_m" in columns else np.empty(0, dtype=np.intp)
     step_s = factor * period_s
-    low_pass = butter(ORDER, min(2.0 * PASS_SHARE / factor, 0.99), output="sos")
+    low_pass = butter(4, min(2.0 * PASS_SHARE / factor, 0.99), output="sos")
 
     def slow(values: Vector) -> Vector:
         return np.ascontiguousarray(sosfiltfilt(low_pass, values)[::factor])
@@ -149,7 +147,7 @@ def _on_even_rows(time_s: Vector, period_s: float, columns: dict[str, Vector]) -
     intervals = np.diff(time_s)
     regular = intervals[intervals < 1.5 * period_s]
     gaps = bool(np.any(intervals >= 1.5 * period_s))
-    if not gaps and (regular.size < 2 or float(np.std(regular)) < UNEVEN * period_s):
+    if not gaps and (regular.size < 2 or float(np.std(regular)) < MAX_STAMP_SPREAD_ROWS * period_s):
         return dict(columns), np.zeros(time_s.size, dtype=np.bool_)
     rows = np.concatenate(([0], np.cumsum(np.maximum(np.rint(intervals / period_s).astype(np.intp), 1))))
     count = min(int(rows[-1]) + 1, 4 * time_s.size)
@@ -175,4 +173,5 @@ def _jumps(tau_w: Vector) -> NDArray[np.intp]:
 
 def still_rad_per_s(angle: Vector, period_s: float) -> float:
     """Return the speed below which a motor counts as at rest."""
-    return STILL_SHARE * float(np.quantile(np.abs(np.gradient(angle, period_s)), TOP_QUANTILE))
+    top = float(np.quantile(np.abs(np.gradient(angle, period_s)), 0.99))
+    return STILL_SHARE * top

@@ -21,6 +21,7 @@ from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 WIDEST_SD = 10.0  # of the starting value
 NARROWEST_SD = 0.5
@@ -42,7 +43,7 @@ class Guess(NamedTuple):
 
 def completed(records: Sequence[DrivenRows], rig: Rig) -> Rig:
     """Return the rig with a starting value for all that it doesn't know; UserError where nothing bounds it."""
-    names = unknown_names(rig)
+    names = [name for name in parameters.PLANT_NAMES if known(rig, name).value is None]
     if not names:
         return rig
     if unbounded := [name for name in names if known(rig, name).minimum is None]:
@@ -59,16 +60,11 @@ def completed(records: Sequence[DrivenRows], rig: Rig) -> Rig:
     return rig.with_changes(changes)
 
 
-def unknown_names(rig: Rig) -> tuple[str, ...]:
-    """Return the parameters of the plant of which the rig says no value."""
-    return tuple(name for name in parameters.PLANT_NAMES if known(rig, name).value is None)
-
-
 def guess(records: Sequence[DrivenRows]) -> Guess:
     """Return what least squares on the balances say."""
-    inertia, viscous, coulomb, lever = _torque_balance(records)
-    ratio, give = _angles(records)
-    return Guess(ratio, give, inertia, viscous, coulomb, lever)
+    columns, jaw = angle_balance(records)
+    angles = _least_squares(columns, jaw)[:2] if jaw.size else (math.nan, math.nan)
+    return Guess(*map(float, (*angles, *_least_squares(*_torque_balance(records)))))
 
 
 def _value(rig: Rig, name: str) -> float:
@@ -106,7 +102,8 @@ def _guessed(found: Guess, rig: Rig, records: Sequence[DrivenRows]) -> dict[str,
     return values
 
 
-def _torque_balance(records: Sequence[DrivenRows]) -> tuple[float, float, float, float]:
+def _torque_balance(records: Sequence[DrivenRows]) -> tuple[Matrix, Vector]:
+    """Return α, ω, sgn ω and τ_w (n × 4) and the motor's torque or current (n) of all rows that count."""
     rows, right = [], []
     for record in records:
         omega = np.gradient(record.rows.reference_rad, record.rows.period_s)
@@ -116,28 +113,18 @@ def _torque_balance(records: Sequence[DrivenRows]) -> tuple[float, float, float,
         here = record.rows.weights > 0.0
         rows.append(columns[here])
         right.append(record.rows.channels[record.torque_channel][here])
-    found = _least_squares(*_centred(np.concatenate(rows), np.concatenate(right)))
-    return float(found[0]), float(found[1]), float(found[2]), float(found[3])
+    return np.concatenate(rows), np.concatenate(right)
 
 
-def _angles(records: Sequence[DrivenRows]) -> tuple[float, float]:
-    columns, jaw = angle_balance(records)
-    if not jaw.size:
-        return math.nan, math.nan
-    found = _least_squares(*_centred(columns, jaw))
-    return float(found[0]), float(found[1])
+def _least_squares(columns: Matrix, right: Vector) -> Vector:
+    """Solve with one zero of all runs and columns scaled to one; NaN for a column that is constant.
 
-
-def _centred(columns: NDArray[np.float64], values: Vector) -> tuple[NDArray[np.float64], Vector]:
-    """Return all runs with one zero: levels of load that differ from run to run tell more than what varies within."""
-    return columns - columns.mean(axis=0), np.asarray(values - values.mean())
-
-
-def _least_squares(columns: NDArray[np.float64], right: Vector) -> Vector:
-    """Solve with columns scaled to one; NaN for a column that is constant."""
-    norms = np.sqrt(np.sum(columns**2, axis=0))
+    Levels of load that differ from run to run tell more than what varies within.
+    """
+    centred = columns - columns.mean(axis=0)
+    norms = np.sqrt(np.sum(centred**2, axis=0))
     good = norms > 1e-12 * max(float(norms.max(initial=0.0)), 1e-30)
     found = np.full(columns.shape[1], math.nan)
-    scaled = columns[:, good] / norms[good]
-    found[good] = np.linalg.lstsq(scaled, right, rcond=1e-8)[0] / norms[good]
+    scaled = centred[:, good] / norms[good]
+    found[good] = np.linalg.lstsq(scaled, right - right.mean(), rcond=1e-8)[0] / norms[good]
     return found

@@ -20,13 +20,10 @@ POINT_S = 2.0e-3  # between points of a motion
 ROOM = 0.9  # of the range between the bounds
 SHARE = 0.5  # of the speed and the acceleration that are allowed
 EASE_S = 0.5  # a motion begins and ends at rest
-TURN_RAD = 2.0 * math.pi
 MIN_TURNS = 1.5  # from end to end; fewer are no spin
-MOST_HASTE = 0.999  # of the speed and acceleration allowed: room for rounding
 MAX_TURNS = 6.0
 LOAD_SHARE = 0.25  # of what the motor can hold
 DURATION_S = 12.0
-WARM_UP_S = 60.0
 
 
 class Bounds(NamedTuple):
@@ -96,14 +93,7 @@ def menu(bounds: Bounds) -> tuple[Experiment, ...]:
     if not bounds.high_rad > bounds.low_rad:
         raise ValueError(f"no range to move in: {bounds.low_rad} to {bounds.high_rad} rad")
     offered = [_shrunk(entry(bounds), bounds) for entry in _ENTRIES]
-    return tuple(e for e in offered if e.name != "multi_turn_spin" or np.ptp(e.theta_m_rad) >= MIN_TURNS * TURN_RAD)
-
-
-def within(experiment: Experiment, bounds: Bounds) -> bool:
-    """Tell whether a motion respects the bounds; at a corner the speed changes within one tick."""
-    angle = experiment.theta_m_rad
-    inside = bounds.low_rad <= angle.min() and angle.max() <= bounds.high_rad
-    return bool(inside and _haste(experiment, bounds) <= 1.0)
+    return tuple(e for e in offered if e.name != "multi_turn_spin" or np.ptp(e.theta_m_rad) >= MIN_TURNS * math.tau)
 
 
 def _haste(experiment: Experiment, bounds: Bounds) -> float:
@@ -116,10 +106,10 @@ def _haste(experiment: Experiment, bounds: Bounds) -> float:
 
 def _shrunk(experiment: Experiment, bounds: Bounds) -> Experiment:
     """Return the motion made as much smaller as speed and acceleration ask."""
-    haste = _haste(experiment, bounds)
-    if haste <= MOST_HASTE:
+    most, haste = 0.999, _haste(experiment, bounds)  # room for rounding
+    if haste <= most:
         return experiment
-    smaller = bounds.middle_rad + (experiment.theta_m_rad - bounds.middle_rad) * (MOST_HASTE / haste)
+    smaller = bounds.middle_rad + (experiment.theta_m_rad - bounds.middle_rad) * (most / haste)
     return experiment._replace(theta_m_rad=smaller)
 
 
@@ -169,13 +159,13 @@ def _still(time: Vector) -> Vector:
 
 def _spin(b: Bounds) -> Experiment:
     time = _grid(DURATION_S)
-    swing = np.sin(TURN_RAD * 2.0 * time / DURATION_S)
+    swing = np.sin(math.tau * 2.0 * time / DURATION_S)
     return Experiment(
         "multi_turn_spin",
         "what repeats with each turn or grows with wound turns: pulleys, encoder, cogging",
         "Take the jaw off its stops, or let it go round; keep hands away.",
         time,
-        b.middle_rad + min(b.reach_rad, 0.5 * MAX_TURNS * TURN_RAD) * _ease(time) * swing,
+        b.middle_rad + min(b.reach_rad, 0.5 * MAX_TURNS * math.tau) * _ease(time) * swing,
         _still(time),
     )
 
@@ -196,7 +186,7 @@ def _chirp(b: Bounds) -> Experiment:
     time = _grid(DURATION_S)
     low, high = 0.3, 40.0
     rate = math.log(high / low) / DURATION_S
-    omega = TURN_RAD * low * np.exp(rate * time)
+    omega = math.tau * low * np.exp(rate * time)
     phase = (omega - omega[0]) / rate
     reach = min(b.reach_rad, 0.5) * np.exp(-0.5 * rate * time)
     allowed = 0.5 * np.minimum(b.speed_rad_per_s / omega, b.acceleration_rad_per_s2 / omega**2)
@@ -225,13 +215,13 @@ def _hold_and_release(b: Bounds) -> Experiment:
 
 
 def _warm_up(b: Bounds) -> Experiment:
-    time = _grid(WARM_UP_S)
+    time = _grid(60.0)  # long enough for a motor to warm up
     return Experiment(
         "warm_up",
         "what changes with time and heat: torque constant, viscous friction",
         "Begin with a cold motor; leave the jaw free.",
         time,
-        b.middle_rad + b.reach_rad * _ease(time) * np.sin(1.5 * TURN_RAD * time),
+        b.middle_rad + b.reach_rad * _ease(time) * np.sin(1.5 * math.tau * time),
         _still(time),
     )
 
@@ -248,7 +238,7 @@ def _turned_over(b: Bounds) -> Experiment:
 
 def _known_spring(b: Bounds) -> Experiment:
     time = _grid(DURATION_S)
-    swing = _ease(time) * np.sin(TURN_RAD * 0.5 * time)
+    swing = _ease(time) * np.sin(math.tau * 0.5 * time)
     return Experiment(
         "known_spring",
         "what grows with load against what grows with angle: stiffness, gains, load-dependent friction",
@@ -266,7 +256,7 @@ def _small_motions(b: Bounds) -> Experiment:
         at += [2.3 * k + 1.0, 2.3 * k + 2.6]
         level += [to, to]
     base = _rounded(time, at, level)
-    small = 0.05 * np.sin(TURN_RAD * 2.0 * time) * _ease(time)
+    small = 0.05 * np.sin(math.tau * 2.0 * time) * _ease(time)
     return Experiment(
         "small_motions",
         "presliding, backlash, and whatever depends on the angle, at each angle by itself",

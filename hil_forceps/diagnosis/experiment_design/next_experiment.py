@@ -9,20 +9,20 @@ which is what χ² of the rival's refit is expected to rise above that of the tr
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.evidence import Mapper, gram, pass_all
 from hil_forceps.diagnosis.experiment_design.menu import Experiment, bounds_of, menu, trajectory_of
-from hil_forceps.diagnosis.identification import Identified
+from hil_forceps.diagnosis.identification import GAUGES, Identified
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, inverted
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
 from hil_forceps.diagnosis.state_space.advance import STEPS
@@ -37,7 +37,6 @@ Vector = NDArray[np.float64]
 MOST_RIVALS = 3  # the best ones; each is filtered on the whole menu
 MOST_TARGETS = 4  # effects that are looked at where nothing is tied
 VISIBLE = 4.0  # d from which on an effect would be found more often than not
-GAUGES = ("encoder_scale",)  # other values of the rig give the same runs: no experiment tells it
 
 
 class Proposal(NamedTuple):
@@ -56,7 +55,9 @@ class Design(NamedTuple):
     mapper: Mapper
 
 
-def propose(found: Identified, rig: Rig, runs: Sequence[Run], least: dict[str, Detectable], mapper: Mapper) -> Proposal:
+def propose(
+    found: Identified, rig: Rig, runs: Sequence[Run], least: Mapping[str, Detectable], mapper: Mapper
+) -> Proposal:
     """Return the experiment that tells most; `least`: the smallest size of each effect that the runs would show."""
     angles = [run.columns["theta_m_rad"] for run in runs]
     bounds = bounds_of(rig, min(float(a.min()) for a in angles), max(float(a.max()) for a in angles))
@@ -84,7 +85,7 @@ def _to_separate(design: Design, fits: Sequence[Fit]) -> Proposal:
     return Proposal(result, trajectory_of(experiment, design.rig))
 
 
-def _to_see(design: Design, least: dict[str, Detectable]) -> Proposal:
+def _to_see(design: Design, least: Mapping[str, Detectable]) -> Proposal:
     """Choose what shows best the effect that the runs show least, of those that any experiment would show."""
     fitted = design.found.found.best.fit
     best: tuple[float, Experiment, str] | None = None
@@ -116,7 +117,7 @@ def most_telling(offered: Sequence[Experiment], reached: Sequence[float]) -> int
     return int(np.argmax([d / math.sqrt(float(e.time_s[-1])) for e, d in zip(offered, reached, strict=True)]))
 
 
-def least_visible(least: dict[str, Detectable], named: Sequence[str]) -> list[str]:
+def least_visible(least: Mapping[str, Detectable], named: Sequence[str]) -> list[str]:
     """Return the entries in order of the least size that shows, over the usual one; those that never show first."""
     sizes: dict[str, float] = {}
     for entry in EFFECTS:

@@ -17,14 +17,6 @@ from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
 
-# Of these families some members look a row ahead, into the innovations that are tested.
-_AHEAD = {("wire", "rate of stretch"), ("theta_j_rad", "rate")}
-_BEHIND = (
-    Curve("wire", "rate of stretch", lambda c, _: [np.diff(c.stretch_m, prepend=c.stretch_m[0])]),
-    Curve("theta_j_rad", "rate", lambda c, _: [c.omega_j, np.diff(c.omega_j, prepend=c.omega_j[0])]),
-)
-_STATES = {("theta_j_rad", "constant")}  # the zero of the jaw sensor is a state of the filter
-CURVES = (*(curve for curve in all_curves() if (curve.place, curve.variable) not in _AHEAD | _STATES), *_BEHIND)
 SENSORS = frozenset({"theta_m_rad", "theta_j_rad", "current_A"})
 
 
@@ -57,7 +49,7 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, weigh: Weigh | None, pri
     tested = score_test(summed, prior or Prior.of(found.free, found.passes.theta), places, seed)
     gains = tested.gains if weigh is None else _weighed(tested, places, tests, every, weigh, mapper)
     order = np.argsort(-gains)
-    families = tuple((*places[i].effect_id.split("\n"), float(gains[i])) for i in order)
+    families = tuple((tests.curves[i].place, tests.curves[i].variable, float(gains[i])) for i in order)
     return LackOfFit(float(gains[order[0]]), tested.threshold, families)
 
 
@@ -73,7 +65,7 @@ class _Tests(NamedTuple):
         """Return the answers of a run's residuals to all of them (n·m × columns)."""
         shows = run.course(self.base, before=True)
         members = [
-            (str(curve.place), member / max(float(np.abs(member).max()), 1e-300))
+            (curve.place, member / max(float(np.abs(member).max()), 1e-300))
             for curve in self.curves
             for member in curve.members(shows if curve.place in SENSORS else course, self.scale)
         ]
@@ -120,13 +112,13 @@ def _weighed(
 def curves_for(runs: Sequence[Passed]) -> tuple[Curve, ...]:
     """Return the families for some runs: without a load cell, a torque on the jaw is a load as any."""
     measured = any(run.load_measured for run in runs)
-    return CURVES if measured else tuple(curve for curve in CURVES if curve.place != "jaw")
+    return tuple(curve for curve in all_curves() if measured or curve.place != "jaw")
 
 
 def _families(curves: Sequence[Curve], course: Course, scale: Scale) -> list[Place]:
     places, at = [], 0
     for curve in curves:
         count = len(curve.members(course, scale))
-        places.append(Place(f"{curve.place}\n{curve.variable}", {}, {}, at, at + count, False))
+        places.append(Place(curve.variable, {}, {}, at, at + count, False))
         at += count
     return places

@@ -1,6 +1,5 @@
 """From a run's columns to what the filter takes of it (`state_space.layout.Series`).
 
-even_rows    runs on equally spaced rows; lost ones are filled, and marked
 excerpts     parts of runs that are too long, spread over them
 sensor_noise deviation, correlation and resolution of the sensors' noise
 resolution   the step that recorded values come in

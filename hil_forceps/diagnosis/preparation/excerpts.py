@@ -4,21 +4,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
-from hil_forceps.diagnosis.result import AuditFinding
+from hil_forceps.audit.finding import Finding
+from hil_forceps.data.even_rows import EvenRun
 
 MAX_ROWS = 120_000  # of all runs together: some 1.2 GB
 EXCERPT_ROWS = 10_000  # long against all that a plant forgets, short enough for many of them
 
 
-def excerpts(runs: Sequence[EvenRun]) -> tuple[list[EvenRun], list[AuditFinding]]:
+def excerpts(runs: Sequence[EvenRun]) -> tuple[list[EvenRun], list[Finding]]:
     """Return runs, the longest in excerpts where all together are too long; and what was left out.
 
     Excerpts are spread evenly over their run, from its beginning to its end, and named by the second they begin at.
     """
     most = _longest([even.lost.size for even in runs])
     found: list[EvenRun] = []
-    said: list[AuditFinding] = []
+    said: list[Finding] = []
     for even in runs:
         rows = even.lost.size
         if rows <= most:
@@ -31,7 +31,7 @@ def excerpts(runs: Sequence[EvenRun]) -> tuple[list[EvenRun], list[AuditFinding]
         text = (
             f"{count} excerpts of {length} rows each are used, {100.0 * count * length / rows:.2g} % of its {rows} rows"
         )
-        said.append(AuditFinding("excerpts", "note", even.name, "", text))
+        said.append(Finding("excerpts", "note", even.name, "", text))
     return found, said
 
 

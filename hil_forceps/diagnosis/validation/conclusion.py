@@ -7,22 +7,21 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.audit.finding import Finding
 from hil_forceps.control.trajectories import Trajectory
+from hil_forceps.data.even_rows import MAX_GAP_ROWS, MIN_ROWS, EvenRun, even_pieces
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.experiment_design.next_experiment import propose
 from hil_forceps.diagnosis.identification import Identified, identify
 from hil_forceps.diagnosis.options import Options, split_runs
 from hil_forceps.diagnosis.preparation.command import samples_in_a_row
-from hil_forceps.diagnosis.preparation.even_rows import MAX_GAP_ROWS, MIN_ROWS, EvenRun, even_pieces
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
-from hil_forceps.diagnosis.result import AuditFinding, Diagnosis, Gain, RunEvidence
-from hil_forceps.diagnosis.validation.estimates import estimate_gains
-from hil_forceps.diagnosis.validation.heldout import Played, evidence, gains
+from hil_forceps.diagnosis.preparation.records import Record
+from hil_forceps.diagnosis.result import Diagnosis
 from hil_forceps.diagnosis.validation.rows import require_rows
 from hil_forceps.diagnosis.validation.simulation import Measured, measured, play, unknown_load_rms
-from hil_forceps.diagnosis.validation.strokes import Strokes, floors_with_strokes
-from hil_forceps.diagnosis.validation.told import Beside, diagnosis_of
-from hil_forceps.diagnosis.validation.verdict import Judgement, detectable, judge
+from hil_forceps.diagnosis.validation.told import Models, Shown, beside, diagnosis_of, models_of
+from hil_forceps.diagnosis.validation.verdict import judge
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 
@@ -47,7 +46,7 @@ def even_runs(runs: Sequence[Run], rig: Rig) -> list[EvenRun] | None:
 
 
 def conclude(
-    runs: Sequence[EvenRun], rig: Rig, findings: Sequence[AuditFinding], options: Options
+    runs: Sequence[EvenRun], rig: Rig, findings: Sequence[Finding], options: Options
 ) -> tuple[Diagnosis, Rig, Trajectory | None]:
     """Return the diagnosis, the rig as extended by it, and the motion of the next experiment.
 
@@ -61,79 +60,38 @@ def conclude(
     wanted = set(options.hold_out)
     held = tuple(even.name for even in runs if even.of in wanted)
     fitted, held_out = split_runs(runs, (*held, *sorted(wanted - {even.of for even in runs})))
-    found = identify(
-        fitted,
-        held_out,
-        rig,
-        mapper=options.mapper,
-        without=options.without,
-        seed=options.seed,
-        progress=options.progress,
-        spent=options.spent,
-    )
+    found = identify(fitted, held_out, rig, options)
     verdict = judge(found, rig)
-    least = detectable(found.found.steps[0]) if found.found.steps else {}
+    models = models_of(found, verdict, rig)
     options.progress("simulating the runs with each model")
-    diagnosis, extended = _told(fitted, held_out, rig, findings, found, verdict, options)
+    rigs = (parameters.rig_with(rig, models.before, rig.effects), parameters.rig_with(rig, models.after, models.named))
+    shown = _shown(fitted, found.records, rig, models, found, options)
+    unseen = _shown(held_out, found.held_out, rig, models, found, options) if held_out else None
+    diagnosis = diagnosis_of(found, verdict, beside(shown, unseen, options.seed, rigs), findings, verdict.shifts)
+    options.to_draw(diagnosis)
     if options.spent():
-        return diagnosis, extended, None
+        return diagnosis, models.extended, None
     options.progress("choosing the next experiment")
-    proposal = propose(found, rig, [even.run for even in fitted], least, options.mapper)
-    return replace(diagnosis, next_experiment=proposal.result), extended, proposal.trajectory
+    made = [even.run for even in fitted]
+    proposal = propose(found, rig, made, diagnosis.minimum_detectable, options.mapper)
+    return replace(diagnosis, next_experiment=proposal.result), models.extended, proposal.trajectory
 
 
-def _cut_at_gaps(runs: Sequence[EvenRun]) -> list[AuditFinding]:
+def _cut_at_gaps(runs: Sequence[EvenRun]) -> list[Finding]:
     pieces = Counter(even.of for even in runs if even.of)
     said = f" (cut at gaps of more than {MAX_GAP_ROWS} rows); pieces of fewer than {MIN_ROWS} rows are left out"
-    return [AuditFinding("pieces", "note", name, "", f"{n} pieces are used{said}") for name, n in pieces.items()]
+    return [Finding("pieces", "note", name, "", f"{n} pieces are used{said}") for name, n in pieces.items()]
 
 
-def _told(
-    fitted: Sequence[EvenRun],
-    held_out: Sequence[EvenRun],
-    rig: Rig,
-    findings: Sequence[AuditFinding],
-    found: Identified,
-    verdict: Judgement,
-    options: Options,
-) -> tuple[Diagnosis, Rig]:
-    best, baseline = found.found.best.fit, found.found.baseline
-    before, nominal = baseline.passes.theta, parameters.vector(rig)
-    after = best.passes.theta if verdict.verdict == "effects" else before
-    told = nominal if verdict.verdict == "consistent" else after
-    named = [*rig.effects, *(effect.id for effect in verdict.effects)]
-    extended = parameters.rig_with(rig, told, named)
-    rigs = (parameters.rig_with(rig, before, list(rig.effects)), parameters.rig_with(rig, after, named))
-    evidences: list[RunEvidence] = []
-    gained: dict[str, Gain] = {}
-    floors: dict[str, float] = {}
-    repeated: tuple[Strokes, ...] = ()
-    for raw, records, held in ((fitted, found.records, False), (held_out, found.held_out, True)):
-        if not raw:
-            continue
-        runs = [measured(run, record) for run, record in zip(raw, records, strict=True)]
-        played = _played(runs, rig, (nominal, before, after), options)
-        noise = _floors(runs, rig, before, found, options)
-        rows = [m.rows for m in runs]
-        own, strokes = floors_with_strokes(rows, noise)
-        repeated += strokes
-        floors = floors or own
-        estimated, estimate_gain = estimate_gains(rows, rigs, played[2].channels, own, options.seed)
-        evidences += evidence(rows, held, *played, estimated)
-        if held:
-            gained = gains(rows, played[1], played[2], own, options.seed) | estimate_gain
-    beside = Beside(evidences, gained, floors, repeated)
-    diagnosis = diagnosis_of(found, verdict, beside, findings, verdict.shifts)
-    options.to_draw(diagnosis)
-    return diagnosis, extended
-
-
-def _played(
-    runs: Sequence[Measured], rig: Rig, thetas: tuple[Vector, Vector, Vector], options: Options
-) -> tuple[Played, Played, Played]:
-    nominal, before = (play(runs, rig, theta, options.mapper) for theta in thetas[:2])
-    after = before if thetas[2] is thetas[1] else play(runs, rig, thetas[2], options.mapper)
-    return nominal, before, after
+def _shown(
+    runs: Sequence[EvenRun], records: Sequence[Record], rig: Rig, models: Models, found: Identified, options: Options
+) -> Shown:
+    """Return the models beside runs."""
+    made = [measured(run, record) for run, record in zip(runs, records, strict=True)]
+    nominal, before = (play(made, rig, theta, options.mapper) for theta in (models.nominal, models.before))
+    after = before if models.after is models.before else play(made, rig, models.after, options.mapper)
+    noise = _floors(made, rig, models.before, found, options)
+    return Shown([m.rows for m in made], (nominal, before, after), noise)
 
 
 def _floors(runs: Sequence[Measured], rig: Rig, theta: Vector, found: Identified, options: Options) -> dict[str, float]:

@@ -14,6 +14,7 @@ Vector = NDArray[np.float64]
 
 BLOCK_S = 0.5  # of the bootstrap: longer than residuals remember
 DRAWS = 1000
+DIVERGED_SPANS = 10.0  # of a measured channel: a simulation that goes further has left the run
 
 
 class Played(NamedTuple):

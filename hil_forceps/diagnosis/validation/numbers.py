@@ -1,16 +1,15 @@
 """Numbers of the result: what these data would show, how badly balances fail, over what the residual varies."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy import stats
 
 from hil_forceps.diagnosis.error_rates import DETECTION_POWER
+from hil_forceps.diagnosis.hypotheses.candidate import Step
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit
 from hil_forceps.diagnosis.result import Balance, Detectable, Trend
 from hil_forceps.rig.catalogue import EFFECTS, Location, effect
-
-POWER_DEVIATIONS = float(stats.norm.ppf(DETECTION_POWER))
 
 _PLACES: Mapping[str, tuple[Location, str]] = {
     "motor": ("motor", "theta_m_rad"),
@@ -22,21 +21,23 @@ _PLACES: Mapping[str, tuple[Location, str]] = {
 }
 
 
-def least_detectable(amplitudes: Iterable[tuple[str, str, float, float]], threshold: float) -> dict[str, Detectable]:
-    """Return the smallest detectable amplitude of each entry, in the catalogue's order.
-
-    `amplitudes`: entry, parameter, a size of it, and its information at that size; `threshold`: of the score test.
-    """
-    needed = float(np.sqrt(threshold)) + POWER_DEVIATIONS
+def detectable(step: Step) -> dict[str, Detectable]:
+    """Return the smallest amplitude of each entry that the data of a step would show in `DETECTION_POWER` of cases."""
+    needed = float(np.sqrt(step.tested.threshold)) + float(stats.norm.ppf(DETECTION_POWER))
     least: dict[str, Detectable] = {}
-    for effect_id, name, size, information in amplitudes:
-        if information <= 1e-6:
-            continue
-        value = abs(size) * needed / float(np.sqrt(information))
-        parameter = next(p for p in effect(effect_id).parameters if p.name == name)
-        held = least.get(effect_id)
-        if value <= parameter.maximum and (held is None or value < held.value):
-            least[effect_id] = Detectable(name, value, parameter.unit)
+    for place in step.places:
+        if place.stop - place.first != len(place.amplitudes):
+            continue  # it has no amplitude of its own
+        for (name, size), told in zip(
+            place.amplitudes.items(), step.tested.information[place.first : place.stop].tolist(), strict=True
+        ):
+            if told <= 1e-6:
+                continue
+            value = abs(size) * needed / float(np.sqrt(told))
+            parameter = next(p for p in effect(place.effect_id).parameters if p.name == name)
+            held = least.get(place.effect_id)
+            if value <= parameter.maximum and (held is None or value < held.value):
+                least[place.effect_id] = Detectable(name, value, parameter.unit)
     return {entry.id: least[entry.id] for entry in EFFECTS if entry.id in least}
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.preparation.even_rows import MIN_ROWS
+from hil_forceps.data.even_rows import MIN_ROWS
 from hil_forceps.rig.errors import UserError
 
 Vector = NDArray[np.float64]

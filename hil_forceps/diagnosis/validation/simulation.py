@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.preparation.command import on_lines
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.load_prior import posterior_draw
 from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.advance import STEPS
@@ -31,7 +31,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
 )
 from hil_forceps.diagnosis.state_space.passes import Passed
-from hil_forceps.diagnosis.validation.heldout import Played
+from hil_forceps.diagnosis.validation.heldout import DIVERGED_SPANS, Played
 from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.model import closed_loop
 from hil_forceps.model.closed_loop import Channels, Inputs, Start
@@ -44,7 +44,6 @@ Vector = NDArray[np.float64]
 
 EDGE_SD = 10.0  # deviations of the load cell: what changes by more from row to row where a jump may be, jumps
 EDGE_ROWS = 40  # behind a jump, by which its instant within the row is told
-WILD = 10.0  # spans of a measured channel: a simulation that goes further has left the run
 
 
 class Measured(NamedTuple):
@@ -127,7 +126,7 @@ def simulated(m: Measured, passed: Passed, rig: Rig, theta: Vector, load_N_m: Ve
     for name, values in m.rows.channels.items():
         course = values.copy()
         course[first:] = getattr(shown, name) + (zero if name == "theta_j_rad" else 0.0)
-        middle, span = float(values.mean()), WILD * max(float(np.ptp(values)), 1e-12)
+        middle, span = float(values.mean()), DIVERGED_SPANS * max(float(np.ptp(values)), 1e-12)
         found[name] = np.nan_to_num(np.clip(course, middle - span, middle + span), nan=middle + span)
     return found
 
@@ -162,13 +161,6 @@ def jumps(d: Series, load_N_m: Vector, first: int) -> NDArray[np.int64]:
     """Return the rows, from `first` on, in which a load that is given from there on jumps."""
     may_jump = d.load_jump_variance[first:-1] > 0.0
     return np.flatnonzero(may_jump & (np.abs(np.diff(load_N_m)) > EDGE_SD * math.sqrt(d.noise_variance[1])))
-
-
-def begun(rig: Rig, m: Measured, passed: Passed) -> Start:
-    """Return plant and drive at the first row that counts."""
-    before = m.record.settling_rows * passed.series.samples
-    counted = on_lines(m.run.columns["theta_m_rad"], passed.series.samples)
-    return _start(rig, m, passed, m.driven_rad[:before], counted[:before])
 
 
 def _start(rig: Rig, m: Measured, passed: Passed, reference: Vector, counted: Vector) -> Start:

@@ -14,17 +14,15 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.interpolate import CubicSpline
 
-from hil_forceps.diagnosis.result import AuditFinding
+from hil_forceps.audit.finding import Finding
 from hil_forceps.diagnosis.validation.rows import Rows
 
 Vector = NDArray[np.float64]
 
 SAME = 0.1  # of the motion's deviation: how far strokes that count as the same may differ
 SAME_LOAD = 0.5  # the same of the load, which is never set as well; what follows it is taken out
-FEWEST_ROWS = 20  # that count in both strokes
-SHORTEST = 20  # rows of a period
+FEWEST_ROWS = 20  # of a period, and that count in both strokes
 LONGEST = 0.7  # of a run: what remains is to be compared
-REFINED = 41  # trial periods around the best whole number of rows
 
 
 class Strokes(NamedTuple):
@@ -88,14 +86,14 @@ def period_rows(motion: Vector) -> float | None:
     """Return after how many rows (a fraction, too) a motion comes again; None where it doesn't within the run."""
     values = motion - motion.mean()
     rows = values.size
-    if rows < 2 * SHORTEST or not float(np.std(values)) > 0.0:
+    if rows < 2 * FEWEST_ROWS or not float(np.std(values)) > 0.0:
         return None
     apart = _all_apart(values)
     left = np.flatnonzero(apart > 1.0)  # it has to go away before it can come again
     if left.size == 0:
         return None
     valley = np.flatnonzero(apart < SAME)
-    valley = valley[(valley > max(int(left[0]), SHORTEST)) & (valley < LONGEST * rows)]
+    valley = valley[(valley > max(int(left[0]), FEWEST_ROWS)) & (valley < LONGEST * rows)]
     if valley.size == 0:
         return None
     # The first valley, not its multiples, which may fit better by chance.
@@ -104,7 +102,7 @@ def period_rows(motion: Vector) -> float | None:
     best = int(first[int(np.argmin(apart[first]))])
     if best == valley[-1] and best + 1 >= LONGEST * rows:
         return None  # still falling where the run ends
-    near = best + np.linspace(-1.0, 1.0, REFINED)
+    near = best + np.linspace(-1.0, 1.0, 41)  # by twentieths of a row
     return float(near[int(np.argmin([_apart(values, float(lag)) for lag in near]))])
 
 
@@ -159,9 +157,9 @@ def floors_with_strokes(
     return merged, tuple(found.values())
 
 
-def repetition(strokes: Strokes) -> AuditFinding:
+def repetition(strokes: Strokes) -> Finding:
     """Say what a run that repeats itself shows of its noise."""
     floors = ", ".join(f"{floor:.3g} in {name}" for name, floor in strokes.floor_rms.items())
     repeated = f"a stroke repeats every {strokes.period_s:.4g} s, {strokes.times:.1f} times"
     text = f"{repeated}; its repetitions differ by {floors}"
-    return AuditFinding("strokes", "note", strokes.run, "", text)
+    return Finding("strokes", "note", strokes.run, "", text)

@@ -7,13 +7,12 @@ import numpy as np
 from scipy import stats
 
 from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEFT_OVER_CHANCE, STEP_ACCURACY, STEP_ERROR_SHARE
-from hil_forceps.diagnosis.hypotheses.candidate import Step
 from hil_forceps.diagnosis.identification import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, inverted
 from hil_forceps.diagnosis.inference.parameters import Free, known
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit
-from hil_forceps.diagnosis.result import TWO_SIDED_95, Candidate, Detectable, Estimate, NamedEffect, Shift, Verdict
-from hil_forceps.diagnosis.validation.numbers import least_detectable, varies_over
+from hil_forceps.diagnosis.result import TWO_SIDED_95, Candidate, Estimate, NamedEffect, Shift, Verdict
+from hil_forceps.diagnosis.validation.numbers import varies_over
 from hil_forceps.model.parameters import index
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import effect
@@ -167,17 +166,6 @@ def _estimate(free: Free, value: float, deviation: float) -> Estimate:
     """Return a value with its 95 % interval, within the bounds of the parameter."""
     half = TWO_SIDED_95 * deviation
     return Estimate(value, max(value - half, free.low), min(value + half, free.high), free.unit)
-
-
-def detectable(step: Step) -> dict[str, Detectable]:
-    """Return the smallest amplitude of each entry that these data would show in `DETECTION_POWER` of cases."""
-    amplitudes = [
-        (place.effect_id, name, size, float(step.tested.information[place.first + offset]))
-        for place in step.places
-        if place.stop - place.first == len(place.amplitudes)  # else no amplitude of its own
-        for offset, (name, size) in enumerate(place.amplitudes.items())
-    ]
-    return least_detectable(amplitudes, step.tested.threshold)
 
 
 def candidates(found: Identified) -> tuple[Candidate, ...]:

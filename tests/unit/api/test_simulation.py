@@ -7,7 +7,7 @@ import pandas
 import pytest
 
 import hil_forceps as hf
-from hil_forceps.diagnosis.validation.beside import simulate_beside
+from hil_forceps.identification.simulation import simulate_beside
 
 RIG = hf.load_rig(Path(__file__).parents[3] / "configs" / "realistic.yaml")
 MOTION = hf.Trajectory((0.0, 0.1, 0.5), (1.5, 1.5, 1.1))

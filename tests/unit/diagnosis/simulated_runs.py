@@ -5,9 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.rig import Rig

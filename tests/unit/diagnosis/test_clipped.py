@@ -5,9 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.diagnosis.identification import Identified, identify
+from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.preparation.command import first_integral
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.validation.verdict import judge
 from hil_forceps.model.drive_law import DriveState, law_current, law_vector
 from hil_forceps.rig import Rig
@@ -28,7 +29,7 @@ def found_in(true: Rig, rig: Rig) -> Identified:
     runs = [EvenRun.whole(run) for run in runs_of(true, KINDS, SEED)]
     clipped = [float(np.mean(np.abs(even.run.columns["current_A"]) > 0.97 * limit_A())) for even in runs]
     assert max(clipped) > 0.02  # else the test shows nothing
-    return identify(runs, [], rig, mapper=POOL.map)
+    return identify(runs, [], rig, Options(mapper=POOL.map))
 
 
 def test_the_drive_s_own_limit_is_no_effect() -> None:

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.conclude import Conclusion, diagnose
 from hil_forceps.diagnosis.options import Options
-from hil_forceps.diagnosis.preparation.even_rows import even_rows
 from hil_forceps.diagnosis.result import to_json
 from tests.hidden_effects.generator import make_case
 from tests.unit.diagnosis.simulated_runs import POOL, STICKING
@@ -54,21 +52,3 @@ def test_the_next_experiment_moves_and_would_tell_something(slack: Conclusion) -
     assert slack.trajectory is not None
     assert following.predicted_separation > 1.0
     assert to_json(slack.diagnosis)["next_experiment"]["name"] == following.name
-
-
-def test_a_lost_row_is_filled_and_a_long_gap_is_not() -> None:
-    case = make_case({}, 78, scenarios=(("multisine",), ()), rig=STICKING)
-    columns = case.fit[0].columns
-    kept = np.ones(columns["time_s"].size, dtype=np.bool_)
-    kept[[400, 401, 900]] = False
-    even = even_rows(Run("lost", {name: values[kept] for name, values in columns.items()}), STICKING)
-    assert even is not None
-    assert np.flatnonzero(even.lost).tolist() == [400, 401, 900]
-    assert even.run.columns["time_s"] == pytest.approx(columns["time_s"], abs=1e-12)
-    count = 2.0 * np.pi / 16384
-    off = (even.run.columns["theta_m_rad"] - columns["theta_m_rad"]) / count
-    assert np.max(np.abs(off - np.rint(off))) < 1e-6  # the law sees counts
-    kept[2000:2050] = False
-    assert even_rows(Run("gap", {name: values[kept] for name, values in columns.items()}), STICKING) is None
-    jittered = columns["time_s"] + 1e-4 * np.random.default_rng(0).uniform(-1.0, 1.0, columns["time_s"].size)
-    assert even_rows(Run("jitter", {**columns, "time_s": jittered}), STICKING) is None

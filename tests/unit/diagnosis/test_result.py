@@ -3,8 +3,8 @@
 import json
 import math
 
+from hil_forceps.audit.finding import Finding
 from hil_forceps.diagnosis.result import (
-    AuditFinding,
     Candidate,
     Detectable,
     Diagnosis,
@@ -40,7 +40,7 @@ def full() -> Diagnosis:
         {"forceps.wire_stiffness_N_per_m": Shift(None, Estimate(3e4, 2.9e4, 3.1e4, "N_per_m"))},
         {"theta_m_rad": Gain(2e-3, 1e-3, 1e-3, 1.0, 0.9, math.nan)},
         ("b",),
-        (AuditFinding("gap", "warning", "a", "time_s", "a gap"),),
+        (Finding("gap", "warning", "a", "time_s", "a gap"),),
         {"cogging": Detectable("sine_N_m", 1e-5, "N_m")},
         NextExperiment("chirp", (("a", "b"),), 12.0),
         candidates=(Candidate("wire_slack", 0, math.inf, 14.0, "named"),),

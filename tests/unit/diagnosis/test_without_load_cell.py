@@ -2,10 +2,11 @@
 
 import pytest
 
+from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.identification import identify
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import curves_for
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
+from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.validation.verdict import judge
 from hil_forceps.rig.catalogue import effect
 from tests.hidden_effects.generator import RIG
@@ -28,7 +29,7 @@ def without_cell(run: Run) -> EvenRun:
 def test_a_load_that_nothing_measures_is_no_effect(kinds: tuple[str, ...], stiffer: float) -> None:
     k = stiffer * RIG.plant().wire_stiffness_N_per_m
     true = RIG.with_changes({"forceps.wire_stiffness_N_per_m": k})
-    found = identify([without_cell(run) for run in runs_of(true, kinds, 7650)], [], RIG, mapper=POOL.map)
+    found = identify([without_cell(run) for run in runs_of(true, kinds, 7650)], [], RIG, Options(mapper=POOL.map))
     verdict = judge(found, RIG)
     assert verdict.verdict in {"consistent", "parameters"}
     if stiffer != 1.0:
@@ -39,7 +40,7 @@ def test_a_load_that_nothing_measures_is_no_effect(kinds: tuple[str, ...], stiff
 def test_entries_and_curves_at_the_jaw_are_left_out() -> None:
     run = runs_of(RIG, ("short_hold",), 7600)[0]
     for even, there in ((without_cell(run), False), (EvenRun.whole(run), True)):
-        found = identify([even], [], RIG, mapper=POOL.map).found
+        found = identify([even], [], RIG, Options(mapper=POOL.map)).found
         looked_at = {effect(place.effect_id).location for place in found.steps[0].places}
         assert ("jaw" in looked_at) is there
         assert any(curve.place == "jaw" for curve in curves_for(found.best.fit.passes.runs)) is there

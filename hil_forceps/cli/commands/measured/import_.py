@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from hil_forceps.audit.audit import audit
 from hil_forceps.cli.arguments.files import file_name, make_folder
 from hil_forceps.cli.arguments.map_file import leaving_map
 from hil_forceps.cli.arguments.reading import bar, read_sources, show_audit
@@ -16,7 +17,6 @@ from hil_forceps.data.readers.format import Choice
 from hil_forceps.data.readers.parquet_table import require_parquet, write_parquet
 from hil_forceps.data.readers.tables.mapping import read_map
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.audit.audit import audit
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.errors import UserError
 

@@ -10,7 +10,7 @@ import pytest
 from hil_forceps.cli.main import main
 from hil_forceps.data.readers.csv_table import write_csv
 from hil_forceps.data.run import Column, Run
-from hil_forceps.diagnosis.validation.beside import simulate_beside
+from hil_forceps.identification.simulation import simulate_beside
 from hil_forceps.model import closed_loop
 from hil_forceps.model.closed_loop import law_vector
 from hil_forceps.model.parameters import vector

@@ -13,8 +13,8 @@ from hil_forceps.diagnosis.conclude import Conclusion, diagnose, silent
 from hil_forceps.diagnosis.driven import identification
 from hil_forceps.diagnosis.driven import rows as driven_rows_of
 from hil_forceps.diagnosis.driven.identification import identify_driven, known_of
+from hil_forceps.diagnosis.driven.passed import driven_runs
 from hil_forceps.diagnosis.driven.rows import driven_rows
-from hil_forceps.diagnosis.driven.runs import driven_runs
 from hil_forceps.diagnosis.driven.starting_values import completed, guess
 from hil_forceps.diagnosis.driven.whitening import ORDER, rows_before, whitening
 from hil_forceps.diagnosis.inference.fit import fit
@@ -83,7 +83,7 @@ def test_nothing_hidden_leaves_little_unexplained() -> None:
 def test_nothing_hidden_is_named_and_the_jaw_keeps_its_inertia(noise: NoiseKind) -> None:
     """Noise of what drives is in the residual: with sensitivities that it drives, too, inertia came out at a fifth."""
     case = make_case({}, 1, scenarios=SCENARIO_SETS["work"], noise=noise)
-    found = identify_driven(case.fit, case.held_out, without_drive(case), mapper=POOL.map).found
+    found = identify_driven(case.fit, case.held_out, without_drive(case), Options(mapper=POOL.map)).found
     assert judge(found, without_drive(case)).verdict == "consistent"
     fitted = found.found.baseline.passes.theta[parameters.index("forceps.jaw_inertia_kg_m2")]
     assert fitted == pytest.approx(case.true.plant().jaw_inertia_kg_m2, rel=0.25)

@@ -6,9 +6,8 @@ from numpy.typing import NDArray
 
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.driven.noise import noise_of_strokes
-from hil_forceps.diagnosis.driven.passed import DrivenRun
+from hil_forceps.diagnosis.driven.passed import DrivenRun, driven_runs
 from hil_forceps.diagnosis.driven.rows import driven_rows
-from hil_forceps.diagnosis.driven.runs import driven_runs
 from hil_forceps.diagnosis.driven.starting_values import completed
 from hil_forceps.rig import load_rig
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hil_forceps.cli.arguments.trajectory_file import read_trajectory, write_trajectory
 from hil_forceps.control.gate import Gate, GateVerdict
-from hil_forceps.diagnosis.experiment_design.menu import Bounds, bounds_of, menu, trajectory_of, within
+from hil_forceps.diagnosis.experiment_design.menu import Bounds, Experiment, bounds_of, menu, trajectory_of
 from hil_forceps.rig.errors import UserError
 from hil_forceps.rig.sections import Limits
 from tests.hidden_effects.generator import RIG
@@ -76,10 +76,23 @@ def test_every_motion_on_the_menu_passes_the_gate_untouched(
             assert verdict in {GateVerdict.OPENED, GateVerdict.PASSED}, (experiment.name, tick)
 
 
-def test_a_motion_out_of_bounds_is_seen() -> None:
+def within(experiment: Experiment, bounds: Bounds) -> bool:
+    """Whether a motion respects the bounds; at a corner the speed changes within one tick."""
+    angle = experiment.theta_m_rad
+    speed = np.diff(angle) / np.diff(experiment.time_s)
+    acceleration = np.diff(np.concatenate(([0.0], speed, [0.0]))) / bounds.tick_s
+    return bool(
+        bounds.low_rad <= angle.min() <= angle.max() <= bounds.high_rad
+        and np.abs(speed).max() <= bounds.speed_rad_per_s
+        and np.abs(acceleration).max() <= bounds.acceleration_rad_per_s2
+    )
+
+
+def test_every_motion_is_within_the_bounds_and_larger_ones_are_not() -> None:
     bounds = bounds_of(LIMITED, 0.0, 0.0)
-    slow = next(e for e in menu(bounds) if e.name == "slow_ramps_and_holds")
-    assert within(slow, bounds)
+    found = {e.name: e for e in menu(bounds)}
+    assert all(within(e, bounds) for e in found.values())
+    slow = found["slow_ramps_and_holds"]
     assert not within(slow._replace(theta_m_rad=2.0 * slow.theta_m_rad), bounds)
     assert not within(slow._replace(time_s=slow.time_s / 100.0), bounds)
     jump = slow.theta_m_rad.copy()

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.evidence import pass_all
 from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.preparation import excerpts as taking
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
 from hil_forceps.diagnosis.preparation.records import record_of
 from hil_forceps.diagnosis.state_space.layout import JAW, Noise

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.diagnosis.evidence import gram, pass_all
 from hil_forceps.diagnosis.identification import known_of
 from hil_forceps.diagnosis.inference.fit import directions_of, inverted, moved, penalised, prior_of
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun
 from hil_forceps.diagnosis.preparation.records import record_of
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
 from hil_forceps.diagnosis.state_space.layout import JAW_ZERO

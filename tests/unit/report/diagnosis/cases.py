@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.audit.finding import Finding
 from hil_forceps.diagnosis.result import (
-    AuditFinding,
     Balance,
     Candidate,
     Detectable,
@@ -132,8 +132,8 @@ def wire_slack(*, runs: int = 6, jaw: bool = True) -> Diagnosis:
         gain=gain,
         held_out=(evidence[-1].name,) if runs > 1 else (),
         data_audit=(
-            AuditFinding("gap", "warning", "chirp", "time_s", "1 gap in time, about 12 samples missing"),
-            AuditFinding("quantum", "note", "sine_slow", "theta_m_rad", "quantum of 3.83e-4 rad, as the encoder's"),
+            Finding("gap", "warning", "chirp", "time_s", "1 gap in time, about 12 samples missing"),
+            Finding("quantum", "note", "sine_slow", "theta_m_rad", "quantum of 3.83e-4 rad, as the encoder's"),
         ),
         minimum_detectable={
             "wire_creep": Detectable("share", 0.0061, ""),
@@ -175,7 +175,7 @@ def undetermined() -> Diagnosis:
         "undetermined",
         "These data can't tell: the motor never moved.",
         reasons=("theta_m_rad is constant in every run", "tau_w_N_m wasn't measured"),
-        data_audit=(AuditFinding("constant", "problem", "still", "theta_m_rad", "constant over 12 s"),),
+        data_audit=(Finding("constant", "problem", "still", "theta_m_rad", "constant over 12 s"),),
         next_experiment=NextExperiment("chirp", (), float("nan"), "It moves the motor through the loop's whole band."),
     )
 

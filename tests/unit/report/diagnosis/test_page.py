@@ -9,8 +9,8 @@ from typing import get_args, get_type_hints
 import numpy as np
 import pytest
 
+from hil_forceps.audit.finding import Finding
 from hil_forceps.diagnosis.result import (
-    AuditFinding,
     Balance,
     Candidate,
     Detectable,
@@ -70,7 +70,7 @@ def test_every_verdict_gives_a_page_with_what_is_there(case: str, tmp_path: Path
 def test_text_from_outside_stays_text(tmp_path: Path) -> None:
     evil = "<script>alert(1)</script>&$x$_{\n"
     run = replace(run_evidence(evil, seconds=2.0), variables={})
-    finding = AuditFinding("gap", "note", evil, evil, evil)
+    finding = Finding("gap", "note", evil, evil, evil)
     named = NamedEffect(evil, "wire", 0.5, {evil: Estimate(1.0, 0.5, 1.5, evil)})
     diagnosis = replace(
         wire_slack(runs=1),

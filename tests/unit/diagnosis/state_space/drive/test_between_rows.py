@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from hil_forceps.data.even_rows import EvenRun, even_rows
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.preparation.command import driven
-from hil_forceps.diagnosis.preparation.even_rows import EvenRun, even_rows
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.preparation.reference_timing import reference_timing
 from hil_forceps.diagnosis.state_space.advance import physics_of
