@@ -51,8 +51,8 @@ INTEGRATION_SHARE = 1e-4  # of the speed: what the model's step leaves over a ro
 # The equations of model and world, each with its own steps, agree to 5e-4 of what an effect does; of the largest torque
 # that is some 1e-4. What a finer encoder sees beyond it is not told apart from a load that wanders off by as much.
 TORQUE_ACCURACY = 1e-4
-# No rounding hides that from an encoder without counts, and it is alike for seconds: a hundred errors that are alike add
-# up to ten times as much as independent ones.
+# No rounding hides that from an encoder without counts, and it is alike for seconds: a hundred errors that are alike
+# add up to ten times as much as independent ones.
 IDEAL_TORQUE_ACCURACY = 10.0 * TORQUE_ACCURACY
 ACCURACY_TIME_S = 0.1
 SETTLING_S = 0.15  # from the start of a run: its start is forgotten by then
