@@ -15,7 +15,6 @@ from firmware_protocol.host.samples import RawBench, RawSample, SampleAssembler
 from firmware_protocol.messages import (
     PROTOCOL_MAJOR,
     PROTOCOL_MINOR,
-    BenchSensor,
     Discover,
     DriveHeartbeat,
     DriveState,
@@ -163,8 +162,8 @@ class HostMachine:
 
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take one frame from the bus."""
-        handler = self._routes.get(frame.arbitration_id)
-        if handler is None or frame.is_extended:
+        handler = self._routes.get(frame[0])
+        if handler is None or frame[3]:  # an extended id
             self.counters["not_for_us"] += 1
             return
         message = self._decoder.decode(frame)
@@ -231,7 +230,7 @@ class HostMachine:
     def _connected_routes(self) -> _Routes:
         routes: dict[Function, Callable[[Any, int], None]] = {
             Function.DRIVE_HEARTBEAT: self._on_drive_heartbeat,
-            Function.BENCH_SENSOR: self._on_bench,
+            Function.BENCH_SENSOR: self._samples.on_bench,
             Function.PARAM_RESPONSE: self._on_response,
             Function.IDENTITY: self._on_identity,
         }
@@ -268,9 +267,9 @@ class HostMachine:
 
     def _saw_sample(self, sample: RawSample | None) -> None:
         if sample is not None:
-            self._heard_ns = sample.received_ns
-            if self.phase is not _RUNNING or sample.state != _OPERATIONAL or sample.fault:  # else there is no news
-                self._see(sample.state, sample.fault)
+            _, _, _, _, state, fault, _, self._heard_ns = sample
+            if self.phase is not _RUNNING or state != _OPERATIONAL or fault:  # else there is no news
+                self._see(state, fault)
         elif self._samples.restarted:
             self._lose_drive()
 
@@ -323,9 +322,6 @@ class HostMachine:
     def _refuse(self, words: str) -> None:
         self.refusal = words
         self._fire(HostEvent.MISFIT)
-
-    def _on_bench(self, message: BenchSensor, now_ns: int) -> None:
-        self._samples.on_bench(message, now_ns)
 
     def _on_response(self, message: ParamResponse, now_ns: int) -> None:
         self._heard_ns = now_ns
