@@ -78,7 +78,7 @@ class HostMachine:
         self._samples = SampleAssembler(self.counters)
         self._responses: list[ParamResponse] = []
         self._routes: _Routes = {}
-        self._setpoint_sequence = 0
+        self.setpoint_sequence = 0  # of the last reference handed out
         self._discover_due_ns = 0
         self._heard_ns = 0
         self._enabling_since_ns: int | None = None
@@ -107,11 +107,6 @@ class HostMachine:
         """Ask the drive to forget its fault, by one pulse; ValueError unless in FAULT."""
         self._command(HostEvent.RESET)
         self._heartbeats.request_reset()
-
-    @property
-    def setpoint_sequence(self) -> int:
-        """Number of the last reference handed out."""
-        return self._setpoint_sequence
 
     def fault_words(self) -> str:
         """Return the drive's fault in words."""
@@ -155,7 +150,7 @@ class HostMachine:
             if not self._heartbeats.enabling or self.drive_state is not DriveState.ARMED:
                 return None
             theta_m_ref_raw = taken.theta_m
-        sequence = self._setpoint_sequence = (self._setpoint_sequence + 1) & 0xFF
+        sequence = self.setpoint_sequence = (self.setpoint_sequence + 1) & 0xFF
         wire = (theta_m_ref_raw + _HALF32 & _MASK32) - _HALF32
         self.counters["setpoints_sent"] += 1
         return codec.encode_setpoint(self.node, wire, sequence, taken.sequence, self.config.fd)
