@@ -133,7 +133,9 @@ def encode_fd_feedback(
     try:
         identifier, seed = _FD_FEEDBACK_HEADS[node]
         status = status_byte(state, fault)
-        return _seal16(identifier, seed, FD_FEEDBACK.pack(theta_m, current, stamp_us, sequence, setpoint_sequence, status))
+        return _seal16(
+            identifier, seed, FD_FEEDBACK.pack(theta_m, current, stamp_us, sequence, setpoint_sequence, status)
+        )
     except (KeyError, struct.error) as error:
         raise _refusal(node, error) from error
 

@@ -134,9 +134,7 @@ def _run_ahead(
         while kept < len(block):
             row = done + kept
             until = kept + 1 + -row % STOP_CHECK_SAMPLES
-            followed = gate.follow(
-                period_ns, theta_m_rad[kept:until], current_A[kept:until], wanted_rad[kept:until]
-            )
+            followed = gate.follow(period_ns, theta_m_rad[kept:until], current_A[kept:until], wanted_rad[kept:until])
             if followed:
                 kept += followed
                 passed_rad = float(wanted_rad[kept - 1])

@@ -7,7 +7,6 @@ import can
 import pytest
 
 from firmware_protocol.frames import Frame
-from hil_forceps.bridge.logs import bus_log
 from hil_forceps.bridge.logs.bus_log import (
     BATCH_ENTRIES,
     BusLog,
@@ -16,7 +15,6 @@ from hil_forceps.bridge.logs.bus_log import (
     LogReport,
     open_bus_log,
 )
-from hil_forceps.bridge.logs.candump_lines import CandumpLines
 from hil_forceps.bridge.ports import SendResult
 from hil_forceps.data.readers.bus_logs.frames import read_frames
 from hil_forceps.data.recording.writer import FLUSH_NS, RECENT_NS

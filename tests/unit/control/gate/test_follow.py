@@ -80,7 +80,9 @@ def motion(seed: int, wild: float) -> list[Row]:
         chance = source.random()
         theta = math.nan if chance < 0.05 * wild else angle + (0.2 if chance < 0.1 * wild else 0.0)
         current = source.gauss(0.0, 0.1) + (2.0 if place % 100 > 70 and wild else 0.0)
-        asked = math.inf if 0.1 * wild <= chance < 0.13 * wild else request + (0.3 if chance > 1.0 - 0.05 * wild else 0.0)
+        asked = (
+            math.inf if 0.1 * wild <= chance < 0.13 * wild else request + (0.3 if chance > 1.0 - 0.05 * wild else 0.0)
+        )
         rows.append((theta, current, asked))
     return rows
 
