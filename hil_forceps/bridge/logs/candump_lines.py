@@ -111,7 +111,7 @@ class CandumpLines:
             return ""
         times_ns, frames = zip(*chain.from_iterable(arrivals), strict=True)
         ids, payloads, are_fd, are_extended = zip(*frames, strict=True)
-        time_s = (np.array(times_ns, np.int64) - begin_ns) * 1e-9
+        time_s = np.asarray((np.array(times_ns, np.int64) - begin_ns) * 1e-9, np.float64)
         np.maximum.accumulate(time_s, out=time_s)
         np.maximum(time_s, self._last_s, out=time_s)
         self._last_s = float(time_s[-1])

@@ -94,7 +94,7 @@ def samples_without_jump(before_rad: float, theta_rad: Vector, furthest_rad: flo
         if turned != 0.0 and _is_jump(turned, furthest_rad):
             return sample
         before_rad = theta_rad[sample]
-    return theta_rad.shape[0]
+    return len(theta_rad)
 
 
 CHECKS: Final[tuple[Callable[[Block, FeedbackBounds], Finding | None], ...]] = (_still, _against, _current, _tension)

@@ -38,8 +38,9 @@ def opened(limits: Limits, feedback: FeedbackBounds | None) -> Gate:
 
 
 def slots(thing: Any) -> dict[str, str]:
-    """All that an object with slots remembers, as text: NaN equals itself."""
-    return {name: repr(getattr(thing, name, None)) for name in type(thing).__slots__}
+    """All that an object with slots remembers, as text: NaN equals itself, and a number of numpy one of Python."""
+    with np.printoptions(legacy="1.25"):
+        return {name: repr(getattr(thing, name, None)) for name in type(thing).__slots__}
 
 
 def memory(gate: Gate) -> dict[str, str]:
