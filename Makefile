@@ -87,6 +87,8 @@ effects: install  ## put model and world together from the files of their effect
 	$(PY) -m tools.generation.compose_effects
 	$(PY) tools/documents/rig_file_doc.py
 
+# Its kernels run as plain Python for both: coverage and mutants see nothing of compiled code.
+gate-coverage mutate-gate: export NUMBA_DISABLE_JIT = 1
 gate-coverage: install  ## the gate: all lines and branches by its own tests
 	$(PY) -m pytest -n 0 -q tests/unit/control/gate --cov=hil_forceps.control.gate --cov-branch \
 		--cov-report=term-missing --cov-fail-under=100

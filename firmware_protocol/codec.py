@@ -11,8 +11,9 @@ from typing import Final
 
 from fastcrc.crc8 import autosar
 
-from firmware_protocol.frames import MAX_NODE, NODE_BITS, Frame, arbitration_id, make
+from firmware_protocol.frames import MAX_NODE, Frame, arbitration_id, make
 from firmware_protocol.layouts import (
+    BENCH,
     FD_FEEDBACK,
     FD_SETPOINT,
     FEEDBACK,
@@ -21,9 +22,8 @@ from firmware_protocol.layouts import (
     SETPOINT,
     TIMING,
     Check,
-    pack_bench,
+    status_byte,
 )
-from firmware_protocol.layouts import status_byte as _status_byte
 from firmware_protocol.messages import Function, Message, Setpoint
 
 CRC16_INIT: Final = 0xFFFF
@@ -35,28 +35,37 @@ _SEED8: Final = tuple(autosar(i.to_bytes(2, "little")) for i in range(_IDS))
 _SEED16: Final = tuple(crc_hqx(i.to_bytes(2, "little"), CRC16_INIT) for i in range(_IDS))
 _BYTE: Final = tuple(bytes((i,)) for i in range(256))
 
-_SETPOINT_ID: Final = Function.SETPOINT << NODE_BITS
-_FD_SETPOINT_ID: Final = Function.FD_SETPOINT << NODE_BITS
-_FEEDBACK_ID: Final = Function.FEEDBACK << NODE_BITS
-_TIMING_ID: Final = Function.TIMING << NODE_BITS
-_FD_FEEDBACK_ID: Final = Function.FD_FEEDBACK << NODE_BITS
-_BENCH_ID: Final = Function.BENCH_SENSOR << NODE_BITS
+
+def _heads(function: Function) -> dict[int, tuple[int, int]]:
+    """Return the id of a function and the CRC seed of that id, by node."""
+    seeds = _SEED8 if LAYOUTS[function].check is Check.CRC8 else _SEED16
+    return {node: (arbitration_id(function, node), seeds[arbitration_id(function, node)]) for node in _NODES}
 
 
-def _seal8(identifier: int, body: bytes) -> Frame:
-    return make(Frame, (identifier, body + _BYTE[autosar(body, _SEED8[identifier])], False, False))
+_NODES: Final = range(1, MAX_NODE + 1)
+_SETPOINT_HEADS: Final = _heads(Function.SETPOINT)
+_FD_SETPOINT_HEADS: Final = _heads(Function.FD_SETPOINT)
+_FEEDBACK_HEADS: Final = _heads(Function.FEEDBACK)
+_TIMING_HEADS: Final = _heads(Function.TIMING)
+_FD_FEEDBACK_HEADS: Final = _heads(Function.FD_FEEDBACK)
+_BENCH_HEADS: Final = _heads(Function.BENCH_SENSOR)
 
 
-def _seal16(identifier: int, body: bytes) -> Frame:
-    return make(Frame, (identifier, body + crc_hqx(body, _SEED16[identifier]).to_bytes(2, "little"), True, False))
+def _seal8(identifier: int, seed: int, body: bytes) -> Frame:
+    return make(Frame, (identifier, body + _BYTE[autosar(body, seed)], False, False))
+
+
+def _seal16(identifier: int, seed: int, body: bytes) -> Frame:
+    return make(Frame, (identifier, body + crc_hqx(body, seed).to_bytes(2, "little"), True, False))
 
 
 def _unfit(error: Exception) -> ValueError:
     return ValueError(f"a field does not fit its place on the wire: {error}")
 
 
-def _no_node(node: int) -> ValueError:
-    return ValueError(f"node {node}: must be 1 to {MAX_NODE}")
+def _refusal(node: int, error: Exception) -> ValueError:
+    """Return what was wrong with the fields of a message of this node."""
+    return ValueError(f"node {node}: must be 1 to {MAX_NODE}") if isinstance(error, KeyError) else _unfit(error)
 
 
 def encode(message: Message, fd: bool = False) -> Frame:
@@ -80,65 +89,65 @@ def encode(message: Message, fd: bool = False) -> Frame:
     except (struct.error, OverflowError) as error:
         raise _unfit(error) from error
     if layout.check is Check.CRC8:
-        return _seal8(identifier, body)
-    return _seal16(identifier, body) if layout.check is Check.CRC16 else Frame(identifier, body)
+        return _seal8(identifier, _SEED8[identifier], body)
+    return _seal16(identifier, _SEED16[identifier], body) if layout.check is Check.CRC16 else Frame(identifier, body)
 
 
 def encode_setpoint(node: int, theta_m_ref: int, sequence: int, sample_sequence: int, fd: bool = False) -> Frame:
     """Encode SETPOINT or FD_SETPOINT, the fast way; ValueError as `encode`."""
-    if not 1 <= node <= MAX_NODE:
-        raise _no_node(node)
     try:
         if fd:
-            return _seal16(_FD_SETPOINT_ID | node, FD_SETPOINT.pack(theta_m_ref, sequence, sample_sequence))
-        return _seal8(_SETPOINT_ID | node, SETPOINT.pack(theta_m_ref, sequence, sample_sequence))
-    except struct.error as error:
-        raise _unfit(error) from error
+            identifier, seed = _FD_SETPOINT_HEADS[node]
+            return _seal16(identifier, seed, FD_SETPOINT.pack(theta_m_ref, sequence, sample_sequence))
+        identifier, seed = _SETPOINT_HEADS[node]
+        body = SETPOINT.pack(theta_m_ref, sequence, sample_sequence)
+        return make(Frame, (identifier, body + _BYTE[autosar(body, seed)], False, False))
+    except (KeyError, struct.error) as error:
+        raise _refusal(node, error) from error
 
 
 def encode_feedback(node: int, theta_m: int, current: int, sequence: int) -> Frame:
     """Encode FEEDBACK, the fast way; ValueError as `encode`."""
-    if not 1 <= node <= MAX_NODE:
-        raise _no_node(node)
     try:
-        return _seal8(_FEEDBACK_ID | node, FEEDBACK.pack(theta_m, current, sequence))
-    except struct.error as error:
-        raise _unfit(error) from error
+        identifier, seed = _FEEDBACK_HEADS[node]
+        body = FEEDBACK.pack(theta_m, current, sequence)
+    except (KeyError, struct.error) as error:
+        raise _refusal(node, error) from error
+    return make(Frame, (identifier, body + _BYTE[autosar(body, seed)], False, False))
 
 
 def encode_timing(node: int, stamp_us: int, sequence: int, setpoint_sequence: int, state: int, fault: int) -> Frame:
     """Encode TIMING, the fast way; ValueError as `encode`."""
-    if not 1 <= node <= MAX_NODE:
-        raise _no_node(node)
     try:
-        body = TIMING.pack(stamp_us, sequence, setpoint_sequence, _status_byte(state, fault))
-    except struct.error as error:
-        raise _unfit(error) from error
-    return _seal8(_TIMING_ID | node, body)
+        identifier, seed = _TIMING_HEADS[node]
+        body = TIMING.pack(stamp_us, sequence, setpoint_sequence, status_byte(state, fault))
+    except (KeyError, struct.error) as error:
+        raise _refusal(node, error) from error
+    return make(Frame, (identifier, body + _BYTE[autosar(body, seed)], False, False))
 
 
 def encode_fd_feedback(
     node: int, theta_m: int, current: int, stamp_us: int, sequence: int, setpoint_sequence: int, state: int, fault: int
 ) -> Frame:
     """Encode FD_FEEDBACK, the fast way; ValueError as `encode`."""
-    if not 1 <= node <= MAX_NODE:
-        raise _no_node(node)
     try:
-        status = _status_byte(state, fault)
-        body = FD_FEEDBACK.pack(theta_m, current, stamp_us, sequence, setpoint_sequence, status)
-    except struct.error as error:
-        raise _unfit(error) from error
-    return _seal16(_FD_FEEDBACK_ID | node, body)
+        identifier, seed = _FD_FEEDBACK_HEADS[node]
+        status = status_byte(state, fault)
+        return _seal16(
+            identifier, seed, FD_FEEDBACK.pack(theta_m, current, stamp_us, sequence, setpoint_sequence, status)
+        )
+    except (KeyError, struct.error) as error:
+        raise _refusal(node, error) from error
 
 
 def encode_bench_sensor(node: int, theta_j: int, tau_w: int, sequence: int) -> Frame:
     """Encode BENCH_SENSOR, the fast way; ValueError as `encode`."""
-    if not 1 <= node <= MAX_NODE:
-        raise _no_node(node)
     try:
-        return _seal8(_BENCH_ID | node, pack_bench(theta_j, tau_w, sequence))
-    except OverflowError as error:
-        raise _unfit(error) from error
+        identifier, seed = _BENCH_HEADS[node]
+        body = BENCH.pack(theta_j & 0xFFFF, theta_j >> 16, tau_w & 0xFFFF, tau_w >> 16, sequence)
+    except (KeyError, struct.error) as error:
+        raise _refusal(node, error) from error
+    return make(Frame, (identifier, body + _BYTE[autosar(body, seed)], False, False))
 
 
 # id -> (node, length, format, check, CRC seed of the id, builder)
@@ -153,6 +162,12 @@ _ROUTES: Final = {
     )
     for function, layout in LAYOUTS.items()
     for node in range(layout.lowest_node, layout.highest_node + 1)
+}
+# Of these, what is cyclic on classic CAN: 8 bytes, the last the CRC-8. id -> (node, CRC seed of the id, builder)
+_SHORT_ROUTES: Final = {
+    identifier: (node, seed, build)
+    for identifier, (node, length, is_fd, check, seed, build) in _ROUTES.items()
+    if length == 8 and is_fd is False and check == Check.CRC8
 }
 
 
@@ -169,6 +184,16 @@ class Decoder:
 
     def decode(self, frame: Frame) -> Message | None:
         """Return the message, or None with one counter advanced."""
+        identifier, data, is_fd, is_extended = frame
+        short = _SHORT_ROUTES.get(identifier)
+        if short is not None and not (is_fd or is_extended) and len(data) == 8:
+            node, seed, build = short
+            if autosar(data, seed) == _CRC8_RESIDUE:
+                message: Message = build(node, data)
+                return message
+        return self._decode_any(frame)
+
+    def _decode_any(self, frame: Frame) -> Message | None:
         identifier, data, is_fd, is_extended = frame
         route = _ROUTES.get(identifier)
         if route is None or is_extended:

@@ -36,9 +36,7 @@ FD_FEEDBACK: Final = Struct("<ihIBBBx")
 _HOST_HEARTBEAT: Final = Struct("<BBBxxxB")
 _DRIVE_HEARTBEAT: Final = Struct("<BBBHBB")
 _PARAM: Final = Struct("<BHi")
-_BENCH: Final = Struct("<q")  # three fields of 24, 24 and 8 bits, and the check value on top
-_HALF24: Final = 1 << 23
-_MASK24: Final = (1 << 24) - 1
+BENCH: Final = Struct("<HbHbB")  # fields of 24 bits, each as its lower 16 and its upper 8 with the sign
 
 
 class Check(IntEnum):
@@ -130,21 +128,13 @@ def _build_drive_heartbeat(node: int, data: bytes) -> DriveHeartbeat:
     return DriveHeartbeat(node, status & 15, status >> 4, *rest)
 
 
-def pack_bench(theta_j: int, tau_w: int, sequence: int) -> bytes:
-    """Pack the body of BENCH_SENSOR; OverflowError when a field does not fit."""
-    if not (-_HALF24 <= theta_j < _HALF24 and -_HALF24 <= tau_w < _HALF24):
-        raise OverflowError(f"theta_j {theta_j} and tau_w {tau_w} must each fit 24 bits")
-    return (theta_j & _MASK24 | (tau_w & _MASK24) << 24 | sequence << 48).to_bytes(7, "little")
-
-
 def _pack_bench(m: BenchSensor) -> bytes:
-    return pack_bench(m.theta_j, m.tau_w, m.sequence)
+    return BENCH.pack(m.theta_j & 0xFFFF, m.theta_j >> 16, m.tau_w & 0xFFFF, m.tau_w >> 16, m.sequence)
 
 
 def _build_bench(node: int, data: bytes) -> BenchSensor:
-    (bits,) = _BENCH.unpack(data)
-    theta_j, tau_w = (bits + _HALF24 & _MASK24) - _HALF24, ((bits >> 24) + _HALF24 & _MASK24) - _HALF24
-    return make(BenchSensor, (node, theta_j, tau_w, data[6]))
+    theta_j, theta_j_upper, tau_w, tau_w_upper, sequence = BENCH.unpack_from(data)
+    return make(BenchSensor, (node, theta_j_upper << 16 | theta_j, tau_w_upper << 16 | tau_w, sequence))
 
 
 def _pack_param(m: ParamRequest | ParamResponse) -> bytes:

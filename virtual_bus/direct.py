@@ -12,7 +12,7 @@ from virtual_bus.drive import forceps_of
 from virtual_bus.plant.forceps import SimulatedForceps
 from virtual_bus.plant.forceps_kernels import follow_and_sense
 from virtual_bus.plant.load import paper_load
-from virtual_bus.plant.sensors import noise_source
+from virtual_bus.plant.sensors import noise_streams
 
 
 class DirectSample(NamedTuple):
@@ -73,11 +73,11 @@ class DirectWorld:
         forceps = self._forceps
         if not isinstance(forceps, SimulatedForceps):
             return None
-        load, noise = self._load, noise_source(self._seed)  # its own: this world stays at its start
+        load, streams = self._load, noise_streams(self._seed)  # its own: this world stays at its start
         return CompiledWorld(
             follow_and_sense,
             forceps.memory(),
             load.time_ns.copy(),
             load.torque_N_m.copy(),
-            lambda samples: np.array([next(noise) for _ in range(samples)]),
+            lambda samples: np.column_stack([stream.standard_normal(samples) for stream in streams]),
         )

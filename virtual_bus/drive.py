@@ -155,12 +155,13 @@ class SimulatedDrive:
 
     def wake(self, now_ns: int) -> None:
         """Do all that is due, each at its own time, also when called late."""
+        machine, per_sample = self.machine, self._polls_per_sample
         while self._next_poll_ns <= now_ns:
-            at_ns, poll, per_sample = self._next_poll_ns, self._polls, self._polls_per_sample
+            at_ns, poll = self._next_poll_ns, self._polls
             at_us = self._drive_us(at_ns)
             self._polls = poll + 1
             self._next_poll_ns = next_ns = self._poll_time_ns(poll + 1)
-            frames = self.machine.poll(at_us)
+            frames = machine.poll(at_us)
             if frames:
                 self._send(frames)
             if poll % per_sample == 0:
@@ -172,15 +173,16 @@ class SimulatedDrive:
         return frames
 
     def _sample(self, at_ns: int, at_us: int, next_ns: int, poll: int) -> None:
-        is_feedback = poll % self._polls_per_feedback == 0
+        is_feedback, machine = poll % self._polls_per_feedback == 0, self.machine
         if is_feedback:
-            self._look_for_zero(at_ns)
+            if (machine.state is _OPERATIONAL) is not self._was_operational:
+                self._look_for_zero(at_ns)
             if self.truth.capacity:
                 self.truth.append(at_ns, at_us * STAMP_LSB_NS, self._forceps.truth(at_ns))
-        theta_m, current, theta_j, tau_w = self._forceps.sample(at_ns, next_ns, self.machine.reference_raw)
+        theta_m, current, theta_j, tau_w = self._forceps.sample(at_ns, next_ns, machine.reference_raw)
         self._theta_raw = theta_m
         if is_feedback:
-            machine, sequence = self.machine, self._sequence
+            sequence = self._sequence
             frames = machine.sample(at_us, theta_m, current)
             frames.append(codec.encode_bench_sensor(machine.node, theta_j, tau_w, sequence))
             self._sequence = (sequence + 1) % SEQUENCE_MODULUS
@@ -194,11 +196,11 @@ class SimulatedDrive:
         self._was_operational = operational
 
     def _send(self, frames: list[Frame]) -> None:
-        room = OUTBOX_LIMIT - len(self._outbox)
-        if len(frames) > room:
-            self.counters["outbox_full"] += len(frames) - room
-            frames = frames[:room]
-        self._outbox += frames
+        outbox = self._outbox
+        outbox += frames
+        if len(outbox) > OUTBOX_LIMIT:
+            self.counters["outbox_full"] += len(outbox) - OUTBOX_LIMIT
+            del outbox[OUTBOX_LIMIT:]
 
     def _poll_time_ns(self, poll: int) -> int:
         """Return the bus time of a poll; from the first one on, so that rounding does not add up."""

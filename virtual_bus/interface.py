@@ -141,7 +141,8 @@ class VirtualForcepsBus(can.BusABC):
 
         ValueError when there is no such CAN frame, or FD is off.
         """
-        self._check_open()
+        if self._is_shutdown:
+            self._check_open()
         if frame[2] and not self._is_fd:
             raise ValueError("CAN FD is off on this bus")
         with self._lock:

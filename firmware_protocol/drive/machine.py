@@ -98,8 +98,8 @@ class DriveMachine:
 
     def receive(self, frame: Frame, now_us: int, theta_m_raw: int) -> list[Frame]:
         """Take one frame; `theta_m_raw` is the angle now, wrapped or not. Return the answers to send."""
-        handler = self._handlers.get(frame.arbitration_id)
-        if handler is None or frame.is_extended:
+        handler = self._handlers.get(frame[0])
+        if handler is None or frame[3]:  # an extended id
             self.counters["not_for_us"] += 1
             return []
         self._expire(now_us)

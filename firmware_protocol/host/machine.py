@@ -15,7 +15,6 @@ from firmware_protocol.host.samples import RawBench, RawSample, SampleAssembler
 from firmware_protocol.messages import (
     PROTOCOL_MAJOR,
     PROTOCOL_MINOR,
-    BenchSensor,
     Discover,
     DriveHeartbeat,
     DriveState,
@@ -79,7 +78,7 @@ class HostMachine:
         self._samples = SampleAssembler(self.counters)
         self._responses: list[ParamResponse] = []
         self._routes: _Routes = {}
-        self._setpoint_sequence = 0
+        self.setpoint_sequence = 0  # of the last reference handed out
         self._discover_due_ns = 0
         self._heard_ns = 0
         self._enabling_since_ns: int | None = None
@@ -108,11 +107,6 @@ class HostMachine:
         """Ask the drive to forget its fault, by one pulse; ValueError unless in FAULT."""
         self._command(HostEvent.RESET)
         self._heartbeats.request_reset()
-
-    @property
-    def setpoint_sequence(self) -> int:
-        """Number of the last reference handed out."""
-        return self._setpoint_sequence
 
     def fault_words(self) -> str:
         """Return the drive's fault in words."""
@@ -156,15 +150,15 @@ class HostMachine:
             if not self._heartbeats.enabling or self.drive_state is not DriveState.ARMED:
                 return None
             theta_m_ref_raw = taken.theta_m
-        sequence = self._setpoint_sequence = (self._setpoint_sequence + 1) & 0xFF
+        sequence = self.setpoint_sequence = (self.setpoint_sequence + 1) & 0xFF
         wire = (theta_m_ref_raw + _HALF32 & _MASK32) - _HALF32
         self.counters["setpoints_sent"] += 1
         return codec.encode_setpoint(self.node, wire, sequence, taken.sequence, self.config.fd)
 
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take one frame from the bus."""
-        handler = self._routes.get(frame.arbitration_id)
-        if handler is None or frame.is_extended:
+        handler = self._routes.get(frame[0])
+        if handler is None or frame[3]:  # an extended id
             self.counters["not_for_us"] += 1
             return
         message = self._decoder.decode(frame)
@@ -231,7 +225,7 @@ class HostMachine:
     def _connected_routes(self) -> _Routes:
         routes: dict[Function, Callable[[Any, int], None]] = {
             Function.DRIVE_HEARTBEAT: self._on_drive_heartbeat,
-            Function.BENCH_SENSOR: self._on_bench,
+            Function.BENCH_SENSOR: self._samples.on_bench,
             Function.PARAM_RESPONSE: self._on_response,
             Function.IDENTITY: self._on_identity,
         }
@@ -268,9 +262,9 @@ class HostMachine:
 
     def _saw_sample(self, sample: RawSample | None) -> None:
         if sample is not None:
-            self._heard_ns = sample.received_ns
-            if self.phase is not _RUNNING or sample.state != _OPERATIONAL or sample.fault:  # else there is no news
-                self._see(sample.state, sample.fault)
+            _, _, _, _, state, fault, _, self._heard_ns = sample
+            if self.phase is not _RUNNING or state != _OPERATIONAL or fault:  # else there is no news
+                self._see(state, fault)
         elif self._samples.restarted:
             self._lose_drive()
 
@@ -323,9 +317,6 @@ class HostMachine:
     def _refuse(self, words: str) -> None:
         self.refusal = words
         self._fire(HostEvent.MISFIT)
-
-    def _on_bench(self, message: BenchSensor, now_ns: int) -> None:
-        self._samples.on_bench(message, now_ns)
 
     def _on_response(self, message: ParamResponse, now_ns: int) -> None:
         self._heard_ns = now_ns

@@ -86,57 +86,64 @@ class SampleAssembler:
 
     def on_feedback(self, message: Feedback, now_ns: int) -> RawSample | None:
         """Take one half; return the sample when it is whole and new."""
-        timing = self._timing.pop(message.sequence, None) if self._timing else None
+        _, theta_m, current, sequence = message
+        timing = self._timing.pop(sequence, None) if self._timing else None
         if timing is None:
-            self._keep(self._feedback, message)
+            self._keep(self._feedback, sequence, message)
             return None
-        return self._complete(message.theta_m, message.current, timing, now_ns)
+        return self._complete(theta_m, current, timing, now_ns)
 
     def on_timing(self, message: Timing, now_ns: int) -> RawSample | None:
         """Take the other half; return the sample when it is whole and new."""
-        feedback = self._feedback.pop(message.sequence, None)
+        sequence = message[2]
+        feedback = self._feedback.pop(sequence, None)
         if feedback is None:
-            self._keep(self._timing, message)
+            self._keep(self._timing, sequence, message)
             return None
-        return self._complete(feedback.theta_m, feedback.current, message, now_ns)
+        _, theta_m, current, _ = feedback
+        return self._complete(theta_m, current, message, now_ns)
 
     def on_fd_feedback(self, message: FdFeedback, now_ns: int) -> RawSample | None:
         """Take a whole sample; return it when it is new."""
+        node, theta_m, current, *timing = message
         if self._is_old(message.sequence):
             self._counters["stale_feedback"] += 1
             return None
-        return self._complete(message.theta_m, message.current, message, now_ns)
+        return self._complete(theta_m, current, make(Timing, (node, *timing)), now_ns)
 
     def on_bench(self, message: BenchSensor, now_ns: int) -> None:
         """Take one bench reading, unless it is old."""
+        _, theta_j, tau_w, sequence = message
         last = self._bench_sequence
-        if last is not None and not 1 <= (message.sequence - last) & 0xFF <= MAX_SEQUENCE_ADVANCE:
+        if last is not None and not 1 <= (sequence - last) & 0xFF <= MAX_SEQUENCE_ADVANCE:
             self._counters["stale_bench"] += 1
             return
-        self._bench_sequence = message.sequence
+        self._bench_sequence = sequence
         self._counters["bench_samples"] += 1
-        self._bench.append(make(RawBench, (message.sequence, message.theta_j, message.tau_w, now_ns)))
-        if len(self._bench) > MAX_QUEUED_SAMPLES:
-            del self._bench[0]
+        bench = self._bench
+        bench.append(make(RawBench, (sequence, theta_j, tau_w, now_ns)))
+        if len(bench) > MAX_QUEUED_SAMPLES:
+            del bench[0]
             self._counters["bench_overflow"] += 1
 
     def _is_old(self, sequence: int) -> bool:
         newest = self.newest
         return newest is not None and not 1 <= (sequence - newest[0]) & 0xFF <= MAX_SEQUENCE_ADVANCE
 
-    def _keep(self, pending: dict[int, _Half], half: _Half) -> None:
+    def _keep(self, pending: dict[int, _Half], sequence: int, half: _Half) -> None:
         """Let a half wait. An old one must not: 256 samples on, it would pair with a stranger."""
-        if self._is_old(half.sequence):
+        newest = self.newest
+        if newest is not None and not 1 <= (sequence - newest[0]) & 0xFF <= MAX_SEQUENCE_ADVANCE:  # as `_is_old`
             self._counters["stale_feedback"] += 1
             return
-        pending[half.sequence] = half
+        pending[sequence] = half
         if len(pending) > MAX_PENDING_HALVES:
             del pending[next(iter(pending))]
             self._counters["unpaired"] += 1
 
-    def _complete(self, theta_m: int, current: int, timing: Timing | FdFeedback, now_ns: int) -> RawSample | None:
+    def _complete(self, theta_m: int, current: int, timing: Timing, now_ns: int) -> RawSample | None:
         """Deliver a whole sample that is not old (halves were judged when they came)."""
-        state, sequence, stamp_us = timing.state, timing.sequence, timing.stamp_us
+        _, stamp_us, sequence, setpoint_sequence, state, fault = timing
         if state > _LAST_STATE:
             self._counters["unknown_state"] += 1
             return None
@@ -144,7 +151,7 @@ class SampleAssembler:
         if newest is None:
             stamp_ns = stamp_us * STAMP_LSB_NS
         else:
-            before, before_ns, before_theta = newest[:3]
+            before, before_ns, before_theta, *_ = newest
             gap_us = (stamp_us - before_ns // STAMP_LSB_NS) & _MASK32
             if not 0 < gap_us <= MAX_STAMP_GAP_US:
                 self._counters["drive_restarted"] += 1
@@ -155,13 +162,13 @@ class SampleAssembler:
                 self._counters["lost_feedback"] += lost
             stamp_ns = before_ns + gap_us * STAMP_LSB_NS
             theta_m = before_theta + ((theta_m - before_theta + _HALF32) & _MASK32) - _HALF32
-        fields = (sequence, stamp_ns, theta_m, current, state, timing.fault, timing.setpoint_sequence, now_ns)
-        sample = make(RawSample, fields)
-        self.newest = sample
+        fields = (sequence, stamp_ns, theta_m, current, state, fault, setpoint_sequence, now_ns)
+        self.newest = sample = make(RawSample, fields)
         self._counters["samples"] += 1
-        self._queue.append(sample)
-        if len(self._queue) > MAX_QUEUED_SAMPLES:
-            del self._queue[0]
+        queue = self._queue
+        queue.append(sample)
+        if len(queue) > MAX_QUEUED_SAMPLES:
+            del queue[0]
             self._counters["samples_overflow"] += 1
         if self._feedback or self._timing:
             self._purge(self._feedback)

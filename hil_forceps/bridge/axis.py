@@ -148,16 +148,17 @@ class Axis:
             self.fault = reason_of(course.reason, course.message, where, self.pipeline, self._config, trip)
 
     def _send_reference(self, now_ns: int, send: Callable[[Frame], SendResult], clock_ns: Callable[[], int]) -> None:
-        reference = self.pipeline.reference(now_ns)
+        pipeline, drive = self.pipeline, self.drive
+        reference = pipeline.reference(now_ns)
         sent_ns, outcome = now_ns, _NONE
         raw = reference.reference_raw
         if raw is not None:
-            frame = self.drive.setpoint(raw)
+            frame = drive.setpoint(raw)
             if frame is None:
                 outcome = Outcome.NOT_ALLOWED
             else:
                 result = send(frame)
-                self._setpoint_sequence = self.drive.setpoint_sequence
+                self._setpoint_sequence = drive.setpoint_sequence
                 if result is not _SENT:
                     outcome = Outcome.QUEUE_FULL if result is SendResult.QUEUE_FULL else Outcome.BUS_DOWN
                 else:
@@ -165,10 +166,11 @@ class Axis:
                     sent_ns = clock_ns()
                     self.references_sent += 1
                     self.reference_rad = reference.passed_rad
-                    self.age_ns = age_ns = sent_ns - self.pipeline.host_time_ns(reference.stamp_ns)
+                    self.age_ns = age_ns = sent_ns - pipeline.host_time_ns(reference.stamp_ns)
                     self.age.add(age_ns)
-        if self._recorder is not None:
-            self._recorder.reference(reference, sent_ns, outcome, self._setpoint_sequence)
+        recorder = self._recorder
+        if recorder is not None:
+            recorder.reference(reference, sent_ns, outcome, self._setpoint_sequence)
         if self._observer is not None:
             self._observer.reference(reference, sent_ns, outcome, self._setpoint_sequence)
 

@@ -108,6 +108,7 @@ class Pipeline:
         self._max_age_ns = round(max_sample_age_s * 1e9)
         self._approach = approach
         self._stamps = StampMap(same_clock=same_clock)
+        self.host_time_ns = self._stamps.host_time_ns  # of a drive stamp; ValueError before the first sample
         self._same_clock = same_clock
         self._state: State | None = None
         self._is_new = False
@@ -165,10 +166,6 @@ class Pipeline:
         if newest.state != _OPERATIONAL or self.zero_ns is None:
             return self._hold(newest, now_ns)
         return self._follow(newest, newest.stamp_ns - self.zero_ns, now_ns)
-
-    def host_time_ns(self, stamp_ns: int) -> int:
-        """Return the host's time of a drive stamp, as `StampMap` sees it; ValueError before the first sample."""
-        return self._stamps.host_time_ns(stamp_ns)
 
     def _hold(self, newest: RawSample, now_ns: int) -> Reference:
         """Ask for the measured angle: the first reference of the enable handshake."""

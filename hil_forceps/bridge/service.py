@@ -72,6 +72,7 @@ class Service:
         self._telemetry = telemetry
         self._live = live
         self._remote = remote
+        self._is_steered = live is not None or remote is not None
         self._stops_all = len(self._axes) > 1 and not go_on
         self.counters = dict.fromkeys(("ticks", "overruns", "skipped_periods", "frames_sent", "queue_full"), 0)
         self._has_run = False
@@ -110,9 +111,10 @@ class Service:
         axes, clock, tick = self._axes, self._clock, self._tick
         add_lateness, add_period = self.statistics.lateness.add, self.statistics.period.add
         keep = self.lateness.append
-        while not all(axis.has_ended for axis in axes):
-            clock.sleep_until_ns(due_ns)
-            now_ns = clock.now_ns()
+        sleep_until_ns, clock_ns = clock.sleep_until_ns, clock.now_ns
+        while not (axes[0].has_ended and all(axis.has_ended for axis in axes)):
+            sleep_until_ns(due_ns)
+            now_ns = clock_ns()
             late_ns = now_ns - due_ns
             add_lateness(late_ns)
             keep((now_ns, late_ns))
@@ -124,7 +126,7 @@ class Service:
             if self._live is not None:
                 self._show(now_ns, late_ns)
             due_ns += period_ns
-            late_ns = clock.now_ns() - due_ns
+            late_ns = clock_ns() - due_ns
             if late_ns >= 0:
                 skipped = late_ns // period_ns + 1
                 self.counters["overruns"] += 1
@@ -135,13 +137,15 @@ class Service:
         received = self._link.receive()
         for axis in self._axes:
             axis.receive(received)
-        now_ns = self._clock.now_ns()  # estimators take their time: a sample that has become too old by it is too old
+        clock_ns = self._clock.now_ns
+        now_ns = clock_ns()  # estimators take their time: a sample that has become too old by it is too old
         if not self._link.is_up():
             self._bus_down = True
-        self._listen(now_ns)
+        if self._is_steered:
+            self._listen(now_ns)
         for axis in self._axes:
             if not axis.has_ended:
-                axis.tick(now_ns, self._send, self._clock.now_ns)
+                axis.tick(now_ns, self._send, clock_ns)
                 if self._bus_down and not axis.has_ended:
                     axis.course.bus_is_down()
         if self._stops_all:

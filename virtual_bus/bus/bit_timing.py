@@ -111,6 +111,12 @@ def arbitration_key(arbitration_id: int, is_extended: bool) -> int:
     return arbitration_id << 19
 
 
+def classic_times_ns(bitrate_bit_per_s: int) -> tuple[int, ...]:
+    """Return the times of classical base frames by the number of their data and stuff bits together."""
+    most = 8 * 8 + (_CLASSIC_STUFFED_BITS + 8 * 8 - 1) // 4
+    return tuple((_CLASSIC_FIXED_BITS + bits) * NS_PER_S // bitrate_bit_per_s for bits in range(most + 1))
+
+
 def frame_time_ns(frame: Frame, bitrate_bit_per_s: int, data_bitrate_bit_per_s: int) -> int:
     """Return the time from SOF to the end of EOF, when receivers have the frame; ValueError as `frame_bits`."""
     arbitration_id, data, is_fd, is_extended = frame

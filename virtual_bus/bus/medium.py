@@ -22,17 +22,21 @@ from virtual_bus.bus.bit_timing import (
     BitTiming,
     arbitration_key,
     clash,
+    classic_times_ns,
     frame_time_ns,
 )
 from virtual_bus.bus.faults import FOREVER_NS, FaultInjector, FaultKind, Side, StateChange
 from virtual_bus.bus.port import DEFAULT_QUEUE_FRAMES, NEVER_SEQUENCES, OffBus, Port, PortState
+from virtual_bus.bus.stuffing import classic_stuff_bits
 from virtual_bus.bus.wire import NOBODY_NS
 
 # What waits: what arbitrates first (`arbitration_key`), then order of arrival; port, frame and its time on the wire. A
 # heap of these is the arbitration.
 _Entry = tuple[int, int, Port, Frame, int]
 
-_BUS_OFF: Final = PortState.BUS_OFF  # looked up for every frame
+# Looked up once, for every frame.
+_BUS_OFF: Final = PortState.BUS_OFF
+_integer: Final = int.from_bytes
 
 
 class Medium:
@@ -48,6 +52,7 @@ class Medium:
         self._flight_end_ns = FOREVER_NS
         self._special_ns = FOREVER_NS  # next of what happens rarely: state changes, held frames, recovery
         self._bitrate, self._data_bitrate = self.timing
+        self._classic_ns = classic_times_ns(self._bitrate)
         self._intermission_ns = self.timing.bits_ns(INTERMISSION_BITS)
         self._faults = faults
         self._changes: list[StateChange] = [] if faults is None else list(reversed(faults.state_changes))
@@ -79,12 +84,14 @@ class Medium:
             raise ValueError(f"a transmit queue holds at least one frame, not {queue_frames}")
         port = Port(name, side, deliver, queue_frames, answers)
         self.ports.append(port)
+        self._introduce()
         return port
 
     def detach(self, port: Port) -> None:
         """Take a node off the bus with all that it still wanted to send; what is on the wire arrives."""
         self._discard(port)
         self.ports.remove(port)
+        self._introduce()
         self._off.remove(port)
         self._plan_special()
 
@@ -96,13 +103,21 @@ class Medium:
         if self.gone or port.queued >= port.queue_frames or port.state is _BUS_OFF:
             self.refuses(port)
             return False
-        key = arbitration_key(frame[0], True) if frame[3] else frame[0] << 19
-        entry = (key, self._order, port, frame, frame_time_ns(frame, self._bitrate, self._data_bitrate))
-        self._order += 1
-        port.queued += 1
-        if not self._pending:
+        identifier, data, is_fd, is_extended = frame
+        bytes_sent = len(data)
+        if is_fd or is_extended or identifier >> 11 or bytes_sent > 8:
+            key = arbitration_key(identifier, is_extended)
+            duration_ns = frame_time_ns(frame, self._bitrate, self._data_bitrate)
+        else:  # the same without the detour, for most frames
+            key = identifier << 19
+            stuffed = classic_stuff_bits(identifier, bytes_sent, _integer(data, "big", signed=True))
+            duration_ns = self._classic_ns[8 * bytes_sent + stuffed]
+        pending, order = self._pending, self._order
+        if not pending:
             self._ready_ns = now_ns
-        heappush(self._pending, entry)
+        heappush(pending, (key, order, port, frame, duration_ns))
+        self._order = order + 1
+        port.queued += 1
         return True
 
     def refuses(self, port: Port, on_the_way: int = 0) -> bool:
@@ -137,23 +152,40 @@ class Medium:
 
     def carry(self, until_ns: int) -> int:
         """See `Wire`: what `next_event_ns` and `run` do frame by frame, for a bus that nothing disturbs."""
-        pending, ports = self._pending, self.ports
-        if self._flight is not None or self._special_ns < FOREVER_NS or self._faults is not None or len(ports) < 2:
+        if self._flight is not None or self._special_ns < FOREVER_NS or self._faults is not None or self._off.ports:
             return NOBODY_NS
+        pending = self._pending
+        free_ns = self._idle_ns if self._idle_ns > self._ready_ns else self._ready_ns
         while pending:
-            key, _, sender, frame, duration_ns = pending[0]
-            end_ns = (self._idle_ns if self._idle_ns > self._ready_ns else self._ready_ns) + duration_ns
-            if end_ns >= until_ns:  # it is still on the wire when a node wakes
-                break
-            waiting = len(pending)
-            if waiting > 1 and (pending[1][0] == key or (waiting > 2 and pending[2][0] == key)):
-                break  # two of one id: arbitration doesn't decide
-            heappop(pending)
-            self._idle_ns = end_ns + self._intermission_ns
-            sender.transmitted()
-            if self._deliver(sender, frame, end_ns):
+            entry = heappop(pending)
+            key, _, sender, frame, duration_ns = entry
+            end_ns, listeners = free_ns + duration_ns, sender.listeners
+            # It is still on the wire when a node wakes; arbitration doesn't decide between two of one id; or nobody
+            # acknowledges it.
+            if end_ns >= until_ns or (pending and pending[0][0] == key) or not listeners:
+                heappush(pending, entry)
+                return NOBODY_NS
+            self._idle_ns = free_ns = end_ns + self._intermission_ns
+            sender.queued -= 1
+            sender.sent += 1
+            if sender.tec:
+                sender.recovered()
+            is_told = False
+            for port in listeners:
+                port.received += 1
+                if port.rec:
+                    port.heard()
+                port.deliver(frame, end_ns)
+                if port.answers:
+                    is_told = True
+            if is_told:
                 return end_ns
-        return NOBODY_NS
+        return FOREVER_NS
+
+    def _introduce(self) -> None:
+        """Tell every node who hears what it sends."""
+        for port in self.ports:
+            port.listeners = tuple(other for other in self.ports if other is not port)
 
     def _start(self, now_ns: int) -> None:
         """Arbitrate among all that wait and begin the winner's transmission."""

@@ -46,6 +46,7 @@ class Port:
         "answers",
         "deliver",
         "left_sequences",
+        "listeners",
         "name",
         "off_since_ns",
         "on_bus_off",
@@ -63,6 +64,7 @@ class Port:
         self.deliver = deliver
         self.queue_frames = queue_frames
         self.answers = answers
+        self.listeners: tuple[Port, ...] = ()  # who hears what it sends
         self.on_bus_off: Callable[[], None] | None = None
         self.queued = 0
         self.state = PortState.ERROR_ACTIVE
@@ -94,8 +96,12 @@ class Port:
         self.queued -= 1
         self.sent += 1
         if self.tec:
-            self.tec -= 1
-            self._set_state()
+            self.recovered()
+
+    def recovered(self) -> None:
+        """Count a frame that went out where there were errors before."""
+        self.tec -= 1
+        self._set_state()
 
     def heard(self) -> None:
         """Count a good frame of somebody else where there were errors before."""

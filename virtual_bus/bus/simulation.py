@@ -31,6 +31,7 @@ class Simulation:
         self.now_ns = 0
         self._seats: list[_Seat] = []
         self._wakes: list[int] = [FOREVER_NS]  # of each node, and a last one so that there is always a least
+        self._answering: list[int] = []  # places of nodes that may answer
 
     def add(
         self, node: Node, name: str, side: Side, queue_frames: int = DEFAULT_QUEUE_FRAMES, answers: bool = True
@@ -42,6 +43,7 @@ class Simulation:
         port = self.medium.attach(name, side, node.receive, queue_frames, answers)
         self._seats.append(_Seat(node, port))
         self._wakes.insert(-1, FOREVER_NS)
+        self._answering = self._places_of_answering()
         self._settle(len(self._seats) - 1)
         return port
 
@@ -50,6 +52,7 @@ class Simulation:
         index = self._index(port)
         self.medium.detach(port)
         del self._seats[index], self._wakes[index]
+        self._answering = self._places_of_answering()
 
     def settle(self, port: Port) -> None:
         """Look again at a node that somebody outside has given something to do; ValueError when it isn't there."""
@@ -67,6 +70,11 @@ class Simulation:
             wake_ns = min(wakes)
             until_ns = wake_ns if wake_ns < limit_ns else limit_ns
             told_ns = medium.carry(until_ns)
+            if told_ns == FOREVER_NS:
+                if wake_ns > limit_ns:
+                    break
+                self._wake_due(wake_ns)
+                continue
             if told_ns != NOBODY_NS:
                 self.now_ns = told_ns
                 self._settle_told()
@@ -103,10 +111,19 @@ class Simulation:
                 self._settle(index)
         return True
 
+    def _wake_due(self, wake_ns: int) -> None:
+        """Wake the nodes whose time has come."""
+        self.now_ns = now_ns = wake_ns if wake_ns > self.now_ns else self.now_ns
+        for index, due_ns in enumerate(self._wakes):
+            if due_ns <= now_ns:
+                self._wake(index)
+
     def _settle_told(self) -> None:
-        for index, seat in enumerate(self._seats):
-            if seat.port.answers:
-                self._settle(index)
+        for index in self._answering:
+            self._settle(index)
+
+    def _places_of_answering(self) -> list[int]:
+        return [index for index, seat in enumerate(self._seats) if seat.port.answers]
 
     def _wake(self, index: int) -> None:
         self._seats[index].wake(self.now_ns)
@@ -118,8 +135,11 @@ class Simulation:
     def _settle(self, index: int) -> None:
         """Queue what a node wants to send and ask when it wants to wake."""
         seat = self._seats[index]
-        for frame in seat.take_outbox():
-            self.medium.submit(seat.port, frame, self.now_ns)
+        frames = seat.take_outbox()
+        if frames:
+            submit, port, now_ns = self.medium.submit, seat.port, self.now_ns
+            for frame in frames:
+                submit(port, frame, now_ns)
         self._wakes[index] = seat.next_wake_ns()
 
     def _index(self, port: Port) -> int:

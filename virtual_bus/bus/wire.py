@@ -47,8 +47,8 @@ class Wire(Protocol):
     def carry(self, until_ns: int) -> int:
         """Pass on frames that end before `until_ns`, as long as nobody can do anything about it, for less time each.
 
-        Return when a node that may answer has been told something, which ends it; NOBODY_NS when none has. A wire may
-        always leave all to `next_event_ns` and `run`.
+        Return when a node that may answer has been told something, which ends it; NOBODY_NS when none has. FOREVER_NS:
+        none has, and there is nothing left to do. A wire may always leave all to `next_event_ns` and `run`.
         """
 
     def run(self, now_ns: int) -> bool:

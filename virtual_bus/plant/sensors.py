@@ -72,8 +72,13 @@ def read_sensors(
     )
 
 
+def noise_streams(seed: int) -> list[np.random.Generator]:
+    """Return where the noise of each sensor of `read_sensors` is drawn from, as standard normals."""
+    return [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)]
+
+
 def noise_source(seed: int) -> Iterator[tuple[float, float, float]]:
-    """Yield standard normals for `read_sensors` for ever; each sensor draws from a stream of its own."""
-    streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)]
+    """Yield standard normals for `read_sensors` for ever."""
+    streams = noise_streams(seed)
     while True:
         yield from zip(*(stream.standard_normal(NOISE_BLOCK).tolist() for stream in streams), strict=True)

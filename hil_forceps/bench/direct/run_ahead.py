@@ -22,7 +22,7 @@ from hil_forceps.rig.plant import PlantParameters
 
 Vector = NDArray[np.float64]
 
-MAX_BLOCK_SAMPLES: Final = 512
+MAX_BLOCK_SAMPLES: Final = 4096
 # A block costs as much beside its samples as ten samples of the plain loop.
 MIN_MEAN_BLOCK_SAMPLES: Final = 32
 TRIAL_SAMPLES: Final = 2000  # as many as if they had gone well before the first

@@ -129,23 +129,30 @@ def _run_ahead(
     done, passed_rad, ending = 0, 0.0, "completed"
     while done < samples and ending == "completed":
         block = ahead.block(done, passed_rad)
+        theta_m_rad, current_A, wanted_rad = block[:, [THETA_M, CURRENT, REQUESTED]].T.copy()
         kept = 0
-        for theta_m_rad, current_A, wanted_rad in block[:, [THETA_M, CURRENT, REQUESTED]].tolist():
+        while kept < len(block):
             row = done + kept
-            now_ns = row * period_ns
-            kept += 1
-            gate.see(now_ns, now_ns, theta_m_rad, current_A)
-            if row == 0:
-                gate.open(now_ns)
-            passed, verdict = gate.step(wanted_rad, now_ns)
-            if passed is None:
-                ending = f"the gate denied the reference at {float(time_s[row]):.4f} s: {verdict.name}"
-                break
-            if row % STOP_CHECK_SAMPLES == 0 and stop_requested():
+            until = kept + 1 + -row % STOP_CHECK_SAMPLES
+            followed = gate.follow(period_ns, theta_m_rad[kept:until], current_A[kept:until], wanted_rad[kept:until])
+            if followed:
+                kept += followed
+                passed_rad = float(wanted_rad[kept - 1])
+            else:
+                now_ns, wanted = row * period_ns, float(wanted_rad[kept])
+                kept += 1
+                gate.see(now_ns, now_ns, float(theta_m_rad[kept - 1]), float(current_A[kept - 1]))
+                if row == 0:
+                    gate.open(now_ns)
+                passed, verdict = gate.step(wanted, now_ns)
+                if passed is None:
+                    ending = f"the gate denied the reference at {float(time_s[row]):.4f} s: {verdict.name}"
+                    break
+                passed_rad = passed
+                if passed != wanted:
+                    break
+            if (done + kept - 1) % STOP_CHECK_SAMPLES == 0 and stop_requested():
                 ending = "stopped on request"
-                break
-            passed_rad = passed
-            if passed != wanted_rad:
                 break
         table[done : done + kept] = block[:kept]
         ahead.keep(kept, len(block))

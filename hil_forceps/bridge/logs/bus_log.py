@@ -1,7 +1,7 @@
 """The raw bus on file: what the host sent and received, as any CAN tool reads it.
 
 `.asc` and `.blf` go through python-can's own writers. `.log`, which the bench writes at every run, is candump's
-format as python-can's writer makes it, to the byte, at a quarter of its time: a frame costs 1 µs instead of 4.
+format as python-can's writer makes it, to the byte, at a fraction of its time (`candump_lines`).
 
 Times count from the opening of the log, so a run in virtual time gives the same bytes every time. Frames are
 collected and written a batch at a time, by a thread in real time (when its queue is full, a whole batch is dropped
@@ -11,7 +11,7 @@ A disk that fails ends the log, never the run: `failure` says why.
 """
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import IO, Final, NamedTuple, Protocol
@@ -19,6 +19,7 @@ from typing import IO, Final, NamedTuple, Protocol
 import can
 
 from firmware_protocol.frames import Frame
+from hil_forceps.bridge.logs.candump_lines import Arrivals, Batch, CandumpLines
 from hil_forceps.bridge.ports import Clock, Link, SendResult
 from hil_forceps.data.recording.background import Background
 from hil_forceps.data.recording.writer import FLUSH_NS, RECENT_NS
@@ -29,14 +30,9 @@ BATCH_ENTRIES: Final = 256
 QUEUED_BATCHES: Final = 64
 RECENT_BATCHES: Final = 128  # kept at hand, of those within `RECENT_NS`
 CLOSE_TIMEOUT_S: Final = 10.0
-CHANNEL: Final = "can0"  # what candump's format wants to call the bus; there is only one
 BLF_CHANNEL: Final = 1
 NO_DATE: Final = "Thu Jan  1 00:00:00.000 am 1970"
-_EXTENDED: Final = 1 << 29  # above the highest bit of an id
-_MAX_KEPT_HEADS: Final = 4096
-
-Arrivals = Sequence[tuple[int, Frame]]
-Batch = list[tuple[bool, Arrivals]]  # received or sent, and what; it must not change any more
+_SENT: Final = SendResult.SENT  # members of an Enum cost as much as a call when asked for by their class
 
 
 class LogReport(NamedTuple):
@@ -58,40 +54,6 @@ class LogWriter(Protocol):
 
     def close(self) -> None:
         """Finish the file."""
-
-
-class CandumpLines:
-    """Frames as lines of `candump -L`: (seconds) channel id#data direction."""
-
-    def __init__(self) -> None:
-        self._heads: dict[int, str] = {}  # by id with `_EXTENDED`, FD ids negative; at most `_MAX_KEPT_HEADS`
-        self._last_s = 0.0
-
-    def of(self, batch: Batch, begin_ns: int) -> str:
-        """Return the lines; a time before the last becomes that, since the format knows no going back."""
-        heads, last_s, text = self._heads, self._last_s, ""
-        for is_received, frames in batch:
-            end = " R\n" if is_received else " T\n"
-            for time_ns, (identifier, data, is_fd, is_extended) in frames:
-                time_s = (time_ns - begin_ns) * 1e-9
-                if time_s > last_s:  # noqa: PLR1730 a call of max costs as much as the rest of the line
-                    last_s = time_s
-                key = identifier | _EXTENDED if is_extended else identifier
-                if is_fd:
-                    key = ~key
-                head = heads.get(key) or self._head(key)
-                text += f"({last_s:f}{head}{data.hex().upper()}{end}"
-        self._last_s = last_s
-        return text
-
-    def _head(self, key: int) -> str:
-        identifier, flags = (key, "#") if key >= 0 else (~key, "##1")  # 1: bit-rate switch
-        shown = f"{identifier ^ _EXTENDED:08X}" if identifier & _EXTENDED else f"{identifier:03X}"
-        head = f") {CHANNEL} {shown}{flags}"
-        if len(self._heads) >= _MAX_KEPT_HEADS:  # a flood of foreign ids
-            self._heads.clear()
-        self._heads[key] = head
-        return head
 
 
 class CandumpWriter:
@@ -172,8 +134,9 @@ class BusLog:
 
     def add(self, is_received: bool, frames: Arrivals) -> None:
         """Log frames; the sequence must not change any more."""
-        self._batch.append((is_received, frames))
-        if len(self._batch) >= BATCH_ENTRIES:
+        batch = self._batch
+        batch.append((is_received, frames))
+        if len(batch) >= BATCH_ENTRIES:
             self._hand_over()
         elif is_received and frames and frames[0][0] >= self._due_ns:
             self._due_ns = frames[0][0] + FLUSH_NS
@@ -230,16 +193,16 @@ class BusLog:
 
 
 def _count(batch: Batch) -> int:
-    return sum(len(frames) for _, frames in batch)
+    return sum([len(frames) for _, frames in batch])
 
 
 class LoggedLink:
     """A link that writes down what passes."""
 
     def __init__(self, link: Link, clock: Clock, log: BusLog) -> None:
-        self._link = link
-        self._clock = clock
-        self._log = log
+        self._link, self._send, self._receive = link, link.send, link.receive
+        self._now_ns, self._add = clock.now_ns, log.add
+        self.is_up = link.is_up
 
     @property
     def counters(self) -> Mapping[str, int]:
@@ -248,21 +211,17 @@ class LoggedLink:
 
     def send(self, frame: Frame) -> SendResult:
         """Hand over one frame; logged when it was taken."""
-        result = self._link.send(frame)
-        if result is SendResult.SENT:
-            self._log.add(False, ((self._clock.now_ns(), frame),))
+        result = self._send(frame)
+        if result is _SENT:
+            self._add(False, ((self._now_ns(), frame),))
         return result
 
-    def receive(self) -> Sequence[tuple[int, Frame]]:
+    def receive(self) -> Arrivals:
         """Return what has arrived, logged."""
-        received = self._link.receive()
+        received = self._receive()
         if received:
-            self._log.add(True, received)
+            self._add(True, received)
         return received
-
-    def is_up(self) -> bool:
-        """Tell whether the bus is there."""
-        return self._link.is_up()
 
     def close(self) -> None:
         """Release the link; the log stays open."""

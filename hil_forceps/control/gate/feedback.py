@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from hil_forceps.control.gate.bounds import FeedbackBounds
+from hil_forceps.control.gate.kernel import Vector, kernel
 from hil_forceps.control.gate.trip import AGAINST, CURRENT, JUMP, STILL, TENSION, GateTrip
 from hil_forceps.rig.plant import PlantParameters
 
@@ -77,6 +78,25 @@ def _tension(block: Block, bounds: FeedbackBounds) -> Finding | None:
     return (TENSION, tension, bounds.tension_max_N, "N") if tension > bounds.tension_max_N else None
 
 
+def is_jump(turned_rad: float, furthest_rad: float) -> bool:
+    """Tell whether the angle turns further than it can; NaN is a jump, too."""
+    return not abs(turned_rad) <= furthest_rad
+
+
+_is_jump: Final = kernel(is_jump)
+
+
+@kernel
+def samples_without_jump(before_rad: float, theta_rad: Vector, furthest_rad: float) -> int:
+    """Return how many samples in a row turn by `furthest_rad` at most from one to the next."""
+    for sample in range(theta_rad.shape[0]):
+        turned = theta_rad[sample] - before_rad
+        if turned != 0.0 and _is_jump(turned, furthest_rad):
+            return sample
+        before_rad = theta_rad[sample]
+    return len(theta_rad)
+
+
 CHECKS: Final[tuple[Callable[[Block, FeedbackBounds], Finding | None], ...]] = (_still, _against, _current, _tension)
 
 
@@ -117,7 +137,7 @@ class FeedbackMonitor:
         if turned:
             self._has_moved = True
             furthest = self._rad_per_ns * (stamp_ns - self._time_ns) + self._slack_rad
-            if not abs(turned) <= furthest:  # so that NaN is one, too
+            if is_jump(turned, furthest):
                 self.finding = JUMP, abs(turned), furthest, "rad"
                 return True
             self._theta_rad = theta_rad
@@ -128,6 +148,30 @@ class FeedbackMonitor:
             return False
         self._end_block(reference_rad)
         return True
+
+    def samples_without_jump(self, period_ns: int, theta_rad: Vector) -> int:
+        """Return how many samples in a row, `period_ns` apart, are no jump."""
+        return samples_without_jump(self._theta_rad, theta_rad, self._rad_per_ns * period_ns + self._slack_rad)
+
+    def follow(self, period_ns: int, theta_rad: list[float], current_A: list[float], reference_rad: list[float]) -> int:
+        """Take samples that are no jump, `period_ns` apart; return how many.
+
+        The first that ends a block with a finding is the last. `reference_rad`: of each sample, as `see` has it.
+        """
+        taken = 0
+        while taken < len(theta_rad):
+            end = min(taken + BLOCK_SAMPLES - len(self._currents), len(theta_rad))
+            angles = theta_rad[taken:end]
+            self._has_moved = self._has_moved or angles.count(self._theta_rad) < len(angles)
+            self._theta_rad = angles[-1]
+            self._time_ns += period_ns * len(angles)
+            self._currents += current_A[taken:end]
+            taken = end
+            if len(self._currents) == BLOCK_SAMPLES:
+                self._end_block(reference_rad[end - 1])
+                if self.finding is not None:
+                    break
+        return taken
 
     def _end_block(self, reference_rad: float) -> None:
         begin_ns, begin_rad = self._begin

@@ -17,6 +17,7 @@ from typing import Final
 from hil_forceps.control.gate.bounds import FeedbackBounds
 from hil_forceps.control.gate.feedback import FeedbackMonitor, trip_of
 from hil_forceps.control.gate.jerk import JerkLimiter
+from hil_forceps.control.gate.kernel import Vector
 from hil_forceps.control.gate.latch import TRANSITIONS, GateEvent, GateState
 from hil_forceps.control.gate.limiter import AccelerationLimiter
 from hil_forceps.control.gate.trip import GAP, IMPLAUSIBLE, GateTrip
@@ -40,7 +41,7 @@ class Gate:
     """The gate of one motor; `state` is where it stands, `trip` what froze, closed or latched it last."""
 
     __slots__ = (
-        "_bounds", "_frozen_ns", "_has_output", "_hold_ns", "_hold_rad", "_is_fresh", "_limit",
+        "_bounds", "_frozen_ns", "_has_output", "_hold_ns", "_hold_rad", "_is_fresh", "_limit", "_limiter",
         "_max_age_ns", "_max_gap_ns", "_max_step_ns", "_monitor", "_motion", "_received_ns", "_stamp_ns", "_theta_rad",
         "_time_ns", "_window", "state", "trip",
     )  # fmt: skip
@@ -56,7 +57,9 @@ class Gate:
         self._bounds: Bounds = (limits.position_min_rad, limits.position_max_rad)
         _check(limits, max_gap_s, max_step_s)
         jerk, travel = limits.jerk_max_rad_per_s3, limits.window_travel_max_rad
-        self._limit = AccelerationLimiter(limits).step if jerk is None else JerkLimiter(limits, jerk).step
+        self._limiter: AccelerationLimiter | JerkLimiter
+        self._limiter = AccelerationLimiter(limits) if jerk is None else JerkLimiter(limits, jerk)
+        self._limit = self._limiter.step
         self._window = None if travel is None else TravelWindow(travel)
         self._monitor: FeedbackMonitor | None = None
         if feedback is not None:
@@ -138,6 +141,39 @@ class Gate:
             verdict = GateVerdict.OPENED
         self._is_fresh, self._has_output, self._time_ns = False, True, now_ns
         return self._motion[0], verdict if is_open else GateVerdict.FROZEN
+
+    def follow(self, period_ns: int, theta_m_rad: Vector, current_A: Vector, requested_rad: Vector) -> int:
+        """Take samples and requests by turns, all `period_ns` apart, as long as the requests simply pass.
+
+        Return how many did: the gate is as if `see` and `step` had been called for each at the sample's own time. What
+        comes then is for these; `see` knows if that sample has been taken. 0 where nothing simply passes.
+        """
+        limiter = self._limiter
+        if self.state is not _OPEN or self._window is not None or not isinstance(limiter, AccelerationLimiter):
+            return 0
+        if not (self._has_output and self._time_ns == self._stamp_ns == self._received_ns):
+            return 0
+        if not 0 < period_ns <= self._max_gap_ns:
+            return 0
+        begin_ns, before, dt_s = self._time_ns, self._motion, min(period_ns, self._max_step_ns) * 1e-9
+        passed, motion = limiter.passing(before, requested_rad, dt_s, self._bounds)
+        taken, finding = passed, None
+        if self._monitor is not None:
+            may = self._monitor.samples_without_jump(period_ns, theta_m_rad[:passed])
+            references = [before[0], *requested_rad[: max(may - 1, 0)].tolist()]
+            taken = self._monitor.follow(period_ns, theta_m_rad[:may].tolist(), current_A[:may].tolist(), references)
+            finding = self._monitor.finding
+        if taken == 0:
+            return 0
+        answered = taken if finding is None else taken - 1
+        if answered < passed:
+            _, motion = limiter.passing(before, requested_rad[:answered], dt_s, self._bounds)
+        self._motion, self._time_ns = motion, begin_ns + answered * period_ns
+        self._stamp_ns = self._received_ns = begin_ns + taken * period_ns
+        self._theta_rad, self._is_fresh = float(theta_m_rad[taken - 1]), answered < taken
+        if finding is not None and self._monitor is not None:
+            self._take_finding(self._monitor, self._received_ns)
+        return answered
 
     def _may_hold(self, now_ns: int) -> bool:
         """Tell whether the reference is held; latch where that took too long."""

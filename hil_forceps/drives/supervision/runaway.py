@@ -35,6 +35,9 @@ class RunawayWatch:
 
     def see(self, theta_m_rad: float, current_A: float, reference_rad: float) -> bool:
         """Take a sample; a reference that isn't finite is none yet."""
+        if abs(current_A) < self._enough_A:
+            self._before_rad, self._way_rad, self._count = theta_m_rad, 0.0, 0
+            return self.is_running_away
         way_rad, off_rad = theta_m_rad - self._before_rad, theta_m_rad - reference_rad
         is_away = abs(current_A) >= self._enough_A and abs(off_rad) >= MIN_ERROR_RAD and way_rad * off_rad > 0.0
         if is_away and abs(way_rad) >= MIN_WAY_RATIO * abs(self._way_rad):
