@@ -19,11 +19,11 @@ from hil_forceps.data.pandas_frame import to_pandas
 from hil_forceps.data.readers.tables.mapping import read_map
 from hil_forceps.data.sessions.folder import sessions_of
 from hil_forceps.data.sessions.session import Session
+from hil_forceps.drift.likelihood import Measured
+from hil_forceps.drift.result import InstrumentTrend, SessionLine, Trend, to_json
+from hil_forceps.drift.session_fit import SessionFit, fit_session
 from hil_forceps.rig import Rig, load_rig
 from hil_forceps.rig.errors import UserError
-from hil_forceps.trend.likelihood import Measured
-from hil_forceps.trend.result import InstrumentTrend, SessionLine, Trend, to_json
-from hil_forceps.trend.session_fit import SessionFit, fit_session
 
 ESTIMATES = "estimates.parquet"
 RESULT = "trend.json"
@@ -144,7 +144,7 @@ def _instruments(
     jobs: int | None,
     say: Callable[[str], None],
 ) -> Iterator[InstrumentTrend]:
-    from hil_forceps.trend.family import instrument_trend  # noqa: PLC0415 - as above
+    from hil_forceps.drift.family import instrument_trend  # noqa: PLC0415 - as above
 
     for name in sorted({session.instrument for session in sessions}):
         say(f"looking for changes: {name}")

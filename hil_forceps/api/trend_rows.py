@@ -8,8 +8,8 @@ from typing import Any
 from hil_forceps.api.batch.store import Rows, schema, write_rows
 from hil_forceps.data.sessions.dates import REMEDY, date_of
 from hil_forceps.data.sessions.session import Session
-from hil_forceps.trend.family import Estimated
-from hil_forceps.trend.result import SessionLine, When
+from hil_forceps.drift.family import Estimated
+from hil_forceps.drift.result import SessionLine, When
 
 
 def session_lines(

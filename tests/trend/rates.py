@@ -16,12 +16,12 @@ import joblib
 import numpy as np
 
 from hil_forceps.diagnosis.result import TWO_SIDED_95
-from hil_forceps.trend.change_test import change_test
-from hil_forceps.trend.family import Estimated, instrument_trend
-from hil_forceps.trend.result import When
-from hil_forceps.trend.scatter import Scatter, drawn
-from hil_forceps.trend.series import follow
-from hil_forceps.trend.session_fit import fit_session
+from hil_forceps.drift.change_test import change_test
+from hil_forceps.drift.family import Estimated, instrument_trend
+from hil_forceps.drift.result import When
+from hil_forceps.drift.scatter import Scatter, drawn
+from hil_forceps.drift.series import follow
+from hil_forceps.drift.session_fit import fit_session
 from tests.trend.simulated_sessions import ASSUMED, FRICTION, run_of
 
 RATE, PARAMETERS = 0.05, 8

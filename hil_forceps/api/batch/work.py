@@ -9,9 +9,9 @@ from hil_forceps.data.readers.tables.mapping import ColumnMap
 from hil_forceps.data.recording.format import BEGUN_KEY
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.data.sessions.session import Session
+from hil_forceps.drift.session_fit import SessionFit, fit_session
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
-from hil_forceps.trend.session_fit import SessionFit, fit_session
 
 MAX_REASON_CHARACTERS = 300
 

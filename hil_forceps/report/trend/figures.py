@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.result import TWO_SIDED_95
+from hil_forceps.drift.result import InstrumentTrend, ParameterTrend
+from hil_forceps.drift.words import name_of
 from hil_forceps.report.style import DOUBLE_COLUMN, INK, LOOKS, TRUTH, house_style, new_figure
 from hil_forceps.rig.units import show_unit
-from hil_forceps.trend.result import InstrumentTrend, ParameterTrend
-from hil_forceps.trend.words import name_of
 
 COLUMNS = 2
 ROW_MM = 38.0

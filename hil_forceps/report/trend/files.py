@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+from hil_forceps.drift.result import Trend
 from hil_forceps.report.diagnosis.figures.captions import svg_image
 from hil_forceps.report.diagnosis.words import escaped
 from hil_forceps.report.save import save_figure
 from hil_forceps.report.trend.figures import instrument_figure
 from hil_forceps.report.trend.page import page
-from hil_forceps.trend.result import Trend
 
 
 def write_report(trend: Trend, path: Path) -> None:

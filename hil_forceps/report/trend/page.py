@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 from hil_forceps.diagnosis.result import TWO_SIDED_95, Estimate
+from hil_forceps.drift.result import InstrumentTrend, ParameterTrend, SessionLine, Trend
+from hil_forceps.drift.words import name_of
 from hil_forceps.report.diagnosis.page import POLICY, STYLE
 from hil_forceps.report.diagnosis.words import DASH, escaped, number, unit_words, with_interval
-from hil_forceps.trend.result import InstrumentTrend, ParameterTrend, SessionLine, Trend
-from hil_forceps.trend.words import name_of
 
 SOURCES = {
     "table": "sessions.csv",

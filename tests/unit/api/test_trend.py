@@ -18,7 +18,7 @@ from hil_forceps.api.batch import work
 from hil_forceps.api.batch.executor import check_executor, spread
 from hil_forceps.api.batch.store import file_of
 from hil_forceps.data.sessions.session import Session
-from hil_forceps.trend.session_fit import WITHOUT_LOAD_CELL, SessionFit, fit_session
+from hil_forceps.drift.session_fit import WITHOUT_LOAD_CELL, SessionFit, fit_session
 from tests.trend.simulated_sessions import ASSUMED, FRICTION, file_name, run_of, shares_of, true_rig, write_sessions
 
 pytestmark = pytest.mark.xdist_group("trend")  # what they look at is made once, for all

@@ -4,8 +4,8 @@ import re
 from pathlib import Path
 
 from hil_forceps.diagnosis.result import Diagnosis, to_json
-from hil_forceps.trend.result import Trend
-from hil_forceps.trend.result import to_json as trend_json
+from hil_forceps.drift.result import Trend
+from hil_forceps.drift.result import to_json as trend_json
 
 PAGE = (Path(__file__).parents[3] / "docs" / "json.md").read_text(encoding="utf-8")
 

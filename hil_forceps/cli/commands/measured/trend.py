@@ -17,8 +17,8 @@ from hil_forceps.cli.arguments.options import spoken_as_options
 from hil_forceps.cli.terminal.notes import note, note_console
 from hil_forceps.cli.terminal.progress import progress_on
 from hil_forceps.cli.terminal.tables import FILE_COLUMNS, print_table
+from hil_forceps.drift.result import ParameterTrend
 from hil_forceps.report.trend.files import write_figures, write_report
-from hil_forceps.trend.result import ParameterTrend
 
 _OPTIONS = {name: name for name in ("false_alarms", "seed", "jobs", "executor", "out")}
 MAX_TOLD_SESSIONS = 20  # unused sessions on the terminal; trend.html has all

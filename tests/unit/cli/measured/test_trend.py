@@ -14,11 +14,11 @@ from hil_forceps.api.batch import diagnoses
 from hil_forceps.cli.main import main
 from hil_forceps.data.readers.csv_table import write_csv
 from hil_forceps.data.run import Run
+from hil_forceps.drift.change_test import Change
+from hil_forceps.drift.family import Estimated, instrument_trend
+from hil_forceps.drift.result import InstrumentTrend, SessionLine, Trend, When
 from hil_forceps.report.trend.files import write_figures, write_report
 from hil_forceps.rig.loading import dump_rig
-from hil_forceps.trend.change_test import Change
-from hil_forceps.trend.family import Estimated, instrument_trend
-from hil_forceps.trend.result import InstrumentTrend, SessionLine, Trend, When
 from tests.hidden_effects.generator import generate
 from tests.hidden_effects.generator_scenarios import Scenario
 from tests.trend.simulated_sessions import ASSUMED, FRICTION, STIFFNESS, file_name, write_sessions

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil_forceps.trend.change_test import FEWEST_SESSIONS
-from hil_forceps.trend.result import InstrumentTrend, ParameterChange, ParameterTrend, Verdict, When
-from hil_forceps.trend.series import Followed, FoundChange, follow
+from hil_forceps.drift.change_test import FEWEST_SESSIONS
+from hil_forceps.drift.result import InstrumentTrend, ParameterChange, ParameterTrend, Verdict, When
+from hil_forceps.drift.series import Followed, FoundChange, follow
 
 Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 

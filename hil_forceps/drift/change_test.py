@@ -12,8 +12,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.trend.regression import Beside, beside, likelihoods
-from hil_forceps.trend.scatter import Scatter, drawn, scatters
+from hil_forceps.drift.regression import Beside, beside, likelihoods
+from hil_forceps.drift.scatter import Scatter, drawn, scatters
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from hil_forceps.trend.scatter import Scatter, whitened
+from hil_forceps.drift.scatter import Scatter, whitened
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, stats
 
-from hil_forceps.trend.regression import fitted
-from hil_forceps.trend.scatter import Scatter, scatters, whitened
+from hil_forceps.drift.regression import fitted
+from hil_forceps.drift.scatter import Scatter, scatters, whitened
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.inference.fit import Fit
 from hil_forceps.diagnosis.inference.parameters import Free
+from hil_forceps.drift.likelihood import by_likelihood
 from hil_forceps.model import parameters
-from hil_forceps.trend.likelihood import by_likelihood
 from tests.trend.simulated_sessions import ASSUMED, FRICTION, STIFFNESS
 
 CENTRES, SCALES = np.array([1e-4, 2.6e4]), np.array([3e-4, 2.6e3])

@@ -16,7 +16,7 @@ from hil_forceps.rig.kernel import kernel_compiler
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-_kernel = kernel_compiler(("hil_forceps/trend/scatter.py",))
+_kernel = kernel_compiler(("hil_forceps/drift/scatter.py",))
 
 CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0)
 # Deviations of e over the usual deviation of a session's own error, a quarter apart: of 100 sessions the log likelihood

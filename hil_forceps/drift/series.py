@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.trend.change_test import FEWEST_SESSIONS, Change, Kind, Tested, change_test, design
-from hil_forceps.trend.onset import Onset, onset_of
-from hil_forceps.trend.outliers import outliers
-from hil_forceps.trend.regression import fitted
-from hil_forceps.trend.scatter import Scatter, scatters
+from hil_forceps.drift.change_test import FEWEST_SESSIONS, Change, Kind, Tested, change_test, design
+from hil_forceps.drift.onset import Onset, onset_of
+from hil_forceps.drift.outliers import outliers
+from hil_forceps.drift.regression import fitted
+from hil_forceps.drift.scatter import Scatter, scatters
 
 Vector = NDArray[np.float64]
 

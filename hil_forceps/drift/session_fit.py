@@ -27,10 +27,10 @@ from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.passes import Passed
 from hil_forceps.diagnosis.validation.conclusion import even_runs
 from hil_forceps.diagnosis.validation.rows import require_rows
+from hil_forceps.drift.likelihood import Measured, by_likelihood
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
-from hil_forceps.trend.likelihood import Measured, by_likelihood
 
 Vector = NDArray[np.float64]
 

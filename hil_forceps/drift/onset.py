@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.trend.change_test import FEWEST_BEYOND, Change, Kind, column_of, design
-from hil_forceps.trend.regression import beside
-from hil_forceps.trend.scatter import scatters, whitened
+from hil_forceps.drift.change_test import FEWEST_BEYOND, Change, Kind, column_of, design
+from hil_forceps.drift.regression import beside
+from hil_forceps.drift.scatter import scatters, whitened
 
 Vector = NDArray[np.float64]
 

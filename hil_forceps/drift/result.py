@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.result import TWO_SIDED_95, plain
-from hil_forceps.trend.change_test import Kind
-from hil_forceps.trend.words import behind, name_of
+from hil_forceps.drift.change_test import Kind
+from hil_forceps.drift.words import behind, name_of
 
 Vector = NDArray[np.float64]
 Verdict = Literal["steady", "changes", "too few"]

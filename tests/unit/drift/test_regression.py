@@ -5,10 +5,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from hil_forceps.trend.change_test import design
-from hil_forceps.trend.outliers import auxiliary_residuals
-from hil_forceps.trend.regression import beside, likelihoods
-from hil_forceps.trend.scatter import Scatter, drawn, scatters, whitened
+from hil_forceps.drift.change_test import design
+from hil_forceps.drift.outliers import auxiliary_residuals
+from hil_forceps.drift.regression import beside, likelihoods
+from hil_forceps.drift.scatter import Scatter, drawn, scatters, whitened
 
 Vector = NDArray[np.float64]
 SCATTERS = [Scatter(0.0, 0.0), Scatter(0.0, 0.5), Scatter(0.8, 0.5), Scatter(1.0, 0.3)]

@@ -5,11 +5,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from hil_forceps.trend.change_test import Change, change_test, column_of, design, possible
-from hil_forceps.trend.family import Estimated, instrument_trend
-from hil_forceps.trend.result import When
-from hil_forceps.trend.scatter import Scatter, drawn
-from hil_forceps.trend.series import Followed, follow
+from hil_forceps.drift.change_test import Change, change_test, column_of, design, possible
+from hil_forceps.drift.family import Estimated, instrument_trend
+from hil_forceps.drift.result import When
+from hil_forceps.drift.scatter import Scatter, drawn
+from hil_forceps.drift.series import Followed, follow
 
 RATE = 0.05
 OF_EIGHT = RATE / 8.0  # the rate of a parameter among eight
