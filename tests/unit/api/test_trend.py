@@ -237,7 +237,7 @@ def test_tasks_are_spread_over_processes() -> None:
 
 @pytest.mark.long
 def test_a_killed_trend_goes_on_where_it_was(tmp_path: Path) -> None:
-    home, out = few(tmp_path / "logs", 12), tmp_path / "out"
+    home, out = few(tmp_path / "logs", SESSIONS), tmp_path / "out"
     command = [sys.executable, "-m", "hil_forceps.cli.main", "trend", str(home), "--out", str(out), "--jobs", "2"]
     process = subprocess.Popen(command, cwd=ROOT, start_new_session=True, stderr=subprocess.DEVNULL)
     try:
@@ -248,7 +248,7 @@ def test_a_killed_trend_goes_on_where_it_was(tmp_path: Path) -> None:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     there = {path: path.stat().st_mtime_ns for path in (out / "sessions").glob("[!.]*.parquet")}
-    assert 3 <= len(there) < 12
+    assert 3 <= len(there) < SESSIONS
     assert all(pq.read_table(path).num_rows == 8 for path in there)
     resumed = hf.trend(home, out=out, jobs=2)
     assert all(path.stat().st_mtime_ns == at for path, at in there.items())
