@@ -145,8 +145,8 @@ class Gate:
     def follow(self, period_ns: int, theta_m_rad: Vector, current_A: Vector, requested_rad: Vector) -> int:
         """Take samples and requests by turns, all `period_ns` apart, as long as the requests simply pass.
 
-        Return how many did: the gate is as if `see` and `step` had been called for each at the sample's own time. What
-        comes then is for these; `see` knows if that sample has been taken. 0 where nothing simply passes.
+        Return how many did; 0 where none does. The gate is as if `see` and `step` had been called for each of them at
+        the sample's own time. The caller goes on with `see` and `step`: a sample that was taken here is not new there.
         """
         limiter = self._limiter
         if self.state is not _OPEN or self._window is not None or not isinstance(limiter, AccelerationLimiter):

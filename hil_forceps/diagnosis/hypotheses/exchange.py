@@ -22,9 +22,8 @@ from hil_forceps.rig.catalogue import EFFECT_IDS, effect
 Vector = NDArray[np.float64]
 
 MAX_EXCHANGES = 6  # that are refitted
-LINEAR_ERROR_SHARE = (
-    0.1  # of what is at stake, that the linear model may be wrong by: columns change with large amplitudes
-)
+# Of the χ² that the leaving entries explain: columns change with large amplitudes, and the prediction is linear.
+LINEAR_ERROR_SHARE = 0.1
 # Of twice the log likelihood, 8.9: models within it are kept. Models δ deviations apart part by N(δ², 4δ²), so the true
 # one falls behind another by more than D with Φ(−√D) at most, whatever δ, and behind any of the catalogue with
 # `SETS_WITHOUT_TRUTH`.
@@ -63,7 +62,7 @@ def exchanged(
     every = {frozenset(c.effects): c for c in (*rivals, best)}
     left = MAX_EXCHANGES
     for e in near:
-        if left == 0 or s.spent() or e.gain < -SET_DROP - LINEAR_ERROR_SHARE * e.stake:
+        if left == 0 or s.spent() or e.gain < -SET_DROP - LINEAR_ERROR_SHARE * e.explained:
             break
         effects = [*(k for k in best.effects if k not in e.leaving), *(q.effect_id for q in e.joining)]
         is_compared = frozenset(effects) in every and not _needs_its_own_runs(s, effects, best)

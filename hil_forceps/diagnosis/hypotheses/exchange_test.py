@@ -31,7 +31,7 @@ class Exchange(NamedTuple):
     sizes: tuple[Vector, ...]  # of the columns of each place that joins
     shifts: Vector  # of the fitted parameters, in units of their scales
     gain: float  # fall of χ², less the cost of parameters and entries
-    stake: float  # rise of χ² without what leaves, and with nothing in its place
+    explained: float  # χ² that the leaving entries explain: its rise without them and with nothing in their place
 
     @property
     def effects(self) -> frozenset[str]:
@@ -54,13 +54,13 @@ def exchanges(
         v, at = _amplitudes(model, leaving)
         if at.size == 0:
             continue  # a limit has no amplitude
-        stake = float(v @ inverted(p.covariance[np.ix_(at, at)]) @ v)
+        explained = float(v @ inverted(p.covariance[np.ix_(at, at)]) @ v)
         saved = sum(COST_PER_COLUMN * (_parameters(model, e) - 1) + threshold for e in leaving)
-        alone = [e for q in usable if (e := _exchange(p, leaving, (q,), v, at, stake))]
+        alone = [e for q in usable if (e := _exchange(p, leaving, (q,), v, at, explained))]
         alone.sort(key=lambda e: -e.gain)
         pairs = combinations([e.joining[0] for e in alone[:MAX_PAIRED_PLACES]], 2) if len(leaving) == 1 else ()
         together = [
-            _exchange(p, leaving, pair, v, at, stake) for pair in pairs if pair[0].effect_id != pair[1].effect_id
+            _exchange(p, leaving, pair, v, at, explained) for pair in pairs if pair[0].effect_id != pair[1].effect_id
         ]
         for tried in (*alone, *(e for e in together if e)):
             spent = sum(COST_PER_COLUMN * (q.stop - q.first - 1) + q.cost + threshold for q in tried.joining)
@@ -83,7 +83,7 @@ def _parameters(model: Fit, effect_id: str) -> int:
 
 
 def _exchange(
-    p: Projected, leaving: tuple[str, ...], joining: tuple[Place, ...], v: Vector, at: Columns, stake: float
+    p: Projected, leaving: tuple[str, ...], joining: tuple[Place, ...], v: Vector, at: Columns, explained: float
 ) -> Exchange | None:
     """Return an exchange, its gain without costs; None where a size comes out with the wrong sign."""
     columns = np.concatenate([np.arange(place.first, place.stop) for place in joining])
@@ -100,4 +100,4 @@ def _exchange(
     sizes = tuple(size[[int(c) in range(q.first, q.stop) for c in columns]] for q in joining)
     if any(q.one_sided and own[0] <= 0.0 for q, own in zip(joining, sizes, strict=True)):
         return None
-    return Exchange(leaving, joining, sizes, shift, gain - loss, stake)
+    return Exchange(leaving, joining, sizes, shift, gain - loss, explained)

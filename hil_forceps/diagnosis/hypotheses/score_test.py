@@ -52,8 +52,7 @@ class Prior(NamedTuple):
     @classmethod
     def by_fit(cls, known: Posterior, free: Sequence[Free], theta: Vector) -> "Prior":
         """Return what a fit to other runs knows."""
-        away = np.array([(theta[f.place] - known.theta[f.place]) / f.scale for f in free])
-        return cls(known.precision, known.precision @ away)
+        return cls(known.precision, known.precision @ known.away(free, theta))
 
 
 class Projected(NamedTuple):

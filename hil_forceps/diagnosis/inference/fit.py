@@ -61,13 +61,17 @@ class Posterior(NamedTuple):
         """Return what a fit knows."""
         return cls(found.passes.theta, inverted(found.covariance))
 
+    def away(self, free: Sequence[Free], theta: Vector) -> Vector:
+        """Return the deviations of parameters from it, in units of their scales."""
+        return np.array([(theta[f.place] - self.theta[f.place]) / f.scale for f in free])
+
 
 def _away(free: Sequence[Free], theta: Vector, known: Posterior | None) -> tuple[Vector, Matrix]:
     """Return deviations from what is known before, in units of the scales, and its precision."""
     if known is None:
         away, precision = prior_of(free, theta)
         return away, np.diag(precision)
-    return np.array([(theta[f.place] - known.theta[f.place]) / f.scale for f in free]), known.precision
+    return known.away(free, theta), known.precision
 
 
 def directions_of(free: Sequence[Free], theta: Vector) -> list[Direction]:

@@ -62,10 +62,10 @@ def fitting(monkeypatch: pytest.MonkeyPatch, gains: Mapping[frozenset[str], floa
 BEST = candidate(["wire_creep", "cogging"], 80.0)
 
 
-def exchange_of(leaving: Sequence[str], joining: Sequence[str], gain: float, stake: float = 0.0) -> Exchange:
+def exchange_of(leaving: Sequence[str], joining: Sequence[str], gain: float, explained: float = 0.0) -> Exchange:
     """Return an exchange of whole entries, as it is predicted."""
     places = tuple(Place(name, {}, {}, 0, 0, one_sided=False) for name in joining)
-    return Exchange(tuple(leaving), places, (np.zeros(0),) * len(places), np.zeros(0), gain, stake)
+    return Exchange(tuple(leaving), places, (np.zeros(0),) * len(places), np.zeros(0), gain, explained)
 
 
 def test_what_is_likelier_beside_a_later_entry_takes_the_place_of_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -82,7 +82,7 @@ def test_gains_sizes_and_shifts_are_those_of_constrained_least_squares(
         assert e.gain == pytest.approx(before - after - more, rel=1e-6)
         assert e.shifts == pytest.approx(moved[:3], abs=1e-9)
         assert [float(v[0]) for v in e.sizes] == pytest.approx(moved[3:].tolist(), abs=1e-9)
-        assert e.stake == pytest.approx(least_squares(columns[:, :3], residual, -values[at], at)[0] - before)
+        assert e.explained == pytest.approx(least_squares(columns[:, :3], residual, -values[at], at)[0] - before)
     assert every == sorted(every, key=lambda e: -e.gain)
 
 
