@@ -62,8 +62,10 @@ def exchanged(
     every = {frozenset(c.effects): c for c in (*rivals, best)}
     left = MAX_EXCHANGES
     for e in near:
-        if left == 0 or s.spent() or e.gain < -SET_DROP - LINEAR_ERROR_SHARE * e.explained:
+        if left == 0 or s.spent():
             break
+        if e.gain < -SET_DROP - LINEAR_ERROR_SHARE * e.explained:
+            continue
         effects = [*(k for k in best.effects if k not in e.leaving), *(q.effect_id for q in e.joining)]
         is_compared = frozenset(effects) in every and not _needs_its_own_runs(s, effects, best)
         if is_compared or len(set(effects)) < len(effects):
