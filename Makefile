@@ -143,7 +143,7 @@ drive-costs: install  ## what each drive's protocol costs: table and figure
 
 # Figures of speed; apart from the tests because they mean nothing on a busy machine.
 benchmark: install  ## figures of speed
-	$(PY) -m pytest tests/bench --benchmark-columns=min,median,iqr,rounds -p no:xdist
+	$(PY) -m pytest tests/bench --timeout 3600 --benchmark-columns=min,median,iqr,rounds -p no:xdist
 
 # Asks a database of vulnerabilities over the network, so it is no part of `make test`.
 audit:  ## known vulnerabilities of the locked dependencies; needs a network

@@ -15,6 +15,7 @@ from hil_forceps.effects.entry import Effect, Parameter, RunExtent
 from hil_forceps.rig.catalogue import EFFECTS
 
 STRIBECK_QUANTILES = (0.03, 0.1, 0.3, 0.7)  # of the speed while moving
+REST_SHARE = 0.02  # of the usual speed: what is slower is at rest
 HUMPS = (0.45, 0.15, 0.05)  # of how far the jaw goes to either side, the narrowest last
 NARROW_RAD, NARROWER = 0.1, 5.0  # where the jaw turns round and round, humps of this, each so many times narrower
 HARMONIC = "harmonic"
@@ -124,9 +125,14 @@ def _extents(scene: Scene, of: RunExtent) -> tuple[float, ...]:
 
 
 def quantiles_of_speed(omega: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, ...]:
-    """Return the speeds at which friction that falls with speed is looked for."""
-    speed = np.abs(omega)
-    moving = speed[speed > 0.02 * float(speed.max(initial=0.0))]
-    if moving.size == 0:
+    """Return the speeds at which friction that falls with speed is looked for.
+
+    At rest is what is slow beside the median over the way, to which a jump of the load adds next to nothing.
+    """
+    speed = np.sort(np.abs(omega))
+    way = np.cumsum(speed)
+    if not way.size or way[-1] <= 0.0:
         return (0.1,)
+    usual = speed[np.searchsorted(way, 0.5 * way[-1])]
+    moving = speed[speed > REST_SHARE * usual]
     return tuple(float(np.clip(q, 1e-3, 1e3)) for q in np.quantile(moving, STRIBECK_QUANTILES))

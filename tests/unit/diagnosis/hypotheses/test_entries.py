@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hil_forceps.diagnosis.hypotheses.entries import Probe, Scene, probes
+from hil_forceps.diagnosis.hypotheses.entries import Probe, Scene, probes, quantiles_of_speed
 
 REACH = (-0.6, 1.2)
 
@@ -46,3 +46,23 @@ def test_where_the_jaw_turns_round_narrow_humps_are_looked_for_too() -> None:
     humps = [probe for probe in friction_places((-0.7, 30.0)) if probe.together]
     widths = [-p.start["slope_N_m_per_rad"] / p.start["curvature_N_m_per_rad2"] for p in humps]
     np.testing.assert_allclose(widths, [-0.315, -0.105, -0.035, 13.5, 4.5, 1.5, 0.3, 0.06])
+
+
+def test_a_jump_of_the_load_does_not_hide_the_slow_motion() -> None:
+    """A mass that shoots ahead for 10 ms is fifty times as fast as the motion that tells friction of slow speeds."""
+    motion = np.sin(np.linspace(0.0, 60.0, 12_000))
+    with_a_jump = np.concatenate((motion, np.full(10, 50.0)))
+    np.testing.assert_allclose(quantiles_of_speed(with_a_jump), quantiles_of_speed(motion), rtol=0.02)
+    assert quantiles_of_speed(motion)[0] < 0.1
+
+
+def test_speeds_do_not_depend_on_how_long_a_mass_rests() -> None:
+    motion = np.sin(np.linspace(0.0, 60.0, 12_000))
+    rests = 1e-3 * np.sin(np.linspace(0.0, 60.0, 50_000))
+    np.testing.assert_allclose(
+        quantiles_of_speed(np.concatenate((motion, rests))), quantiles_of_speed(motion), rtol=0.01
+    )
+
+
+def test_speeds_of_what_never_moves_are_finite() -> None:
+    assert quantiles_of_speed(np.zeros(10)) == quantiles_of_speed(np.zeros(0)) == (0.1,)
