@@ -27,7 +27,8 @@ typedef struct { double motor, motor_slope, jaw, jaw_slope; } torques;
 typedef struct { double elongation, tension, radius, lever; int slack; } wire_t;
 typedef struct { double wire, motor, jaw; } excess;
 typedef struct { double current, current_slope, current_end, constant, load, load_slope; } drive;
-typedef struct { double speed_of_mean, speed_of_slope, way_of_mean, way_of_slope; } response;
+typedef struct { double speed_of_mean, speed_of_slope, way_of_mean, way_of_slope, speed_of_speed, way_of_speed; } response;
+typedef struct { double mean, slope; } line;
 typedef struct { double start, end, rest, forward, backward; } levels;
 typedef struct { double mean, slope; int fate; } rub;
 typedef struct { double mean, slope, end, arrival_mean, arrival_slope, arrival_end; int whole, at; } current_step;
@@ -105,11 +106,15 @@ static double encoder(const physics *p, double angle) {
     return (1.0 + p->encoder_scale) * angle + wave(p->encoder_sine, p->encoder_cosine, 1.0, angle);
 }
 
-static rub held(double free_speed, double free_way, response r, levels l) {
+static line holding(double free_speed, double free_way, response r) {
     double scale = r.way_of_mean * r.speed_of_slope - r.way_of_slope * r.speed_of_mean;
-    double mean = (free_way * r.speed_of_slope - free_speed * r.way_of_slope) / scale;
-    double slope = (free_speed * r.way_of_mean - free_way * r.speed_of_mean) / scale;
-    double last = mean + 0.5 * slope, sign = last > 0.0 ? 1.0 : -1.0;
+    return (line){ (free_way * r.speed_of_slope - free_speed * r.way_of_slope) / scale,
+                   (free_speed * r.way_of_mean - free_way * r.speed_of_mean) / scale };
+}
+
+static rub held(double free_speed, double free_way, response r, levels l) {
+    line hold = holding(free_speed, free_way, r);
+    double mean = hold.mean, slope = hold.slope, last = mean + 0.5 * slope, sign = last > 0.0 ? 1.0 : -1.0;
     double level = l.rest + (last > 0.0 ? l.forward : l.backward);
     double first = sign * (mean - 0.5 * slope), rise = sign * slope;
     if (sign * last > level && level >= first) {
@@ -122,29 +127,49 @@ static rub held(double free_speed, double free_way, response r, levels l) {
     return (rub){ mean > 0.0 ? level : -level, 0.0, MOVING };
 }
 
+/* begin, rise, bend: of the speed with friction `first`; back: its bend with the opposite friction. */
+static rub turned(double begin, double rise, double bend, double back, double inertia, line hold, double first,
+                  double opposite) {
+    double both = first + opposite, steepness = sqrt(high(0.0, rise * rise - 4.0 * bend * begin));
+    double there = low(1.0, 2.0 * begin / (steepness - rise)), mean = 0.0, moment = 0.0, rests = there;
+    if (inertia * steepness > both) {
+        rests = back > 0.0 ? low(1.0, there + (inertia * steepness - both) / (inertia * back)) : 1.0;
+        mean = -both * (rests - there);
+        moment = 0.5 * mean * (there + rests - 1.0);
+    }
+    if (rests == 1.0) return (rub){ mean, 12.0 * moment, MOVING };
+    double torque = hold.mean + hold.slope * (rests - 0.5), leaves = rests;
+    int forward = torque > first;
+    if (-opposite <= torque && torque <= first) {
+        forward = hold.slope > 0.0;
+        leaves = hold.slope != 0.0 ? 0.5 + ((forward ? first : -opposite) - hold.mean) / hold.slope : 2.0;
+        double until = low(1.0, leaves);
+        double square = until * until - rests * rests, cube = until * until * until - rests * rests * rests;
+        double level = hold.mean - 0.5 * hold.slope - first;
+        mean += level * (until - rests) + 0.5 * hold.slope * square;
+        moment += level * 0.5 * (square - until + rests) + hold.slope * (cube / 3.0 - 0.25 * square);
+    }
+    if (leaves >= 1.0) return (rub){ mean, 12.0 * moment, STOPPED };
+    if (!forward) {
+        mean -= both * (1.0 - leaves);
+        moment -= 0.5 * both * (1.0 - leaves) * leaves;
+    }
+    return (rub){ mean, 12.0 * moment, MOVING };
+}
+
 static rub friction(double speed, double free_speed, double free_way, double push, double inertia, response r, levels l) {
     if (speed == 0.0) return held(free_speed, free_way, r, l);
     double sign = speed > 0.0 ? 1.0 : -1.0, extra = speed > 0.0 ? l.forward : l.backward;
     double first = l.start + extra, last = l.end + extra, mean = 0.5 * (first + last), slope = last - first;
     double end = sign * free_speed - r.speed_of_mean * mean - r.speed_of_slope * slope;
-    if (end > 0.0) return (rub){ sign * mean, sign * slope, MOVING };
     double begin = sign * speed, rise = (sign * push - first) / inertia, bend = end - begin - rise;
-    double share = low(1.0, 2.0 * begin / (sqrt(high(0.0, rise * rise - 4.0 * bend * begin)) - rise));
-    double there = first + (last - first) * share, push_there = inertia * (rise + 2.0 * bend * share) + there;
-    double before = 0.5 * (first + there), rest = 1.0 - share;
-    double opposite = l.rest + (speed > 0.0 ? l.backward : l.forward), after = -opposite;
-    int fate = MOVING;
-    if (push_there >= -opposite) {
-        double effect = rest * (r.speed_of_mean + 6.0 * r.speed_of_slope * share);
-        fate = STOPPED;
-        after = before;
-        if (effect > 0.0) {
-            double needed = sign * free_speed - before * share * (r.speed_of_mean - 6.0 * r.speed_of_slope * rest);
-            after = high(-opposite, low(l.rest + extra, needed / effect));
-        }
-    }
-    mean = before * share + after * rest;
-    return (rub){ sign * mean, sign * 6.0 * (after - before) * share * rest, fate };
+    int dips = rise < 0.0 && -rise < 2.0 * bend && rise * rise > 4.0 * bend * begin;
+    if (end > 0.0 && !dips) return (rub){ sign * mean, sign * slope, MOVING };
+    double opposite = l.rest + (speed > 0.0 ? l.backward : l.forward);
+    line hold = holding(free_speed - r.speed_of_speed * speed, free_way - r.way_of_speed * speed, r);
+    rub more = turned(begin, rise, bend, bend + (first + opposite) * (r.speed_of_mean - 1.0 / inertia), inertia,
+                      (line){ sign * hold.mean, sign * hold.slope }, first, opposite);
+    return (rub){ sign * (mean + more.mean), sign * (slope + more.slope), more.fate };
 }
 
 static double answer(const double *g, torques u) {
@@ -171,13 +196,13 @@ static motion settled(const double *g, const state *x, motion free, const double
     double guess = x->omega_j == 0.0 ? clip(jaw.rest, push[1]) : x->omega_j > 0.0 ? jaw.start : -jaw.start;
     const double *s = g + MOTOR_SPEED, *w = g + MOTOR_WAY;
     rub m = friction(x->omega_m, free.omega_m - s[JAW_MEAN] * guess, free.theta_m - w[JAW_MEAN] * guess, push[0],
-                     inertia[0], (response){ s[MOTOR_MEAN], s[MOTOR_SLOPE], w[MOTOR_MEAN], w[MOTOR_SLOPE] }, motor);
+                     inertia[0], (response){ s[MOTOR_MEAN], s[MOTOR_SLOPE], w[MOTOR_MEAN], w[MOTOR_SLOPE], s[FROM_MOTOR], w[FROM_MOTOR] }, motor);
     s = g + JAW_SPEED;
     w = g + JAW_WAY;
     double way = free.theta_j - w[MOTOR_MEAN] * m.mean - w[MOTOR_SLOPE] * m.slope;
     double speed = free.omega_j - s[MOTOR_MEAN] * m.mean - s[MOTOR_SLOPE] * m.slope;
     rub j = friction(x->omega_j, speed, way, push[1], inertia[1],
-                     (response){ s[JAW_MEAN], s[JAW_SLOPE], w[JAW_MEAN], w[JAW_SLOPE] }, jaw);
+                     (response){ s[JAW_MEAN], s[JAW_SLOPE], w[JAW_MEAN], w[JAW_SLOPE], s[FROM_JAW], w[FROM_JAW] }, jaw);
     motion end = added(g, free, (torques){ -m.mean, -m.slope, -j.mean, -j.slope });
     return (motion){ x->theta_m + (m.fate == STUCK ? 0.0 : end.theta_m), m.fate >= STOPPED ? 0.0 : end.omega_m,
                      x->theta_j + (j.fate == STUCK ? 0.0 : end.theta_j), j.fate >= STOPPED ? 0.0 : end.omega_j };

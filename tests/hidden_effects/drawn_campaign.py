@@ -95,7 +95,8 @@ def shows(found: Identified, effect_id: str, values: Mapping[str, float]) -> flo
     for place in places:
         if _log_distance(place.shape, values) == nearest:
             sizes = np.array([values.get(name, 0.0) / unit for name, unit in place.amplitudes.items()])
-            largest = max(largest, float(np.sqrt(sizes**2 @ step.tested.information[place.first : place.stop])))
+            own = step.tested.information[place.first : place.stop, place.first : place.stop]
+            largest = max(largest, float(np.sqrt(max(0.0, sizes @ own @ sizes))))
     return largest
 
 

@@ -32,7 +32,7 @@ class Tested(NamedTuple):
     gains: Vector  # fall of χ² beyond the cost of more than one column
     sizes: list[Vector]  # of the columns
     shifts: list[Vector]  # of the fitted parameters beside them, in units of their scales
-    information: Vector  # of each column, beside the fitted parameters
+    information: Matrix  # of the columns, beside the fitted parameters
     threshold: float
     shift: Vector  # of the fitted parameters without any place
 
@@ -90,7 +90,8 @@ def score_test(found: Gram, prior: Prior, places: Sequence[Place], seed: int | N
         sizes.append(size)
         shifts.append(p.alone - p.solved[:, place.first : place.stop] @ size)
     threshold = np.inf if seed is None else _threshold(p.information, places, p.good, seed)
-    return Tested(np.array(gains), sizes, shifts, np.where(p.good, np.diag(p.information), 0.0), threshold, p.alone)
+    information = np.where(np.outer(p.good, p.good), p.information, 0.0)
+    return Tested(np.array(gains), sizes, shifts, information, threshold, p.alone)
 
 
 def _gain(s: Matrix, b: Vector, place: Place, good: NDArray[np.bool_]) -> tuple[float, Vector]:

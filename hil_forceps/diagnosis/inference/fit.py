@@ -21,7 +21,7 @@ MAX_STEPS = 8
 CONVERGED_CHI2 = 0.02  # that a step is to gain: no parameter is further than 0.14 deviations from its best
 STATIONARY_CHI2 = 1.0  # that a step did gain: rows that come and go as evidence move χ² by as much
 MAX_HALVINGS = 4
-DIFFERENCE_SHARE = 1e-4  # of a parameter's scale, for its answer: the plant is next to linear over it
+DIFFERENCE_SHARE = 1e-5  # of a parameter's scale, for its answer: torques change by less than dry friction
 MAX_STEP_RATIO = 2.0  # by which a positive parameter may change in a step
 
 

@@ -28,9 +28,8 @@ def detectable(step: Step) -> dict[str, Detectable]:
     for place in step.places:
         if place.stop - place.first != len(place.amplitudes):
             continue  # it has no amplitude of its own
-        for (name, size), told in zip(
-            place.amplitudes.items(), step.tested.information[place.first : place.stop].tolist(), strict=True
-        ):
+        information = np.diag(step.tested.information)[place.first : place.stop].tolist()
+        for (name, size), told in zip(place.amplitudes.items(), information, strict=True):
             if told <= 1e-6:
                 continue
             value = abs(size) * needed / float(np.sqrt(told))

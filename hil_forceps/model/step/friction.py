@@ -20,6 +20,15 @@ class Response(NamedTuple):
     speed_of_slope: float
     way_of_mean: float
     way_of_slope: float
+    speed_of_speed: float  # the same per unit of the speed at the start
+    way_of_speed: float
+
+
+class Line(NamedTuple):
+    """A torque over a step."""
+
+    mean: float
+    slope: float
 
 
 class Levels(NamedTuple):
@@ -49,28 +58,78 @@ def friction(
     first, last = levels.start + extra, levels.end + extra
     mean, slope = 0.5 * (first + last), last - first
     end = sign * free_speed - r.speed_of_mean * mean - r.speed_of_slope * slope
-    if end > 0.0:
-        return sign * mean, sign * slope, MOVING
-    # Where the speed crosses zero, as a parabola with the speed and acceleration at the start and the speed at the end.
+    # The speed is taken for a parabola with the speed and acceleration at the start and the speed at the end.
     begin, rise = sign * speed, (sign * push - first) / inertia_per_step
     bend = end - begin - rise
-    share = min(1.0, 2.0 * begin / (math.sqrt(max(0.0, rise * rise - 4.0 * bend * begin)) - rise))
-    there = first + (last - first) * share
-    push_there = inertia_per_step * (rise + 2.0 * bend * share) + there
-    before = 0.5 * (first + there)
-    rest = 1.0 - share
+    dips = rise < 0.0 and -rise < 2.0 * bend and rise * rise > 4.0 * bend * begin
+    if end > 0.0 and not dips:
+        return sign * mean, sign * slope, MOVING
     opposite = levels.rest + (levels.backward if speed > 0.0 else levels.forward)
-    fate = MOVING
-    after = -opposite
-    if push_there >= -opposite:  # it can't reverse: friction from there on ends at standstill
-        fate = STOPPED
-        effect = rest * (r.speed_of_mean + 6.0 * r.speed_of_slope * share)
-        after = before
-        if effect > 0.0:
-            needed = sign * free_speed - before * share * (r.speed_of_mean - 6.0 * r.speed_of_slope * rest)
-            after = max(-opposite, min(levels.rest + extra, needed / effect))
-    mean, slope = before * share + after * rest, 6.0 * (after - before) * share * rest
-    return sign * mean, sign * slope, fate
+    holding = _holding(free_speed - r.speed_of_speed * speed, free_way - r.way_of_speed * speed, r)
+    holding = Line(sign * holding.mean, sign * holding.slope)
+    back_bend = bend + (first + opposite) * (r.speed_of_mean - 1.0 / inertia_per_step)
+    more, fate = _turned(begin, rise, bend, back_bend, inertia_per_step, holding, first, opposite)
+    return sign * (mean + more.mean), sign * (slope + more.slope), fate
+
+
+@inlined
+def _holding(free_speed: float, free_way: float, r: Response) -> Line:
+    """Return the torque that would hold a mass at rest over the step, where it would have this motion without."""
+    scale = r.way_of_mean * r.speed_of_slope - r.way_of_slope * r.speed_of_mean
+    return Line(
+        (free_way * r.speed_of_slope - free_speed * r.way_of_slope) / scale,
+        (free_speed * r.way_of_mean - free_way * r.speed_of_mean) / scale,
+    )
+
+
+@inlined
+def _turned(
+    begin: float,
+    rise: float,
+    bend: float,
+    back_bend: float,
+    inertia_per_step: float,
+    holding: Line,
+    first: float,
+    opposite: float,
+) -> tuple[Line, int]:
+    """Return what a stop or a reversal adds to the friction torque `first`, and the outcome.
+
+    `begin`, `rise`, `bend`: of the parabola that the speed would be with that friction; `back_bend`: of the one that it
+    is with `opposite`, once it has turned round; `holding`: what holds the mass at rest. The result is continuous, also
+    where the speed at the start becomes 0: a jump would be divided by the step of a finite difference.
+    """
+    both = first + opposite
+    steepness = math.sqrt(max(0.0, rise * rise - 4.0 * bend * begin))  # of the speed where it crosses zero
+    there = min(1.0, 2.0 * begin / (steepness - rise))
+    mean, moment, rests = 0.0, 0.0, there
+    if inertia_per_step * steepness > both:  # it turns round, and perhaps once more
+        rests = 1.0
+        if back_bend > 0.0:
+            rests = min(1.0, there + (inertia_per_step * steepness - both) / (inertia_per_step * back_bend))
+        mean = -both * (rests - there)
+        moment = 0.5 * mean * (there + rests - 1.0)
+    if rests == 1.0:
+        return Line(mean, 12.0 * moment), MOVING
+    torque = holding.mean + holding.slope * (rests - 0.5)
+    leaves = rests  # the share of the step at which friction can't hold it any more
+    forward = torque > first
+    if -opposite <= torque <= first:
+        forward = holding.slope > 0.0
+        leaves = 2.0
+        if holding.slope != 0.0:
+            leaves = 0.5 + ((first if forward else -opposite) - holding.mean) / holding.slope
+        until = min(1.0, leaves)
+        square, cube = until**2 - rests**2, until**3 - rests**3
+        level = holding.mean - 0.5 * holding.slope - first
+        mean += level * (until - rests) + 0.5 * holding.slope * square
+        moment += level * 0.5 * (square - until + rests) + holding.slope * (cube / 3.0 - 0.25 * square)
+    if leaves >= 1.0:
+        return Line(mean, 12.0 * moment), STOPPED
+    if not forward:
+        mean -= both * (1.0 - leaves)
+        moment -= 0.5 * both * (1.0 - leaves) * leaves
+    return Line(mean, 12.0 * moment), MOVING
 
 
 @inlined
@@ -79,9 +138,7 @@ def _held(free_speed: float, free_way: float, r: Response, levels: Levels) -> tu
 
     The torque that would hold it is a line over the step; where the line exceeds the level, the mass breaks away.
     """
-    scale = r.way_of_mean * r.speed_of_slope - r.way_of_slope * r.speed_of_mean
-    mean = (free_way * r.speed_of_slope - free_speed * r.way_of_slope) / scale
-    slope = (free_speed * r.way_of_mean - free_way * r.speed_of_mean) / scale
+    mean, slope = _holding(free_speed, free_way, r)
     last = mean + 0.5 * slope
     sign = 1.0 if last > 0.0 else -1.0
     level = levels.rest + (levels.forward if last > 0.0 else levels.backward)

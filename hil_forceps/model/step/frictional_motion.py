@@ -4,6 +4,8 @@ from hil_forceps.model.composition import Physics
 from hil_forceps.model.kernel import inlined
 from hil_forceps.model.linear.gains import (
     DAMPING,
+    FROM_JAW,
+    FROM_MOTOR,
     JAW_MEAN,
     JAW_SLOPE,
     JAW_SPEED,
@@ -43,6 +45,8 @@ def settled(
         g[s, MOTOR_SPEED + MOTOR_SLOPE],
         g[s, MOTOR_WAY + MOTOR_MEAN],
         g[s, MOTOR_WAY + MOTOR_SLOPE],
+        g[s, MOTOR_SPEED + FROM_MOTOR],
+        g[s, MOTOR_WAY + FROM_MOTOR],
     )
     free_speed = free.omega_m - g[s, MOTOR_SPEED + JAW_MEAN] * guess
     free_way = free.theta_m - g[s, MOTOR_WAY + JAW_MEAN] * guess
@@ -50,7 +54,12 @@ def settled(
     way_j = free.theta_j - g[s, JAW_WAY + MOTOR_MEAN] * mean - g[s, JAW_WAY + MOTOR_SLOPE] * slope
     speed_j = free.omega_j - g[s, JAW_SPEED + MOTOR_MEAN] * mean - g[s, JAW_SPEED + MOTOR_SLOPE] * slope
     response = Response(
-        g[s, JAW_SPEED + JAW_MEAN], g[s, JAW_SPEED + JAW_SLOPE], g[s, JAW_WAY + JAW_MEAN], g[s, JAW_WAY + JAW_SLOPE]
+        g[s, JAW_SPEED + JAW_MEAN],
+        g[s, JAW_SPEED + JAW_SLOPE],
+        g[s, JAW_WAY + JAW_MEAN],
+        g[s, JAW_WAY + JAW_SLOPE],
+        g[s, JAW_SPEED + FROM_JAW],
+        g[s, JAW_WAY + FROM_JAW],
     )
     mean_j, slope_j, fate_j = friction(omega_j, speed_j, way_j, push[1], inertia[1], response, jaw)
     end = added(g, s, free, Torques(-mean, -slope, -mean_j, -slope_j))

@@ -24,6 +24,7 @@ _MAX_BEND_SHARE = 0.1  # ... its bend (end less twice the middle), ...
 _CONVERGED_SHARE = 1e-3  # ... and what further iterations may change
 _USUAL_STEPS = 4  # in a sample; with more of them these shares are smaller
 _MAX_ITERATIONS = 8
+_BELOW_SHARE = 0.25  # twice an eighth: the second difference changes from step to step
 _SLOW_CONTRACTION = 0.5  # ratio of successive changes in the iteration: of friction over speed, ...
 _FAST_CONTRACTION = 0.1  # ... and of other effects
 
@@ -205,12 +206,13 @@ def _same_wire(p: Physics, x: State, first: Wire, middle: Wire, last: Wire) -> b
 
 @inlined
 def _on_between(p: Physics, kind: Kind, g: Gains, steps: int, x: State, u: Torques) -> bool:
-    """Tell whether motor and jaw keep their direction at the end of each step but the last."""
+    """Tell whether motor and jaw keep their direction, at the end of each step and between."""
     if not (kind.motor_directed or kind.jaw_directed):
         return True
     stretch = p.r_m * x.theta_m_rad - p.r_j * x.theta_j_rad
     speed_m, speed_j = x.omega_m_rad_per_s, x.omega_j_rad_per_s
-    for k in range(steps - 1):
+    last_m, last_j, change_m, change_j = speed_m, speed_j, 0.0, 0.0
+    for k in range(steps):
         share = (k + 1.0) / steps
         until = 0.5 * (share - 1.0)  # from the middle of all steps to the middle of those so far
         part = Torques(
@@ -218,8 +220,15 @@ def _on_between(p: Physics, kind: Kind, g: Gains, steps: int, x: State, u: Torqu
         )
         omega_m = row_of(g, k, MOTOR_SPEED, stretch, speed_m, speed_j, part)
         omega_j = row_of(g, k, JAW_SPEED, stretch, speed_m, speed_j, part)
-        if not _goes_on(kind, x, omega_m, omega_j):
+        # Between two steps a parabola lies an eighth of its second difference below the slower of both, at most.
+        below_m = _BELOW_SHARE * abs(omega_m - last_m - change_m) if k > 0 else 0.0
+        below_j = _BELOW_SHARE * abs(omega_j - last_j - change_j) if k > 0 else 0.0
+        slower_m, slower_j = min(abs(omega_m), abs(last_m)) - below_m, min(abs(omega_j), abs(last_j)) - below_j
+        if not _goes_on(kind, x, omega_m, omega_j) or (kind.motor_directed and slower_m <= 0.0):
             return False
+        if kind.jaw_directed and slower_j <= 0.0:
+            return False
+        last_m, last_j, change_m, change_j = omega_m, omega_j, omega_m - last_m, omega_j - last_j
     return True
 
 

@@ -36,7 +36,7 @@ SEARCH = Search(
     most_effects=6,
     weigh=None,
 )
-TESTED = score_test.Tested(np.zeros(0), [], [], np.zeros(0), 16.0, np.zeros(0))
+TESTED = score_test.Tested(np.zeros(0), [], [], np.zeros((0, 0)), 16.0, np.zeros(0))
 
 
 def candidate(effects: Sequence[str], gain: float) -> Candidate:
