@@ -1,8 +1,8 @@
 """Which entries could take the place of others, by the score test beside the model that holds those.
 
-One Gram matrix J, C of the innovations holds both: the amplitudes of the entries that leave go to zero, the columns of
-those that join are free, and so are all other parameters. With v the amplitudes that leave (rows a of J), z = −M⁻¹s the
-step without that condition and A = (M⁻¹)ₐₐ, χ² rises by (v + zₐ)ᵀ A⁻¹ (v + zₐ) over its least value with the columns.
+One Gram matrix of the innovations holds both: the amplitudes v of the entries that leave, which go to zero, and the
+columns of those that join. The step −v moves the scores of all others by −M v; what they and the columns then gain is
+what a score test says beside the parameters that stay. An exact alias of what leaves has a column there, too.
 """
 
 from collections.abc import Sequence
@@ -47,21 +47,18 @@ def exchanges(
     `places`, `found`: all places beside the model and the Gram matrix of its free parameters and their columns. An
     entry more costs `threshold`, one less saves it.
     """
-    p = projected(found, Prior.of(model.free, model.passes.theta))
-    usable = [place for place in places if bool(np.all(p.good[place.first : place.stop]))]
+    prior = Prior.of(model.free, model.passes.theta)
     best: dict[tuple[frozenset[str], frozenset[str]], Exchange] = {}
     for leaving in (*combinations(effects, 1), *combinations(effects, 2)):
-        v, at = _amplitudes(model, leaving)
-        if at.size == 0:
-            continue  # a limit has no amplitude
-        explained = float(v @ inverted(p.covariance[np.ix_(at, at)]) @ v)
-        saved = sum(COST_PER_COLUMN * (_parameters(model, e) - 1) + threshold for e in leaving)
-        alone = [e for q in usable if (e := _exchange(p, leaving, (q,), v, at, explained))]
+        beside = _without(model, leaving, found, prior)
+        if beside is None:
+            continue
+        usable = [q for q in places if bool(np.all(beside.tested.good[q.first : q.stop]))]
+        alone = [e for q in usable if (e := _exchange(beside, leaving, (q,)))]
         alone.sort(key=lambda e: -e.gain)
         pairs = combinations([e.joining[0] for e in alone[:MAX_PAIRED_PLACES]], 2) if len(leaving) == 1 else ()
-        together = [
-            _exchange(p, leaving, pair, v, at, explained) for pair in pairs if pair[0].effect_id != pair[1].effect_id
-        ]
+        together = [_exchange(beside, leaving, pair) for pair in pairs if pair[0].effect_id != pair[1].effect_id]
+        saved = sum(COST_PER_COLUMN * (_parameters(model, e) - 1) + threshold for e in leaving)
         for tried in (*alone, *(e for e in together if e)):
             spent = sum(COST_PER_COLUMN * (q.stop - q.first - 1) + q.cost + threshold for q in tried.joining)
             gain = tried.gain + saved - spent
@@ -71,33 +68,51 @@ def exchanges(
     return sorted(best.values(), key=lambda e: -e.gain)
 
 
-def _amplitudes(model: Fit, effects: Sequence[str]) -> tuple[Vector, Columns]:
-    """Return the amplitudes of entries in units of their scales, and their places among the free parameters."""
-    at = [i for i, f in enumerate(model.free) if f.amplitude and f.name.split(".")[1] in effects]
-    values = model.values / np.array([f.scale for f in model.free])
-    return values[at], np.array(at, dtype=np.int64)
+class _Beside(NamedTuple):
+    """A model without the entries that leave."""
+
+    tested: Projected  # columns beside the parameters that stay
+    stay: Columns  # places of these among all fitted
+    shifts: Vector  # of all fitted parameters, for the amplitudes that leave
+    explained: float
+
+
+def _without(model: Fit, leaving: Sequence[str], found: Gram, prior: Prior) -> _Beside | None:
+    """Return the linear model with amplitudes of entries at zero; None where they have none, as a limit."""
+    of = [f.name.split(".")[1] if f.name.startswith("effects.") else "" for f in model.free]
+    shifts = np.zeros(found.score.size)
+    for i, f in enumerate(model.free):
+        if f.amplitude and of[i] in leaving:
+            shifts[i] = -model.values[i] / f.scale
+    if not shifts.any():
+        return None
+    stay = np.array([i for i, effect_id in enumerate(of) if effect_id not in leaving], dtype=np.int64)
+    kept = np.concatenate([stay, np.arange(len(of), found.score.size)])
+    information, score = found.information.copy(), found.score.copy()
+    information[: len(of), : len(of)] += prior.precision
+    score[: len(of)] += prior.pull
+    moved = score + information @ shifts
+    none = Prior(np.zeros((stay.size, stay.size)), np.zeros(stay.size))
+    tested = projected(Gram(information[np.ix_(kept, kept)], moved[kept]), none)
+    before = score[: len(of)] @ inverted(information[: len(of), : len(of)]) @ score[: len(of)]
+    after = moved[stay] @ tested.covariance @ moved[stay]
+    explained = float(shifts @ (score + moved) - after + before)
+    return _Beside(tested, stay, shifts[: len(of)], explained)
 
 
 def _parameters(model: Fit, effect_id: str) -> int:
     return sum(f.name.startswith(f"effects.{effect_id}.") for f in model.free)
 
 
-def _exchange(
-    p: Projected, leaving: tuple[str, ...], joining: tuple[Place, ...], v: Vector, at: Columns, explained: float
-) -> Exchange | None:
+def _exchange(beside: _Beside, leaving: tuple[str, ...], joining: tuple[Place, ...]) -> Exchange | None:
     """Return an exchange, its gain without costs; None where a size comes out with the wrong sign."""
-    columns = np.concatenate([np.arange(place.first, place.stop) for place in joining])
-    inverse = inverted(p.information[np.ix_(columns, columns)])
-    size = inverse @ p.score[columns]
-    solved = p.solved[:, columns]
-    gain = float(p.score[columns] @ size)
-    shift = p.alone - solved @ size
-    answer = inverse @ solved[at].T
-    pull = inverted(p.covariance[np.ix_(at, at)] + solved[at] @ answer) @ (v + shift[at])
-    loss = float(pull @ (v + shift[at]))
-    size = size + answer @ pull
-    shift = shift - p.covariance[:, at] @ pull - solved @ (answer @ pull)
+    p, columns = beside.tested, np.concatenate([np.arange(place.first, place.stop) for place in joining])
+    size = inverted(p.information[np.ix_(columns, columns)]) @ p.score[columns]
     sizes = tuple(size[[int(c) in range(q.first, q.stop) for c in columns]] for q in joining)
     if any(q.one_sided and own[0] <= 0.0 for q, own in zip(joining, sizes, strict=True)):
         return None
-    return Exchange(leaving, joining, sizes, shift, gain - loss, explained)
+    shifts = beside.shifts.copy()
+    shifts[beside.stay] = p.alone - p.solved[:, columns] @ size
+    return Exchange(
+        leaving, joining, sizes, shifts, float(p.score[columns] @ size) - beside.explained, beside.explained
+    )

@@ -94,3 +94,16 @@ def test_a_size_with_the_wrong_sign_takes_no_place(runs: tuple[NDArray[np.float6
     columns[:, 4] *= -1.0
     found = exchanges_among(columns, residual, [place("wire_creep", 1, one_sided=True)])
     assert ("jaw_gravity",) not in {e.leaving for e in found}
+
+
+def test_an_exact_alias_takes_the_place_of_what_it_is_an_alias_of(
+    runs: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> None:
+    """Beside the entry that is to leave, nothing of its column is left."""
+    columns, residual = runs
+    columns[:, 5] = 0.5 * columns[:, 2]
+    (found,) = [e for e in exchanges_among(columns, residual, [place("wire_slack", 2)]) if len(e.leaving) == 1]
+    fitted = model()
+    assert found.leaving == ("wire_damping",)
+    assert found.gain == pytest.approx(0.0, abs=1e-6)
+    assert float(found.sizes[0][0]) == pytest.approx(2.0 * fitted.values[2] / fitted.free[2].scale)
