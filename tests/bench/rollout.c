@@ -127,34 +127,38 @@ static rub held(double free_speed, double free_way, response r, levels l) {
     return (rub){ mean > 0.0 ? level : -level, 0.0, MOVING };
 }
 
-/* begin, rise, bend: of the speed with friction `first`; back: its bend with the opposite friction. */
-static rub turned(double begin, double rise, double bend, double back, double inertia, line hold, double first,
-                  double opposite) {
+/* begin, rise, bend: of the speed with friction `first`; back_bend: with the opposite friction. */
+static double turned(double begin, double rise, double bend, double back_bend, double inertia, response r,
+                     line hold, double first, double opposite, double *moment) {
     double both = first + opposite, steepness = sqrt(high(0.0, rise * rise - 4.0 * bend * begin));
-    double there = low(1.0, 2.0 * begin / (steepness - rise)), mean = 0.0, moment = 0.0, rests = there;
-    if (inertia * steepness > both) {
-        rests = back > 0.0 ? low(1.0, there + (inertia * steepness - both) / (inertia * back)) : 1.0;
-        mean = -both * (rests - there);
-        moment = 0.5 * mean * (there + rests - 1.0);
+    double there = low(1.0, 2.0 * begin / (steepness - rise)), rests = there, back = steepness - both / inertia;
+    *moment = 0.0;
+    if (back > 0.0) {
+        rests = back_bend > 0.0 ? low(1.0, there + back / back_bend) : 1.0;
+        *moment = -0.5 * both * (rests - there) * (there + rests - 1.0);
+        if (rests == 1.0) return (back_bend * (1.0 - there) - back) * (1.0 - there);
     }
-    if (rests == 1.0) return (rub){ mean, 12.0 * moment, MOVING };
     double torque = hold.mean + hold.slope * (rests - 0.5), leaves = rests;
     int forward = torque > first;
     if (-opposite <= torque && torque <= first) {
         forward = hold.slope > 0.0;
-        leaves = hold.slope != 0.0 ? 0.5 + ((forward ? first : -opposite) - hold.mean) / hold.slope : 2.0;
-        double until = low(1.0, leaves);
-        double square = until * until - rests * rests, cube = until * until * until - rests * rests * rests;
+        leaves = hold.slope != 0.0 ? low(1.0, 0.5 + ((forward ? first : -opposite) - hold.mean) / hold.slope) : 1.0;
+        double square = leaves * leaves - rests * rests, cube = leaves * leaves * leaves - rests * rests * rests;
         double level = hold.mean - 0.5 * hold.slope - first;
-        mean += level * (until - rests) + 0.5 * hold.slope * square;
-        moment += level * 0.5 * (square - until + rests) + hold.slope * (cube / 3.0 - 0.25 * square);
+        *moment += level * 0.5 * (square - leaves + rests) + hold.slope * (cube / 3.0 - 0.25 * square);
     }
-    if (leaves >= 1.0) return (rub){ mean, 12.0 * moment, STOPPED };
-    if (!forward) {
-        mean -= both * (1.0 - leaves);
-        moment -= 0.5 * both * (1.0 - leaves) * leaves;
+    double after = 1.0 - leaves, square = 1.0 - leaves * leaves, cube = 1.0 - leaves * leaves * leaves;
+    double over = hold.mean - 0.5 * hold.slope - (forward ? first : -opposite);
+    double speed = r.speed_of_mean * (over * after + 0.5 * hold.slope * square);
+    speed += r.speed_of_slope * (6.0 * over * (square - after) + hold.slope * (4.0 * cube - 3.0 * square));
+    if (!forward) *moment -= 0.5 * both * after * leaves;
+    if (rise < 0.0 && 0.0 < bend && back < 0.0) {
+        double share = low(1.0, 4.0 * bend * begin / (rise * rise)) * -back * inertia / both;
+        double beyond = high(0.0, 1.0 + 0.5 * rise / bend);
+        speed += share * (bend * beyond * beyond - speed);
+        *moment *= 1.0 - share;
     }
-    return (rub){ mean, 12.0 * moment, MOVING };
+    return speed;
 }
 
 static rub friction(double speed, double free_speed, double free_way, double push, double inertia, response r, levels l) {
@@ -165,11 +169,13 @@ static rub friction(double speed, double free_speed, double free_way, double pus
     double begin = sign * speed, rise = (sign * push - first) / inertia, bend = end - begin - rise;
     int dips = rise < 0.0 && -rise < 2.0 * bend && rise * rise > 4.0 * bend * begin;
     if (end > 0.0 && !dips) return (rub){ sign * mean, sign * slope, MOVING };
-    double opposite = l.rest + (speed > 0.0 ? l.backward : l.forward);
+    double opposite = l.rest + (speed > 0.0 ? l.backward : l.forward), moment;
     line hold = holding(free_speed - r.speed_of_speed * speed, free_way - r.way_of_speed * speed, r);
-    rub more = turned(begin, rise, bend, bend + (first + opposite) * (r.speed_of_mean - 1.0 / inertia), inertia,
-                      (line){ sign * hold.mean, sign * hold.slope }, first, opposite);
-    return (rub){ sign * (mean + more.mean), sign * (slope + more.slope), more.fate };
+    end = turned(begin, rise, bend, bend + (first + opposite) * (r.speed_of_mean - 1.0 / inertia), inertia,
+                 r, (line){ sign * hold.mean, sign * hold.slope }, first, opposite, &moment);
+    slope += 12.0 * moment;
+    mean = (sign * free_speed - end - r.speed_of_slope * slope) / r.speed_of_mean;
+    return (rub){ sign * mean, sign * slope, end == 0.0 ? STOPPED : MOVING };
 }
 
 static double answer(const double *g, torques u) {

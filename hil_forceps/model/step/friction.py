@@ -31,6 +31,20 @@ class Line(NamedTuple):
     slope: float
 
 
+class Turning(NamedTuple):
+    """The speed of a mass as a parabola over the step: its start, slope and bend, and what they come from."""
+
+    begin: float
+    rise: float
+    bend: float
+    back_bend: float  # with the friction of the other direction
+    inertia_per_step: float
+    speed_of_mean: float
+    speed_of_slope: float
+    first: float  # level of friction in the direction of `begin`
+    opposite: float  # and against it
+
+
 class Levels(NamedTuple):
     """Levels of dry friction over a step."""
 
@@ -68,8 +82,11 @@ def friction(
     holding = _holding(free_speed - r.speed_of_speed * speed, free_way - r.way_of_speed * speed, r)
     holding = Line(sign * holding.mean, sign * holding.slope)
     back_bend = bend + (first + opposite) * (r.speed_of_mean - 1.0 / inertia_per_step)
-    more, fate = _turned(begin, rise, bend, back_bend, inertia_per_step, holding, first, opposite)
-    return sign * (mean + more.mean), sign * (slope + more.slope), fate
+    to = Turning(begin, rise, bend, back_bend, inertia_per_step, r.speed_of_mean, r.speed_of_slope, first, opposite)
+    end, moment = _turned(to, holding)
+    slope += 12.0 * moment
+    mean = (sign * free_speed - end - r.speed_of_slope * slope) / r.speed_of_mean
+    return sign * mean, sign * slope, STOPPED if end == 0.0 else MOVING
 
 
 @inlined
@@ -83,53 +100,47 @@ def _holding(free_speed: float, free_way: float, r: Response) -> Line:
 
 
 @inlined
-def _turned(
-    begin: float,
-    rise: float,
-    bend: float,
-    back_bend: float,
-    inertia_per_step: float,
-    holding: Line,
-    first: float,
-    opposite: float,
-) -> tuple[Line, int]:
-    """Return what a stop or a reversal adds to the friction torque `first`, and the outcome.
+def _turned(to: Turning, holding: Line) -> tuple[float, float]:
+    """Return the speed at the end of a step in which a mass stops or turns round, and a moment of its friction.
 
-    `begin`, `rise`, `bend`: of the parabola that the speed would be with that friction; `back_bend`: of the one that it
-    is with `opposite`, once it has turned round; `holding`: what holds the mass at rest. The result is continuous, also
-    where the speed at the start becomes 0: a jump would be divided by the step of a finite difference.
+    `holding`: the torque that holds it at rest. The moment is that of the change of friction, about the middle of the
+    step. Both are continuous, also where the speed at the start becomes 0: a jump would be divided by the step of a
+    finite difference.
     """
-    both = first + opposite
-    steepness = math.sqrt(max(0.0, rise * rise - 4.0 * bend * begin))  # of the speed where it crosses zero
-    there = min(1.0, 2.0 * begin / (steepness - rise))
-    mean, moment, rests = 0.0, 0.0, there
-    if inertia_per_step * steepness > both:  # it turns round, and perhaps once more
-        rests = 1.0
-        if back_bend > 0.0:
-            rests = min(1.0, there + (inertia_per_step * steepness - both) / (inertia_per_step * back_bend))
-        mean = -both * (rests - there)
-        moment = 0.5 * mean * (there + rests - 1.0)
-    if rests == 1.0:
-        return Line(mean, 12.0 * moment), MOVING
+    both = to.first + to.opposite
+    steepness = math.sqrt(max(0.0, to.rise * to.rise - 4.0 * to.bend * to.begin))  # of the speed where it crosses zero
+    there = min(1.0, 2.0 * to.begin / (steepness - to.rise))
+    moment, rests, back = 0.0, there, steepness - both / to.inertia_per_step
+    if back > 0.0:  # it turns round, and perhaps once more
+        rests = min(1.0, there + back / to.back_bend) if to.back_bend > 0.0 else 1.0
+        moment = -0.5 * both * (rests - there) * (there + rests - 1.0)
+        if rests == 1.0:
+            return (to.back_bend * (1.0 - there) - back) * (1.0 - there), moment
     torque = holding.mean + holding.slope * (rests - 0.5)
     leaves = rests  # the share of the step at which friction can't hold it any more
-    forward = torque > first
-    if -opposite <= torque <= first:
+    forward = torque > to.first
+    if -to.opposite <= torque <= to.first:
         forward = holding.slope > 0.0
-        leaves = 2.0
+        leaves = 1.0
         if holding.slope != 0.0:
-            leaves = 0.5 + ((first if forward else -opposite) - holding.mean) / holding.slope
-        until = min(1.0, leaves)
-        square, cube = until**2 - rests**2, until**3 - rests**3
-        level = holding.mean - 0.5 * holding.slope - first
-        mean += level * (until - rests) + 0.5 * holding.slope * square
-        moment += level * 0.5 * (square - until + rests) + holding.slope * (cube / 3.0 - 0.25 * square)
-    if leaves >= 1.0:
-        return Line(mean, 12.0 * moment), STOPPED
+            leaves = min(1.0, 0.5 + ((to.first if forward else -to.opposite) - holding.mean) / holding.slope)
+        square, cube = leaves**2 - rests**2, leaves**3 - rests**3
+        level = holding.mean - 0.5 * holding.slope - to.first
+        moment += level * 0.5 * (square - leaves + rests) + holding.slope * (cube / 3.0 - 0.25 * square)
+    after, square, cube = 1.0 - leaves, 1.0 - leaves**2, 1.0 - leaves**3
+    over = holding.mean - 0.5 * holding.slope - (to.first if forward else -to.opposite)
+    speed = to.speed_of_mean * (over * after + 0.5 * holding.slope * square)
+    speed += to.speed_of_slope * (6.0 * over * (square - after) + holding.slope * (4.0 * cube - 3.0 * square))
     if not forward:
-        mean -= both * (1.0 - leaves)
-        moment -= 0.5 * both * (1.0 - leaves) * leaves
-    return Line(mean, 12.0 * moment), MOVING
+        moment -= 0.5 * both * after * leaves
+    if to.rise < 0.0 < to.bend and back < 0.0:
+        # Where the parabola only just touches zero, it tells the speed. Where the mass turns, or was at rest before,
+        # what holds it does.
+        share = min(1.0, 4.0 * to.bend * to.begin / (to.rise * to.rise)) * -back * to.inertia_per_step / both
+        beyond = max(0.0, 1.0 + 0.5 * to.rise / to.bend)
+        speed += share * (to.bend * beyond * beyond - speed)
+        moment *= 1.0 - share
+    return speed, moment
 
 
 @inlined
