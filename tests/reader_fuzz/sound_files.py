@@ -4,11 +4,13 @@ import gzip
 import importlib
 import io
 import json
+import re
 import struct
 import tempfile
 import warnings
 import zipfile
 import zlib
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -58,16 +60,14 @@ def tables() -> dict[str, bytes]:
     arrow: Any = importlib.import_module("pyarrow")
     parquet: Any = importlib.import_module("pyarrow.parquet")
     run = a_run(20)
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("11.TXT", SURGICAL)
+    packed = zipped({"11.TXT": SURGICAL})
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
         write_csv(run, home / "a.csv")
         write_parquet(run, home / "a.parquet")
         plain = arrow.table(dict(run.columns))
         parquet.write_table(plain, home / "b.parquet", compression="none", use_dictionary=False)
-        return {file.name: file.read_bytes() for file in home.iterdir()} | {"a.zip": packed.getvalue()}
+        return {file.name: file.read_bytes() for file in home.iterdir()} | {"a.zip": packed}
 
 
 def layouts() -> list[list[bytes]]:
@@ -93,7 +93,9 @@ def layouts() -> list[list[bytes]]:
 def packed_text(text: bytes, packing: str) -> bytes:
     """Return a text as it is, as gzip or as zstd."""
     zstandard: Any = importlib.import_module("zstandard")
-    packed: bytes = {"gz": gzip.compress, "zst": zstandard.compress}.get(packing, bytes)(text)
+    packed: bytes = {"gz": lambda plain: gzip.compress(plain, mtime=0), "zst": zstandard.compress}.get(packing, bytes)(
+        text
+    )
     return packed
 
 
@@ -121,6 +123,11 @@ def _write_excel(run: dict[str, Column], path: Path) -> None:
     for row in zip(*(values.tolist() for values in run.values()), strict=True):
         book.active.append(row)
     book.save(path)
+    parts = excel_parts(path.read_bytes())
+    parts["docProps/core.xml"] = re.sub(
+        rb"\d{4}-\d\d-\d\dT[\d:]+Z", b"2026-01-01T00:00:00Z", parts["docProps/core.xml"]
+    )
+    path.write_bytes(zipped(parts))
 
 
 def _write_hdf5(run: dict[str, Column], path: Path) -> None:
@@ -139,12 +146,12 @@ def _write_mf4(run: dict[str, Column], path: Path) -> None:
         mdf.save(path, overwrite=True)
 
 
-def excel(parts: dict[str, bytes]) -> bytes:
-    """Pack the parts of a workbook."""
+def zipped(parts: Mapping[str, bytes | str]) -> bytes:
+    """Pack files; the archive has no time of its own, so the same files give the same bytes."""
     packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(packed, "w") as archive:
         for name, data in parts.items():
-            archive.writestr(name, data)
+            archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)
     return packed.getvalue()
 
 
@@ -158,7 +165,7 @@ def mat_structure() -> bytes:
     """Return a structure with the columns of a run, not packed."""
     file = io.BytesIO()
     savemat(file, {"log": {name: a_run(20).columns[name] for name in WANTED}, "settings": {"kp": 1.0}})
-    return file.getvalue()
+    return without_time(file.getvalue())
 
 
 def mat() -> bytes:
@@ -167,7 +174,12 @@ def mat() -> bytes:
     series = {"t": time_s, "qg": 0.2 * time_s, "qm": 0.199 * time_s, "vir": np.cos(time_s)}
     file = io.BytesIO()
     savemat(file, {**{k: v[:, None] for k, v in series.items()}, "gtau": 35.15, "kp": 160.18, "kv": 243.45})
-    return file.getvalue()
+    return without_time(file.getvalue())
+
+
+def without_time(file: bytes) -> bytes:
+    """Return a MAT file whose text in front doesn't say when it was written."""
+    return b"MATLAB 5.0 MAT-file".ljust(116) + file[116:]
 
 
 def packed_mat(plain: bytes) -> bytes:

@@ -68,7 +68,7 @@ def _layout(lines: list[bytes], at: list[Edit], made: list[Edit], packing: str, 
 def _book(which: int, inside: list[Edit], outside: list[Edit]) -> bytes:
     parts = sound_files.excel_parts(sound_files.container("a.xlsx"))
     at = sorted(parts)[which % len(parts)]
-    return edited(sound_files.excel(parts | {at: edited(parts[at], inside)}), outside)
+    return edited(sound_files.zipped(parts | {at: edited(parts[at], inside)}), outside)
 
 
 def _of_container(name: str) -> st.SearchStrategy[bytes]:

@@ -1,5 +1,6 @@
 """A short fuzz of every reader; `make fuzz-readers` has more inputs. And what it finds when a reader is broken."""
 
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from hil_forceps.data.readers.bus_logs.account import Account, LoggedFrame
 from hil_forceps.data.readers.tables import text_table
 from hil_forceps.data.readers.tables.blocks import Block
 from hil_forceps.rig.errors import UserError
-from tests.reader_fuzz import campaign, logs
+from tests.reader_fuzz import campaign, logs, sound_files
 from tests.reader_fuzz.checks import FoundError
 from tests.reader_fuzz.fuzzers import FUZZERS
 
@@ -49,6 +50,19 @@ def test_inputs_are_read_as_often_as_they_are_refused() -> None:
     """What is damaged too much is refused at its head, and fuzzes nothing behind it."""
     read = {name: campaign.fuzz(name, FUZZERS[name], INPUTS, 8) for name in ("log", "asc", "trc", "mcap", "cut_log")}
     assert all(INPUTS // 5 < count < INPUTS for count in read.values()), read
+
+
+def test_files_that_are_damaged_do_not_hold_the_time_they_were_written_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+    for now_s in (1.6e9, 1.7e9):
+        monkeypatch.setattr(time, "time", lambda now_s=now_s: now_s)
+        monkeypatch.setattr(time, "localtime", lambda _=None, now_s=now_s: time.gmtime(now_s))
+        monkeypatch.setattr(time, "asctime", lambda now_s=now_s: str(now_s))
+        sound_files.container.cache_clear()
+        packed = {name: sound_files.container(name) for name in ("a.xlsx", "a.h5")}
+        texts = {"gz": sound_files.packed_text(b"time_s", "gz"), "mat": sound_files.mat()}
+        found.append(sound_files.tables() | packed | texts | {"structure": sound_files.mat_structure()})
+    assert {name for name, data in found[0].items() if data != found[1][name]} == set()
 
 
 def test_the_same_seed_gives_the_same_inputs() -> None:
