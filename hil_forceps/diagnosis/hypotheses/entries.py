@@ -127,7 +127,8 @@ def _extents(scene: Scene, of: RunExtent) -> tuple[float, ...]:
 def quantiles_of_speed(omega: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, ...]:
     """Return the speeds at which friction that falls with speed is looked for.
 
-    At rest is what is slow beside the median over the way, to which a jump of the load adds next to nothing.
+    What is slower than `REST_SHARE` of the usual speed is at rest. The usual speed is the median over the way, not over
+    time: rests add nothing to the way, and a jump of the load, which makes a mass fast for some rows, next to nothing.
     """
     speed = np.sort(np.abs(omega))
     way = np.cumsum(speed)

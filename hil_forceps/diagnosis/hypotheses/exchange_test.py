@@ -53,7 +53,7 @@ def exchanges(
         beside = _without(model, leaving, found, prior)
         if beside is None:
             continue
-        usable = [q for q in places if bool(np.all(beside.tested.good[q.first : q.stop]))]
+        usable = [q for q in places if bool(np.all(beside.columns.good[q.first : q.stop]))]
         alone = [e for q in usable if (e := _exchange(beside, leaving, (q,)))]
         alone.sort(key=lambda e: -e.gain)
         pairs = combinations([e.joining[0] for e in alone[:MAX_PAIRED_PLACES]], 2) if len(leaving) == 1 else ()
@@ -69,35 +69,36 @@ def exchanges(
 
 
 class _Beside(NamedTuple):
-    """A model without the entries that leave."""
+    """The linear model without the entries that leave."""
 
-    tested: Projected  # columns beside the parameters that stay
-    stay: Columns  # places of these among all fitted
-    shifts: Vector  # of all fitted parameters, for the amplitudes that leave
-    explained: float
+    columns: Projected  # beside the parameters that stay
+    staying: Columns  # places of these among the fitted ones
+    shifts: Vector  # of all fitted parameters: amplitudes that leave go to zero, the others stay where they are
+    explained: float  # χ² that the leaving entries explain
 
 
 def _without(model: Fit, leaving: Sequence[str], found: Gram, prior: Prior) -> _Beside | None:
     """Return the linear model with amplitudes of entries at zero; None where they have none, as a limit."""
-    of = [f.name.split(".")[1] if f.name.startswith("effects.") else "" for f in model.free]
-    shifts = np.zeros(found.score.size)
+    count = len(model.free)
+    entries = [f.name.split(".")[1] if f.name.startswith("effects.") else "" for f in model.free]
+    shifts = np.zeros(found.score.size)  # the columns behind the parameters don't move
     for i, f in enumerate(model.free):
-        if f.amplitude and of[i] in leaving:
+        if f.amplitude and entries[i] in leaving:
             shifts[i] = -model.values[i] / f.scale
     if not shifts.any():
         return None
-    stay = np.array([i for i, effect_id in enumerate(of) if effect_id not in leaving], dtype=np.int64)
-    kept = np.concatenate([stay, np.arange(len(of), found.score.size)])
     information, score = found.information.copy(), found.score.copy()
-    information[: len(of), : len(of)] += prior.precision
-    score[: len(of)] += prior.pull
+    information[:count, :count] += prior.precision
+    score[:count] += prior.pull
     moved = score + information @ shifts
-    none = Prior(np.zeros((stay.size, stay.size)), np.zeros(stay.size))
-    tested = projected(Gram(information[np.ix_(kept, kept)], moved[kept]), none)
-    before = score[: len(of)] @ inverted(information[: len(of), : len(of)]) @ score[: len(of)]
-    after = moved[stay] @ tested.covariance @ moved[stay]
-    explained = float(shifts @ (score + moved) - after + before)
-    return _Beside(tested, stay, shifts[: len(of)], explained)
+    staying = np.array([i for i, entry in enumerate(entries) if entry not in leaving], dtype=np.int64)
+    kept = np.concatenate([staying, np.arange(count, score.size)])
+    included = Prior(np.zeros((staying.size, staying.size)), np.zeros(staying.size))
+    columns = projected(Gram(information[np.ix_(kept, kept)], moved[kept]), included)
+    best_with = score[:count] @ inverted(information[:count, :count]) @ score[:count]
+    best_without = moved[staying] @ columns.covariance @ moved[staying]
+    explained = float(shifts @ (score + moved) - best_without + best_with)
+    return _Beside(columns, staying, shifts[:count], explained)
 
 
 def _parameters(model: Fit, effect_id: str) -> int:
@@ -106,13 +107,12 @@ def _parameters(model: Fit, effect_id: str) -> int:
 
 def _exchange(beside: _Beside, leaving: tuple[str, ...], joining: tuple[Place, ...]) -> Exchange | None:
     """Return an exchange, its gain without costs; None where a size comes out with the wrong sign."""
-    p, columns = beside.tested, np.concatenate([np.arange(place.first, place.stop) for place in joining])
-    size = inverted(p.information[np.ix_(columns, columns)]) @ p.score[columns]
-    sizes = tuple(size[[int(c) in range(q.first, q.stop) for c in columns]] for q in joining)
+    at = np.concatenate([np.arange(place.first, place.stop) for place in joining])
+    score = beside.columns.score[at]
+    size = inverted(beside.columns.information[np.ix_(at, at)]) @ score
+    sizes = tuple(size[[int(c) in range(q.first, q.stop) for c in at]] for q in joining)
     if any(q.one_sided and own[0] <= 0.0 for q, own in zip(joining, sizes, strict=True)):
         return None
     shifts = beside.shifts.copy()
-    shifts[beside.stay] = p.alone - p.solved[:, columns] @ size
-    return Exchange(
-        leaving, joining, sizes, shifts, float(p.score[columns] @ size) - beside.explained, beside.explained
-    )
+    shifts[beside.staying] = beside.columns.alone - beside.columns.solved[:, at] @ size
+    return Exchange(leaving, joining, sizes, shifts, float(score @ size) - beside.explained, beside.explained)

@@ -21,7 +21,9 @@ MAX_STEPS = 8
 CONVERGED_CHI2 = 0.02  # that a step is to gain: no parameter is further than 0.14 deviations from its best
 STATIONARY_CHI2 = 1.0  # that a step did gain: rows that come and go as evidence move χ² by as much
 MAX_HALVINGS = 4
-DIFFERENCE_SHARE = 1e-5  # of a parameter's scale, for its answer: torques change by less than dry friction
+# Of a parameter's scale, for finite differences. Over ten times as much, a radius changes torques by as much as small
+# dry friction does.
+DIFFERENCE_SHARE = 1e-5
 MAX_STEP_RATIO = 2.0  # by which a positive parameter may change in a step
 
 

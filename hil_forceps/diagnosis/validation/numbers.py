@@ -24,12 +24,13 @@ _PLACES: Mapping[str, tuple[Location, str]] = {
 def detectable(step: Step) -> dict[str, Detectable]:
     """Return the smallest amplitude of each entry that the data of a step would show in `DETECTION_POWER` of cases."""
     needed = float(np.sqrt(step.tested.threshold)) + float(stats.norm.ppf(DETECTION_POWER))
+    information = np.diag(step.tested.information)
     least: dict[str, Detectable] = {}
     for place in step.places:
         if place.stop - place.first != len(place.amplitudes):
             continue  # it has no amplitude of its own
-        information = np.diag(step.tested.information)[place.first : place.stop].tolist()
-        for (name, size), told in zip(place.amplitudes.items(), information, strict=True):
+        own = information[place.first : place.stop].tolist()
+        for (name, size), told in zip(place.amplitudes.items(), own, strict=True):
             if told <= 1e-6:
                 continue
             value = abs(size) * needed / float(np.sqrt(told))

@@ -25,24 +25,22 @@ class Response(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A torque over a step."""
+    """A torque over a step, by its mean and slope."""
 
     mean: float
     slope: float
 
 
-class Turning(NamedTuple):
-    """The speed of a mass as a parabola over the step: its start, slope and bend, and what they come from."""
+class Crossing(NamedTuple):
+    """A speed that crosses zero: a parabola over the step, by its value, slope and bend, and what acts on the mass."""
 
     begin: float
     rise: float
     bend: float
-    back_bend: float  # with the friction of the other direction
+    back_bend: float  # once friction acts in the other direction
     inertia_per_step: float
-    speed_of_mean: float
-    speed_of_slope: float
-    first: float  # level of friction in the direction of `begin`
-    opposite: float  # and against it
+    forward_level: float  # of friction against the speed at the start
+    backward_level: float  # and against the opposite speed
 
 
 class Levels(NamedTuple):
@@ -82,9 +80,9 @@ def friction(
     holding = _holding(free_speed - r.speed_of_speed * speed, free_way - r.way_of_speed * speed, r)
     holding = Line(sign * holding.mean, sign * holding.slope)
     back_bend = bend + (first + opposite) * (r.speed_of_mean - 1.0 / inertia_per_step)
-    to = Turning(begin, rise, bend, back_bend, inertia_per_step, r.speed_of_mean, r.speed_of_slope, first, opposite)
-    end, moment = _turned(to, holding)
-    slope += 12.0 * moment
+    crossing = Crossing(begin, rise, bend, back_bend, inertia_per_step, first, opposite)
+    end, more_slope = _end_behind(crossing, holding, r)
+    slope += more_slope
     mean = (sign * free_speed - end - r.speed_of_slope * slope) / r.speed_of_mean
     return sign * mean, sign * slope, STOPPED if end == 0.0 else MOVING
 
@@ -100,47 +98,53 @@ def _holding(free_speed: float, free_way: float, r: Response) -> Line:
 
 
 @inlined
-def _turned(to: Turning, holding: Line) -> tuple[float, float]:
-    """Return the speed at the end of a step in which a mass stops or turns round, and a moment of its friction.
+def _part(torque: Line, less: float, first: float, last: float) -> Line:
+    """Return mean and slope of a torque less a constant, from the share `first` of the step to `last`; else it is 0."""
+    length, square, cube = last - first, last**2 - first**2, last**3 - first**3
+    start = torque.mean - 0.5 * torque.slope - less
+    return Line(
+        start * length + 0.5 * torque.slope * square,
+        6.0 * start * (square - length) + torque.slope * (4.0 * cube - 3.0 * square),
+    )
 
-    `holding`: the torque that holds it at rest. The moment is that of the change of friction, about the middle of the
-    step. Both are continuous, also where the speed at the start becomes 0: a jump would be divided by the step of a
-    finite difference.
+
+@inlined
+def _end_behind(c: Crossing, holding: Line, r: Response) -> tuple[float, float]:
+    """Return the speed at the end of a step in which a mass stops or turns round, and what slope its friction gains.
+
+    `holding`: the torque that holds it at rest. Both results are continuous, also where the speed at the start becomes
+    0: a finite difference would divide a jump by its step.
     """
-    both = to.first + to.opposite
-    steepness = math.sqrt(max(0.0, to.rise * to.rise - 4.0 * to.bend * to.begin))  # of the speed where it crosses zero
-    there = min(1.0, 2.0 * to.begin / (steepness - to.rise))
-    moment, rests, back = 0.0, there, steepness - both / to.inertia_per_step
+    both = c.forward_level + c.backward_level
+    steepness = math.sqrt(max(0.0, c.rise * c.rise - 4.0 * c.bend * c.begin))  # of the speed where it crosses zero
+    crosses = min(1.0, 2.0 * c.begin / (steepness - c.rise))  # shares of the step: here, ...
+    rests, back, slope = crosses, steepness - both / c.inertia_per_step, 0.0
     if back > 0.0:  # it turns round, and perhaps once more
-        rests = min(1.0, there + back / to.back_bend) if to.back_bend > 0.0 else 1.0
-        moment = -0.5 * both * (rests - there) * (there + rests - 1.0)
+        rests = min(1.0, crosses + back / c.back_bend) if c.back_bend > 0.0 else 1.0
+        slope = _part(Line(-both, 0.0), 0.0, crosses, rests).slope
         if rests == 1.0:
-            return (to.back_bend * (1.0 - there) - back) * (1.0 - there), moment
+            return (c.back_bend * (1.0 - crosses) - back) * (1.0 - crosses), slope
+    leaves = rests  # ... and where friction can't hold it any more
     torque = holding.mean + holding.slope * (rests - 0.5)
-    leaves = rests  # the share of the step at which friction can't hold it any more
-    forward = torque > to.first
-    if -to.opposite <= torque <= to.first:
-        forward = holding.slope > 0.0
-        leaves = 1.0
+    forward = torque > c.forward_level
+    if -c.backward_level <= torque <= c.forward_level:
+        forward, leaves = holding.slope > 0.0, 1.0
         if holding.slope != 0.0:
-            leaves = min(1.0, 0.5 + ((to.first if forward else -to.opposite) - holding.mean) / holding.slope)
-        square, cube = leaves**2 - rests**2, leaves**3 - rests**3
-        level = holding.mean - 0.5 * holding.slope - to.first
-        moment += level * 0.5 * (square - leaves + rests) + holding.slope * (cube / 3.0 - 0.25 * square)
-    after, square, cube = 1.0 - leaves, 1.0 - leaves**2, 1.0 - leaves**3
-    over = holding.mean - 0.5 * holding.slope - (to.first if forward else -to.opposite)
-    speed = to.speed_of_mean * (over * after + 0.5 * holding.slope * square)
-    speed += to.speed_of_slope * (6.0 * over * (square - after) + holding.slope * (4.0 * cube - 3.0 * square))
+            level = c.forward_level if forward else -c.backward_level
+            leaves = min(1.0, 0.5 + (level - holding.mean) / holding.slope)
+        slope += _part(holding, c.forward_level, rests, leaves).slope
     if not forward:
-        moment -= 0.5 * both * after * leaves
-    if to.rise < 0.0 < to.bend and back < 0.0:
+        slope += _part(Line(-both, 0.0), 0.0, leaves, 1.0).slope
+    over = _part(holding, c.forward_level if forward else -c.backward_level, leaves, 1.0)
+    speed = r.speed_of_mean * over.mean + r.speed_of_slope * over.slope
+    if c.rise < 0.0 < c.bend and back < 0.0:
         # Where the parabola only just touches zero, it tells the speed. Where the mass turns, or was at rest before,
-        # what holds it does.
-        share = min(1.0, 4.0 * to.bend * to.begin / (to.rise * to.rise)) * -back * to.inertia_per_step / both
-        beyond = max(0.0, 1.0 + 0.5 * to.rise / to.bend)
-        speed += share * (to.bend * beyond * beyond - speed)
-        moment *= 1.0 - share
-    return speed, moment
+        # what holds it does. Between, both have a share.
+        share = min(1.0, 4.0 * c.bend * c.begin / (c.rise * c.rise)) * -back * c.inertia_per_step / both
+        beyond = max(0.0, 1.0 + 0.5 * c.rise / c.bend)
+        speed += share * (c.bend * beyond * beyond - speed)
+        slope *= 1.0 - share
+    return speed, slope
 
 
 @inlined

@@ -40,27 +40,13 @@ def settled(
     """
     omega_j = x.omega_j_rad_per_s
     guess = max(-jaw.rest, min(jaw.rest, push[1])) if omega_j == 0.0 else (jaw.start if omega_j > 0.0 else -jaw.start)
-    response = Response(
-        g[s, MOTOR_SPEED + MOTOR_MEAN],
-        g[s, MOTOR_SPEED + MOTOR_SLOPE],
-        g[s, MOTOR_WAY + MOTOR_MEAN],
-        g[s, MOTOR_WAY + MOTOR_SLOPE],
-        g[s, MOTOR_SPEED + FROM_MOTOR],
-        g[s, MOTOR_WAY + FROM_MOTOR],
-    )
+    response = _response(g, s, MOTOR_SPEED, MOTOR_WAY, MOTOR_MEAN, MOTOR_SLOPE, FROM_MOTOR)
     free_speed = free.omega_m - g[s, MOTOR_SPEED + JAW_MEAN] * guess
     free_way = free.theta_m - g[s, MOTOR_WAY + JAW_MEAN] * guess
     mean, slope, fate_m = friction(x.omega_m_rad_per_s, free_speed, free_way, push[0], inertia[0], response, motor)
     way_j = free.theta_j - g[s, JAW_WAY + MOTOR_MEAN] * mean - g[s, JAW_WAY + MOTOR_SLOPE] * slope
     speed_j = free.omega_j - g[s, JAW_SPEED + MOTOR_MEAN] * mean - g[s, JAW_SPEED + MOTOR_SLOPE] * slope
-    response = Response(
-        g[s, JAW_SPEED + JAW_MEAN],
-        g[s, JAW_SPEED + JAW_SLOPE],
-        g[s, JAW_WAY + JAW_MEAN],
-        g[s, JAW_WAY + JAW_SLOPE],
-        g[s, JAW_SPEED + FROM_JAW],
-        g[s, JAW_WAY + FROM_JAW],
-    )
+    response = _response(g, s, JAW_SPEED, JAW_WAY, JAW_MEAN, JAW_SLOPE, FROM_JAW)
     mean_j, slope_j, fate_j = friction(omega_j, speed_j, way_j, push[1], inertia[1], response, jaw)
     end = added(g, s, free, Torques(-mean, -slope, -mean_j, -slope_j))
     return Motion(
@@ -68,6 +54,14 @@ def settled(
         0.0 if fate_m >= STOPPED else end.omega_m,
         x.theta_j_rad + (0.0 if fate_j == STUCK else end.theta_j),
         0.0 if fate_j >= STOPPED else end.omega_j,
+    )
+
+
+@inlined
+def _response(g: Gains, s: int, speed: int, way: int, mean: int, slope: int, own: int) -> Response:
+    """Return how a mass answers to torques on it and to its own speed, by places in the gains."""
+    return Response(
+        g[s, speed + mean], g[s, speed + slope], g[s, way + mean], g[s, way + slope], g[s, speed + own], g[s, way + own]
     )
 
 

@@ -9,7 +9,7 @@ FREE = Response(1.0, 0.0, 0.5, -1.0 / 12.0, 1.0, 1.0)
 LEVELS = Levels(1.0, 1.0, 1.0, 0.0, 0.0)
 
 
-def speed_behind(speed: float, first: float, last: float) -> float:
+def speed_at_the_end(speed: float, first: float, last: float) -> float:
     """Return the speed at the end of a step in which the torque goes from `first` to `last`."""
     free_speed, free_way = speed + 0.5 * (first + last), speed + first / 3.0 + last / 6.0
     mean, slope, fate = friction(speed, free_speed, free_way, first, 1.0, FREE, LEVELS)
@@ -43,14 +43,14 @@ def integrated(speed: float, first: float, last: float, pieces: int = 4000) -> f
 def test_a_mass_that_goes_on_turns_round_turns_twice_or_is_held_for_a_while(
     speed: float, first: float, last: float
 ) -> None:
-    assert speed_behind(speed, first, last) == pytest.approx(integrated(speed, first, last), abs=5e-3)
+    assert speed_at_the_end(speed, first, last) == pytest.approx(integrated(speed, first, last), abs=5e-3)
 
 
 @pytest.mark.parametrize(("first", "last"), [(-9.0, 12.0), (9.0, -12.0), (-6.0, 9.0), (-15.0, 3.0), (-3.0, -3.0)])
 def test_the_speed_at_the_end_is_continuous_in_that_at_the_start(first: float, last: float) -> None:
     """A jump over the step of a finite difference would be its answer, many thousand times too large."""
     starts = np.linspace(-0.5, 0.5, 20_002)
-    ends = np.array([speed_behind(float(v), first, last) for v in starts])
+    ends = np.array([speed_at_the_end(float(v), first, last) for v in starts])
     assert np.abs(np.diff(ends)).max() < 2e-3
 
 
