@@ -24,7 +24,6 @@ from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noise
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
 from hil_forceps.diagnosis.state_space.advance import physics_of
-from hil_forceps.diagnosis.state_space.passes import Passed
 from hil_forceps.diagnosis.validation.conclusion import even_runs
 from hil_forceps.diagnosis.validation.rows import require_rows
 from hil_forceps.drift.likelihood import Measured, by_likelihood
@@ -101,7 +100,10 @@ def fit_even(even: Sequence[EvenRun], rig: Rig) -> Fit:
         passes = pass_all(quiet, theta, map)
     decided = [run.decided_by(passed.filtered) for run, passed in zip(quiet, passes.runs, strict=True)]
     # With what it decided itself, a pass is the same again: it need not be made twice.
-    same = [Passed(run.series, p.filtered, p.counts) for run, p in zip(decided, passes.runs, strict=True)]
+    same = [
+        p._replace(series=p.series._replace(switching=run.series.switching))
+        for run, p in zip(decided, passes.runs, strict=True)
+    ]
     return fit_from(decided, passes._replace(runs=tuple(same)), known_of(rig, records), map)
 
 

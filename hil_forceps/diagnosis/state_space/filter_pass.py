@@ -14,10 +14,11 @@ from hil_forceps.diagnosis.state_space.advance import Stepper, advance, stepper
 from hil_forceps.diagnosis.state_space.covariance import disturbed, moved
 from hil_forceps.diagnosis.state_space.drive.between_rows import collapse
 from hil_forceps.diagnosis.state_space.drive.row import (
+    command_of_unseen,
     end_of_row,
     first_sample,
+    has_unseen_counts,
     next_current,
-    next_sample,
     nominal_row,
     note_current_slope,
 )
@@ -156,9 +157,10 @@ def filter_pass(p: Physics, d: Series, out: Filtered) -> None:
             break
         before_A = now_A
         f, f_sample = _transitions(linear, is_slack(p, x))
-        drive = first_sample(p, d, row, edge_variance, drive, x, covariance, out)
-        elastic_slope = 0.0
-        if d.contact_stiffness[row] > 0.0 or d.samples > 1:
+        drive = first_sample(p, d, row, edge_variance, drive, x, covariance, work, out)
+        elastic_slope, unseen = 0.0, has_unseen_counts(d, row)
+        work.made[:] = 0.0
+        if d.contact_stiffness[row] > 0.0 or unseen:
             drive, elastic_slope = _look_ahead(
                 p, d, s, row, was, f, f_sample, edge_variance, plant, drive, x, covariance, work, out
             )
@@ -167,14 +169,14 @@ def filter_pass(p: Physics, d: Series, out: Filtered) -> None:
         plant = beginning(plant, x)
         acting = acting_on(p, d, row, x, out.variance[row], elastic_slope)
         for sample in range(d.samples):
-            if sample > 0:
-                next_sample(d, row, sample, work.made, x, covariance, out)
+            if unseen:
+                command_of_unseen(d, row, sample, work.made, x, covariance, out)
             note_current_slope(p, row * d.samples + sample, covariance, out)
             plant = advance(p, s, was[0], was[1], plant, acting, out.command_A, sample)
             moved(
                 f_sample, covariance, linear.kept_sample, out.current_slope[row * d.samples + sample], work.covariance
             )
-        if d.samples > 1:
+        if unseen:
             end_of_row(work.made, x, covariance)
         disturbed(covariance, d, row, f, linear.jump, p.K_t)
         now, ahead = out.variance[row], (plant.omega_m_rad_per_s, plant.omega_j_rad_per_s)
@@ -216,7 +218,7 @@ def _look_ahead(
         stiffened(f, stiffness, d.period_s, work.f)
         stiffened(f_sample, stiffness, d.period_s / d.samples, work.f_sample)
         f_sample = work.f_sample
-    if d.samples > 1:
+    if has_unseen_counts(d, row):
         shown_A = next_current(p, d, row, x) - there.current_A
         collapse(
             p,
@@ -246,7 +248,8 @@ def _note_prediction(course: Matrix, row: int, x: Vector, current_A: float, befo
 
 def filter_run(p: Physics, d: Series) -> Filtered:
     """Return one pass over a run."""
-    n, between = d.encoder_rad.size, d.encoder_rad.size if d.samples > 1 else 0
+    n = d.encoder_rad.size
+    between = n if d.states > LAW_STATES else 0
     out = Filtered(
         np.zeros((n, CHANNELS)),
         np.zeros((n, CHANNELS)),

@@ -22,9 +22,10 @@ RECORDED_STATES = 13  # where rows show all that the drive counted: `COMMAND_ERR
 # [A], and of its last count [rad].
 INTEGRAL_ERROR, DERIVATIVE_ERROR, COUNT_ERROR = 13, 14, 15
 LAW_STATES = 16  # where rows are lost
-# What counts between this row and the next make: of up to three commands [A], and of the three errors behind them.
+# What counts that no row shows make until the next row: of up to four commands [A], and of the three errors behind
+# them.
 BETWEEN = 16
-COMMANDS_BETWEEN = 3
+COMMANDS_BETWEEN = 4
 MADE_BETWEEN = COMMANDS_BETWEEN + 3
 NOT_CONDITIONED = -1.0  # in place of a variance: the next row's current hasn't been used to tell the counts before it
 STATES = BETWEEN + MADE_BETWEEN
@@ -33,10 +34,10 @@ PLANT_STATES = 4
 ENCODER, JAW, LOAD_CELL, CURRENT = 0, 1, 2, 3
 CHANNELS = 4
 # Columns of a course beside the state behind the measurements of a row: what was predicted of the row before them.
-PREDICTED_THETA_M, PREDICTED_OMEGA_M, PREDICTED_THETA_J, PREDICTED_OMEGA_J = 22, 23, 24, 25
-PREDICTED_LOAD_SLOPE, PREDICTED_CURRENT, CURRENT_BEFORE = 26, 27, 28
-ELASTIC_SLOPE = 29  # of the load from this row to the next [N m/s], by what the jaw touches
-COURSE = 30
+PREDICTED_THETA_M, PREDICTED_OMEGA_M, PREDICTED_THETA_J, PREDICTED_OMEGA_J = 23, 24, 25, 26
+PREDICTED_LOAD_SLOPE, PREDICTED_CURRENT, CURRENT_BEFORE = 27, 28, 29
+ELASTIC_SLOPE = 30  # of the load from this row to the next [N m/s], by what the jaw touches
+COURSE = 31
 
 
 class Noise(NamedTuple):
@@ -63,6 +64,7 @@ class Series(NamedTuple):
     count_rad: float  # of the encoder, 0 for an ideal one
     encoder_variance: Vector  # n [rad²]: of the edges of counts, or of an ideal encoder
     encoder_rad: Vector  # n, NaN where lost
+    counted_rad: Vector  # n: what the drive counted at each row; NaN where none shows it
     jaw_rad: Vector  # n, NaN where not measured
     load_N_m: Vector  # n, NaN where not measured
     current_A: Vector  # n, NaN where lost

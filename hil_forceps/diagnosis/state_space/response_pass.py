@@ -26,6 +26,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     JAW,
     JAW_NOISE,
     JAW_ZERO,
+    LAW_STATES,
     LOAD,
     LOAD_CELL,
     LOAD_NOISE,
@@ -151,15 +152,16 @@ def sample_answers(
         sampled(d.law, filtered.count_slope[row] * (x[THETA_M] + shift_rad), reacts, x)
     else:
         sampled(d.law, 0.0 * shift_rad, reacts, x)
-    if sample == 0 and d.samples > 1:
-        if filtered.between.directions[row, 0, THETA_M] != 0.0:
-            answered(filtered.between, row, shift_rad, x)
-        else:
-            x[BETWEEN:] = 0.0
-    elif sample > 0 and reacts:
-        x[COMMAND_ERROR] += x[BETWEEN + sample - 1]
-    if sample > 0 and sample == d.samples - 1:
-        ended(x)
+    if d.states > LAW_STATES:
+        if sample == 0:
+            if filtered.between.directions[row, 0, THETA_M] != 0.0:
+                answered(filtered.between, row, shift_rad, x)
+            else:
+                x[BETWEEN:] = 0.0
+        if reacts:
+            x[COMMAND_ERROR] += x[BETWEEN + sample]
+        if sample == d.samples - 1:
+            ended(x)
 
 
 @inlined

@@ -155,7 +155,7 @@ def _current_between(
     its derivative, the noise of the sensor. It is evidence of the parameters where counts are known without it: chosen
     by it, they fit it too well.
     """
-    gain, last = measured_command_gain(p, d, row, out), BETWEEN + d.samples - 2
+    gain, last = measured_command_gain(p, d, row, out), BETWEEN + d.samples - 1
     prior_variance = out.between.prior_variance[row - 1] if row > 0 else 0.0
     conditioned = prior_variance != NOT_CONDITIONED
     # The covariance of the state with what is shown, and with the part of it that unseen counts made.

@@ -72,26 +72,28 @@ def collapse(
     row's current is beyond it. `out`: the row's part is filled.
     """
     last, at = d.samples - 1, row * d.samples
+    begin = 0 if math.isnan(d.counted_rad[row]) else 1
     ways = _ways(f, d.samples)
     answers_rad = np.zeros(COMMANDS_BETWEEN)
     for sample in range(last):
         answers_rad[sample] = _times(ways[sample], f[:, COMMAND_ERROR])
-    first, second = _along(covariance, ways[1]), _along(covariance, ways[last])
-    root = math.sqrt(max(_times(ways[1], first), 0.0) + edge_variance)
+    first, second = _along(covariance, ways[begin]), _along(covariance, ways[last])
+    root = math.sqrt(max(_times(ways[begin], first), 0.0) + edge_variance)
     first /= root
     shared = _times(ways[last], first)
     rest = math.sqrt(max(_times(ways[last], second) + edge_variance - shared * shared, 0.0))
-    # Of one sample behind the row there is one angle, and one direction.
-    share = 1.0 / rest if last > 1 and rest > _LINE_DEVIATION_SHARE * root else 0.0
+    # Of one sample there is one angle, and one direction.
+    share = 1.0 / rest if last > begin and rest > _LINE_DEVIATION_SHARE * root else 0.0
     second = (second - shared * first) * share
     spread_rad = np.zeros((d.samples, 2))
-    for sample in range(1, d.samples):
+    for sample in range(begin, d.samples):
         spread_rad[sample, 0], spread_rad[sample, 1] = _times(ways[sample], first), _times(ways[sample], second)
-    spread_rad[1, 0] = root
+    spread_rad[begin, 0] = root
     references_rad = d.references_rad[at : at + d.samples] - d.reference_rad[at : at + d.samples].reshape((-1, 1))
     deviation_A = _current_deviation(p, d, covariance)
     v = Samples(
         d.law,
+        begin,
         d.samples,
         d.count_rad,
         counts_rad,
@@ -111,8 +113,8 @@ def collapse(
         else:
             expected_counts(v, mean, found)
             out.prior_variance[row] = NOT_CONDITIONED
-        out.directions[row, 0] = ways[1] / root
-        out.directions[row, 1] = (ways[last] - shared * ways[1] / root) * share
+        out.directions[row, 0] = ways[begin] / root
+        out.directions[row, 1] = (ways[last] - shared * ways[begin] / root) * share
         _mixed(first, second, mean, found, x, covariance)
         for a in range(2):
             out.made[row, a] = found[a, 2:]

@@ -17,11 +17,13 @@ from hil_forceps.diagnosis.state_space.layout import (
     CURRENT_NOISE,
     DERIVATIVE_ERROR,
     INTEGRAL_ERROR,
+    LAW_STATES,
     MADE_BETWEEN,
     RECORDED_STATES,
     THETA_M,
     Filtered,
     Series,
+    Work,
 )
 from hil_forceps.diagnosis.state_space.row_plant import acting_on
 from hil_forceps.model.composition import Physics, encoder_rad
@@ -34,6 +36,13 @@ Flags = NDArray[np.bool_]
 
 
 @inlined
+def has_unseen_counts(d: Series, row: int) -> bool:
+    """Tell whether the drive counts what no row shows from a row to the next, and the filter follows it."""
+    unseen: bool = d.samples > 1 or (d.states > LAW_STATES and math.isnan(d.counted_rad[row]))
+    return unseen
+
+
+@inlined
 def first_sample(
     p: Physics,
     d: Series,
@@ -42,14 +51,22 @@ def first_sample(
     drive: DriveState,
     x: Vector,
     covariance: Matrix,
+    work: Work,
     out: Filtered,
 ) -> DriveState:
-    """Return the drive after its sample at a row, with what its command is and how well that is known."""
+    """Return the drive after its sample at a row, with what its command is and how well that is known.
+
+    Where no row shows its count, that is nominal here, and weighed with those between rows, if the filter follows them.
+    """
     at = row * d.samples
     for i in range(BETWEEN, d.states):  # it is in the drive's law by now
         forgotten(covariance, i)
-    count = Count(d.encoder_rad[row], 0.0, 0.0)
-    if math.isnan(d.encoder_rad[row]):
+    count = Count(d.counted_rad[row], 0.0, 0.0)
+    if math.isnan(d.counted_rad[row]) and d.states > LAW_STATES:
+        work.angles_rad[0] = encoder_rad(p, x[THETA_M])
+        work.counts_rad[0] = quantise(work.angles_rad[0], d.count_rad)
+        count = Count(work.counts_rad[0], 0.0, 0.0)
+    elif math.isnan(d.counted_rad[row]):
         deviation = math.sqrt(max(covariance[THETA_M, THETA_M], 0.0) + edge_variance)
         count = expected_count(encoder_rad(p, x[THETA_M]), deviation, d.count_rad)
     drive = drive_sample(d.law, drive, d.reference_rad[at], count.mean_rad)
@@ -96,14 +113,17 @@ def nominal_row(
 
 
 @inlined
-def next_sample(d: Series, row: int, sample: int, made: Vector, x: Vector, covariance: Matrix, out: Filtered) -> None:
-    """Let the drive's errors act at a sample behind a row, and add to its command what unseen counts make of it."""
+def command_of_unseen(
+    d: Series, row: int, sample: int, made: Vector, x: Vector, covariance: Matrix, out: Filtered
+) -> None:
+    """Add to a sample's command what unseen counts make of it; behind a row, the drive's errors act at it first."""
     at = row * d.samples + sample
-    sampled_covariance(d.law, 0.0, 0.0, 0.0, out.reacts[at], covariance)
-    sampled(d.law, 0.0, out.reacts[at], x)
+    if sample > 0:
+        sampled_covariance(d.law, 0.0, 0.0, 0.0, out.reacts[at], covariance)
+        sampled(d.law, 0.0, out.reacts[at], x)
     if out.reacts[at]:
-        added(covariance, COMMAND_ERROR, BETWEEN + sample - 1)
-        out.command_A[at] += made[sample - 1]
+        added(covariance, COMMAND_ERROR, BETWEEN + sample)
+        out.command_A[at] += made[sample]
 
 
 @inlined

@@ -51,6 +51,7 @@ class Samples(NamedTuple):
     """The drive's samples from a row to the next, as they go on the mean."""
 
     law: Vector
+    first: int  # the first of them whose count no row shows: 0 or 1
     samples: int  # how many
     quantum_rad: float
     counts_rad: Vector  # at each sample, as nominally counted
@@ -67,7 +68,7 @@ class Samples(NamedTuple):
 def is_open(v: Samples) -> bool:
     """Tell whether anything of them is open: a count, or a reference."""
     open_ = not _same_references(v)
-    for sample in range(1, v.samples):
+    for sample in range(v.first, v.samples):
         spread = math.hypot(v.spread_rad[sample, 0], v.spread_rad[sample, 1])
         away = 0.5 * v.quantum_rad - abs(v.angles_rad[sample] - v.counts_rad[sample])
         open_ = open_ or away < MAX_EDGE_DEVIATIONS * spread
@@ -107,14 +108,14 @@ def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
     made = np.zeros((v.samples, UNKNOWNS))
     covariance[:], mean[:] = 0.0, 0.0
     covariance[0, 0], covariance[1, 1] = 1.0, 1.0
-    for sample in range(1, v.samples):
+    for sample in range(v.first, v.samples):
         deviation = math.hypot(v.spread_rad[sample, 0], v.spread_rad[sample, 1])
         count = expected_count(v.angles_rad[sample], deviation, v.quantum_rad)
         after = (0.0, 0.0, 0.0, 0.0)
-        for other in range(1, v.samples):
+        for other in range(v.first, v.samples):
             one = 1.0 if other == sample else 0.0
             after = law_errors(v.law, after[0], after[1], after[2], -one, one)
-            made[sample, 1 + other] = after[3]
+            made[sample, 2 + other] = after[3]
         _at_end(after, made[sample])
         mean += (count.mean_rad - v.counts_rad[sample]) * made[sample]
         for i in range(2, UNKNOWNS):
@@ -133,16 +134,16 @@ def _made(v: Samples, kind: int, first: float, second: float, out: Vector) -> No
     """Fill `out` with what a point of the distribution makes beyond the nominal course; `kind` −1: mean references."""
     after = (0.0, 0.0, 0.0, 0.0)
     out[0], out[1] = first, second
-    for sample in range(1, v.samples):
+    for sample in range(v.first, v.samples):
         angle = v.angles_rad[sample] + v.spread_rad[sample, 0] * first + v.spread_rad[sample, 1] * second
-        for earlier in range(1, sample):
-            angle += v.answers_rad[sample - earlier - 1] * out[1 + earlier]
+        for earlier in range(v.first, sample):
+            angle += v.answers_rad[sample - earlier - 1] * out[2 + earlier]
         if v.quantum_rad > 0.0:
             angle = math.floor(angle / v.quantum_rad + 0.5) * v.quantum_rad
         count = angle - v.counts_rad[sample]
         error = (0.0 if kind == MEAN_REFERENCE else v.references_rad[sample, kind]) - count
         after = law_errors(v.law, after[0], after[1], after[2], error, count)
-        out[1 + sample] = after[3]
+        out[2 + sample] = after[3]
     _at_end(after, out)
 
 
@@ -182,9 +183,9 @@ def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) 
         for at in range(points.shape[0]):
             _made(v, MEAN_REFERENCE if same else kind, points[at, 0], points[at, 1], one)
             weight = points[at, 2] * share
-            command += weight * one[v.samples]
-            square += weight * one[v.samples] ** 2
-            weight *= _fits(v, one[v.samples])
+            command += weight * one[1 + v.samples]
+            square += weight * one[1 + v.samples] ** 2
+            weight *= _fits(v, one[1 + v.samples])
             shares[kind] += weight
             _add(weight, one, mean, covariance)
     total = shares.sum()
