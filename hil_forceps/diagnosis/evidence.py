@@ -25,10 +25,15 @@ Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
 class Direction(NamedTuple):
-    """Parameters beside those of a pass, and by what the difference they make is multiplied."""
+    """Parameters beside those of a pass, and by what the difference they make is multiplied.
+
+    Where a plant with an effect takes other steps than the pass's, both differ without any effect, by the accuracy of
+    the steps. `origin` has the effect with next to nothing of it: the difference is from there then.
+    """
 
     theta: Vector
     per: float
+    origin: Vector | None = None
 
 
 class Wave(NamedTuple):

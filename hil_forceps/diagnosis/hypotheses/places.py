@@ -15,8 +15,10 @@ from hil_forceps.rig.catalogue import EFFECT_IDS, EFFECTS, effect
 
 Vector = NDArray[np.float64]
 
-# Of an amplitude that would show: over a row it must turn no mass round, which dry friction isn't linear in.
-AMPLITUDE_SHARE = 1e-2
+# Of an amplitude that would show: over a row it must turn no mass round, which dry friction isn't linear in. Columns
+# over a tenth of it are the same to 0.1 %; over ten times as much they are 1 to 10 % off (decision 0030).
+AMPLITUDE_SHARE = 1e-4
+ORIGIN_SHARE = 1e-10  # of it: next to nothing
 ONE_SIDED_AMPLITUDE_SHARE = (
     0.05  # of friction that can't be negative, beside next to none  # tuned: by its catalogue size
 )
@@ -120,10 +122,16 @@ def _directions(theta: Vector, probe: Probe) -> list[Direction]:
     share = ONE_SIDED_AMPLITUDE_SHARE if probe.effect_id == "jaw_position_friction" else AMPLITUDE_SHARE
     found = []
     for names in [tuple(probe.amplitudes)] if probe.together else [(name,) for name in probe.amplitudes]:
-        shape = {k: v for k, v in probe.start.items() if k not in probe.amplitudes}
-        start = start_of(probe.effect_id, shape | {k: share * probe.start[k] for k in names})
-        found.append(Direction(with_effect(theta, probe.effect_id, start), 1.0 / share))
+        there, origin = (_scaled(theta, probe, names, factor) for factor in (share, ORIGIN_SHARE))
+        found.append(Direction(there, 1.0 / share, origin))
     return found
+
+
+def _scaled(theta: Vector, probe: Probe, names: Sequence[str], factor: float) -> Vector:
+    """Return parameters with `factor` times some amplitudes of a probe, and without its others."""
+    shape = {k: v for k, v in probe.start.items() if k not in probe.amplitudes}
+    start = start_of(probe.effect_id, shape | {k: factor * probe.start[k] for k in names})
+    return with_effect(theta, probe.effect_id, start)
 
 
 def between(theta: Vector, place: Place, factor: float, first: int) -> tuple[Place, list[Direction]] | None:

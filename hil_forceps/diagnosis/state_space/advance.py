@@ -63,6 +63,24 @@ class Acting(NamedTuple):
     friction_j_N_m: float
 
 
+@kernel
+def _kinds(p: Physics) -> tuple[Kind, Kind, bool]:
+    neither = without_dry_friction(p, True, True)
+    return kind_of(p), kind_of(neither), suits(p, kind_of(p), STEPS)
+
+
+def steps_of(p: Physics) -> tuple[float, ...]:
+    """Return what decides how a plant is stepped; two plants that differ in it differ by the accuracy of steps, too."""
+    sliding, free, whole = _kinds(p)
+    friction_over_speed = (
+        p.stribeck_friction_speed_rad_per_s if p.stribeck_friction_rise_N_m != 0.0 else 0.0,
+        p.film_friction_speed_rad_per_s if p.film_friction_level_N_m != 0.0 else 0.0,
+    )
+    wire = (p.wire_slack_half_width_m > 0.0, p.transmission_play_half_width_rad > 0.0, p.wire_hysteresis_force_N > 0.0)
+    late = (p.electrical_lag_time_constant_s > 0.0, p.actuation_delay_delay_s > 0.0)
+    return (*sliding, *free, whole, *friction_over_speed, *wire, *late)
+
+
 @returning_arrays
 def stepper(p: Physics, period_s: float, samples: int) -> Stepper:
     """Prepare for a plant, a period of the rows, and samples of the drive in it."""

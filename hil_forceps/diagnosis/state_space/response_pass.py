@@ -1,8 +1,8 @@
 """How the innovations of a pass answer to other parameters: linear, along its course, with its gains.
 
-What other parameters drive is found by the model's own step from each state of the course, so that every effect of the
-catalogue with its memory is in it. How the filter then follows that, is its own transition and gains: whatever it
-forgives (starts, holds, noise of the load, counting) is forgiven here. The course at a row is made of rows up to it,
+What other parameters drive is found by the model's own step from near each state of the course, so that every effect of
+the catalogue with its memory is in it. How the filter then follows that, is its own gains: whatever it forgives
+(starts, holds, noise of the load, counting) is forgiven here. The course at a row is made of rows up to it,
 so under the model innovations behind it are uncorrelated with these answers, and their score has no bias.
 """
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.advance import advance, stepper
 from hil_forceps.diagnosis.state_space.drive.between_rows import answered, ended
-from hil_forceps.diagnosis.state_space.drive.row import measured_command_gain
 from hil_forceps.diagnosis.state_space.drive.sample import sampled
 from hil_forceps.diagnosis.state_space.kernel import as_its_caller, inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
@@ -77,8 +76,8 @@ def _shown(p: Physics, channel: int, at: Vector, current_A: float, before_A: flo
 
 
 @inlined
-def _change_shown(channel: int, gain: float, x: Vector) -> float:
-    """Return what a channel shows of a change of the state."""
+def _change_shown(channel: int, x: Vector) -> float:
+    """Return what a channel shows of a change of the state; the current's is in the plant already."""
     if channel == ENCODER:
         value: float = x[THETA_M]
     elif channel == JAW:
@@ -86,7 +85,7 @@ def _change_shown(channel: int, gain: float, x: Vector) -> float:
     elif channel == LOAD_CELL:
         value = x[LOAD] + x[LOAD_NOISE]
     else:
-        value = gain * x[COMMAND_ERROR] + x[CURRENT_NOISE]
+        value = x[CURRENT_NOISE]
     return value
 
 
@@ -99,44 +98,51 @@ def response_pass(
     per: float,
     out: Matrix,
 ) -> None:
-    """Fill `out` (n × CHANNELS) with the change of the whitened innovations from `base` to `p`, times `per`."""
-    course, sample_s = filtered.course, d.period_s / d.samples
-    s = stepper(p, d.period_s, d.samples)
-    taut, slack = transition(base, sample_s, True), transition(base, sample_s, False)
-    kept = noise_kept(d, 1)
-    plant = first_plant(d)
-    x, after = np.zeros(d.states), np.zeros(d.states)
+    """Fill `out` (n × CHANNELS) with the change of the whitened innovations from `base` to `p`, times `per`.
+
+    The state's change is carried as a small one, by the step of the plant: where a mass stops, it is held in both.
+    """
+    s, course, share = stepper(p, d.period_s, d.samples), filtered.course, 1.0 / per
+    taut, slack = transition(base, d.period_s, True), transition(base, d.period_s, False)
+    kept = noise_kept(d, d.samples)
+    plant, commands_A = first_plant(d), filtered.command_A.copy()
+    x, near = np.zeros(d.states), np.zeros(d.states)
     before_A = plant.current_A
     for row in range(d.encoder_rad.size):
-        at, gain = course[row], measured_command_gain(base, d, row, filtered)
+        at = course[row]
         for place in range(CHANNELS):
             channel = (place + CURRENT) % CHANNELS
             change = _shown(p, channel, at, plant.current_A, before_A, d.period_s)
             change -= _shown(base, channel, at, at[PREDICTED_CURRENT], at[CURRENT_BEFORE], d.period_s)
-            change = change * per + _change_shown(channel, gain, x)
+            change = change * per + _change_shown(channel, x)
             out[row, channel] = -change * filtered.weight[row, channel]
             for i in range(d.states):
                 x[i] -= filtered.gain[row, channel, i] * change
         if row == d.encoder_rad.size - 1:
             break
         before_A = plant.current_A
-        free_m, free_j = d.friction_free_m[row], d.friction_free_j[row]
         end_friction(d, row, x)
-        acting = acting_on(p, d, row, at, filtered.variance[row], at[ELASTIC_SLOPE])
-        f, there, plant = slack if is_slack(base, at) else taut, course[row + 1], beginning(plant, at)
+        for i in range(d.states):
+            near[i] = at[i] + share * x[i]
+        plant = beginning(plant, near)
+        acting = acting_on(p, d, row, near, filtered.variance[row], at[ELASTIC_SLOPE])
         shift = per * (encoder_rad(p, at[THETA_M]) - encoder_rad(base, at[THETA_M]))
         for sample in range(d.samples):
             if d.states > RECORDED_STATES:
                 _sample_answer(d, filtered, row, sample, shift, x)
-            plant = advance(p, s, free_m, free_j, plant, acting, filtered.command_A, sample)
-            _carried(f, x, after, sample_s, kept, filtered.current_slope[row * d.samples + sample])
-            if sample == d.samples - 1:
-                after[THETA_M] += per * (plant.theta_m_rad - there[PREDICTED_THETA_M])
-                after[OMEGA_M] += per * (plant.omega_m_rad_per_s - there[PREDICTED_OMEGA_M])
-                after[THETA_J] += per * (plant.theta_j_rad - there[PREDICTED_THETA_J])
-                after[OMEGA_J] += per * (plant.omega_j_rad_per_s - there[PREDICTED_OMEGA_J])
-            _answer_of_contact(f, d.contact_stiffness[row], sample_s, x[THETA_J], after)
-            x[:] = after
+            if filtered.reacts[row * d.samples + sample]:
+                commands_A[row * d.samples + sample] += share * x[COMMAND_ERROR]
+            plant = advance(p, s, d.friction_free_m[row], d.friction_free_j[row], plant, acting, commands_A, sample)
+        before_rad, there = x[THETA_J], course[row + 1]
+        x[LOAD] += d.period_s * x[LOAD_SLOPE]
+        for i in range(PLANT_STATES, d.states):
+            x[i] *= kept[i]
+        x[THETA_M] = per * (plant.theta_m_rad - there[PREDICTED_THETA_M])
+        x[OMEGA_M] = per * (plant.omega_m_rad_per_s - there[PREDICTED_OMEGA_M])
+        x[THETA_J] = per * (plant.theta_j_rad - there[PREDICTED_THETA_J])
+        x[OMEGA_J] = per * (plant.omega_j_rad_per_s - there[PREDICTED_OMEGA_J])
+        f = slack if is_slack(base, at) else taut
+        _answer_of_contact(f, d.contact_stiffness[row], d.period_s, before_rad, x)
 
 
 @as_its_caller
@@ -168,19 +174,6 @@ def sample_answers(
 def _sample_answer(d: Series, filtered: Filtered, row: int, sample: int, shift_rad: float, x: Vector) -> None:
     """Carry one change of the state over a sample of the drive: numbers, for which no array is made."""
     sample_answers(d, filtered, row, sample, shift_rad, x)
-
-
-@inlined
-def _carried(f: Matrix, x: Vector, after: Vector, period_s: float, kept: Vector, current_slope: float) -> None:
-    """Fill `after` with a change of the state a row on; `current_slope` as in `Filtered`."""
-    for i in range(PLANT_STATES):
-        total = current_slope * f[i, COMMAND_ERROR] * x[COMMAND_ERROR]
-        for j in range(COMMAND_ERROR):  # it is the last coupled state
-            total += f[i, j] * x[j]
-        after[i] = total
-    for i in range(PLANT_STATES, x.size):
-        after[i] = kept[i] * x[i]
-    after[LOAD] += period_s * x[LOAD_SLOPE]
 
 
 @as_its_caller
