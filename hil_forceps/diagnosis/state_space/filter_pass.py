@@ -29,6 +29,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     COURSE,
     CURRENT_BEFORE,
     ELASTIC_SLOPE,
+    ELONGATION_DEVIATION,
     FRICTION_M,
     LAW_STATES,
     LOAD,
@@ -50,9 +51,10 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
     Work,
 )
+from hil_forceps.diagnosis.state_space.memory import Memory, beginning, elongation_deviation_m, following, no_memory
 from hil_forceps.diagnosis.state_space.row_friction import begin_friction, open_friction, sliding_deviations
 from hil_forceps.diagnosis.state_space.row_measurements import sticks_at, take_measurements
-from hil_forceps.diagnosis.state_space.row_plant import acting_on, beginning, first_plant, is_slack, noise_kept
+from hil_forceps.diagnosis.state_space.row_plant import acting_on, first_plant, is_slack, noise_kept
 from hil_forceps.diagnosis.state_space.transition import elastic_share, jump_covariance, stiffened, transition
 from hil_forceps.model.composition import Physics
 from hil_forceps.model.drive_law import DriveState
@@ -121,6 +123,16 @@ def _beside_contact(stiffness: float, work: Work, f: Matrix, f_sample: Matrix) -
 
 
 @inlined
+def _carry(d: Series, plant: State, kept: Vector, elastic_slope: float, x: Vector) -> None:
+    """Carry the state's mean to the next row, where the plant is as it came there."""
+    for i in range(PLANT_STATES, d.states):
+        x[i] *= kept[i]
+    x[LOAD] += d.period_s * (x[LOAD_SLOPE] + elastic_slope)
+    x[THETA_M], x[OMEGA_M] = plant.theta_m_rad, plant.omega_m_rad_per_s
+    x[THETA_J], x[OMEGA_J] = plant.theta_j_rad, plant.omega_j_rad_per_s
+
+
+@inlined
 def _note_state(row: int, x: Vector, covariance: Matrix, out: Filtered) -> None:
     for i in range(x.size):
         out.course[row, i], out.variance[row, i] = x[i], covariance[i, i]
@@ -133,7 +145,8 @@ def filter_pass(p: Physics, d: Series, out: Filtered) -> None:
     x, covariance, work = d.first_state.copy(), np.diag(d.first_variance), _work(d, linear.taut)
     for mass in range(2):
         covariance[FRICTION_M + mass, FRICTION_M + mass] = d.friction_level_N_m[0, mass] ** 2
-    plant, drive = first_plant(d), DriveState(d.first_integral_rad_s, math.nan, 0.0, d.first_current_A)
+    plant, memory = first_plant(d), no_memory(p, d.first_state)
+    drive = DriveState(d.first_integral_rad_s, math.nan, 0.0, d.first_current_A)
     edge_variance = d.encoder_variance.min()
     before_A = plant.current_A
     was = (True, True)
@@ -162,11 +175,13 @@ def filter_pass(p: Physics, d: Series, out: Filtered) -> None:
         work.made[:] = 0.0
         if d.contact_stiffness[row] > 0.0 or unseen:
             drive, elastic_slope = _look_ahead(
-                p, d, s, row, was, f, f_sample, edge_variance, plant, drive, x, covariance, work, out
+                p, d, s, row, was, f, f_sample, edge_variance, plant, memory, drive, x, covariance, work, out
             )
             f, f_sample = _beside_contact(d.contact_stiffness[row], work, f, f_sample)
         out.course[row, ELASTIC_SLOPE] = elastic_slope
-        plant = beginning(plant, x)
+        out.course[row, ELONGATION_DEVIATION] = elongation_deviation_m(p, covariance)
+        memory = following(p, memory, x, out.variance[row], out.course[row, ELONGATION_DEVIATION])
+        plant = beginning(p, memory, plant, x)
         acting = acting_on(p, d, row, x, out.variance[row], elastic_slope)
         for sample in range(d.samples):
             if unseen:
@@ -181,11 +196,7 @@ def filter_pass(p: Physics, d: Series, out: Filtered) -> None:
         disturbed(covariance, d, row, f, linear.jump, p.K_t)
         now, ahead = out.variance[row], (plant.omega_m_rad_per_s, plant.omega_j_rad_per_s)
         out.doubtful[row] = open_friction(d, row, was, x, ahead, now, usual, f, linear.kept[FRICTION_M], covariance)
-        for i in range(PLANT_STATES, d.states):
-            x[i] *= linear.kept[i]
-        x[LOAD] += d.period_s * (x[LOAD_SLOPE] + elastic_slope)
-        x[THETA_M], x[OMEGA_M] = plant.theta_m_rad, plant.omega_m_rad_per_s
-        x[THETA_J], x[OMEGA_J] = plant.theta_j_rad, plant.omega_j_rad_per_s
+        _carry(d, plant, linear.kept, elastic_slope, x)
 
 
 @subroutine
@@ -199,6 +210,7 @@ def _look_ahead(
     f_sample: Matrix,
     edge_variance: float,
     plant: State,
+    memory: Memory,
     drive: DriveState,
     x: Vector,
     covariance: Matrix,
@@ -211,7 +223,8 @@ def _look_ahead(
     counts is in state and covariance then.
     """
     stiffness, elastic_slope = d.contact_stiffness[row], 0.0
-    begin = beginning(plant, x)
+    now = following(p, memory, x, out.variance[row], elongation_deviation_m(p, covariance))
+    begin = beginning(p, now, plant, x)
     there, drive = nominal_row(p, d, s, row, free, begin, drive, x, work.counts_rad, work.angles_rad, out)
     if stiffness > 0.0:
         elastic_slope = elastic_share(f, stiffness, d.period_s) * (there.theta_j_rad - x[THETA_J])

@@ -37,7 +37,8 @@ CHANNELS = 4
 PREDICTED_THETA_M, PREDICTED_OMEGA_M, PREDICTED_THETA_J, PREDICTED_OMEGA_J = 23, 24, 25, 26
 PREDICTED_LOAD_SLOPE, PREDICTED_CURRENT, CURRENT_BEFORE = 27, 28, 29
 ELASTIC_SLOPE = 30  # of the load from this row to the next [N m/s], by what the jaw touches
-COURSE = 31
+ELONGATION_DEVIATION = 31  # of the wire [m], behind the measurements: how uncertain it is
+COURSE = 32
 
 
 class Noise(NamedTuple):

@@ -21,6 +21,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     CURRENT_BEFORE,
     CURRENT_NOISE,
     ELASTIC_SLOPE,
+    ELONGATION_DEVIATION,
     ENCODER,
     JAW,
     JAW_NOISE,
@@ -45,9 +46,9 @@ from hil_forceps.diagnosis.state_space.layout import (
     Filtered,
     Series,
 )
+from hil_forceps.diagnosis.state_space.memory import beginning, following, no_memory
 from hil_forceps.diagnosis.state_space.row_plant import (
     acting_on,
-    beginning,
     end_friction,
     first_plant,
     is_slack,
@@ -106,7 +107,7 @@ def response_pass(
     taut, slack = transition(base, d.period_s, True), transition(base, d.period_s, False)
     kept = noise_kept(d, d.samples)
     plant, commands_A = first_plant(d), filtered.command_A.copy()
-    x, near = np.zeros(d.states), np.zeros(d.states)
+    x, near, memory = np.zeros(d.states), np.zeros(d.states), no_memory(p, d.first_state)
     before_A = plant.current_A
     for row in range(d.encoder_rad.size):
         at = course[row]
@@ -124,7 +125,8 @@ def response_pass(
         end_friction(d, row, x)
         for i in range(d.states):
             near[i] = at[i] + share * x[i]
-        plant = beginning(plant, near)
+        memory = following(p, memory, near, filtered.variance[row], at[ELONGATION_DEVIATION])
+        plant = beginning(p, memory, plant, near)
         acting = acting_on(p, d, row, near, filtered.variance[row], at[ELASTIC_SLOPE])
         shift = per * (encoder_rad(p, at[THETA_M]) - encoder_rad(base, at[THETA_M]))
         for sample in range(d.samples):

@@ -48,13 +48,6 @@ def first_plant(d: Series) -> State:
 
 
 @inlined
-def beginning(x: State, plant: Vector) -> State:
-    """Return the plant with the filter's angles and speeds."""
-    memory = (x.creep_m, x.loop, x.presliding, x.loaded, x.gripped, x.lost_rad)
-    return State(plant[THETA_M], plant[OMEGA_M], plant[THETA_J], plant[OMEGA_J], *memory, x.current_A)
-
-
-@inlined
 def friction_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector) -> tuple[float, float]:
     """Return the dry friction that the plant's step is without, motor and jaw: its mean, and the filter's state."""
     motor, jaw = 0.0, 0.0
