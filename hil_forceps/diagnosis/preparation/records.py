@@ -12,7 +12,7 @@ from hil_forceps.diagnosis.preparation.command import driven, mean_reference
 from hil_forceps.diagnosis.preparation.contact import contact
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
 from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick, may_stick_by_sensor
-from hil_forceps.diagnosis.preparation.skewed_encoder import counted_beside
+from hil_forceps.diagnosis.preparation.skewed_encoder import counted_unseen
 from hil_forceps.diagnosis.state_space.advance import friction_at_rest_N_m, physics_of
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
@@ -92,8 +92,9 @@ class Record:
     def passed(self, theta: Vector, plant: Physics) -> Passed:
         """Return a pass of the filter with the plant of parameters `theta`."""
         del theta
-        series = counted_beside(self.series, plant.channel_skew_theta_m_s)
-        return pass_one(self if series is self.series else replace(self, series=series), plant)
+        if plant.channel_skew_theta_m_s == 0.0:
+            return pass_one(self, plant)
+        return pass_one(replace(self, series=counted_unseen(self.series)), plant)
 
     def with_friction_of(self, p: Physics) -> "Record":
         """Return the record for a plant whose dry friction is about that of `p`, nothing decided yet.

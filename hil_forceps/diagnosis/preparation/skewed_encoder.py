@@ -1,10 +1,4 @@
-"""What a drive counted where its encoder is recorded late: not what the rows show.
-
-At a row the drive counts an angle between two that are recorded later. Where both show the same count, so did the
-drive. Elsewhere its count is unknown, as in a lost row.
-"""
-
-import math
+"""A drive whose encoder is recorded late or early: what it counted at a row, no row shows."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +8,13 @@ from hil_forceps.diagnosis.state_space.layout import COMMAND_ERROR, INTEGRAL_ERR
 Vector = NDArray[np.float64]
 
 
-def counted_beside(series: Series, skew_s: float) -> Series:
-    """Return the series where the encoder is recorded `skew_s` late."""
-    if skew_s == 0.0:
-        return series
+def counted_unseen(series: Series) -> Series:
+    """Return the series with counts at its rows that are not those of the drive.
+
+    They are weighed by the currents, as counts between rows are. Rows that show the same count before and behind tell
+    none: a drive that holds a coarse count passes its edge and comes back within a sample.
+    """
     counted = np.full(series.encoder_rad.size, np.nan)
-    before, after = (_rows_later(series.encoder_rad, math.floor(skew_s / series.period_s) + i) for i in range(2))
-    same = before == after
-    counted[same] = before[same]
     if series.states == STATES:
         return series._replace(counted_rad=counted)
     return series._replace(
@@ -32,18 +25,10 @@ def counted_beside(series: Series, skew_s: float) -> Series:
     )
 
 
-def _rows_later(values: Vector, rows: int) -> Vector:
-    """Return values so many rows later, or earlier; NaN where there are none."""
-    later = np.full(values.size, np.nan)
-    first, stop = max(0, -rows), min(values.size, values.size - rows)
-    if first < stop:
-        later[first:stop] = values[first + rows : stop + rows]
-    return later
-
-
 def _with_law(of_state: Vector) -> Vector:
     """Return a state's values, or variances, with the drive's law: the error of its integral has a place of its own."""
     values = np.zeros(STATES)
-    values[:RECORDED_STATES] = of_state
-    values[INTEGRAL_ERROR], values[COMMAND_ERROR] = values[COMMAND_ERROR], 0.0
+    values[: of_state.size] = of_state
+    if of_state.size == RECORDED_STATES:
+        values[INTEGRAL_ERROR], values[COMMAND_ERROR] = values[COMMAND_ERROR], 0.0
     return values

@@ -20,7 +20,7 @@ from hil_forceps.model.physics import State, grips, lost_after, slid, slide
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-# Of what is known of an angle. Of a mass at rest the filter's angle scatters by 0.7 of that: 1 row in 200 is further off.
+# Of what is known of an angle. Of a mass at rest the filter's angle scatters by 0.7 of that: 1 row in 200 is beyond.
 REACH_DEVIATIONS = 2.0
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.covariance import spread
 from hil_forceps.diagnosis.state_space.drive.row import measured_command_gain
+from hil_forceps.diagnosis.state_space.drive.unseen_counts import count_current_A
 from hil_forceps.diagnosis.state_space.interval import share_kept
 from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
@@ -46,6 +47,7 @@ Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SURPRISE_DEVIATIONS = 4.5  # deviations of an innovation: 1 in 150 000 by chance
+SEPARATE_COUNT_DEVIATIONS = 10.0  # of a current: a count further off is chosen for a noise of 5 deviations only
 SURE_SHARE = 0.01  # of the variance of a current: what counts leave open of it is then a tenth of its deviation
 
 
@@ -152,8 +154,8 @@ def _current_between(
     """Take in the current of a drive that samples between rows.
 
     Where the counts before it have been weighed by it, it tells what all counts have in common: the drive's integral,
-    its derivative, the noise of the sensor. It is evidence of the parameters where counts are known without it: chosen
-    by it, they fit it too well.
+    its derivative, the noise of the sensor. It is evidence of the parameters where counts are known without it, or
+    where none but one comes near it: chosen among some that do, they fit it too well.
     """
     gain, last = measured_command_gain(p, d, row, out), BETWEEN + d.samples - 1
     prior_variance = out.between.prior_variance[row - 1] if row > 0 else 0.0
@@ -169,7 +171,8 @@ def _current_between(
     white = white_variance(d, CURRENT) + d.resolution[2] ** 2 / 12.0
     told = variance - gain * (2.0 * shown[last] - by_counts[last]) if conditioned else variance
     total, error = max(0.0, told) + white, d.current_A[row] - shown_A
-    if not conditioned or prior_variance < SURE_SHARE * total:
+    apart = count_current_A(d.law, d.count_rad) > SEPARATE_COUNT_DEVIATIONS * math.sqrt(total)
+    if not conditioned or prior_variance < SURE_SHARE * total or apart:
         out.weight[row, CURRENT], out.residual[row, CURRENT] = 1.0 / math.sqrt(total), error / math.sqrt(total)
         out.log_likelihood[row, CURRENT] = -0.5 * (error * error / total + math.log(total))
     for i in range(d.states):
