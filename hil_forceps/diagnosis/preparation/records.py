@@ -12,7 +12,7 @@ from hil_forceps.diagnosis.preparation.command import driven, mean_reference
 from hil_forceps.diagnosis.preparation.contact import contact
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
 from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick, may_stick_by_sensor
-from hil_forceps.diagnosis.preparation.skewed_encoder import counted_unseen
+from hil_forceps.diagnosis.preparation.skewed_encoder import rows_later, skewed
 from hil_forceps.diagnosis.state_space.advance import friction_at_rest_N_m, physics_of
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
@@ -94,7 +94,9 @@ class Record:
         del theta
         if plant.channel_skew_theta_m_s == 0.0:
             return pass_one(self, plant)
-        return pass_one(replace(self, series=counted_unseen(self.series)), plant)
+        rows = round(plant.channel_skew_theta_m_s / self.series.period_s)
+        dwelling = rows_later(self.dwelling, rows)
+        return pass_one(replace(self, series=skewed(self.series, rows), dwelling=dwelling), plant)
 
     def with_friction_of(self, p: Physics) -> "Record":
         """Return the record for a plant whose dry friction is about that of `p`, nothing decided yet.
@@ -186,6 +188,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise) -> Record:
         count,
         edge**2,
         np.where(lost, np.nan, encoder),
+        0.0,
         np.where(lost, np.nan, encoder),
         np.where(lost, np.nan, jaw),
         np.where(lost, np.nan, load),

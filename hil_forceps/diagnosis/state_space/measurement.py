@@ -35,19 +35,19 @@ WHITE_SHARE = 0.01  # of coloured noise
 
 
 @inlined
-def predicted(p: Physics, channel: int, x: Vector, current_A: float, before_A: float, period_s: float) -> float:
+def predicted(p: Physics, d: Series, channel: int, x: Vector, current_A: float, before_A: float) -> float:
     """Return what a channel shows of state `x`; `current_A`: in the motor at the row, `before_A`: a row earlier.
 
     A skewed channel shows what was, to first order in its skew.
     """
     if channel == ENCODER:
-        shown: float = encoder_rad(p, x[THETA_M]) - p.channel_skew_theta_m_s * x[OMEGA_M]
+        shown: float = encoder_rad(p, x[THETA_M]) - (p.channel_skew_theta_m_s - d.shifted_s) * x[OMEGA_M]
     elif channel == JAW:
         shown = x[THETA_J] + x[JAW_ZERO] + x[JAW_NOISE] - p.channel_skew_theta_j_s * x[OMEGA_J]
     elif channel == LOAD_CELL:
         shown = x[LOAD] + x[LOAD_NOISE] - p.channel_skew_tau_w_s * x[LOAD_SLOPE]
     else:
-        late = current_A - p.channel_skew_current_s / period_s * (current_A - before_A)
+        late = current_A - p.channel_skew_current_s / d.period_s * (current_A - before_A)
         shown = (1.0 + p.current_gain_relative_error) * late + p.current_offset_offset_A + x[CURRENT_NOISE]
     return shown
 

@@ -20,8 +20,8 @@ from hil_forceps.model.physics import State, grips, lost_after, slid, slide
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-# Of what is known of an angle. Of a mass at rest the filter's angle scatters by 0.7 of that: 1 row in 200 is beyond.
-REACH_DEVIATIONS = 2.0
+# Of what is known of an angle. Of a mass at rest the filter's angle scatters by 0.7 of that: 1 row in 50 000 is beyond.
+REACH_DEVIATIONS = 3.0
 
 
 class Memory(NamedTuple):

@@ -62,16 +62,17 @@ Matrix = NDArray[np.float64]
 
 
 @inlined
-def _shown(p: Physics, channel: int, at: Vector, current_A: float, before_A: float, period_s: float) -> float:
+def _shown(p: Physics, d: Series, channel: int, at: Vector, current_A: float, before_A: float) -> float:
     """Return what a channel shows of a row's prediction, without the nuisances that are alike for all parameters."""
     if channel == ENCODER:
-        value: float = encoder_rad(p, at[PREDICTED_THETA_M]) - p.channel_skew_theta_m_s * at[PREDICTED_OMEGA_M]
+        late_s = p.channel_skew_theta_m_s - d.shifted_s
+        value: float = encoder_rad(p, at[PREDICTED_THETA_M]) - late_s * at[PREDICTED_OMEGA_M]
     elif channel == JAW:
         value = -p.channel_skew_theta_j_s * at[PREDICTED_OMEGA_J]
     elif channel == LOAD_CELL:
         value = -p.channel_skew_tau_w_s * at[PREDICTED_LOAD_SLOPE]
     else:
-        late = current_A - p.channel_skew_current_s / period_s * (current_A - before_A)
+        late = current_A - p.channel_skew_current_s / d.period_s * (current_A - before_A)
         value = (1.0 + p.current_gain_relative_error) * late + p.current_offset_offset_A
     return value
 
@@ -113,8 +114,8 @@ def response_pass(
         at = course[row]
         for place in range(CHANNELS):
             channel = (place + CURRENT) % CHANNELS
-            change = _shown(p, channel, at, plant.current_A, before_A, d.period_s)
-            change -= _shown(base, channel, at, at[PREDICTED_CURRENT], at[CURRENT_BEFORE], d.period_s)
+            change = _shown(p, d, channel, at, plant.current_A, before_A)
+            change -= _shown(base, d, channel, at, at[PREDICTED_CURRENT], at[CURRENT_BEFORE])
             change = change * per + _change_shown(channel, x)
             out[row, channel] = -change * filtered.weight[row, channel]
             for i in range(d.states):

@@ -107,7 +107,7 @@ def take_measurements(
         channel = (place + CURRENT) % CHANNELS  # the current first: what else moved the motor, is known by it
         if math.isnan(measured(d, channel, row)):
             continue
-        shown = predicted(p, channel, x, now_A, before_A, d.period_s)
+        shown = predicted(p, d, channel, x, now_A, before_A)
         if channel == CURRENT and d.states > LAW_STATES:
             _considered(d, row, channel, sticks, calm, considered)
             _current_between(p, d, row, shown, considered, x, covariance, work, out)
