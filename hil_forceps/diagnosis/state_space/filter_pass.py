@@ -51,7 +51,14 @@ from hil_forceps.diagnosis.state_space.layout import (
     Series,
     Work,
 )
-from hil_forceps.diagnosis.state_space.memory import Memory, beginning, elongation_deviation_m, following, no_memory
+from hil_forceps.diagnosis.state_space.memory import (
+    Memory,
+    beginning,
+    elongation_deviation_m,
+    following,
+    no_memory,
+    sure_ways,
+)
 from hil_forceps.diagnosis.state_space.row_friction import begin_friction, open_friction, sliding_deviations
 from hil_forceps.diagnosis.state_space.row_measurements import sticks_at, take_measurements
 from hil_forceps.diagnosis.state_space.row_plant import acting_on, first_plant, is_slack, noise_kept
@@ -180,8 +187,9 @@ def filter_pass(p: Physics, d: Series, out: Filtered) -> None:
             f, f_sample = _beside_contact(d.contact_stiffness[row], work, f, f_sample)
         out.course[row, ELASTIC_SLOPE] = elastic_slope
         out.course[row, ELONGATION_DEVIATION] = elongation_deviation_m(p, covariance)
-        memory = following(p, memory, x, out.variance[row], out.course[row, ELONGATION_DEVIATION])
-        plant = beginning(p, memory, plant, x)
+        sure = sure_ways(d, row, out.variance[row], out.course[row, ELONGATION_DEVIATION])
+        memory = following(p, memory, x, sure)
+        plant = beginning(p, memory, plant, x, sure)
         acting = acting_on(p, d, row, x, out.variance[row], elastic_slope)
         for sample in range(d.samples):
             if unseen:
@@ -223,8 +231,8 @@ def _look_ahead(
     counts is in state and covariance then.
     """
     stiffness, elastic_slope = d.contact_stiffness[row], 0.0
-    now = following(p, memory, x, out.variance[row], elongation_deviation_m(p, covariance))
-    begin = beginning(p, now, plant, x)
+    sure = sure_ways(d, row, out.variance[row], elongation_deviation_m(p, covariance))
+    begin = beginning(p, following(p, memory, x, sure), plant, x, sure)
     there, drive = nominal_row(p, d, s, row, free, begin, drive, x, work.counts_rad, work.angles_rad, out)
     if stiffness > 0.0:
         elastic_slope = elastic_share(f, stiffness, d.period_s) * (there.theta_j_rad - x[THETA_J])

@@ -1,9 +1,9 @@
 """What wire and friction remember of their way, along the filter's course.
 
-The filter's angles are never quite at rest: each row's noise moves them, and the plant moves them back. Added up over
-some seconds of a hold, these ways are far longer than those over which a wire or friction forgets. So what is
-remembered changes with ways that are longer than the filter's angles are uncertain (the play operator: Brokate and
-Sprekels, Hysteresis and Phase Transitions, 1996, section 2.2). A shorter way counts as long as it lasts.
+Where friction may hold a mass, the filter's angles are never quite at rest: each row's noise moves them, and the plant
+moves them back. Added up over some seconds, these ways are far longer than those over which a wire or friction forgets.
+So a way back counts in full there from where the filter is sure that a mass turned round, and less before: what was
+remembered there is kept, and nothing adds up.
 """
 
 import math
@@ -13,28 +13,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
-from hil_forceps.diagnosis.state_space.layout import OMEGA_J, OMEGA_M, THETA_J, THETA_M
+from hil_forceps.diagnosis.state_space.layout import OMEGA_J, OMEGA_M, THETA_J, THETA_M, Series
 from hil_forceps.model.composition import Physics, paid_m, wound_m
 from hil_forceps.model.physics import State, grips, lost_after, slid, slide
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-# Of what is known of an angle. Of a mass at rest the filter's angle scatters by 0.7 of that: 1 row in 50 000 is beyond.
-REACH_DEVIATIONS = 3.0
+# Of what is known of an angle: as far as a thousand normal deviations are apart.
+SURE_DEVIATIONS = 6.5
+
+
+class Way(NamedTuple):
+    """The way of a mass, or of the wire's elongation."""
+
+    turned: float  # where it last turned round for sure
+    furthest: float  # from there
 
 
 class Memory(NamedTuple):
-    """What is remembered, and of which way."""
+    """Ways, and what is remembered where each last turned (as in `State`)."""
 
-    theta_m_rad: float
-    theta_j_rad: float
-    elongation_m: float
-    loop: float  # this and the others as in `State`
+    motor: Way
+    jaw: Way
+    wire: Way
+    loop: float
     presliding: float
     loaded: float
     gripped: float
     lost_rad: float
+
+
+class Sure(NamedTuple):
+    """How long a way back is sure, motor, jaw and wire."""
+
+    motor_rad: float
+    jaw_rad: float
+    wire_m: float
 
 
 @inlined
@@ -50,8 +65,7 @@ def remembers(p: Physics) -> bool:
 
 
 @inlined
-def elongation_m(p: Physics, theta_m_rad: float, lost_rad: float, theta_j_rad: float) -> float:
-    """Return what the wire is longer by than between pulleys at 0."""
+def _elongation_m(p: Physics, theta_m_rad: float, lost_rad: float, theta_j_rad: float) -> float:
     length: float = wound_m(p, theta_m_rad - lost_rad) - paid_m(p, theta_j_rad)
     return length
 
@@ -59,54 +73,123 @@ def elongation_m(p: Physics, theta_m_rad: float, lost_rad: float, theta_j_rad: f
 @subroutine
 def no_memory(p: Physics, x: Vector) -> Memory:
     """Return the memory of a plant that has come from nowhere."""
-    there = elongation_m(p, x[THETA_M], 0.0, x[THETA_J])
-    return Memory(x[THETA_M], x[THETA_J], there, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@inlined
-def _moved(p: Physics, m: Memory, theta_m_rad: float, theta_j_rad: float) -> Memory:
-    """Return the memory with the angles at some others; the wire's own stays."""
-    presliding, loaded = slid(p, m.presliding, m.loaded, theta_m_rad - m.theta_m_rad)
-    lost = lost_after(p, m.lost_rad, theta_m_rad - m.theta_m_rad)
-    gripped = slide(m.gripped, theta_j_rad - m.theta_j_rad, p.jaw_presliding_angle_rad) if grips(p) else m.gripped
-    return Memory(theta_m_rad, theta_j_rad, m.elongation_m, m.loop, presliding, loaded, gripped, lost)
-
-
-@inlined
-def _stretched(p: Physics, m: Memory, elongation: float) -> Memory:
-    """Return the memory with the wire at another elongation."""
-    loop = m.loop
-    if p.wire_hysteresis_force_N != 0.0:
-        loop = slide(loop, elongation - m.elongation_m, p.wire_hysteresis_stretch_m)
-    return Memory(m.theta_m_rad, m.theta_j_rad, elongation, loop, m.presliding, m.loaded, m.gripped, m.lost_rad)
-
-
-@inlined
-def _within(followed: float, value: float, reach: float) -> float:
-    return max(value - reach, min(value + reach, followed))
+    there = _elongation_m(p, x[THETA_M], 0.0, x[THETA_J])
+    motor, jaw, wire = Way(x[THETA_M], x[THETA_M]), Way(x[THETA_J], x[THETA_J]), Way(there, there)
+    return Memory(motor, jaw, wire, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @subroutine
-def following(p: Physics, m: Memory, x: Vector, variance: Vector, elongation_deviation_m: float) -> Memory:
-    """Return what is remembered behind a row; `x` and `variance`: of the filter's state there."""
-    if not remembers(p):
-        return m
-    theta_m = _within(m.theta_m_rad, x[THETA_M], REACH_DEVIATIONS * math.sqrt(max(0.0, variance[THETA_M])))
-    theta_j = _within(m.theta_j_rad, x[THETA_J], REACH_DEVIATIONS * math.sqrt(max(0.0, variance[THETA_J])))
-    kept = _moved(p, m, theta_m, theta_j)
-    here = _moved(p, kept, x[THETA_M], x[THETA_J])
-    now = elongation_m(p, x[THETA_M], here.lost_rad, x[THETA_J])
-    return _stretched(p, kept, _within(m.elongation_m, now, REACH_DEVIATIONS * elongation_deviation_m))
+def sure_ways(d: Series, row: int, variance: Vector, elongation_deviation_m: float) -> Sure:
+    """Return how long ways are sure at a row: any, of a mass that slides; `variance`: of the filter's state there."""
+    motor_rad, jaw_rad = 0.0, 0.0
+    if d.friction_free_m[row] and d.friction_level_N_m[row, 0] > 0.0:
+        motor_rad = SURE_DEVIATIONS * math.sqrt(max(0.0, variance[THETA_M]))
+    if d.friction_free_j[row] and d.friction_level_N_m[row, 1] > 0.0:
+        jaw_rad = SURE_DEVIATIONS * math.sqrt(max(0.0, variance[THETA_J]))
+    return Sure(motor_rad, jaw_rad, SURE_DEVIATIONS * elongation_deviation_m)
 
 
 @inlined
-def beginning(p: Physics, m: Memory, before: State, x: Vector) -> State:
+def _back(way: Way, value: float) -> float:
+    """Return how far a value is behind the furthest one."""
+    return abs(value - way.furthest) if (value - way.furthest) * (way.furthest - way.turned) < 0.0 else 0.0
+
+
+@inlined
+def _share(way: Way, value: float, sure: float) -> float:
+    """Return how much of a way back counts."""
+    back = _back(way, value)
+    if back <= 0.0:
+        return 0.0
+    return (back / sure) ** 2 if back < sure else 1.0
+
+
+@inlined
+def _blend(forth: float, back: float, share: float) -> float:
+    return forth + share * (back - forth)
+
+
+@inlined
+def _motor(p: Physics, m: Memory, value: float, share: float) -> tuple[float, float, float]:
+    """Return presliding, loaded presliding and what play has lost at an angle of the motor."""
+    way = value - m.motor.turned
+    presliding, loaded = slid(p, m.presliding, m.loaded, way)
+    lost = lost_after(p, m.lost_rad, way)
+    if share > 0.0:
+        out, home = m.motor.furthest - m.motor.turned, value - m.motor.furthest
+        there = slid(p, m.presliding, m.loaded, out)
+        back = slid(p, there[0], there[1], home)
+        presliding, loaded = _blend(presliding, back[0], share), _blend(loaded, back[1], share)
+        lost = _blend(lost, lost_after(p, lost_after(p, m.lost_rad, out), home), share)
+    return presliding, loaded, lost
+
+
+@inlined
+def _slid_along(state: float, way: Way, length: float, value: float, share: float) -> float:
+    """Return what of one way is remembered at a value."""
+    found = slide(state, value - way.turned, length)
+    if share > 0.0:
+        back = slide(slide(state, way.furthest - way.turned, length), value - way.furthest, length)
+        found = _blend(found, back, share)
+    return found
+
+
+@inlined
+def _gripped(p: Physics, m: Memory, value: float, share: float) -> float:
+    return _slid_along(m.gripped, m.jaw, p.jaw_presliding_angle_rad, value, share) if grips(p) else m.gripped
+
+
+@inlined
+def _loop(p: Physics, m: Memory, value: float, share: float) -> float:
+    if p.wire_hysteresis_force_N == 0.0:
+        return m.loop
+    return _slid_along(m.loop, m.wire, p.wire_hysteresis_stretch_m, value, share)
+
+
+@inlined
+def _gone_on(way: Way, value: float, turns: bool) -> Way:
+    if turns:
+        return Way(way.furthest, value)
+    return Way(way.turned, value if _back(way, value) == 0.0 else way.furthest)
+
+
+@subroutine
+def following(p: Physics, m: Memory, x: Vector, sure: Sure) -> Memory:
+    """Return what is remembered behind a row; `x`: the filter's state there."""
+    if not remembers(p):
+        return m
+    theta_m, theta_j = x[THETA_M], x[THETA_J]
+    share = _share(m.motor, theta_m, sure.motor_rad)
+    presliding, loaded, lost = m.presliding, m.loaded, m.lost_rad
+    elongation = _elongation_m(p, theta_m, _motor(p, m, theta_m, share)[2], theta_j)
+    motor_turns, jaw_turns = share >= 1.0, _share(m.jaw, theta_j, sure.jaw_rad) >= 1.0
+    wire_turns = _share(m.wire, elongation, sure.wire_m) >= 1.0
+    if motor_turns:
+        presliding, loaded, lost = _motor(p, m, m.motor.furthest, 0.0)
+    gripped = _gripped(p, m, m.jaw.furthest, 0.0) if jaw_turns else m.gripped
+    loop = _loop(p, m, m.wire.furthest, 0.0) if wire_turns else m.loop
+    return Memory(
+        _gone_on(m.motor, theta_m, motor_turns),
+        _gone_on(m.jaw, theta_j, jaw_turns),
+        _gone_on(m.wire, elongation, wire_turns),
+        loop,
+        presliding,
+        loaded,
+        gripped,
+        lost,
+    )
+
+
+@subroutine
+def beginning(p: Physics, m: Memory, before: State, x: Vector, sure: Sure) -> State:
     """Return the plant with the filter's angles and speeds; `before`: as it came there, by the row before."""
-    here = m
+    loop, presliding, loaded, gripped, lost = m.loop, m.presliding, m.loaded, m.gripped, m.lost_rad
     if remembers(p):
-        here = _moved(p, m, x[THETA_M], x[THETA_J])
-        here = _stretched(p, here, elongation_m(p, x[THETA_M], here.lost_rad, x[THETA_J]))
-    memory = (before.creep_m, here.loop, here.presliding, here.loaded, here.gripped, here.lost_rad)
+        presliding, loaded, lost = _motor(p, m, x[THETA_M], _share(m.motor, x[THETA_M], sure.motor_rad))
+        gripped = _gripped(p, m, x[THETA_J], _share(m.jaw, x[THETA_J], sure.jaw_rad))
+        elongation = _elongation_m(p, x[THETA_M], lost, x[THETA_J])
+        loop = _loop(p, m, elongation, _share(m.wire, elongation, sure.wire_m))
+    memory = (before.creep_m, loop, presliding, loaded, gripped, lost)
     return State(x[THETA_M], x[OMEGA_M], x[THETA_J], x[OMEGA_J], *memory, before.current_A)
 
 

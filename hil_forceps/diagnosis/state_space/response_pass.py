@@ -46,7 +46,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Filtered,
     Series,
 )
-from hil_forceps.diagnosis.state_space.memory import beginning, following, no_memory
+from hil_forceps.diagnosis.state_space.memory import beginning, following, no_memory, sure_ways
 from hil_forceps.diagnosis.state_space.row_plant import (
     acting_on,
     end_friction,
@@ -126,8 +126,9 @@ def response_pass(
         end_friction(d, row, x)
         for i in range(d.states):
             near[i] = at[i] + share * x[i]
-        memory = following(p, memory, near, filtered.variance[row], at[ELONGATION_DEVIATION])
-        plant = beginning(p, memory, plant, near)
+        sure = sure_ways(d, row, filtered.variance[row], at[ELONGATION_DEVIATION])
+        memory = following(p, memory, near, sure)
+        plant = beginning(p, memory, plant, near, sure)
         acting = acting_on(p, d, row, near, filtered.variance[row], at[ELASTIC_SLOPE])
         shift = per * (encoder_rad(p, at[THETA_M]) - encoder_rad(base, at[THETA_M]))
         for sample in range(d.samples):

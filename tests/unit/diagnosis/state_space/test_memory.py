@@ -10,7 +10,7 @@ from hil_forceps.diagnosis.evidence import pass_all
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.kernel import kernel
 from hil_forceps.diagnosis.state_space.layout import JAW, STATES, THETA_J, THETA_M
-from hil_forceps.diagnosis.state_space.memory import beginning, following, no_memory
+from hil_forceps.diagnosis.state_space.memory import SURE_DEVIATIONS, Sure, beginning, following, no_memory
 from hil_forceps.model import parameters
 from hil_forceps.model.composition import Physics
 from hil_forceps.model.physics import State
@@ -28,16 +28,16 @@ DEVIATION_RAD = 1e-3
 @kernel
 def _presliding(p: Physics, theta_m_rad: Vector, deviation_rad: float, out: Vector) -> None:
     """Fill `out` with the motor's presliding where each row begins; `deviation_rad`: of the angle as known."""
-    x, variance = np.zeros(STATES), np.zeros(STATES)
-    variance[THETA_M] = deviation_rad * deviation_rad
+    x = np.zeros(STATES)
     x[THETA_M] = theta_m_rad[0]
     memory = no_memory(p, x)
     plant = State(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for row in range(theta_m_rad.size):
         x[THETA_M] = theta_m_rad[row]
         x[THETA_J] = 0.0
-        memory = following(p, memory, x, variance, 0.0)
-        plant = beginning(p, memory, plant, x)
+        sure = Sure(SURE_DEVIATIONS * deviation_rad, 0.0, 0.0)
+        memory = following(p, memory, x, sure)
+        plant = beginning(p, memory, plant, x, sure)
         out[row] = plant.presliding
 
 
@@ -52,10 +52,8 @@ def test_a_way_is_remembered_as_by_the_plant_itself() -> None:
     found = _along(PRESLIDING, forth)
     assert found[-1] == pytest.approx(1.0 - math.exp(-1.0), rel=1e-9)
     back = np.concatenate((forth, np.linspace(LENGTH_RAD, -2.0 * LENGTH_RAD, 200)))
-    # It turns where the angle was last sure, three deviations before.
-    turned = 1.0 - math.exp(-1.0 + 3.0 * DEVIATION_RAD / LENGTH_RAD)
-    way = 3.0 * LENGTH_RAD - 3.0 * DEVIATION_RAD
-    assert _along(PRESLIDING, back)[-1] == pytest.approx(-1.0 + (turned + 1.0) * math.exp(-way / LENGTH_RAD), rel=1e-6)
+    turned = 1.0 - math.exp(-1.0)
+    assert _along(PRESLIDING, back)[-1] == pytest.approx(-1.0 + (turned + 1.0) * math.exp(-3.0), rel=1e-9)
 
 
 def test_noise_of_a_mass_at_rest_makes_nothing_forgotten() -> None:
