@@ -123,7 +123,7 @@ def gram(passes: Passes, directions: Sequence[Direction], mapper: Mapper, waves:
 
     def one(run: Passed) -> Gram:
         columns = run.answers(passes.plant, directions, waves)
-        return gram_of(columns, (run.influence * run.residual).ravel())
+        return gram_of((columns,), (run.influence * run.residual).ravel())
 
     return total(list(mapper(one, passes.runs)))
 
@@ -133,15 +133,28 @@ def huber_weight(residual: Matrix) -> Matrix:
     return np.asarray(np.sqrt(HUBER / np.maximum(np.abs(residual), HUBER)))
 
 
-def gram_of(columns: NDArray[np.float32], residual: Vector) -> Gram:
-    """Return the Gram matrix of columns, summed in double precision: what is left beside parameters is a difference."""
-    size = columns.shape[1]
+def gram_of(blocks: Sequence[Columns], residual: Vector) -> Gram:
+    """Return the Gram matrix of blocks of columns, in double precision: what parameters leave is a difference."""
+    size = sum(block.shape[1] for block in blocks)
     information, score = np.zeros((size, size)), np.zeros(size)
-    for first in range(0, columns.shape[0], _ROWS_AT_ONCE):
-        part = columns[first : first + _ROWS_AT_ONCE].astype(np.float64)
+    for first in range(0, residual.size, _ROWS_AT_ONCE):
+        part = _part(blocks, first)
         information += part.T @ part
         score += part.T @ residual[first : first + _ROWS_AT_ONCE]
     return Gram(information, score)
+
+
+def product(blocks: Sequence[Columns], sizes: Matrix) -> Matrix:
+    """Return what blocks of columns make with some sizes of each (columns × m), in double precision (rows × m)."""
+    found = np.empty((blocks[0].shape[0], sizes.shape[1]))
+    for first in range(0, found.shape[0], _ROWS_AT_ONCE):
+        found[first : first + _ROWS_AT_ONCE] = _part(blocks, first) @ sizes
+    return found
+
+
+def _part(blocks: Sequence[Columns], first: int) -> Matrix:
+    """Return some rows of blocks side by side: all of them at once would take most of the memory."""
+    return np.hstack([block[first : first + _ROWS_AT_ONCE] for block in blocks], dtype=np.float64)
 
 
 def total(parts: Sequence[Gram]) -> Gram:

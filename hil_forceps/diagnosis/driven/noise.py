@@ -71,7 +71,7 @@ def noise_beside(model: Fit, without: frozenset[str], mapper: Mapper) -> dict[st
 
         def one(pair: tuple[DrivenPassed, list[dict[str, Vector]]]) -> Gram:
             run, changed = pair
-            return gram_of(run.columns(changed), (run.influence * run.residual).ravel())
+            return gram_of((run.columns(changed),), (run.influence * run.residual).ravel())
 
         found = total(list(mapper(one, list(zip(runs, changes, strict=True)))))
         good = np.isfinite(np.diag(found.information)) & np.isfinite(found.score)

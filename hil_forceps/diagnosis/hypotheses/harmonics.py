@@ -36,7 +36,7 @@ def telling_harmonics(model: Fit, mapper: Mapper) -> Harmonics:
         for with_current in (False, True):
             for some in parts:
                 waves = [Wave(float(h), cosine, with_current, 1.0) for h in some for cosine in (False, True)]
-                found.append(gram_of(np.hstack((answers, run.answers(passes.plant, [], waves))), residual))
+                found.append(gram_of((answers, run.answers(passes.plant, [], waves)), residual))
         return found
 
     prior = Prior.of(model.free, passes.theta)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.evidence import Columns, Direction, Gram, Mapper, Passed, gram_of, total
+from hil_forceps.diagnosis.evidence import Columns, Direction, Gram, Mapper, Passed, gram_of, product, total
 from hil_forceps.diagnosis.hypotheses.places import Place
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, Tested, score_test
 from hil_forceps.diagnosis.inference.dispersion import Scatter, Weigh, scatter, total_scatter
@@ -61,15 +61,15 @@ class _Tests(NamedTuple):
     curves: Sequence[Curve]
     scale: Scale
 
-    def columns(self, run: Passed, course: Course) -> Columns:
-        """Return the answers of a run's residuals to all of them (n·m × columns)."""
+    def columns(self, run: Passed, course: Course) -> tuple[Columns, Columns]:
+        """Return the answers of a run's residuals to both (n·m × columns each)."""
         shows = run.course(self.base, before=True)
         members = [
             (curve.place, member / max(float(np.abs(member).max()), 1e-300))
             for curve in self.curves
             for member in curve.members(shows if curve.place in SENSORS else course, self.scale)
         ]
-        return np.hstack((run.answers(self.base, self.directions), run.curves(self.base, members)))
+        return run.answers(self.base, self.directions), run.curves(self.base, members)
 
     def gram(self, item: tuple[Passed, Course]) -> Gram:
         """Return their Gram matrix of a run."""
@@ -98,9 +98,9 @@ def _weighed(
 
     def scattered(item: tuple[Passed, Course]) -> list[Scatter]:
         run, shape = item[0], item[0].residual.shape
-        columns = tests.columns(*item).astype(np.float64)
-        before = run.influence * run.residual + (columns[:, :fitted] @ tested.shift).reshape(shape)
-        changes = [change.reshape(shape) for change in (columns @ sizes).T]
+        both = tests.columns(*item)
+        before = run.influence * run.residual + product(both[:1], tested.shift[:, np.newaxis]).reshape(shape)
+        changes = [change.reshape(shape) for change in product(both, sizes).T]
         return [scatter(change, before + change, run.block_rows) for change in changes]
 
     by_run = list(mapper(scattered, every))
