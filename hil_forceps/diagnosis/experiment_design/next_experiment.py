@@ -21,7 +21,7 @@ from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.evidence import Mapper, gram, pass_all
 from hil_forceps.diagnosis.experiment_design.menu import Experiment, bounds_of, menu, trajectory_of
 from hil_forceps.diagnosis.identification import GAUGES, Identified
-from hil_forceps.diagnosis.inference.fit import Fit, directions_of, inverted
+from hil_forceps.diagnosis.inference.fit import Fit, Posterior, directions_of, fit_from, inverted, penalised
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
@@ -76,12 +76,13 @@ def _to_separate(design: Design, fits: Sequence[Fit]) -> Proposal:
         pairs = [pair for other in others for pair in ((truth, other), (other, truth))]
         return min(expected(design, experiment, one.passes.theta, rival) for one, rival in pairs)
 
-    reached = list(design.mapper(separation, design.offered))
-    best = most_telling(design.offered, reached)
+    best = most_telling(design.offered, list(design.mapper(separation, design.offered)))
     experiment = design.offered[best]
-    pairs = tuple(model.effects for model in design.found.found.rivals[:MOST_RIVALS] if model.effects)
+    pairs = [pair for other in others for pair in ((truth, other), (other, truth))]
+    left = design.mapper(lambda pair: refitted(design, experiment, pair[0].passes.theta, pair[1]), pairs)
+    tied = tuple(model.effects for model in design.found.found.rivals[:MOST_RIVALS] if model.effects)
     said = f"{experiment.instruction} It excites {experiment.excites}."
-    result = NextExperiment(experiment.name, pairs, reached[best], said)
+    result = NextExperiment(experiment.name, tied, min(left), said)
     return Proposal(result, trajectory_of(experiment, design.rig))
 
 
@@ -129,16 +130,40 @@ def least_visible(least: Mapping[str, Detectable], named: Sequence[str]) -> list
     return sorted(sizes, key=lambda effect_id: -sizes[effect_id])
 
 
-def expected(design: Design, experiment: Experiment, truth: Vector, rival: Fit) -> float:
-    """Return d: how far the rival's refit stays from what the truth does in an experiment, in standard deviations."""
+def refitted(design: Design, experiment: Experiment, truth: Vector, rival: Fit) -> float:
+    """Return the same by a refit: a count that is far off tells more than one that a refit comes near to."""
+    told = _told(design, experiment, truth, rival)
+    if told is None:
+        return 0.0
+    record, truth, theta = told
+    known = Posterior(theta, inverted(rival.covariance))
+    found = fit_from([record], pass_all([record], theta, map), rival.free, map, known)
+    own = pass_all([record], truth, map)
+    left = 2.0 * (penalised(own, (), found.passes) - penalised(found.passes, rival.free, own, known))
+    return math.sqrt(left) if math.isfinite(left) and left > 0.0 else 0.0
+
+
+def _told(design: Design, experiment: Experiment, truth: Vector, rival: Fit) -> tuple[Record, Vector, Vector] | None:
+    """Return what an experiment would show, the truth in it and the rival's parameters; None where it ends nowhere."""
     theta = rival.passes.theta
     if experiment.turned_over:
         truth, theta = turned_over(truth), turned_over(theta)
     run = foretold(experiment, design.rig, truth, design.found.records[0])
     if not all(np.isfinite(values).all() for values in run.columns.values()):
-        return 0.0
+        return None
     record = record_of(EvenRun.whole(run), design.rig, design.found.noise)
-    record = record.with_friction_of(rival.passes.plant)
+    return record.with_friction_of(rival.passes.plant), truth, theta
+
+
+def expected(design: Design, experiment: Experiment, truth: Vector, rival: Fit) -> float:
+    """Return d: how far the rival's refit stays from what the truth does in an experiment, in standard deviations.
+
+    The refit is linear, of a model whose parameters are known as they are now.
+    """
+    told = _told(design, experiment, truth, rival)
+    if told is None:
+        return 0.0
+    record, truth, theta = told
     passes = pass_all([record], theta, map)
     # Both pass the same counts and holds: what the rival's innovations have beyond the truth's own is what tells.
     own = pass_all([record], truth, map).runs[0]
