@@ -16,9 +16,9 @@ from hil_forceps.rig.catalogue import EFFECT_IDS, EFFECTS, effect
 Vector = NDArray[np.float64]
 
 # Of an amplitude that would show: over a row it must turn no mass round, which dry friction isn't linear in. Columns
-# over a tenth of it are the same to 0.1 %; over ten times as much they are 1 to 10 % off (decision 0030).
+# over a tenth of it are the same to 0.1 %; over a hundred times as much they are 1 to 40 % off (decision 0031).
 AMPLITUDE_SHARE = 1e-4
-ORIGIN_SHARE = 1e-10  # of it: next to nothing
+ORIGIN_SHARE = 1e-10  # of such an amplitude, in place of none
 ONE_SIDED_AMPLITUDE_SHARE = (
     0.05  # of friction that can't be negative, beside next to none  # tuned: by its catalogue size
 )
