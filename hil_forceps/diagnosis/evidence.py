@@ -1,19 +1,20 @@
 """Evidence of parameters: runs that a model is held to, reduced to what inference needs, a Gram matrix and scores."""
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.state_space.advance import physics_of
+from hil_forceps.diagnosis.state_space.advance import physics_of, steps_of
 from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Columns = NDArray[np.float32]
+Answer = TypeVar("Answer")
 
 # Deviations: 1 in 370 by chance. A load that bends within a row or a mass that stops for one are not in the model; what
 # is seldom and large is to say little (Huber, Robust Statistics, 1981).
@@ -34,6 +35,25 @@ class Direction(NamedTuple):
     theta: Vector
     per: float
     origin: Vector | None = None
+
+
+def answers_of(
+    base: Physics, directions: Sequence[Direction], answer: Callable[[Vector, float], Answer]
+) -> Iterator[tuple[Answer, Answer | None]]:
+    """Return what parameters of each direction do, and what those it is a difference from do; None: the pass's own.
+
+    `answer`: of parameters, and by what a difference they make is multiplied: 1 for an origin. Of origins that are
+    stepped alike one is looked at.
+    """
+    origins: dict[tuple[float, ...], Answer | None] = {steps_of(base): None}
+    for direction in directions:
+        own = None
+        if direction.origin is not None:
+            steps = steps_of(physics_of(direction.origin))
+            if steps not in origins:
+                origins[steps] = answer(direction.origin, 1.0)
+            own = origins[steps]
+        yield answer(direction.theta, direction.per), own
 
 
 class Wave(NamedTuple):

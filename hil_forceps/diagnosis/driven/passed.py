@@ -10,8 +10,7 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.driven.rows import DrivenRows
 from hil_forceps.diagnosis.driven.simulation import DrivenModel, driven_models
 from hil_forceps.diagnosis.driven.whitening import Whitening, white
-from hil_forceps.diagnosis.evidence import WILD, Columns, Direction, Mapper, Wave, pass_all
-from hil_forceps.diagnosis.state_space.advance import physics_of, steps_of
+from hil_forceps.diagnosis.evidence import WILD, Columns, Direction, Mapper, Wave, answers_of, pass_all
 from hil_forceps.diagnosis.validation.heldout import DIVERGED_SPANS, Played
 from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.model.composition import Physics
@@ -144,15 +143,14 @@ class DrivenPassed:
     def changes(self, base: Physics, directions: Sequence[Direction]) -> list[dict[str, Vector]]:
         """Return the changes of what is predicted in some directions."""
         model, said = self.run.model, self.run.model.channels(self.shown)
-        found, origins = [], {steps_of(base): said}
-        for direction in directions:
-            other = model.channels(model.simulated(direction.theta, smoothed=True))
-            origin = base if direction.origin is None else physics_of(direction.origin)
-            steps = steps_of(origin)
-            if steps not in origins and direction.origin is not None:
-                origins[steps] = model.channels(model.simulated(direction.origin, smoothed=True))
-            found.append({name: direction.per * (other[name] - origins[steps][name]) for name in said})
-        return found
+
+        def shown(theta: Vector, _: float) -> dict[str, Vector]:
+            return model.channels(model.simulated(theta, smoothed=True))
+
+        return [
+            {name: direction.per * (there[name] - (own or said)[name]) for name in said}
+            for direction, (there, own) in zip(directions, answers_of(base, directions, shown), strict=True)
+        ]
 
     def columns(self, changes: Sequence[dict[str, Vector]]) -> Columns:
         """Return the answers of the residuals to changes of what is predicted."""

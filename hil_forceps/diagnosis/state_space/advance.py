@@ -70,7 +70,7 @@ def _kinds(p: Physics) -> tuple[Kind, Kind, bool]:
 
 
 def steps_of(p: Physics) -> tuple[float, ...]:
-    """Return what decides how a plant is stepped; two plants that differ in it differ by the accuracy of steps, too."""
+    """Return what decides how a plant is stepped: between plants that differ in it, steps are less accurate."""
     sliding, free, whole = _kinds(p)
     friction_over_speed = (
         p.stribeck_friction_speed_rad_per_s if p.stribeck_friction_rise_N_m != 0.0 else 0.0,

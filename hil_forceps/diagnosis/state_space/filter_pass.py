@@ -179,7 +179,6 @@ def filter_pass(p: Physics, d: Series, out: Filtered) -> None:
         f, f_sample = _transitions(linear, is_slack(p, x))
         drive = first_sample(p, d, row, edge_variance, drive, x, covariance, work, out)
         elastic_slope, unseen = 0.0, has_unseen_counts(d, row)
-        work.made[:] = 0.0
         if d.contact_stiffness[row] > 0.0 or unseen:
             drive, elastic_slope = _look_ahead(
                 p, d, s, row, was, f, f_sample, edge_variance, plant, memory, drive, x, covariance, work, out

@@ -79,14 +79,17 @@ def no_memory(p: Physics, x: Vector) -> Memory:
 
 
 @subroutine
-def sure_ways(d: Series, row: int, variance: Vector, elongation_deviation_m: float) -> Sure:
-    """Return how long ways are sure at a row: any, of a mass that slides; `variance`: of the filter's state there."""
+def sure_ways(d: Series, row: int, variance: Vector, deviation_m: float) -> Sure:
+    """Return how long ways are sure at a row: of a mass that slides, any is.
+
+    `variance`: of the filter's state there; `deviation_m`: of the wire's elongation.
+    """
     motor_rad, jaw_rad = 0.0, 0.0
     if d.friction_free_m[row] and d.friction_level_N_m[row, 0] > 0.0:
         motor_rad = SURE_DEVIATIONS * math.sqrt(max(0.0, variance[THETA_M]))
     if d.friction_free_j[row] and d.friction_level_N_m[row, 1] > 0.0:
         jaw_rad = SURE_DEVIATIONS * math.sqrt(max(0.0, variance[THETA_J]))
-    return Sure(motor_rad, jaw_rad, SURE_DEVIATIONS * elongation_deviation_m)
+    return Sure(motor_rad, jaw_rad, SURE_DEVIATIONS * deviation_m)
 
 
 @inlined

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.evidence import HUBER, WILD, Columns, Direction, Wave, huber_weight
-from hil_forceps.diagnosis.state_space.advance import physics_of, steps_of
+from hil_forceps.diagnosis.evidence import HUBER, WILD, Columns, Direction, Wave, answers_of, huber_weight
+from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.filter_pass import filter_run
 from hil_forceps.diagnosis.state_space.forcing_pass import COLUMNS_AT_ONCE, forced
 from hil_forceps.diagnosis.state_space.layout import (
@@ -111,16 +111,13 @@ class Passed(NamedTuple):
         """Return how the innovations answer to directions and behind them to waves (n·CHANNELS × columns)."""
         influence = self.influence
         answers = np.empty((influence.size, len(directions) + len(waves)), dtype=np.float32)
-        origins: dict[tuple[float, ...], Matrix] = {}
-        for at, direction in enumerate(directions):
-            answer = response_run(physics_of(direction.theta), base, self.series, self.filtered, direction.per)
-            origin = base if direction.origin is None else physics_of(direction.origin)
-            steps = steps_of(origin)
-            if steps != steps_of(base):
-                if steps not in origins:
-                    origins[steps] = response_run(origin, base, self.series, self.filtered, 1.0)
-                answer -= direction.per * origins[steps]
-            answer = np.where(self.counts, influence * answer, 0.0).ravel()
+
+        def response(theta: Vector, per: float) -> Matrix:
+            return response_run(physics_of(theta), base, self.series, self.filtered, per)
+
+        for at, (there, own) in enumerate(answers_of(base, directions, response)):
+            change = there if own is None else there - directions[at].per * own
+            answer = np.where(self.counts, influence * change, 0.0).ravel()
             # A plant that goes out of bounds within a row says nothing: no information, instead of an infinite one.
             answers[:, at] = answer if np.max(np.abs(answer)) < WILD else 0.0
         for first in range(0, len(waves), COLUMNS_AT_ONCE):

@@ -151,7 +151,7 @@ def _current_between(
     work: Work,
     out: Filtered,
 ) -> None:
-    """Take in the current of a drive that samples between rows.
+    """Take in the current behind counts that no row shows: between rows, or at rows whose encoder is recorded late.
 
     Where the counts before it have been weighed by it, it tells what all counts have in common: the drive's integral,
     its derivative, the noise of the sensor. It is evidence of the parameters where counts are known without it, or

@@ -1,4 +1,4 @@
-"""What a drive's samples between a row and the next make of the filter's state, and how that answers to a change of it.
+"""What counts that no row shows make of the filter's state until the next row, and how that answers to a change of it.
 
 `unseen_counts.py` tells of the counts there. Here are the directions of the state that they hang on, and the collapse
 of what they leave open into one mean and covariance.

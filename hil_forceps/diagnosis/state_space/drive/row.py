@@ -56,7 +56,7 @@ def first_sample(
 ) -> DriveState:
     """Return the drive after its sample at a row, with what its command is and how well that is known.
 
-    Where no row shows its count, that is nominal here, and weighed with those between rows, if the filter follows them.
+    If the filter follows unseen counts, one of them here is that of the mean angle, and weighed behind this.
     """
     at = row * d.samples
     for i in range(BETWEEN, d.states):  # it is in the drive's law by now

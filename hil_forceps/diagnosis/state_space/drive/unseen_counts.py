@@ -1,4 +1,6 @@
-"""What a drive counted between two rows, weighed by the filter's angle and by the current that the next row shows.
+"""What a drive counted where no row shows it, weighed by the filter's angle and by the current that the next row shows.
+
+That is between rows, and at rows of an encoder that is recorded late or early.
 
 A count follows from the angle, and a count more or less makes the command that moves the angle on. Where a count is
 coarse against what is known of the angle, no normal distribution is near that. So angle and speed are tried at points
