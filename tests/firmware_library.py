@@ -127,6 +127,7 @@ class CLoopConfig(Structure):
             "kd_A_s_per_rad",
             "derivative_cutoff_Hz",
             "current_limit_A",
+            "cascade_time_s",
         )
     )
 

@@ -41,6 +41,7 @@ def loop_of(rig: Rig) -> LoopParameters:
         law.kd_A_s_per_rad,
         law.derivative_cutoff_Hz,
         law.current_limit_A,
+        law.cascade_time_s,
     )
 
 

@@ -46,12 +46,12 @@ def counted(angle: float, quantum: float) -> float:
 @subroutine
 def law_step(memory: NDArray[np.float64], error_rad: float, theta_enc: float, law: LoopParameters) -> float:
     """One sample of the drive's law, i_ref in A; `memory`: integral, last θ_enc, filtered speed."""
-    integral = memory[0] + error_rad * law.sample_time_s
+    gain = -math.expm1(-2.0 * math.pi * law.derivative_cutoff_Hz * law.sample_time_s)
+    memory[2] += gain * ((theta_enc - memory[1]) / law.sample_time_s - memory[2])
+    integral = memory[0] + (error_rad - law.cascade_time_s * memory[2]) * law.sample_time_s
     if law.ki_A_per_rad_s > 0.0:
         reach = law.current_limit_A / law.ki_A_per_rad_s
         integral = min(max(integral, -reach), reach)
-    gain = -math.expm1(-2.0 * math.pi * law.derivative_cutoff_Hz * law.sample_time_s)
-    memory[2] += gain * ((theta_enc - memory[1]) / law.sample_time_s - memory[2])
     memory[0], memory[1] = integral, theta_enc
     wanted: float = law.kp_A_per_rad * error_rad + law.ki_A_per_rad_s * integral - law.kd_A_s_per_rad * memory[2]
     return min(max(wanted, -law.current_limit_A), law.current_limit_A)

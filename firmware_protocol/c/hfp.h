@@ -246,7 +246,10 @@ uint64_t hfp_drive_rejected(const hfp_drive *drive);
 
 /* ---- position loop ----------------------------------------------------------------------------------------------- */
 
-/* PID on the encoder angle, the derivative on the filtered speed. All finite, not negative, the sample time positive. */
+/*
+ * PID on the encoder angle, the derivative on the filtered speed; with a cascade time the position loop around a
+ * velocity loop with the integral. All finite, not negative, the sample time positive.
+ */
 typedef struct {
     float sample_time_s;
     float kp_A_per_rad;
@@ -254,6 +257,7 @@ typedef struct {
     float kd_A_s_per_rad;
     float derivative_cutoff_Hz;
     float current_limit_A;
+    float cascade_time_s; /* 0: a PID; else the integral takes in the error less this times the speed */
 } hfp_loop_config;
 
 typedef struct {
@@ -263,6 +267,8 @@ typedef struct {
     float speed_gain;
     float limit_A;
     float speed_raw; /* per sample, filtered */
+    float cascade; /* cascade time over the sample time */
+    float rest_raw; /* of the speed's share of the integral: what is no whole number */
     int64_t integral_limit_raw;
     int64_t integral_raw; /* an integer, so small errors are never lost in it */
     int32_t theta_raw; /* of the sample before */

@@ -1,6 +1,7 @@
 /*
  * The position loop: i = clip(kp e + ki sum(e) T - kd v), v the backward difference of the angle through one pole at the
- * cutoff in its exact discrete form, the sum clamped so that its share alone never passes the limit. Single precision,
+ * cutoff in its exact discrete form, the sum clamped so that its share alone never passes the limit. In a cascade the
+ * sum is of e - t v, with the cascade time t. Single precision,
  * but angles are compared as integers, so no resolution is lost however far the motor has turned.
  */
 #include "hfp_private.h"
@@ -73,7 +74,8 @@ bool hfp_loop_init(hfp_loop *loop, const hfp_loop_config *config, int32_t theta_
 
     if (!is_no_less(period_s, FLT_MIN) || !is_no_less(config->kp_A_per_rad, 0) ||
         !is_no_less(config->ki_A_per_rad_s, 0) || !is_no_less(config->kd_A_s_per_rad, 0) ||
-        !is_no_less(config->derivative_cutoff_Hz, 0) || !is_no_less(config->current_limit_A, 0)) {
+        !is_no_less(config->derivative_cutoff_Hz, 0) || !is_no_less(config->current_limit_A, 0) ||
+        !is_no_less(config->cascade_time_s, 0)) {
         return false;
     }
     memset(loop, 0, sizeof *loop);
@@ -83,6 +85,7 @@ bool hfp_loop_init(hfp_loop *loop, const hfp_loop_config *config, int32_t theta_
     loop->integral_A = config->ki_A_per_rad_s * RAD_PER_RAW * period_s;
     loop->derivative_A = config->kd_A_s_per_rad * RAD_PER_RAW / period_s;
     loop->speed_gain = one_minus_exp(TWO_PI * config->derivative_cutoff_Hz * period_s);
+    loop->cascade = config->cascade_time_s / period_s;
     if (loop->integral_A > 0) {
         float most = loop->limit_A / loop->integral_A;
         loop->integral_limit_raw = to_sum(most < INTEGRAL_MAX_RAW ? most : INTEGRAL_MAX_RAW);
@@ -98,6 +101,16 @@ static int64_t within(int64_t value, int64_t limit)
     return value < -limit ? -limit : value;
 }
 
+/* What the speed takes from the integral at a sample; the rest of a unit waits for the next one. */
+static int64_t speed_share(hfp_loop *loop)
+{
+    float wanted = clamped(loop->cascade * loop->speed_raw + loop->rest_raw, INTEGRAL_MAX_RAW);
+    int64_t whole = to_sum(wanted);
+
+    loop->rest_raw = wanted - to_float(whole);
+    return whole;
+}
+
 float hfp_loop_step(hfp_loop *loop, bool active, int32_t reference_raw, int32_t theta_raw)
 {
     int32_t moved = difference(theta_raw, loop->theta_raw);
@@ -107,10 +120,11 @@ float hfp_loop_step(hfp_loop *loop, bool active, int32_t reference_raw, int32_t 
     if (!active) { /* no old integral and no speed unseen can kick the motor when it starts */
         loop->integral_raw = 0;
         loop->speed_raw = 0;
+        loop->rest_raw = 0;
         return 0;
     }
-    loop->integral_raw = within(loop->integral_raw + error, loop->integral_limit_raw);
     loop->speed_raw += loop->speed_gain * ((float)moved - loop->speed_raw);
+    loop->integral_raw = within(loop->integral_raw + error - speed_share(loop), loop->integral_limit_raw);
     return clamped(
         loop->proportional_A * (float)error + loop->integral_A * to_float(loop->integral_raw) -
             loop->derivative_A * loop->speed_raw,

@@ -124,6 +124,7 @@ def run_direct(
         law.kd_A_s_per_rad,
         law.derivative_cutoff_Hz,
         law.current_limit_A,
+        law.cascade_time_s,
     )
     loop = make_loop(rig.plant(), drive, rig.encoder.counts_per_rev, law.sample_time_s / steps)
     noise = np.random.default_rng(seed).standard_normal(samples) * rig.noise.current_A

@@ -24,7 +24,7 @@ _tuple: Any = fixed.to_fixed_tuple
 
 # Places among the values, behind those of `Physics`.
 PHYSICS = len(Physics._fields)
-SAMPLE_TIME, KP, KI, KD, CUTOFF, LIMIT, COUNTS, LOOP, STEPS = range(PHYSICS, PHYSICS + 9)
+SAMPLE_TIME, KP, KI, KD, CUTOFF, CASCADE, LIMIT, COUNTS, LOOP, STEPS = range(PHYSICS, PHYSICS + 10)
 START_ANGLE, START_TENSION, START_CURRENT = range(STEPS + 1, STEPS + 4)
 REFERENCE, CURRENT, LOAD = range(START_CURRENT + 1, START_CURRENT + 4)
 # As `record` writes a row, and what is true beside what the sensors show.
@@ -110,9 +110,9 @@ def _quantum_rad(values: Vector) -> float:
 def _law(values: Vector) -> Vector:
     """Return the law's numbers, as `drive_law.law_vector` has them for a rig."""
     share = -math.expm1(-2.0 * math.pi * values[CUTOFF] * values[SAMPLE_TIME])
-    return np.array(
-        [values[SAMPLE_TIME], values[KP], values[KI], values[KD], share, values[LIMIT], 1.0]  # the error comes first
-    )
+    error_first = 1.0
+    gains = (values[SAMPLE_TIME], values[KP], values[KI], values[KD])
+    return np.array([gains[0], gains[1], gains[2], gains[3], share, values[LIMIT], error_first, values[CASCADE]])
 
 
 @kernel

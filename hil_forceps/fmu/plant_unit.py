@@ -62,7 +62,8 @@ def _plant(rig: Rig) -> list[Variable]:
 def _drive(rig: Rig, law: DriveLaw | None, sample_time_s: float) -> list[Variable]:
     known = rig_numbers()
     variables = []
-    for key in ("sample_time_s", "kp_A_per_rad", "ki_A_per_rad_s", "kd_A_s_per_rad", "derivative_cutoff_Hz"):
+    gains = ("kp_A_per_rad", "ki_A_per_rad_s", "kd_A_s_per_rad", "derivative_cutoff_Hz", "cascade_time_s")
+    for key in ("sample_time_s", *gains):
         unit, low, high, meaning = known[f"drive.{key}"]
         fallback = 1.0 if key == "derivative_cutoff_Hz" else 0.0
         value = sample_time_s if key == "sample_time_s" else getattr(law, key, fallback)

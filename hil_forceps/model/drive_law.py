@@ -12,7 +12,7 @@ from hil_forceps.rig.sections import DriveLaw
 Vector = NDArray[np.float64]
 
 # Places in the vector of a law.
-SAMPLE_TIME, KP, KI, KD, SHARE, LIMIT, ERROR_FIRST = range(7)
+SAMPLE_TIME, KP, KI, KD, SHARE, LIMIT, ERROR_FIRST, CASCADE_TIME = range(8)
 
 
 class DriveState(NamedTuple):
@@ -33,7 +33,7 @@ def law_vector(drive: DriveLaw, *, backward_euler: bool = False, error_first: bo
     angle = 2.0 * math.pi * drive.derivative_cutoff_Hz * drive.sample_time_s
     share = angle / (1.0 + angle) if backward_euler else -math.expm1(-angle)
     gains = [drive.sample_time_s, drive.kp_A_per_rad, drive.ki_A_per_rad_s, drive.kd_A_s_per_rad]
-    return np.array([*gains, share, drive.current_limit_A, float(error_first)])
+    return np.array([*gains, share, drive.current_limit_A, float(error_first), drive.cascade_time_s])
 
 
 @inlined
@@ -49,13 +49,13 @@ def drive_sample(law: Vector, state: DriveState, reference_rad: float, theta_enc
     """Return the drive's state after a sample; its current is held until the next one."""
     period, ki, limit = law[SAMPLE_TIME], law[KI], law[LIMIT]
     error = reference_rad - theta_enc_rad
-    integral = state.integral_rad_s + error * period
-    if ki > 0.0:
-        integral = max(-limit / ki, min(limit / ki, integral))
-    used = integral if law[ERROR_FIRST] != 0.0 else state.integral_rad_s
     velocity = state.velocity_rad_per_s
     if not math.isnan(state.theta_enc_rad):
         velocity += law[SHARE] * ((theta_enc_rad - state.theta_enc_rad) / period - velocity)
+    integral = state.integral_rad_s + (error - law[CASCADE_TIME] * velocity) * period
+    if ki > 0.0:
+        integral = max(-limit / ki, min(limit / ki, integral))
+    used = integral if law[ERROR_FIRST] != 0.0 else state.integral_rad_s
     current = max(-limit, min(limit, law[KP] * error + ki * used - law[KD] * velocity))
     return DriveState(integral, theta_enc_rad, velocity, current)
 
@@ -67,6 +67,19 @@ def _commands(law: Vector, state: DriveState, references_rad: Vector, theta_enc_
         state = drive_sample(law, state, references_rad[n], theta_enc_rad[n])
         commands[n] = state.current_A
     return commands
+
+
+@kernel
+def integral_steps(law: Vector, references_rad: Vector, theta_enc_rad: Vector) -> Vector:
+    """Return what each sample adds to the integral where that has no limit (n) [rad s]."""
+    unlimited, added = law.copy(), np.empty(references_rad.shape[0])
+    unlimited[KI] = 0.0
+    state = DriveState(0.0, math.nan, 0.0, 0.0)
+    for n in range(references_rad.shape[0]):
+        after = drive_sample(unlimited, state, references_rad[n], theta_enc_rad[n])
+        added[n] = after.integral_rad_s - state.integral_rad_s
+        state = after
+    return added
 
 
 def law_current(law: Vector, reference_rad: Vector, theta_enc_rad: Vector, start: DriveState) -> Vector:

@@ -31,6 +31,7 @@ class DriveParameters(NamedTuple):
     kd_A_s_per_rad: float
     derivative_cutoff_Hz: float
     current_limit_A: float
+    cascade_time_s: float = 0.0
 
 
 class Loop(NamedTuple):
@@ -39,7 +40,7 @@ class Loop(NamedTuple):
     transition: Matrix  # Φ of one plant step
     input_gain: Matrix  # Γ of one plant step
     frictions_N_m: Vector  # τ_Fm, τ_Fj
-    drive: Vector  # T, kp, ki, kd, weight of a new value in the velocity's filter, limit
+    drive: Vector  # T, kp, ki, kd, weight of a new value in the velocity's filter, limit, cascade time
     torque_constant_N_m_per_A: float
     encoder_quantum_rad: float  # 0: not quantised
     steps_per_sample: int
@@ -69,7 +70,7 @@ def make_loop(
         transition,
         input_gain,
         np.array([plant.motor_coulomb_N_m, plant.jaw_coulomb_N_m]),
-        np.array([*law, share, drive.current_limit_A]),
+        np.array([*law, share, drive.current_limit_A, drive.cascade_time_s]),
         plant.torque_constant_N_m_per_A,
         0.0 if counts_per_rev is None else 2.0 * math.pi / counts_per_rev,
         steps,
@@ -120,13 +121,13 @@ def drive_step(state: Vector, reference_rad: float, theta_enc_rad: float, drive:
     """Return the drive's state after a sample; entry `DRIVE_CURRENT` is held until the next."""
     period, kp, ki, kd, share, limit = drive[0], drive[1], drive[2], drive[3], drive[4], drive[5]
     error = reference_rad - theta_enc_rad
-    integral = state[DRIVE_INTEGRAL] + error * period
-    if ki > 0.0:
-        integral = max(-limit / ki, min(limit / ki, integral))
     velocity = 0.0
     if state[DRIVE_SAMPLES] > 0.0:
         raw = (theta_enc_rad - state[DRIVE_ANGLE]) / period
         velocity = state[DRIVE_VELOCITY] + share * (raw - state[DRIVE_VELOCITY])
+    integral = state[DRIVE_INTEGRAL] + (error - drive[6] * velocity) * period
+    if ki > 0.0:
+        integral = max(-limit / ki, min(limit / ki, integral))
     current = max(-limit, min(limit, kp * error + ki * integral - kd * velocity))
     return np.array([integral, theta_enc_rad, velocity, current, state[DRIVE_SAMPLES] + 1.0])
 

@@ -108,6 +108,10 @@ class DriveLaw(Section):
     current_limit_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] = Field(
         description="limit of the commanded current and of the integral's part of it"
     )
+    cascade_time_s: Annotated[Number, Quantity("s", 0.0, 100.0)] = Field(
+        default=0.0,
+        description="of a position loop around a velocity loop: over the gain of the position loop, 1/K; 0: a PID",
+    )
 
 
 class Noise(Section):

@@ -26,6 +26,12 @@ LAWS: dict[str, dict[str, float]] = {
     "PI": {"drive.kd_A_s_per_rad": 0.0},
     "PD": {"drive.ki_A_per_rad_s": 0.0, "drive.kp_A_per_rad": 0.8, "drive.kd_A_s_per_rad": 0.009},
     "PID": {},
+    "cascade": {
+        "drive.kp_A_per_rad": 0.72,
+        "drive.ki_A_per_rad_s": 36.0,
+        "drive.kd_A_s_per_rad": 0.009,
+        "drive.cascade_time_s": 0.0125,
+    },
 }
 SAMPLE_TIMES_S = (2.5e-4, 5.0e-4, 1.0e-3, 2.0e-3)
 COUNTS = (2048, 4096, 16384, 65536, None)

@@ -159,7 +159,7 @@ def _friction(level_N_m: float, step_s: float) -> str:
 
 
 class _Drive:
-    """PID on the encoder's angle, the derivative on the measured speed through a one-pole filter."""
+    """PID or cascade on the encoder's angle, the speed measured through a one-pole filter."""
 
     def __init__(self, rig: Rig, shown_rad: float) -> None:
         self.law = rig.require_drive()
@@ -171,6 +171,6 @@ class _Drive:
         error = reference_rad - shown_rad
         self.speed += self.gain * ((shown_rad - self.before) / law.sample_time_s - self.speed)
         self.before = shown_rad
-        self.integral_rad_s += error * law.sample_time_s
+        self.integral_rad_s += (error - law.cascade_time_s * self.speed) * law.sample_time_s
         command = law.kp_A_per_rad * error + law.ki_A_per_rad_s * self.integral_rad_s - law.kd_A_s_per_rad * self.speed
         return float(min(max(command, -law.current_limit_A), law.current_limit_A))

@@ -14,7 +14,7 @@
 enum { SAMPLE_US = 1000 };
 
 static const float STEPS_PER_A = 1.0e6F;
-static const hfp_loop_config LOOP = {1.0e-3F, 2.0F, 100.0F, 6.0e-3F, 150.0F, 1.0F};
+static const hfp_loop_config LOOP = {1.0e-3F, 2.0F, 100.0F, 6.0e-3F, 150.0F, 1.0F, 0.0F};
 
 typedef struct {
     hfp_node node;

@@ -41,7 +41,7 @@ def unpacked_plant(v: NDArray[np.float64]) -> TruthParameters:
 @subroutine
 def unpacked_loop(v: NDArray[np.float64]) -> LoopParameters:
     """Give an array the names of `LoopParameters`, in its order."""
-    return LoopParameters(v[0], v[1], v[2], v[3], v[4], v[5])
+    return LoopParameters(v[0], v[1], v[2], v[3], v[4], v[5], v[6])
 
 
 @subroutine

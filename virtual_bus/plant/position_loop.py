@@ -1,4 +1,7 @@
-"""The position loop that the drive closes: PID on the encoder angle, the derivative on the measured speed."""
+"""The position loop that the drive closes: PID on the encoder angle, the derivative on the measured speed.
+
+With a cascade time it is a position loop around a velocity loop, which has the integral.
+"""
 
 import math
 from typing import NamedTuple
@@ -19,6 +22,7 @@ class LoopParameters(NamedTuple):
     kd_A_s_per_rad: float
     derivative_cutoff_Hz: float
     current_limit_A: float
+    cascade_time_s: float = 0.0  # the integral takes in the error less this times the speed
 
 
 class LoopState(NamedTuple):
@@ -59,10 +63,10 @@ def loop_step(
     if not active:
         return LoopState(0.0, 0.0, float(theta_raw)), 0.0
     error = (reference_raw - theta_raw) * ANGLE_LSB_RAD
-    integral = state.integral_rad_s + error * p.sample_time_s
-    if p.ki_A_per_rad_s > 0.0:
-        integral = clamped(integral, p.current_limit_A / p.ki_A_per_rad_s)
     difference = (theta_raw - state.theta_raw) * (ANGLE_LSB_RAD / p.sample_time_s)
     speed = state.speed_rad_per_s + speed_filter_gain(p) * (difference - state.speed_rad_per_s)
+    integral = state.integral_rad_s + (error - p.cascade_time_s * speed) * p.sample_time_s
+    if p.ki_A_per_rad_s > 0.0:
+        integral = clamped(integral, p.current_limit_A / p.ki_A_per_rad_s)
     wanted = p.kp_A_per_rad * error + p.ki_A_per_rad_s * integral - p.kd_A_s_per_rad * speed
     return LoopState(integral, speed, float(theta_raw)), clamped(wanted, p.current_limit_A)

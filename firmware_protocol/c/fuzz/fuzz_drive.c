@@ -173,7 +173,7 @@ static void check(const history *h, const hfp_node *node)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static const hfp_loop_config LOOP = {1.0e-3F, 1.2F, 15.0F, 6.0e-3F, 150.0F, 1.0F};
+    static const hfp_loop_config LOOP = {1.0e-3F, 1.2F, 15.0F, 6.0e-3F, 150.0F, 1.0F, 0.0F};
     history h = {.data = data, .left = size};
     hfp_node node;
     hfp_serial_reader reader;

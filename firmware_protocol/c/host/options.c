@@ -45,6 +45,7 @@ static const option OPTIONS[] = {
     {"kd_A_s_per_rad", REAL, AT(loop.kd_A_s_per_rad)},
     {"derivative_cutoff_Hz", REAL, AT(loop.derivative_cutoff_Hz)},
     {"current_limit_A", REAL, AT(loop.current_limit_A)},
+    {"cascade_time_s", REAL, AT(loop.cascade_time_s)},
 };
 
 enum { OPTION_COUNT = sizeof OPTIONS / sizeof OPTIONS[0] };
@@ -148,7 +149,7 @@ static void set_defaults(options *chosen)
     memset(chosen, 0, sizeof *chosen);
     chosen->config = hfp_config_default(1, 0xC0DE00000001);
     chosen->feedback_divider = 1;
-    chosen->loop = (hfp_loop_config){1.0e-3F, 1.2F, 15.0F, 6.0e-3F, 150.0F, 1.0F};
+    chosen->loop = (hfp_loop_config){1.0e-3F, 1.2F, 15.0F, 6.0e-3F, 150.0F, 1.0F, 0.0F};
 }
 
 bool options_parse(options *chosen, int count, char **arguments)

@@ -90,6 +90,12 @@ def _host_phase(phase: float, period: float) -> Iterator[Problem]:
         )
 
 
+def _velocity_gain(cascade_s: float, kd: float) -> Iterator[Problem]:
+    """A drive with `cascade_time_s` has a velocity loop, of which `kd_A_s_per_rad` is the gain."""
+    if cascade_s > 0.0 and kd == 0.0:
+        yield _problem("drive.kd_A_s_per_rad", "is 0, but with cascade_time_s it is the velocity loop's gain; set it")
+
+
 def _step_divides_period(step: float, period: float) -> Iterator[Problem]:
     """`bench.plant_step_s` divides `drive.sample_time_s`."""
     if not _divides(step, period):
@@ -208,6 +214,7 @@ Rules = tuple[tuple[tuple[str, ...], Callable[..., Iterator[Problem]]], ...]
 RULES: Rules = (
     (("limits.position_min_rad", "limits.position_max_rad"), _position_range),
     (("bench.host_phase_s", "bench.host_period_s"), _host_phase),
+    (("drive.cascade_time_s", "drive.kd_A_s_per_rad"), _velocity_gain),
     (_BUS, _bitrates),
 )
 BENCH_RULES: Rules = (

@@ -18,6 +18,8 @@ GAINS = (
     RIG._replace(kp_A_per_rad=0.0, kd_A_s_per_rad=0.0, current_limit_A=0.05),
     RIG._replace(sample_time_s=1.0e-4, derivative_cutoff_Hz=5_000.0),
     RIG._replace(current_limit_A=0.0),
+    RIG._replace(cascade_time_s=5.0e-3),
+    RIG._replace(kp_A_per_rad=0.0, kd_A_s_per_rad=0.0, cascade_time_s=0.05),
 )
 
 
@@ -55,6 +57,7 @@ def test_same_current_as_the_world(p: LoopParameters, spread: int) -> None:
             error = abs(reference - theta) * 3.75e-7
             size = p.kp_A_per_rad * error + p.ki_A_per_rad_s * abs(state.integral_rad_s)
             size += p.kd_A_s_per_rad * abs(state.speed_rad_per_s)
+            size += p.ki_A_per_rad_s * p.cascade_time_s * abs(state.speed_rad_per_s) * p.sample_time_s
             moving += 0.0 < abs(wanted) < p.current_limit_A
         worst = max(worst, abs(got - wanted) / (size + p.current_limit_A + 1e-30))
     assert worst < 2.0e-6

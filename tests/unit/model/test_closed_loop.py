@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_forceps.model import closed_loop, linear_loop, parameters
+from hil_forceps.model import closed_loop, drive_law, linear_loop, parameters
 from hil_forceps.model.closed_loop import Channels, DriveState, Inputs
 from hil_forceps.model.current import current_over, current_step
 from hil_forceps.model.sensors import late, late_load
 from hil_forceps.rig import load_rig
 from hil_forceps.rig.catalogue import EFFECTS, Effect
 from hil_forceps.rig.sections import DriveLaw
+from virtual_bus.logs import law_step
+from virtual_bus.plant.position_loop import LoopParameters
 
 Vector = NDArray[np.float64]
 RIG = load_rig(Path(__file__).parents[3] / "configs" / "paper.yaml")
@@ -46,6 +48,9 @@ def theta_of(**values: float) -> Vector:
     return theta
 
 
+CASCADE = DRIVE.model_copy(update={"cascade_time_s": 0.0125})
+
+
 def run(theta: Vector, inputs: Inputs | None = None, substeps: int = 4, quantum_rad: float = 0.0) -> Channels:
     return closed_loop.simulate(theta, LAW, quantum_rad, inputs or inputs_of(), closed_loop.rest(theta, 0.6), substeps)
 
@@ -54,13 +59,15 @@ def worst(a: Vector, b: Vector) -> float:
     return float(np.abs(a - b).max())
 
 
-def test_without_effects_it_is_the_linear_loop_with_its_exact_steps() -> None:
+@pytest.mark.parametrize("law", [DRIVE, CASCADE], ids=["PID", "cascade"])
+def test_without_effects_it_is_the_linear_loop_with_its_exact_steps(law: DriveLaw) -> None:
     inputs = inputs_of()
-    drive = linear_loop.DriveParameters(*(getattr(DRIVE, name) for name in linear_loop.DriveParameters._fields))
+    drive = linear_loop.DriveParameters(*(getattr(law, name) for name in linear_loop.DriveParameters._fields))
     loop = linear_loop.make_loop(RIG.plant(), drive, None, 5e-6)
     fine = np.interp((np.arange(1500 * 200) + 0.5) * 5e-6, inputs.time_s, inputs.tau_w_N_m)
     old = linear_loop.rollout(loop, linear_loop.rest_state(RIG.plant(), 0.6 / 0.7), inputs.reference_rad, fine)
-    c = run(theta_of(), inputs)
+    start = closed_loop.rest(theta_of(), 0.6)
+    c = closed_loop.simulate(theta_of(), closed_loop.law_vector(law), 0.0, inputs, start, 4)
     assert worst(c.theta_m_rad, old.theta_m_rad) < 1e-6
     assert worst(c.current_A, old.current_A) < 3e-6
 
@@ -124,6 +131,19 @@ def test_variants_of_the_law() -> None:
     after = closed_loop.law_current(closed_loop.law_vector(DRIVE, error_first=False), one, 0.5 * one, rest)
     assert first[0] == pytest.approx(1.2 * 0.05 + 15.0 * 0.05e-3)
     assert after[0] == pytest.approx(1.2 * 0.05)
+
+
+def test_a_cascade_integrates_the_error_of_speed() -> None:
+    time_s = np.arange(600) * 1e-3
+    reference, angle = 0.3 * np.sin(20.0 * time_s), 0.28 * np.sin(20.0 * time_s - 0.4)
+    law = closed_loop.law_vector(CASCADE)
+    rest = DriveState(0.0, float(angle[0]), 0.0, 0.0)
+    memory = np.array([0.0, angle[0], 0.0])
+    loop = LoopParameters(*(getattr(CASCADE, name) for name in LoopParameters._fields))
+    world = [law_step(memory, r - a, a, loop) for r, a in zip(reference, angle, strict=True)]
+    assert worst(closed_loop.law_current(law, reference, angle, rest), np.array(world)) < 1e-12
+    assert worst(closed_loop.law_current(LAW, reference, angle, rest), np.array(world)) > 1e-2
+    assert drive_law.integral_steps(law, reference, angle).sum() == pytest.approx(memory[0], abs=1e-12)
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.3e-3, 1e-3, 2.65e-3])

@@ -15,7 +15,7 @@ enum { COUNTS_PER_REV = 16384, RAW_PER_COUNT = (1 << 24) / COUNTS_PER_REV, SAMPL
 enum { MID_SCALE = 2048, FULL_SCALE = 4095, RAW_PER_ADC = 5 }; /* 1 mA a step of the ADC, 0.2 mA on the wire */
 
 static const float STEPS_PER_A = 1000.0F;
-static const hfp_loop_config LOOP = {1.0e-3F, 1.2F, 15.0F, 6.0e-3F, 150.0F, 1.0F};
+static const hfp_loop_config LOOP = {1.0e-3F, 1.2F, 15.0F, 6.0e-3F, 150.0F, 1.0F, 0.0F};
 
 typedef struct {
     hfp_node node;

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_forceps.diagnosis.state_space.drive.sample import derivative_left
 from hil_forceps.diagnosis.state_space.drive.unseen_counts import (
     UNKNOWNS,
     Samples,
@@ -43,7 +44,6 @@ from hil_forceps.diagnosis.state_space.layout import (
 )
 from hil_forceps.diagnosis.state_space.measurement import white_variance
 from hil_forceps.model.composition import Physics
-from hil_forceps.model.drive_law import SHARE
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -175,7 +175,7 @@ def _current_deviation(p: Physics, d: Series, covariance: Matrix) -> float:
     """Return the deviation of the next row's current where all counts are known."""
     coloured = d.noise_variance[2] * (1.0 - d.noise_correlation[2] ** 2) if d.noise_correlation[2] != 0.0 else 0.0
     gain = 1.0 + p.current_gain_relative_error
-    kept = (1.0 - d.law[SHARE]) ** (d.samples - 1)
+    kept = derivative_left(d.law, d.samples - 1)
     variance = covariance[INTEGRAL_ERROR, INTEGRAL_ERROR] + kept * kept * covariance[DERIVATIVE_ERROR, DERIVATIVE_ERROR]
     variance += 2.0 * kept * covariance[INTEGRAL_ERROR, DERIVATIVE_ERROR]
     variance = gain * gain * max(variance, 0.0) + max(covariance[CURRENT_NOISE, CURRENT_NOISE], 0.0)

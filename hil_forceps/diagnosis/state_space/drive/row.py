@@ -8,7 +8,13 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.state_space.advance import Stepper, advance, expected_current_slope
 from hil_forceps.diagnosis.state_space.covariance import forgotten
 from hil_forceps.diagnosis.state_space.drive.between_rows import added
-from hil_forceps.diagnosis.state_space.drive.sample import Count, expected_count, sampled, sampled_covariance
+from hil_forceps.diagnosis.state_space.drive.sample import (
+    Count,
+    derivative_left,
+    expected_count,
+    sampled,
+    sampled_covariance,
+)
 from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
@@ -27,7 +33,7 @@ from hil_forceps.diagnosis.state_space.layout import (
 )
 from hil_forceps.diagnosis.state_space.row_plant import acting_on
 from hil_forceps.model.composition import Physics, encoder_rad
-from hil_forceps.model.drive_law import LIMIT, SHARE, DriveState, drive_sample, quantise
+from hil_forceps.model.drive_law import LIMIT, DriveState, drive_sample, quantise
 from hil_forceps.model.physics import State
 
 Vector = NDArray[np.float64]
@@ -105,8 +111,7 @@ def nominal_row(
             counts_rad[sample] = quantise(angles_rad[sample], d.count_rad)
             drive = drive_sample(d.law, drive, d.reference_rad[at], counts_rad[sample])
             out.reacts[at] = abs(drive.current_A) < d.law[LIMIT]
-            derivative *= 1.0 - d.law[SHARE]
-            error_A = x[INTEGRAL_ERROR] + derivative if out.reacts[at] else 0.0
+            error_A = x[INTEGRAL_ERROR] + derivative_left(d.law, sample) * derivative if out.reacts[at] else 0.0
             out.command_A[at] = drive.current_A + error_A
         plant = advance(p, s, free[0], free[1], plant, acting, out.command_A, sample)
     return plant, drive

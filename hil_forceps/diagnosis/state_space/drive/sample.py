@@ -20,7 +20,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     INTEGRAL_ERROR,
     THETA_M,
 )
-from hil_forceps.model.drive_law import ERROR_FIRST, KD, KI, KP, SAMPLE_TIME, SHARE
+from hil_forceps.model.drive_law import CASCADE_TIME, ERROR_FIRST, KD, KI, KP, SAMPLE_TIME, SHARE
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -72,10 +72,20 @@ def law_errors(
 
     `before`: of the last count; `error` and `count`: of this sample's control error and count [rad]. Vectors hold many.
     """
-    summed = integral + law[KI] * law[SAMPLE_TIME] * error
-    used = summed if law[ERROR_FIRST] != 0.0 else 1.0 * integral
+    cascade = law[CASCADE_TIME] / law[KD] if law[CASCADE_TIME] > 0.0 else 0.0
     filtered = (1.0 - law[SHARE]) * derivative - law[KD] * law[SHARE] / law[SAMPLE_TIME] * (count - before)
+    summed = integral + law[KI] * law[SAMPLE_TIME] * (error + cascade * filtered)
+    used = summed if law[ERROR_FIRST] != 0.0 else 1.0 * integral
     return summed, filtered, count, law[KP] * error + used + filtered
+
+
+@inlined
+def derivative_left(law: Vector, samples: int) -> float:
+    """Return what an error of the derivative adds to the command that many samples later, over the error."""
+    after = (0.0, 1.0, 0.0, 1.0)
+    for _ in range(samples):
+        after = law_errors(law, after[0], after[1], 0.0, 0.0, 0.0)
+    return after[3]
 
 
 @as_its_caller

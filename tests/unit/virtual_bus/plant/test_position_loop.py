@@ -67,6 +67,41 @@ def test_law_on_a_long_path(p: LoopParameters) -> None:
     assert run(p, SAMPLES) == pytest.approx(law(p, SAMPLES), abs=1.0e-12)
 
 
+def cascade(
+    gains: tuple[float, float, float], p: LoopParameters, samples: Iterable[tuple[float, float]]
+) -> list[float]:
+    """A position loop with gain K around a velocity loop with gains K_v and K_i, as drives' manuals write it."""
+    position_per_s, velocity, integral_gain = gains
+    speed, integral, currents = 0.0, 0.0, []
+    previous: float | None = None
+    alpha = 1.0 - math.exp(-2.0 * math.pi * p.derivative_cutoff_Hz * p.sample_time_s)
+    for reference, theta in samples:
+        speed += alpha * ((theta - (theta if previous is None else previous)) / p.sample_time_s - speed)
+        previous = theta
+        lacking = position_per_s * (reference - theta) - speed
+        bound = p.current_limit_A / integral_gain
+        integral = max(-bound, min(bound, integral + lacking * p.sample_time_s))
+        currents.append(max(-p.current_limit_A, min(p.current_limit_A, velocity * lacking + integral_gain * integral)))
+    return currents
+
+
+@pytest.mark.parametrize("limit_A", [1.0, 0.08])
+def test_a_position_loop_around_a_velocity_loop(limit_A: float) -> None:
+    position_per_s, velocity, integral_gain = 120.0, 0.01, 0.2
+    p = LoopParameters(
+        1.0e-3,
+        position_per_s * velocity,
+        position_per_s * integral_gain,
+        velocity,
+        150.0,
+        limit_A,
+        cascade_time_s=1.0 / position_per_s,
+    )
+    wanted = cascade((position_per_s, velocity, integral_gain), p, SAMPLES)
+    assert run(p, SAMPLES) == pytest.approx(wanted, abs=1.0e-12)
+    assert wanted != pytest.approx(law(p, SAMPLES), abs=1e-2)
+
+
 def test_proportional_and_integral_of_one_sample() -> None:
     p = EXAMPLE._replace(kd_A_s_per_rad=0.0)
     _, current = loop_step(REST, p, True, raw(0.1), 0)

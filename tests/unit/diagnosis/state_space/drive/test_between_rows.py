@@ -36,6 +36,7 @@ Vector = NDArray[np.float64]
 LAWS: dict[str, dict[str, float | str]] = {
     "PI": {"drive.ki_A_per_rad_s": 100.0},
     "PID": {"drive.ki_A_per_rad_s": 100.0, "drive.kd_A_s_per_rad": 2.0e-3},
+    "cascade": {"drive.kd_A_s_per_rad": 2.0e-3, "drive.ki_A_per_rad_s": 100.0, "drive.cascade_time_s": 2.0e-3},
 }
 ROWS, PERIOD_S = 4000, 1e-3
 NOISE = Noise(np.array([2e-4, 1e-5, 1e-3]), np.zeros(3), np.zeros(3))
@@ -83,7 +84,7 @@ def told(rig: Rig, run: Run) -> tuple[Record, Passed]:
 
 
 @pytest.mark.parametrize("kind", ["held", "ahead", "line"])
-@pytest.mark.parametrize(("law", "samples", "counts"), [("PI", 2, 16384), ("PID", 4, 4096)])
+@pytest.mark.parametrize(("law", "samples", "counts"), [("PI", 2, 16384), ("PID", 4, 4096), ("cascade", 4, 4096)])
 def test_commands_between_rows_are_told_whatever_the_host_sends(kind: str, law: str, samples: int, counts: int) -> None:
     rig = rig_of(law, samples, counts)
     run, commands = logged(rig, samples, kind)
@@ -96,8 +97,9 @@ def test_commands_between_rows_are_told_whatever_the_host_sends(kind: str, law: 
     assert abs(float(np.mean(off))) < 0.1 * NOISE.deviation[2]  # the integral keeps to what the drive followed
 
 
-def test_innovations_are_white_and_as_large_as_they_are_said_to_be() -> None:
-    rig = rig_of("PID", 4, 4096)
+@pytest.mark.parametrize("law", ["PID", "cascade"])
+def test_innovations_are_white_and_as_large_as_they_are_said_to_be(law: str) -> None:
+    rig = rig_of(law, 4, 4096)
     _, passed = told(rig, logged(rig, 4, "line")[0])
     for channel in range(4):
         here = passed.filtered.residual[THERE, channel][passed.counts[THERE, channel]]
@@ -107,7 +109,7 @@ def test_innovations_are_white_and_as_large_as_they_are_said_to_be() -> None:
         assert abs(float(np.mean(here[1:] * here[:-1]))) < 4.0 / np.sqrt(here.size)
 
 
-@pytest.mark.parametrize("law", ["PI", "PID"])
+@pytest.mark.parametrize("law", list(LAWS))
 def test_answers_are_those_of_another_pass(law: str) -> None:
     """Of other parameters, at the jaw: single counts are weighed otherwise there, and no linear answer holds that."""
     rig = rig_of(law, 4, 4096)
@@ -154,8 +156,9 @@ def test_the_expected_count_is_that_of_many_angles(angle: float, deviation: floa
     assert found[2] == pytest.approx(both[0, 0] - slope**2 * both[1, 1], abs=4e-3)
 
 
-def test_a_sample_carries_covariance_as_it_carries_draws() -> None:
-    law, rng = law_vector(rig_of("PID", 4, 4096).require_drive()), np.random.default_rng(3)
+@pytest.mark.parametrize("kind", ["PID", "cascade"])
+def test_a_sample_carries_covariance_as_it_carries_draws(kind: str) -> None:
+    law, rng = law_vector(rig_of(kind, 4, 4096).require_drive()), np.random.default_rng(3)
     root = np.zeros((LAW_STATES, LAW_STATES))
     own = [THETA_M, INTEGRAL_ERROR, DERIVATIVE_ERROR, COUNT_ERROR]
     root[np.ix_(own, own)] = rng.standard_normal((4, 4)) * np.array([1e-4, 1e-3, 1e-3, 1e-4])[:, np.newaxis]
