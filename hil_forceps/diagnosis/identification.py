@@ -21,7 +21,8 @@ from hil_forceps.diagnosis.hypotheses.candidate import Adapt, Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
 from hil_forceps.diagnosis.hypotheses.search import Found, search
 from hil_forceps.diagnosis.inference.dispersion import Weigh, by_student_t, over_dispersion
-from hil_forceps.diagnosis.inference.fit import Fit, Posterior, fit_from
+from hil_forceps.diagnosis.inference.fit import Fit, Posterior, fit, fit_from
+from hil_forceps.diagnosis.inference.likeliest_noise import likeliest_noise
 from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
@@ -68,10 +69,18 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     options.progress("estimating noise, commands and loads")
     noise = sensor_noise([even.run for even in runs], rig)
     records, unseen_records = records_of(runs, held_out, rig, noise, mapper)
+    known = known_of(rig, records)
+    options.progress("fitting the known parameters")
+    first = fit(records, parameters.vector(rig), known, mapper)
+    likeliest = likeliest_noise(noise, records, first, mapper)
+    if likeliest is not noise:
+        noise = likeliest
+        options.progress("preparing the runs with the noise that is likeliest beside the parameters")
+        records, unseen_records = records_of(runs, held_out, rig, noise, mapper)
     without = options.without | frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
     how = Search(
         records,
-        known_of(rig, records),
+        known,
         mapper,
         without,
         options.seed,
@@ -85,18 +94,18 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
         most_effects=MOST_EFFECTS,
         weigh=by_student_t if is_approximate(noise, records) else over_dispersion,
     )
-    found, before, after, unseen = searched(how, rig, unseen_records, left_unseen)
+    found, before, after, unseen = searched(how, first.passes.theta, unseen_records, left_unseen)
     return Identified(noise, records, unseen_records, found, before, after, unseen)
 
 
 def searched(
-    how: Search, rig: Rig, held_out: Sequence[Evidence], unseen: Callable[..., LackOfFit]
+    how: Search, theta: Vector, held_out: Sequence[Evidence], unseen: Callable[..., LackOfFit]
 ) -> tuple[Found, LackOfFit, LackOfFit, LackOfFit | None]:
     """Return what a search finds, what the known parameters and the best model leave, and the latter in runs held out.
 
-    `unseen`: of fit, runs, mapper, seed and weights of gains, what the fit leaves in runs that it has never seen.
+    `theta`: the parameters from which the first fit begins. `unseen`: of fit, runs, mapper, seed and weights of gains, what the fit leaves in runs that it has never seen.
     """
-    found = search(how, parameters.vector(rig))
+    found = search(how, theta)
     best, given = found.best.fit, (how.mapper, how.seed, how.weigh)
     how.progress("testing the lack of fit")
     after = omnibus_test(best, *given)

@@ -116,6 +116,17 @@ class Record:
         reference_rad = mean_reference(self.series.references_rad, timing)
         return replace(self, series=self.series._replace(reference_rad=reference_rad, timing=timing))
 
+    def with_noise(self, noise: Noise) -> "Record":
+        """Return the record with another noise of its sensors; what was prepared with the noise before stays."""
+        first = self.series.first_variance.copy()
+        first[[JAW_NOISE, LOAD_NOISE, CURRENT_NOISE]] = np.where(noise.correlation != 0.0, noise.deviation**2, 0.0)
+        return replace(
+            self,
+            series=self.series._replace(
+                noise_variance=noise.deviation**2, noise_correlation=noise.correlation, first_variance=first
+            ),
+        )
+
     def with_less_load_noise(self, share: float) -> "Record":
         """Return the record with a share of the variance by which the load wanders; its breaks and jumps stay."""
         variance = self.series.load_slope_variance
