@@ -103,7 +103,8 @@ def searched(
 ) -> tuple[Found, LackOfFit, LackOfFit, LackOfFit | None]:
     """Return what a search finds, what the known parameters and the best model leave, and the latter in runs held out.
 
-    `theta`: the parameters from which the first fit begins. `unseen`: of fit, runs, mapper, seed and weights of gains, what the fit leaves in runs that it has never seen.
+    `theta`: the parameters from which the first fit begins. `unseen`: of fit, runs, mapper, seed and weights of gains,
+    what the fit leaves in runs that it has never seen.
     """
     found = search(how, theta)
     best, given = found.best.fit, (how.mapper, how.seed, how.weigh)

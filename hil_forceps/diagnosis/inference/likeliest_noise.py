@@ -1,9 +1,9 @@
 """Noise of the sensors by the likelihood of all channels, where differences of a channel alone don't tell it.
 
 A loop that hunts over coarse counts moves the jaw as fast as coloured noise does, and differences over a few rows can't
-tell one from the other (`preparation.sensor_noise`). The filter knows that motion from counts and current. Noise is only
-ever lessened here: what a model doesn't explain would ask for more of it, and hide there. Of coloured noise that is the
-density at low frequencies, q/(1 − ρ)² with q the variance of what is new at each row: effects are slow.
+tell one from the other (`preparation.sensor_noise`). The filter knows that motion from counts and current. Noise is
+only ever lessened here: what a model doesn't explain would ask for more of it, and hide there. Of coloured noise that
+is the density at low frequencies, q/(1 − ρ)² with q the variance of what is new at each row: effects are slow.
 """
 
 import math
@@ -75,7 +75,8 @@ def _is_doubtful(noise: Noise, channel: int, passes: Sequence[Passed]) -> bool:
 
 def _some(passes: Sequence[Passed]) -> list[int]:
     """Return the places of the runs with the most evidence, `MAX_ROWS` and what the first of them has."""
-    chosen, rows = [], 0
+    chosen: list[int] = []
+    rows = 0
     for place in sorted(range(len(passes)), key=lambda i: -int(passes[i].counts[:, 1:3].sum())):
         if chosen and rows + passes[place].counts.shape[0] > MAX_ROWS:
             continue
@@ -107,7 +108,6 @@ def _coloured(noise: Noise, channel: int, likelihood: Likelihood) -> tuple[Noise
 
     Searched over what is new at each row and over how much is forgotten, which the data tell independently.
     """
-
     before = float(noise.correlation[channel])
     new = float(noise.deviation[channel]) * math.sqrt(1.0 - before**2)
     most = math.sqrt(DENSITY_FACTOR) * new / (1.0 - before)
