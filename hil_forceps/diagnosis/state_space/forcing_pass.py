@@ -55,7 +55,7 @@ def forcing_pass(
     """
     count, sample_s = motor.shape[1], d.period_s / d.samples
     taut, slack = transition(p, sample_s, True), transition(p, sample_s, False)
-    kept = noise_kept(d, 1)
+    kept, last = noise_kept(d, 1), d.encoder_rad.size - 1
     x, after, change = np.zeros((d.states, count)), np.zeros((d.states, count)), np.zeros(count)
     for row in range(d.encoder_rad.size):
         for place in range(CHANNELS):
@@ -73,7 +73,7 @@ def forcing_pass(
         f = slack if is_slack(p, filtered.course[row]) else taut
         for sample in range(d.samples):
             if d.states > RECORDED_STATES:
-                sample_answers(d, filtered, row, sample, shown[row, ENCODER], x)
+                sample_answers(d, filtered, row, sample, shown[row, ENCODER], shown[min(row + 1, last), CURRENT], x)
             slope = filtered.current_slope[row * d.samples + sample]
             _carried(f, x, motor[row], jaw[row], sample_s, kept, slope, after)
             answers_of_contact(f, d.contact_stiffness[row], sample_s, x[THETA_J], after)

@@ -104,8 +104,10 @@ class Between(NamedTuple):
     directions: NDArray[np.float32]  # n × 2 × COUPLED: of the state; along each, the counts hang on a unit normal value
     pull: NDArray[np.float32]  # n × 2 × LAW_STATES: how the state is moved against a change along each
     made: NDArray[np.float32]  # n × 2 × MADE_BETWEEN: what the counts make of a change along each
+    by_current: NDArray[np.float32]  # n × STATES: how the state is moved if the next row's current is more, per ampere
     timing: Matrix  # n × 3: how likely each reference was, given the next row's current
     prior_variance: Vector  # n [A²]: of the last command, before the next row's current told of it; or NOT_CONDITIONED
+    current_variance: Vector  # n [A²]: of the next row's current where all counts are known
 
 
 class Filtered(NamedTuple):
@@ -131,8 +133,7 @@ class Work(NamedTuple):
 
     covariance: Matrix  # states²
     along: Vector  # states: the covariance of the state and what a channel shows
-    shown: Vector  # states: that of the state and a current between rows, ...
-    by_counts: Vector  # states: ... and the part of it that unseen counts made
+    shown: Vector  # states: that of the state and a current between rows
     counts_rad: Vector  # samples: of the nominal course behind the row
     angles_rad: Vector  # samples: of the encoder there
     made: Vector  # MADE_BETWEEN: what counts between this row and the next make, on the mean

@@ -9,6 +9,7 @@ from hil_forceps.diagnosis.state_space.interval import interval_likelihood
 from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
+    CURRENT,
     CURRENT_NOISE,
     ENCODER,
     JAW,
@@ -97,6 +98,15 @@ def white_variance(d: Series, channel: int) -> float:
     """
     white: float = d.noise_variance[channel - 1] * (1.0 if d.noise_correlation[channel - 1] == 0.0 else WHITE_SHARE)
     return white
+
+
+@inlined
+def new_current_variance(p: Physics, d: Series) -> float:
+    """Return the variance [A²] of what is new of the current sensor's noise at a row, as an error of the current."""
+    coloured = d.noise_variance[2] * (1.0 - d.noise_correlation[2] ** 2) if d.noise_correlation[2] != 0.0 else 0.0
+    gain = 1.0 + p.current_gain_relative_error
+    variance: float = (coloured + white_variance(d, CURRENT) + d.resolution[2] ** 2 / 12.0) / (gain * gain)
+    return variance
 
 
 @inlined

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.advance import advance, stepper
 from hil_forceps.diagnosis.state_space.drive.between_rows import answered, ended
-from hil_forceps.diagnosis.state_space.drive.sample import sampled
+from hil_forceps.diagnosis.state_space.drive.sample import derivative_left, sampled
 from hil_forceps.diagnosis.state_space.kernel import as_its_caller, inlined, kernel
 from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
@@ -20,9 +20,11 @@ from hil_forceps.diagnosis.state_space.layout import (
     CURRENT,
     CURRENT_BEFORE,
     CURRENT_NOISE,
+    DERIVATIVE_ERROR,
     ELASTIC_SLOPE,
     ELONGATION_DEVIATION,
     ENCODER,
+    INTEGRAL_ERROR,
     JAW,
     JAW_NOISE,
     JAW_ZERO,
@@ -124,20 +126,25 @@ def response_pass(
             break
         before_A = plant.current_A
         end_friction(d, row, x)
+        shift, there = per * (encoder_rad(p, at[THETA_M]) - encoder_rad(base, at[THETA_M])), course[row + 1]
+        shown_A = _shown(p, d, CURRENT, there, there[PREDICTED_CURRENT], there[CURRENT_BEFORE])
+        shown_A = per * (shown_A - _shown(base, d, CURRENT, there, there[PREDICTED_CURRENT], there[CURRENT_BEFORE]))
+        # What the next current tells of counts moves the state before the plant goes on from it.
+        if d.states > RECORDED_STATES:
+            _sample_answer(d, filtered, row, 0, shift, shown_A, x)
         for i in range(d.states):
             near[i] = at[i] + share * x[i]
         sure = sure_ways(d, row, filtered.variance[row], at[ELONGATION_DEVIATION])
         memory = following(p, memory, near, sure)
         plant = beginning(p, memory, plant, near, sure)
         acting = acting_on(p, d, row, near, filtered.variance[row], at[ELASTIC_SLOPE])
-        shift = per * (encoder_rad(p, at[THETA_M]) - encoder_rad(base, at[THETA_M]))
         for sample in range(d.samples):
-            if d.states > RECORDED_STATES:
-                _sample_answer(d, filtered, row, sample, shift, x)
+            if d.states > RECORDED_STATES and sample > 0:
+                _sample_answer(d, filtered, row, sample, shift, shown_A, x)
             if filtered.reacts[row * d.samples + sample]:
                 commands_A[row * d.samples + sample] += share * x[COMMAND_ERROR]
             plant = advance(p, s, d.friction_free_m[row], d.friction_free_j[row], plant, acting, commands_A, sample)
-        before_rad, there = x[THETA_J], course[row + 1]
+        before_rad = x[THETA_J]
         x[LOAD] += d.period_s * x[LOAD_SLOPE]
         for i in range(PLANT_STATES, d.states):
             x[i] *= kept[i]
@@ -151,11 +158,18 @@ def response_pass(
 
 @as_its_caller
 def sample_answers(
-    d: Series, filtered: Filtered, row: int, sample: int, shift_rad: float | Vector, x: Vector | Matrix
+    d: Series,
+    filtered: Filtered,
+    row: int,
+    sample: int,
+    shift_rad: float | Vector,
+    shown_A: float | Vector,
+    x: Vector | Matrix,
 ) -> None:
     """Carry a change of the state over a sample of the drive; many changes have a column each.
 
-    `shift_rad`: the encoder shows so much more of it.
+    `shift_rad`: the encoder shows so much more of it; `shown_A`: the next row's current sensor so much more of its
+    current.
     """
     reacts = filtered.reacts[row * d.samples + sample]
     if sample == 0:
@@ -165,7 +179,12 @@ def sample_answers(
     if d.states > LAW_STATES:
         if sample == 0:
             if filtered.between.directions[row, 0, THETA_M] != 0.0:
-                answered(filtered.between, row, shift_rad, x)
+                left = derivative_left(d.law, d.samples - 1)
+                commanded = x[INTEGRAL_ERROR] + left * x[DERIVATIVE_ERROR]
+                if not filtered.reacts[row * d.samples + d.samples - 1]:
+                    commanded = 0.0 * commanded
+                kept = d.noise_correlation[CURRENT - 1]
+                answered(filtered.between, row, shift_rad, -commanded - shown_A - kept * x[CURRENT_NOISE], x)
             else:
                 x[BETWEEN:] = 0.0
         if reacts:
@@ -175,9 +194,11 @@ def sample_answers(
 
 
 @inlined
-def _sample_answer(d: Series, filtered: Filtered, row: int, sample: int, shift_rad: float, x: Vector) -> None:
+def _sample_answer(
+    d: Series, filtered: Filtered, row: int, sample: int, shift_rad: float, shown_A: float, x: Vector
+) -> None:
     """Carry one change of the state over a sample of the drive: numbers, for which no array is made."""
-    sample_answers(d, filtered, row, sample, shift_rad, x)
+    sample_answers(d, filtered, row, sample, shift_rad, shown_A, x)
 
 
 @as_its_caller

@@ -24,7 +24,6 @@ from hil_forceps.diagnosis.state_space.layout import (
     LOAD,
     LOAD_CELL,
     LOAD_SLOPE,
-    NOT_CONDITIONED,
     RECORDED_STATES,
     Filtered,
     Series,
@@ -37,6 +36,7 @@ from hil_forceps.diagnosis.state_space.measurement import (
     direction,
     evidence,
     measured,
+    new_current_variance,
     predicted,
     white_variance,
 )
@@ -151,34 +151,55 @@ def _current_between(
     work: Work,
     out: Filtered,
 ) -> None:
-    """Take in the current behind counts that no row shows: between rows, or at rows whose encoder is recorded late.
-
-    Where the counts before it have been weighed by it, it tells what all counts have in common: the drive's integral,
-    its derivative, the noise of the sensor. It is evidence of the parameters where counts are known without it, or
-    where none but one comes near it: chosen among some that do, they fit it too well.
-    """
-    gain, last = measured_command_gain(p, d, row, out), BETWEEN + d.samples - 1
+    """Take in the current behind counts that no row shows: between rows, or at rows whose encoder is recorded late."""
     prior_variance = out.between.prior_variance[row - 1] if row > 0 else 0.0
-    conditioned = prior_variance != NOT_CONDITIONED
-    # The covariance of the state with what is shown, and with the part of it that unseen counts made.
-    along, shown, by_counts = work.along, work.shown, work.by_counts
+    if prior_variance > 0.0:
+        _current_behind_counts(p, d, row, shown_A, prior_variance, x, covariance, out)
+        return
+    gain, along, shown = measured_command_gain(p, d, row, out), work.along, work.shown
     for i in range(d.states):
         shown[i] = gain * covariance[i, COMMAND_ERROR] + covariance[i, CURRENT_NOISE]
-        by_counts[i] = gain * covariance[i, last]
     variance = gain * shown[COMMAND_ERROR] + shown[CURRENT_NOISE]
-    for i in range(d.states):
-        along[i] = shown[i] - by_counts[i] if conditioned else shown[i]
     white = white_variance(d, CURRENT) + d.resolution[2] ** 2 / 12.0
-    told = variance - gain * (2.0 * shown[last] - by_counts[last]) if conditioned else variance
-    total, error = max(0.0, told) + white, d.current_A[row] - shown_A
-    apart = count_current_A(d.law, d.count_rad) > SEPARATE_COUNT_DEVIATIONS * math.sqrt(total)
-    if not conditioned or prior_variance < SURE_SHARE * total or apart:
-        out.weight[row, CURRENT], out.residual[row, CURRENT] = 1.0 / math.sqrt(total), error / math.sqrt(total)
-        out.log_likelihood[row, CURRENT] = -0.5 * (error * error / total + math.log(total))
+    total, error = max(0.0, variance) + white, d.current_A[row] - shown_A
+    out.weight[row, CURRENT], out.residual[row, CURRENT] = 1.0 / math.sqrt(total), error / math.sqrt(total)
+    out.log_likelihood[row, CURRENT] = -0.5 * (error * error / total + math.log(total))
     for i in range(d.states):
-        along[i] = 0.0 if considered[i] or i >= BETWEEN else along[i] / total
+        along[i] = 0.0 if considered[i] or i >= BETWEEN else shown[i] / total
         out.gain[row, CURRENT, i] = along[i]
         x[i] += along[i] * error
     for i in range(d.states):
         for j in range(d.states):
             covariance[i, j] += (variance + white) * along[i] * along[j] - along[i] * shown[j] - shown[i] * along[j]
+
+
+@inlined
+def _current_behind_counts(
+    p: Physics,
+    d: Series,
+    row: int,
+    shown_A: float,
+    prior_variance: float,
+    x: Vector,
+    covariance: Matrix,
+    out: Filtered,
+) -> None:
+    """Take in a current by which the counts before it, and errors of the law, have been weighed already.
+
+    What is left is the noise that is new at this row. The current is evidence of the parameters where counts are known
+    without it, or where none but one comes near it: chosen among some that do, they fit it too well. An innovation s²
+    of which n² is noise has left n²/s² of itself behind the weighing.
+    """
+    gain = 1.0 + p.current_gain_relative_error
+    new, total = gain * gain * new_current_variance(p, d), gain * gain * out.between.current_variance[row - 1]
+    error, deviation = d.current_A[row] - shown_A, math.sqrt(total)
+    apart = gain * count_current_A(d.law, d.count_rad) > SEPARATE_COUNT_DEVIATIONS * deviation
+    if prior_variance < SURE_SHARE * total or apart:
+        weight = deviation / new
+        out.weight[row, CURRENT], out.residual[row, CURRENT] = weight, weight * error
+        out.log_likelihood[row, CURRENT] = -0.5 * ((weight * error) ** 2 + math.log(total))
+    if d.noise_correlation[2] != 0.0:
+        coloured = d.noise_variance[2] * (1.0 - d.noise_correlation[2] ** 2)
+        out.gain[row, CURRENT, CURRENT_NOISE] = coloured / new
+        x[CURRENT_NOISE] += coloured / new * error
+        covariance[CURRENT_NOISE, CURRENT_NOISE] -= coloured * coloured / total

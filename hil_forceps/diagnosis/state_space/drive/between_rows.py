@@ -5,6 +5,7 @@ of what they leave open into one mean and covariance.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,6 @@ from hil_forceps.diagnosis.state_space.layout import (
     COMMANDS_BETWEEN,
     COUNT_ERROR,
     COUPLED,
-    CURRENT,
     CURRENT_NOISE,
     DERIVATIVE_ERROR,
     INTEGRAL_ERROR,
@@ -42,12 +42,13 @@ from hil_forceps.diagnosis.state_space.layout import (
     Between,
     Series,
 )
-from hil_forceps.diagnosis.state_space.measurement import white_variance
+from hil_forceps.diagnosis.state_space.measurement import new_current_variance
 from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
+_REST_SHARE = 1e-9  # of a variance: less is rounding
 _LINE_DEVIATION_SHARE = 1e-3  # of a deviation: the angles behind a row hang together, and one direction says all of it
 
 
@@ -57,6 +58,7 @@ def collapse(
     d: Series,
     row: int,
     f: Matrix,
+    reacts: bool,
     counts_rad: Vector,
     angles_rad: Vector,
     shown_A: float,
@@ -68,8 +70,8 @@ def collapse(
 ) -> None:
     """Change state and covariance by what is told of the counts behind a row; fill `made` by these, on the mean.
 
-    `f`: F of a sample of the drive; `counts_rad` and `angles_rad`: of the nominal course, and `shown_A` what the next
-    row's current is beyond it. `out`: the row's part is filled.
+    `f`: F of a sample of the drive; `reacts`: the last command is within its limit; `counts_rad` and `angles_rad`: of
+    the nominal course, and `shown_A` what the next row's current is beyond it. `out`: the row's part is filled.
     """
     last, at = d.samples - 1, row * d.samples
     begin = 0 if math.isnan(d.counted_rad[row]) else 1
@@ -90,7 +92,7 @@ def collapse(
         spread_rad[sample, 0], spread_rad[sample, 1] = _times(ways[sample], first), _times(ways[sample], second)
     spread_rad[begin, 0] = root
     references_rad = d.references_rad[at : at + d.samples] - d.reference_rad[at : at + d.samples].reshape((-1, 1))
-    deviation_A = _current_deviation(p, d, covariance)
+    errors = _command_errors(p, d, reacts, covariance, first, second)
     v = Samples(
         d.law,
         begin,
@@ -102,44 +104,131 @@ def collapse(
         answers_rad,
         references_rad,
         d.timing[row],
+        errors.along_A,
         shown_A,
-        deviation_A,
+        math.sqrt(errors.variance + new_current_variance(p, d)),
     )
-    out.timing[row] = d.timing[row]
-    mean, found = np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, UNKNOWNS))
+    out.timing[row], out.current_variance[row] = d.timing[row], v.deviation_A**2
+    mean, found = np.zeros(UNKNOWNS + 1), np.zeros((UNKNOWNS + 1, UNKNOWNS + 1))
     if is_open(v):
         if shows_counts(v):
             out.prior_variance[row] = unseen_counts(v, mean, found, out.timing[row])
+            _with_command_errors(v, errors, mean, found)
         else:
             expected_counts(v, mean, found)
+            found[-1, -1] = errors.variance
             out.prior_variance[row] = NOT_CONDITIONED
         out.directions[row, 0] = ways[begin] / root
         out.directions[row, 1] = (ways[last] - shared * ways[begin] / root) * share
-        _mixed(first, second, mean, found, x, covariance)
-        for a in range(2):
-            out.made[row, a] = found[a, 2:]
-            out.pull[row, a] = (first if a == 0 else second)[:LAW_STATES]
-            out.pull[row, a] -= found[0, a] * first[:LAW_STATES] + found[1, a] * second[:LAW_STATES]
-    made[:] = mean[2:]
+        basis = np.stack((first, second, errors.per_A))
+        _mixed(basis, errors.variance, mean, found, x, covariance)
+        _note_answers(v, basis, errors, found, row, out)
+    made[:] = mean[2:-1]
 
 
-@subroutine
-def _mixed(first: Vector, second: Vector, mean: Vector, found: Matrix, x: Vector, covariance: Matrix) -> None:
-    """Replace what state and covariance have of two directions by their moments, and add what counts make of them."""
+class _CommandErrors(NamedTuple):
+    """What the state tells of the last command before the next row, beside unseen counts."""
+
+    along_A: Vector  # 2: of it by each direction
+    variance: float  # [A²]: of the rest
+    per_A: Vector  # states: how they go with the rest
+
+
+@returning_arrays
+def _command_errors(
+    p: Physics, d: Series, reacts: bool, covariance: Matrix, first: Vector, second: Vector
+) -> _CommandErrors:
+    """Return errors of the last command by those of integral and derivative, and by its sensor's coloured noise."""
+    gain, left = 1.0 + p.current_gain_relative_error, derivative_left(d.law, d.samples - 1)
+    acts, noise = 1.0 if reacts else 0.0, d.noise_correlation[2] / gain
+    along = np.zeros(covariance.shape[0])
+    for i in range(along.size):
+        along[i] = acts * (covariance[i, INTEGRAL_ERROR] + left * covariance[i, DERIVATIVE_ERROR])
+        along[i] += noise * covariance[i, CURRENT_NOISE]
+    by = np.zeros(2)
+    by[0] = acts * (first[INTEGRAL_ERROR] + left * first[DERIVATIVE_ERROR]) + noise * first[CURRENT_NOISE]
+    by[1] = acts * (second[INTEGRAL_ERROR] + left * second[DERIVATIVE_ERROR]) + noise * second[CURRENT_NOISE]
+    whole = acts * (along[INTEGRAL_ERROR] + left * along[DERIVATIVE_ERROR]) + noise * along[CURRENT_NOISE]
+    rest = whole - by[0] * by[0] - by[1] * by[1]
+    if not rest > _REST_SHARE * whole:
+        return _CommandErrors(by, 0.0, np.zeros(along.size))
+    return _CommandErrors(by, rest, (along - by[0] * first - by[1] * second) / rest)
+
+
+@with_work_arrays
+def _with_command_errors(v: Samples, errors: _CommandErrors, mean: Vector, found: Matrix) -> None:
+    """Fill the last of the unknowns, the rest of the command's error: given the current, it hangs on the counts."""
+    last = found.shape[0] - 1
+    found[last, last] = errors.variance
+    if math.isnan(v.shown_A) or errors.variance == 0.0:
+        return
+    by_current = errors.variance / v.deviation_A**2
+    command = np.zeros(last)
+    for i in range(last):
+        command[i] = v.along_A[0] * found[0, i] + v.along_A[1] * found[1, i] + found[1 + v.samples, i]
+    expected = v.along_A[0] * mean[0] + v.along_A[1] * mean[1] + mean[1 + v.samples]
+    variance = v.along_A[0] * command[0] + v.along_A[1] * command[1] + command[1 + v.samples]
+    mean[last] = by_current * (v.shown_A - expected)
+    found[last, last] = errors.variance * (1.0 - by_current) + by_current * by_current * variance
+    for i in range(last):
+        found[last, i] = -by_current * command[i]
+        found[i, last] = found[last, i]
+
+
+@with_work_arrays
+def _mixed(basis: Matrix, error_variance: float, mean: Vector, found: Matrix, x: Vector, covariance: Matrix) -> None:
+    """Replace what state and covariance have of the unknowns by their moments, and add what counts make of them.
+
+    `basis` (3 × states): of both directions, and of the rest of the command's error, whose variance was that.
+    """
+    places, before = (0, 1, found.shape[0] - 1), (1.0, 1.0, error_variance)
+    change = np.zeros(3)
     for i in range(LAW_STATES):
-        x[i] += first[i] * mean[0] + second[i] * mean[1]
-        along = (
-            (found[0, 0] - 1.0) * first[i] + found[0, 1] * second[i],
-            (found[1, 1] - 1.0) * second[i] + found[0, 1] * first[i],
-        )
+        for b in range(3):
+            x[i] += basis[b, i] * mean[places[b]]
+            change[b] = -before[b] * basis[b, i]
+            for a in range(3):
+                change[b] += found[places[a], places[b]] * basis[a, i]
         for j in range(LAW_STATES):
-            covariance[i, j] += along[0] * first[j] + along[1] * second[j]
+            for b in range(3):
+                covariance[i, j] += change[b] * basis[b, j]
         for k in range(MADE_BETWEEN):
-            covariance[i, BETWEEN + k] = first[i] * found[0, 2 + k] + second[i] * found[1, 2 + k]
+            covariance[i, BETWEEN + k] = 0.0
+            for b in range(3):
+                covariance[i, BETWEEN + k] += basis[b, i] * found[places[b], 2 + k]
             covariance[BETWEEN + k, i] = covariance[i, BETWEEN + k]
     for i in range(MADE_BETWEEN):
         for j in range(MADE_BETWEEN):
             covariance[BETWEEN + i, BETWEEN + j] = found[2 + i, 2 + j]
+
+
+@with_work_arrays
+def _note_answers(v: Samples, basis: Matrix, errors: _CommandErrors, found: Matrix, row: int, out: Between) -> None:
+    """Note how the state behind the collapse answers to a change before it, and to the next row's current.
+
+    Points are weighed by a normal likelihood of the last command. So the derivative of a mean by the current is its
+    covariance with that command, over the current's variance; and by the mean of a unit normal value, that with it.
+    """
+    places, last = (0, 1, found.shape[0] - 1), found.shape[0] - 1
+    per_A = np.zeros(found.shape[0])
+    if out.prior_variance[row] != NOT_CONDITIONED and not math.isnan(v.shown_A):
+        for i in range(last + 1):
+            command = v.along_A[0] * found[0, i] + v.along_A[1] * found[1, i] + found[1 + v.samples, i]
+            per_A[i] = command / v.deviation_A**2
+        per_A[last] += errors.variance / v.deviation_A**2
+    for i in range(LAW_STATES):
+        out.by_current[row, i] = 0.0
+        for b in range(3):
+            out.by_current[row, i] += per_A[places[b]] * basis[b, i]
+    for k in range(MADE_BETWEEN):
+        out.by_current[row, BETWEEN + k] = per_A[2 + k]
+    for a in range(2):
+        for i in range(LAW_STATES):
+            out.pull[row, a, i] = basis[a, i] - v.along_A[a] * out.by_current[row, i]
+            for b in range(3):
+                out.pull[row, a, i] -= found[a, places[b]] * basis[b, i]
+        for k in range(MADE_BETWEEN):
+            out.made[row, a, k] = found[a, 2 + k] + v.along_A[a] * out.by_current[row, BETWEEN + k]
 
 
 @returning_arrays
@@ -170,32 +259,22 @@ def _times(way: Vector, column: Vector) -> float:
     return total
 
 
-@subroutine
-def _current_deviation(p: Physics, d: Series, covariance: Matrix) -> float:
-    """Return the deviation of the next row's current where all counts are known."""
-    coloured = d.noise_variance[2] * (1.0 - d.noise_correlation[2] ** 2) if d.noise_correlation[2] != 0.0 else 0.0
-    gain = 1.0 + p.current_gain_relative_error
-    kept = derivative_left(d.law, d.samples - 1)
-    variance = covariance[INTEGRAL_ERROR, INTEGRAL_ERROR] + kept * kept * covariance[DERIVATIVE_ERROR, DERIVATIVE_ERROR]
-    variance += 2.0 * kept * covariance[INTEGRAL_ERROR, DERIVATIVE_ERROR]
-    variance = gain * gain * max(variance, 0.0) + max(covariance[CURRENT_NOISE, CURRENT_NOISE], 0.0)
-    return math.sqrt(variance + coloured + white_variance(d, CURRENT) + d.resolution[2] ** 2 / 12.0)
-
-
 @as_its_caller
-def answered(b: Between, row: int, shift_rad: float | Vector, x: Vector | Matrix) -> None:
+def answered(b: Between, row: int, shift_rad: float | Vector, more_A: float | Vector, x: Vector | Matrix) -> None:
     """Carry a change of the state over what is told of the counts behind a row; fill what these make of it.
 
-    `shift_rad`: by which the encoder shows another angle of the same state. Many changes have a column each.
+    `shift_rad`: by which the encoder shows another angle of the same state; `more_A`: by which the next row's current
+    is more than what is commanded then. Many changes have a column each.
     """
     first, second = b.directions[row, 0, THETA_M] * shift_rad, b.directions[row, 1, THETA_M] * shift_rad
     for j in range(COUPLED):
         first = first + b.directions[row, 0, j] * x[j]
         second = second + b.directions[row, 1, j] * x[j]
     for i in range(LAW_STATES):
-        x[i] -= b.pull[row, 0, i] * first + b.pull[row, 1, i] * second
+        x[i] += b.by_current[row, i] * more_A - b.pull[row, 0, i] * first - b.pull[row, 1, i] * second
     for k in range(MADE_BETWEEN):
         x[BETWEEN + k] = b.made[row, 0, k] * first + b.made[row, 1, k] * second
+        x[BETWEEN + k] += b.by_current[row, BETWEEN + k] * more_A
 
 
 @as_its_caller

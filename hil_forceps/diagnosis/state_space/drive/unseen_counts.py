@@ -36,6 +36,7 @@ VISIBLE_COUNT_DEVIATIONS = (
 SAME_REFERENCE_DEVIATIONS = 0.05  # of the current's deviation: references that differ by less are one
 UNKNOWNS = 2 + MADE_BETWEEN  # both directions, and what is made of them
 MEAN_REFERENCE = -1
+_LEAST_VARIANCE = 1e-30  # [A²]: 0 says that nothing was open
 
 
 def _grid(angles: Vector, speeds: Vector) -> Matrix:
@@ -62,6 +63,7 @@ class Samples(NamedTuple):
     answers_rad: Vector  # of the angle one, two and three samples behind, per ampere over one
     references_rad: Matrix  # samples × 3: off the mean reference
     timing: Vector  # 3: how likely each is
+    along_A: Vector  # 2: of the last command by each direction, through errors of the law's integral and derivative
     shown_A: float  # what the next row shows beyond the nominal course; NaN: nothing
     deviation_A: float  # of that
 
@@ -106,7 +108,10 @@ def count_current_A(law: Vector, quantum_rad: float) -> float:
 
 @with_work_arrays
 def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
-    """Fill mean and covariance of both directions and of what counts make, whatever the next current is."""
+    """Fill mean and covariance of both directions and of what counts make, whatever the next current is.
+
+    Both may hold more behind that, which stays.
+    """
     made = np.zeros((v.samples, UNKNOWNS))
     covariance[:], mean[:] = 0.0, 0.0
     covariance[0, 0], covariance[1, 1] = 1.0, 1.0
@@ -119,7 +124,7 @@ def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
             after = law_errors(v.law, after[0], after[1], after[2], -one, one)
             made[sample, 2 + other] = after[3]
         _at_end(after, made[sample])
-        mean += (count.mean_rad - v.counts_rad[sample]) * made[sample]
+        mean[:UNKNOWNS] += (count.mean_rad - v.counts_rad[sample]) * made[sample]
         for i in range(2, UNKNOWNS):
             for a in range(2):
                 covariance[a, i] += count.slope * v.spread_rad[sample, a] * made[sample, i]
@@ -185,9 +190,10 @@ def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) 
         for at in range(points.shape[0]):
             _made(v, MEAN_REFERENCE if same else kind, points[at, 0], points[at, 1], one)
             weight = points[at, 2] * share
+            last_A = one[1 + v.samples] + v.along_A[0] * one[0] + v.along_A[1] * one[1]
             command += weight * one[1 + v.samples]
             square += weight * one[1 + v.samples] ** 2
-            weight *= _fits(v, one[1 + v.samples])
+            weight *= _fits(v, last_A)
             shares[kind] += weight
             _add(weight, one, mean, covariance)
     total = shares.sum()
@@ -198,7 +204,7 @@ def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) 
             covariance[j, i] = covariance[i, j]
     if not same:
         timing[:] = shares / total
-    return max(0.0, square - command * command)
+    return max(_LEAST_VARIANCE, square - command * command)
 
 
 @inlined
