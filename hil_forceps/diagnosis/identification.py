@@ -8,18 +8,17 @@ left     = curves without physics in them, through the same filter              
 unseen   = the same beside the found model in runs that it has never seen
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.diagnosis.error_rates import STEP_ERROR_SHARE
-from hil_forceps.diagnosis.evidence import Evidence, Mapper, pass_all
+from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Adapt, Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
-from hil_forceps.diagnosis.hypotheses.search import Found, search
+from hil_forceps.diagnosis.identified import LIKE_A_LOAD, Identified, searched
 from hil_forceps.diagnosis.inference.dispersion import Weigh, by_student_t, over_dispersion
 from hil_forceps.diagnosis.inference.fit import Fit, Posterior, fit, fit_from
 from hil_forceps.diagnosis.inference.likeliest_noise import likeliest_noise
@@ -30,34 +29,17 @@ from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.preparation.reference_timing import reference_timing
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
+from hil_forceps.diagnosis.starting_parameters import starting_parameters
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.diagnosis.state_space.passes import pass_one
-from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
-from hil_forceps.rig.catalogue import EFFECTS
 
 Vector = NDArray[np.float64]
 
 
-# Without a load cell, what acts on the jaw is a load, as any: nothing tells it from one.
-LIKE_A_LOAD = frozenset(entry.id for entry in EFFECTS if entry.location == "jaw")
-# Other values of the rig give the same runs, as other radii do: no experiment tells it.
-GAUGES = frozenset({"encoder_scale"})
 MOST_EFFECTS = 6
 TIMING_ROUNDS = 3  # the first tells hosts that are always alike, two more those that aren't: shares then move by < 1 %
-
-
-class Identified(NamedTuple):
-    """What the runs say."""
-
-    noise: Noise
-    records: tuple[Any, ...]  # `Evidence`: of the runs that were fitted
-    held_out: tuple[Any, ...]
-    found: Found
-    before: LackOfFit  # beside the known parameters, in the runs fitted
-    after: LackOfFit  # beside the best model
-    unseen: LackOfFit | None  # beside it in the runs held out; None without any
 
 
 def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, options: Options) -> Identified:
@@ -68,15 +50,16 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     mapper = options.mapper
     options.progress("estimating noise, commands and loads")
     noise = sensor_noise([even.run for even in runs], rig)
-    records, unseen_records = records_of(runs, held_out, rig, noise, mapper)
+    start = starting_parameters(runs, rig)
+    records, unseen_records = records_of(runs, held_out, rig, noise, mapper, start)
     known = known_of(rig, records)
     options.progress("fitting the known parameters")
-    first = fit(records, parameters.vector(rig), known, mapper)
+    first = fit(records, start, known, mapper)
     likeliest = likeliest_noise(noise, records, first, mapper)
     if likeliest is not noise:
         noise = likeliest
         options.progress("preparing the runs with the noise that is likeliest beside the parameters")
-        records, unseen_records = records_of(runs, held_out, rig, noise, mapper)
+        records, unseen_records = records_of(runs, held_out, rig, noise, mapper, first.passes.theta)
     without = options.without | frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
     how = Search(
         records,
@@ -98,22 +81,6 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     return Identified(noise, records, unseen_records, found, before, after, unseen)
 
 
-def searched(
-    how: Search, theta: Vector, held_out: Sequence[Evidence], unseen: Callable[..., LackOfFit]
-) -> tuple[Found, LackOfFit, LackOfFit, LackOfFit | None]:
-    """Return what a search finds, what the known parameters and the best model leave, and the latter in runs held out.
-
-    `theta`: the parameters from which the first fit begins. `unseen`: of fit, runs, mapper, seed and weights of gains,
-    what the fit leaves in runs that it has never seen.
-    """
-    found = search(how, theta)
-    best, given = found.best.fit, (how.mapper, how.seed, how.weigh)
-    how.progress("testing the lack of fit")
-    after = omnibus_test(best, *given)
-    before = omnibus_test(found.baseline, *given) if found.best.effects else after
-    return found, before, after, unseen(best, held_out, *given) if held_out else None
-
-
 def is_approximate(noise: Noise, records: Sequence[Record]) -> bool:
     """Tell whether the filter takes these runs for something that they are not quite.
 
@@ -125,13 +92,13 @@ def is_approximate(noise: Noise, records: Sequence[Record]) -> bool:
 
 
 def records_of(
-    runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, noise: Noise, mapper: Mapper
+    runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, noise: Noise, mapper: Mapper, theta: Vector
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     """Return runs as records, and those held out.
 
-    Which references a drive follows between rows is told by the currents, with the rig's parameters.
+    Which references a drive follows between rows is told by the currents, with the parameters `theta`.
     """
-    plant = physics_of(parameters.vector(rig))
+    plant = physics_of(theta)
 
     def prepared(run: EvenRun) -> Record:
         record = record_of(run, rig, noise)

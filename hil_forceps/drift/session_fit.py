@@ -23,11 +23,11 @@ from hil_forceps.diagnosis.inference.fit import Fit, fit, fit_from
 from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
+from hil_forceps.diagnosis.starting_parameters import starting_parameters
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.validation.conclusion import even_runs
 from hil_forceps.diagnosis.validation.rows import require_rows
 from hil_forceps.drift.likelihood import Measured, by_likelihood
-from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
@@ -89,10 +89,11 @@ def _without_loads(parameters: Sequence[Measured], runs: Sequence[Run]) -> tuple
 def fit_even(even: Sequence[EvenRun], rig: Rig) -> Fit:
     """Return the fit of the known parameters to runs of a drive whose law is known."""
     noise = sensor_noise([each.run for each in even], rig)
-    records, _ = records_of(even, [], rig, noise, map)
+    start = starting_parameters(even, rig)
+    records, _ = records_of(even, [], rig, noise, map, start)
     parts = _parts(even)
-    first = records_of(parts, [], rig, noise, map)[0] if parts else records
-    theta = fit(first, parameters.vector(rig), known_of(rig, first), map).passes.theta
+    first = records_of(parts, [], rig, noise, map, start)[0] if parts else records
+    theta = fit(first, start, known_of(rig, first), map).passes.theta
     runs = [record.with_friction_of(physics_of(theta)) for record in records]
     passes = pass_all(runs, theta, map)
     quiet = with_likeliest_load_noises(runs, passes, map)

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from hil_forceps.diagnosis.identification import Identified, identify
+from hil_forceps.diagnosis.identification import identify
+from hil_forceps.diagnosis.identified import Identified
 from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.result import TWO_SIDED_95
 from hil_forceps.diagnosis.validation.verdict import judge

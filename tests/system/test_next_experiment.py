@@ -8,7 +8,8 @@ from hil_forceps.data.run import Run
 from hil_forceps.diagnosis import identification
 from hil_forceps.diagnosis.experiment_design.menu import bounds_of, menu
 from hil_forceps.diagnosis.experiment_design.next_experiment import MOST_RIVALS, Proposal, propose
-from hil_forceps.diagnosis.identification import Identified, identify
+from hil_forceps.diagnosis.identification import identify
+from hil_forceps.diagnosis.identified import Identified
 from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.validation.numbers import detectable
 from hil_forceps.rig import Rig

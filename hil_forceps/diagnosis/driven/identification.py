@@ -16,7 +16,7 @@ from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
 from hil_forceps.diagnosis.hypotheses.search import fit_known
-from hil_forceps.diagnosis.identification import GAUGES, LIKE_A_LOAD, Identified, searched
+from hil_forceps.diagnosis.identified import GAUGES, LIKE_A_LOAD, Identified, searched
 from hil_forceps.diagnosis.inference.dispersion import Weigh
 from hil_forceps.diagnosis.inference.fit import Fit, Posterior
 from hil_forceps.diagnosis.inference.parameters import Free, known, known_parameters

@@ -20,7 +20,7 @@ from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.evidence import Mapper, gram, pass_all
 from hil_forceps.diagnosis.experiment_design.menu import Experiment, bounds_of, menu, trajectory_of
-from hil_forceps.diagnosis.identification import GAUGES, Identified
+from hil_forceps.diagnosis.identified import GAUGES, Identified
 from hil_forceps.diagnosis.inference.fit import Fit, Posterior, directions_of, fit_from, inverted, penalised
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
 from hil_forceps.diagnosis.preparation.records import Record, record_of

@@ -141,8 +141,8 @@ def response_pass(
         for sample in range(d.samples):
             if d.states > RECORDED_STATES and sample > 0:
                 _sample_answer(d, filtered, row, sample, shift, shown_A, x)
-            if filtered.reacts[row * d.samples + sample]:
-                commands_A[row * d.samples + sample] += share * x[COMMAND_ERROR]
+            at_sample = row * d.samples + sample
+            commands_A[at_sample] += share * x[COMMAND_ERROR] * (1.0 if filtered.reacts[at_sample] else 0.0)
             plant = advance(p, s, d.friction_free_m[row], d.friction_free_j[row], plant, acting, commands_A, sample)
         before_rad = x[THETA_J]
         x[LOAD] += d.period_s * x[LOAD_SLOPE]

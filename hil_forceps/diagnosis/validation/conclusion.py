@@ -12,7 +12,8 @@ from hil_forceps.control.trajectories import Trajectory
 from hil_forceps.data.even_rows import MAX_GAP_ROWS, MIN_ROWS, EvenRun, even_pieces
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.experiment_design.next_experiment import propose
-from hil_forceps.diagnosis.identification import Identified, identify
+from hil_forceps.diagnosis.identification import identify
+from hil_forceps.diagnosis.identified import Identified
 from hil_forceps.diagnosis.options import Options, split_runs
 from hil_forceps.diagnosis.preparation.command import samples_in_a_row
 from hil_forceps.diagnosis.preparation.excerpts import excerpts

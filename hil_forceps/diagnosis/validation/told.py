@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.audit.finding import Finding
-from hil_forceps.diagnosis.identification import Identified
+from hil_forceps.diagnosis.identified import Identified
 from hil_forceps.diagnosis.result import Diagnosis, Gain, RunEvidence, Rung, Shift
 from hil_forceps.diagnosis.validation.estimates import estimate_gains
 from hil_forceps.diagnosis.validation.heldout import Played, evidence, gains

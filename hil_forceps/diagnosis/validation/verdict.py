@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEFT_OVER_CHANCE, STEP_ACCURACY, STEP_ERROR_SHARE
-from hil_forceps.diagnosis.identification import Identified
+from hil_forceps.diagnosis.identified import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, inverted
 from hil_forceps.diagnosis.inference.parameters import Free, known
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hil_forceps.data.even_rows import EvenRun
-from hil_forceps.diagnosis.identification import Identified, identify
+from hil_forceps.diagnosis.identification import identify
+from hil_forceps.diagnosis.identified import Identified
 from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.preparation.command import first_integral
 from hil_forceps.diagnosis.validation.verdict import judge

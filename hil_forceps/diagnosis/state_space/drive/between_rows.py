@@ -23,7 +23,6 @@ from hil_forceps.diagnosis.state_space.kernel import (
     as_its_caller,
     inlined,
     returning_arrays,
-    subroutine,
     with_work_arrays,
 )
 from hil_forceps.diagnosis.state_space.layout import (

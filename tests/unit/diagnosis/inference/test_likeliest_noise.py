@@ -33,8 +33,9 @@ def both(kind: NoiseKind, effects: dict[str, dict[str, float]]) -> tuple[Noise, 
     runs = [generate(true, scenario, at, kind, f"{at}") for at, scenario in enumerate(scenarios)]
     by_differences = sensor_noise(runs, HUNTING)
     even = [rows for run in runs if (rows := even_rows(run, HUNTING))]
-    records, _ = records_of(even, [], HUNTING, by_differences, map)
-    found = fit(records, parameters.vector(HUNTING), known_of(HUNTING, records), map)
+    theta = parameters.vector(HUNTING)
+    records, _ = records_of(even, [], HUNTING, by_differences, map, theta)
+    found = fit(records, theta, known_of(HUNTING, records), map)
     return by_differences, likeliest_noise(by_differences, records, found, map)
 
 

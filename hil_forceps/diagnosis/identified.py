@@ -1,0 +1,49 @@
+"""What a search says of a rig: from runs of a drive whose law is known, and from runs driven by their motion."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_forceps.diagnosis.evidence import Evidence
+from hil_forceps.diagnosis.hypotheses.candidate import Search
+from hil_forceps.diagnosis.hypotheses.search import Found, search
+from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
+from hil_forceps.diagnosis.state_space.layout import Noise
+from hil_forceps.rig.catalogue import EFFECTS
+
+Vector = NDArray[np.float64]
+
+# Without a load cell, what acts on the jaw is a load, as any: nothing tells it from one.
+LIKE_A_LOAD = frozenset(entry.id for entry in EFFECTS if entry.location == "jaw")
+# Other values of the rig give the same runs, as other radii do: no experiment tells it.
+GAUGES = frozenset({"encoder_scale"})
+
+
+class Identified(NamedTuple):
+    """What the runs say."""
+
+    noise: Noise
+    records: tuple[Any, ...]  # `Evidence`: of the runs that were fitted
+    held_out: tuple[Any, ...]
+    found: Found
+    before: LackOfFit  # beside the known parameters, in the runs fitted
+    after: LackOfFit  # beside the best model
+    unseen: LackOfFit | None  # beside it in the runs held out; None without any
+
+
+def searched(
+    how: Search, theta: Vector, held_out: Sequence[Evidence], unseen: Callable[..., LackOfFit]
+) -> tuple[Found, LackOfFit, LackOfFit, LackOfFit | None]:
+    """Return what a search finds, what the known parameters and the best model leave, and the latter in runs held out.
+
+    `theta`: the parameters from which the first fit begins. `unseen`: of fit, runs, mapper, seed and weights of gains,
+    what the fit leaves in runs that it has never seen.
+    """
+    found = search(how, theta)
+    best, given = found.best.fit, (how.mapper, how.seed, how.weigh)
+    how.progress("testing the lack of fit")
+    after = omnibus_test(best, *given)
+    before = omnibus_test(found.baseline, *given) if found.best.effects else after
+    return found, before, after, unseen(best, held_out, *given) if held_out else None
