@@ -18,7 +18,7 @@ from hil_forceps.diagnosis.error_rates import STEP_ERROR_SHARE
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Adapt, Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
-from hil_forceps.diagnosis.identified import LIKE_A_LOAD, Identified, searched
+from hil_forceps.diagnosis.identified import GAUGED, GAUGES, LIKE_A_LOAD, Identified, searched
 from hil_forceps.diagnosis.inference.dispersion import Weigh, by_student_t, over_dispersion
 from hil_forceps.diagnosis.inference.fit import Fit, Posterior, fit, fit_from
 from hil_forceps.diagnosis.inference.likeliest_noise import likeliest_noise
@@ -61,6 +61,7 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
         options.progress("preparing the runs with the noise that is likeliest beside the parameters")
         records, unseen_records = records_of(runs, held_out, rig, noise, mapper, first.passes.theta)
     without = options.without | frozenset(rig.effects) | (frozenset() if load_measured(records) else LIKE_A_LOAD)
+    without |= GAUGES if {free.name for free in known} >= GAUGED else frozenset()
     how = Search(
         records,
         known,

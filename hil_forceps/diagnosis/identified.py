@@ -17,8 +17,16 @@ Vector = NDArray[np.float64]
 
 # Without a load cell, what acts on the jaw is a load, as any: nothing tells it from one.
 LIKE_A_LOAD = frozenset(entry.id for entry in EFFECTS if entry.location == "jaw")
-# Other values of the rig give the same runs, as other radii do: no experiment tells it.
+# Other values of the rig give the same runs, as other radii do: no experiment tells it. Beside values that are fitted
+# it is only another way to say how far these are off.
 GAUGES = frozenset({"encoder_scale"})
+GAUGED = frozenset(
+    {
+        "forceps.motor_inertia_kg_m2",
+        "forceps.motor_viscous_N_m_s_per_rad",
+        "forceps.wire_stiffness_N_per_m",
+    }
+)
 
 
 class Identified(NamedTuple):

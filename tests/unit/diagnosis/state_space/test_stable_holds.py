@@ -1,0 +1,71 @@
+"""The filter forgets where it was, in holds too: a small change of the state dies away there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil_forceps.data.even_rows import EvenRun
+from hil_forceps.data.run import Run
+from hil_forceps.diagnosis.preparation.records import Record, record_of
+from hil_forceps.diagnosis.preparation.reference_timing import reference_timing
+from hil_forceps.diagnosis.state_space.advance import physics_of
+from hil_forceps.diagnosis.state_space.layout import JAW, LOAD_CELL, OMEGA_M, Noise
+from hil_forceps.diagnosis.state_space.passes import pass_one
+from hil_forceps.diagnosis.state_space.response_pass import response_run
+from hil_forceps.model import parameters
+from hil_forceps.rig import Rig
+from tests.hidden_effects.generator import RIG, WHITE, generate
+from tests.hidden_effects.generator_scenarios import SCENARIOS
+
+NOISE = Noise(np.array([2e-4, 1e-5, 1e-3]), np.zeros(3), np.zeros(3))
+ROWS, FORGOTTEN_ROWS = 4000, 50
+STICKING = RIG.with_changes(
+    {"forceps.motor_coulomb_N_m": 2e-4, "forceps.jaw_coulomb_N_m": 1e-4, "encoder.counts_per_rev": 65536}
+)
+
+
+def record_with(samples: int) -> tuple[Record, Rig]:
+    """Return a run that reverses in slow motion beside dry friction, with so many samples of the drive in a row."""
+    rig = STICKING.with_changes({"drive.sample_time_s": 1e-3 / samples})
+    run = generate(rig, replace(SCENARIOS["multisine_mid"], row_s=1e-3), 3, WHITE, "slow")
+    some = Run("slow", {name: values[:ROWS] for name, values in run.columns.items()})
+    record, plant = record_of(EvenRun.whole(some), rig, NOISE), physics_of(parameters.vector(rig))
+    for turn in range(2 if samples > 1 else 0):
+        record = record.with_timing(reference_timing(pass_one(record, plant), first=turn == 0))
+    return record.with_friction_of(plant), rig
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4])
+def test_a_change_of_the_state_dies_away(samples: int) -> None:
+    record, rig = record_with(samples)
+    plant = physics_of(parameters.vector(rig))
+    before = pass_one(record, plant)
+    record = record.decided_by(before.filtered)
+    changed = record.series.first_state.copy()
+    changed[OMEGA_M] += 1e-6
+    other = replace(record, series=record.series._replace(first_state=changed))
+    change = np.abs(pass_one(other, plant).filtered.course - pass_one(record, plant).filtered.course)[:, OMEGA_M]
+    held = record.series.friction_free_m[FORGOTTEN_ROWS:]
+    assert held.sum() > 200
+    assert change[FORGOTTEN_ROWS:].max() < 1e-8
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+@pytest.mark.parametrize(
+    ("name", "share"), [("forceps.motor_coulomb_N_m", 0.02), ("motor.torque_constant_N_m_per_A", 0.002)]
+)
+def test_columns_beside_friction_are_those_of_another_pass(samples: int, name: str, share: float) -> None:
+    record, rig = record_with(samples)
+    theta = parameters.vector(rig)
+    record = record.decided_by(pass_one(record, physics_of(theta)).filtered)
+    before = pass_one(record, physics_of(theta))
+    other, near, place = theta.copy(), theta.copy(), parameters.index(name)
+    other[place] *= 1.0 + share
+    near[place] *= 1.0 + 1e-5
+    after = pass_one(record, physics_of(other))
+    answer = response_run(physics_of(near), physics_of(theta), record.series, before.filtered, share / 1e-5)
+    both, change = before.counts & after.counts, after.filtered.residual - before.filtered.residual
+    for channel in (JAW, LOAD_CELL):
+        its, there = answer[both[:, channel], channel], change[both[:, channel], channel]
+        assert float(there @ its) == pytest.approx(float(its @ its), rel=0.2)
