@@ -11,7 +11,7 @@ import sys
 import time
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -201,7 +201,8 @@ def main() -> None:
     wanted = [(kind, seed, given.usual) for seed in range(*given.seeds) for kind in given.only or KINDS]
     todo = [case for case in wanted if case not in known]
     with ProcessPoolExecutor(given.jobs) as pool, path.open("a") as file:
-        for record in pool.map(_one, todo):
+        for done in as_completed([pool.submit(_one, case) for case in todo]):
+            record = done.result()
             file.write(json.dumps(record) + "\n")
             file.flush()
             sys.stdout.write(
