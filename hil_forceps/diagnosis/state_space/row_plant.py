@@ -29,8 +29,9 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Deviations of a speed over what friction takes from it in a row: √(2/π), so that the mean friction takes all of it.
-STOPPED_DEVIATIONS = math.sqrt(2.0 / math.pi)
+# Deviations of a speed over what friction takes from it in a row. With √(2/π) the mean friction would take all of it;
+# with half as much it turns a mass round to the same speed, which is where it stops dying away.
+STOPPED_DEVIATIONS = 0.5 * math.sqrt(2.0 / math.pi)
 
 
 @returning_arrays
@@ -51,21 +52,26 @@ def first_plant(d: Series) -> State:
 
 
 @inlined
-def friction_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector) -> tuple[float, float]:
-    """Return the dry friction that the plant's step is without, motor and jaw: its mean, and the filter's state.
+def _stopped(d: Series, deceleration_rad_per_s2: float) -> float:
+    """Return by how much a speed is uncertain at least where friction may stop a mass within a row.
 
-    What friction stops within a row has no sign for all of it: so much is a speed uncertain by. With less, friction
-    that is held over a row would turn a mass round, and from row to row more.
+    What is stopped has no sign for all of a row. With less, friction that is held over a row turns the mass round, and
+    from row to row more.
     """
+    stopped: float = STOPPED_DEVIATIONS * deceleration_rad_per_s2 * d.period_s
+    return stopped
+
+
+@inlined
+def friction_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector) -> tuple[float, float]:
+    """Return the dry friction that the plant's step is without, motor and jaw: its mean, and the filter's state."""
     motor, jaw = 0.0, 0.0
     if d.friction_free_m[row]:
         tension = p.k * (p.r_m * x[THETA_M] - p.r_j * x[THETA_J])
-        stopped = STOPPED_DEVIATIONS * d.friction_level_N_m[row, 0] * d.period_s / p.I_m
-        deviation = max(stopped, math.sqrt(variance[OMEGA_M]))
+        deviation = max(_stopped(d, d.friction_level_N_m[row, 0] / p.I_m), math.sqrt(variance[OMEGA_M]))
         motor = expected_friction_m_N_m(p, x[OMEGA_M], deviation, tension) + x[FRICTION_M]
     if d.friction_free_j[row]:
-        stopped = STOPPED_DEVIATIONS * d.friction_level_N_m[row, 1] * d.period_s / p.I_j
-        deviation = max(stopped, math.sqrt(variance[OMEGA_J]))
+        deviation = max(_stopped(d, d.friction_level_N_m[row, 1] / p.I_j), math.sqrt(variance[OMEGA_J]))
         jaw = expected_friction_j_N_m(p, x[OMEGA_J], deviation, x[THETA_J]) + x[FRICTION_J]
     return motor, jaw
 
