@@ -1,6 +1,7 @@
 """Identify a forceps from runs in closed loop: known parameters, effects of the catalogue, and what neither explains.
 
-noise    = of the sensors, from differences                                    preparation/sensor_noise
+noise    = of the sensors: from differences, then by likelihood where these don't tell   preparation/, inference/
+start    = parameters that the first fit begins with                            starting_parameters
 records  = commands, load's prior, contact, regimes of friction              preparation/
 baseline = known parameters by prediction errors of an extended Kalman filter   state_space/, inference/
 found    = entries of the catalogue that join by score test and refit           hypotheses/

@@ -18,7 +18,7 @@ Vector = NDArray[np.float64]
 # Without a load cell, what acts on the jaw is a load, as any: nothing tells it from one.
 LIKE_A_LOAD = frozenset(entry.id for entry in EFFECTS if entry.location == "jaw")
 # Other values of the rig give the same runs, as other radii do: no experiment tells it. Beside values that are fitted
-# it is only another way to say how far these are off.
+# it is only another way to say how far these are off: beside `GAUGED`, its values of motor and wire.
 GAUGES = frozenset({"encoder_scale"})
 GAUGED = frozenset(
     {

@@ -110,7 +110,7 @@ class DriveLaw(Section):
     )
     cascade_time_s: Annotated[Number, Quantity("s", 0.0, 100.0)] = Field(
         default=0.0,
-        description="of a position loop around a velocity loop: over the gain of the position loop, 1/K; 0: a PID",
+        description="1/K, where K is the gain of a position loop around a velocity loop; 0: no such cascade, a PID",
     )
 
 

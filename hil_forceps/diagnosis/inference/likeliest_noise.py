@@ -23,13 +23,14 @@ from hil_forceps.diagnosis.state_space.passes import Passed, pass_one
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MAX_ROWS = 20_000  # that are passed: they tell a deviation to 0.5 %
-OVERESTIMATED_VARIANCE = 0.8  # of innovations that are as large as they are said to be: 1 ± 0.02 over 5000 rows
-MAX_LESSENING = 10.0  # of a white deviation
-DENSITY_FACTOR = 2.0  # differences over a few runs tell ρ of 0.9 to ± 0.03, and the density at low frequencies to this
+MAX_ROWS = 20_000  # that the filter passes over for it: they tell a deviation to 0.5 %
+OVERESTIMATED_VARIANCE = 0.8  # of whitened innovations: less is no chance, which leaves 1 ± 0.02 over 5000 rows
+MAX_LESSENING = 10.0  # factor by which a white deviation may fall
+# By which the density at low frequencies may exceed that from differences: over a few runs these tell a correlation of
+# 0.9 to ± 0.03, and the density to this factor.
+DENSITY_FACTOR = 2.0
 _MAX_PASSES = 40
-# Of the likelihood of noise with the least correlation that counts as coloured, over that of white noise, twice its
-# logarithm for each row: −ln(1 − ρ²).
+# χ² a row that autoregressive noise of this correlation gains over white noise: −ln(1 − ρ²).
 _COLOURED_CHI2_PER_ROW = -math.log(1.0 - MIN_CORRELATION**2)
 
 Likelihood = Callable[[Noise], float]

@@ -61,6 +61,7 @@ FADING_TIME_CONSTANTS = 6.0  # exp(−6) of a ring is left
 MAX_FADING_ROWS = 50
 MAX_TOUCHED_SHARE = 0.8  # tuned: of the rows; a torque constant that is 25 % off beside no load cell
 JAW_ZERO_SD_RAD = 0.01  # of the jaw sensor, from run to run
+COLOURED_NOISES = [JAW_NOISE, LOAD_NOISE, CURRENT_NOISE]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +120,7 @@ class Record:
     def with_noise(self, noise: Noise) -> "Record":
         """Return the record with another noise of its sensors; what was prepared with the noise before stays."""
         first = self.series.first_variance.copy()
-        first[[JAW_NOISE, LOAD_NOISE, CURRENT_NOISE]] = np.where(noise.correlation != 0.0, noise.deviation**2, 0.0)
+        first[COLOURED_NOISES] = _coloured_variance(noise)
         return replace(
             self,
             series=self.series._replace(
@@ -186,9 +187,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise) -> Record:
     timing = np.full((n, 3), 1.0 / 3.0)
     states = STATES if drive.samples > 1 else LAW_STATES if lost.any() else RECORDED_STATES
     variance[COMMAND_ERROR if states == RECORDED_STATES else INTEGRAL_ERROR] = drive.integral_sd_A**2
-    variance[JAW_NOISE], variance[LOAD_NOISE], variance[CURRENT_NOISE] = np.where(
-        noise.correlation != 0.0, noise.deviation**2, 0.0
-    )
+    variance[COLOURED_NOISES] = _coloured_variance(noise)
     jaw_free = may_stick(jaw_smooth, step * ratio, 2)
     if np.isfinite(jaw).all():  # where the motor has turned round, friction holds the jaw for a while more
         jaw_free |= may_stick_by_sensor(jaw, float(noise.deviation[0]), 2)
@@ -245,6 +244,11 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise) -> Record:
         drive.span_A,
     )
     return found.with_friction_of(physics_of(parameters.vector(rig)))
+
+
+def _coloured_variance(noise: Noise) -> Vector:
+    """Return the variance of the sensors' coloured noise; 0 of what is white."""
+    return np.where(noise.correlation != 0.0, noise.deviation**2, 0.0)
 
 
 def least_slope_variance(reach_N_m: float, period_s: float, accuracy: float) -> float:

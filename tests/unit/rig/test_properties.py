@@ -86,7 +86,9 @@ RIGS = st.fixed_dictionaries(
         "encoder": st.fixed_dictionaries({"counts_per_rev": st.just("ideal") | st.integers(4, 1 << 24)}),
     },
     optional={
-        "drive": settings(DriveLaw, *DriveLaw.model_fields),
+        "drive": settings(DriveLaw, *DriveLaw.model_fields).filter(
+            lambda given: given["cascade_time_s"] == 0.0 or given["kd_A_s_per_rad"] > 0.0
+        ),
         "noise": settings(Noise),
         "limits": settings(Limits).filter(
             lambda given: given.get("position_min_rad", -3.0) < given.get("position_max_rad", 3.0)

@@ -1,6 +1,7 @@
 """What wire and friction remember: of ways that the filter is sure of, however long a mass rests."""
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from tests.hidden_effects.generator import RIG, true_rig
 from tests.unit.diagnosis.simulated_runs import POOL, records_of, runs_of
 
 Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 LENGTH_RAD = 0.02
 PRESLIDING = true_rig(RIG, {"presliding_friction": {"level_N_m": 1e-4, "angle_rad": LENGTH_RAD}}, {})
@@ -65,15 +67,25 @@ def test_noise_of_a_mass_at_rest_makes_nothing_forgotten() -> None:
     assert abs(float(np.mean(found[-100:])) - found[49]) < 0.1
 
 
-def test_a_wire_with_hysteresis_leaves_white_innovations_behind_a_hold() -> None:
-    """Forgotten in a hold, the loop shifted the jaw's angle by up to 20 deviations of a quarter of a second."""
+def jaw_behind_a_hold() -> Iterator[tuple[Mask, Vector]]:
+    """Return what counts of the jaw's innovations, and these, of runs of a wire with hysteresis."""
     hysteresis = {"wire_hysteresis": {"force_N": 0.01, "stretch_m": 1e-5}}
     sticking = {"forceps.motor_coulomb_N_m": 2e-4, "forceps.jaw_coulomb_N_m": 1e-4, "encoder.counts_per_rev": "ideal"}
     true = true_rig(RIG.with_changes(sticking), hysteresis, {})
     records = records_of(runs_of(true, ("long_hold", "grasp"), 10314), true)
     for passed in pass_all(records, parameters.vector(true), POOL.map).runs:
-        counts, innovations = passed.counts[:, JAW], passed.residual[:, JAW]
+        yield passed.counts[:, JAW], passed.residual[:, JAW]
+
+
+def test_a_wire_with_hysteresis_leaves_innovations_as_large_as_they_are_said_to_be() -> None:
+    for counts, innovations in jaw_behind_a_hold():
         assert float(np.mean(innovations[counts] ** 2)) < 1.1
+
+
+@pytest.mark.xfail(reason="5.3 deviations since friction's mean is bounded by what it stops in a row (decision 0032)")
+def test_a_wire_with_hysteresis_leaves_white_innovations_behind_a_hold() -> None:
+    """Forgotten in a hold, the loop shifted the jaw's angle by up to 20 deviations of a quarter of a second."""
+    for counts, innovations in jaw_behind_a_hold():
         blocks = np.add.reduceat(innovations, np.arange(0, innovations.size, 250))
         rows = np.add.reduceat(counts.astype(float), np.arange(0, innovations.size, 250))
-        assert float(np.max(np.abs(blocks) / np.sqrt(np.maximum(rows, 1.0)))) < 5.5
+        assert float(np.max(np.abs(blocks) / np.sqrt(np.maximum(rows, 1.0)))) < 5.0

@@ -1,4 +1,4 @@
-"""The filter forgets where it was, in holds too: a small change of the state dies away there."""
+"""Holds: a change of the filter's state dies away there, and columns are those of another pass."""
 
 from dataclasses import replace
 
@@ -7,8 +7,8 @@ import pytest
 
 from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.preparation.records import Record, record_of
-from hil_forceps.diagnosis.preparation.reference_timing import reference_timing
+from hil_forceps.diagnosis.identification import records_of
+from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.layout import JAW, LOAD_CELL, OMEGA_M, Noise
 from hil_forceps.diagnosis.state_space.passes import pass_one
@@ -30,10 +30,8 @@ def record_with(samples: int) -> tuple[Record, Rig]:
     rig = STICKING.with_changes({"drive.sample_time_s": 1e-3 / samples})
     run = generate(rig, replace(SCENARIOS["multisine_mid"], row_s=1e-3), 3, WHITE, "slow")
     some = Run("slow", {name: values[:ROWS] for name, values in run.columns.items()})
-    record, plant = record_of(EvenRun.whole(some), rig, NOISE), physics_of(parameters.vector(rig))
-    for turn in range(2 if samples > 1 else 0):
-        record = record.with_timing(reference_timing(pass_one(record, plant), first=turn == 0))
-    return record.with_friction_of(plant), rig
+    (record,), _ = records_of([EvenRun.whole(some)], [], rig, NOISE, map, parameters.vector(rig))
+    return record, rig
 
 
 @pytest.mark.parametrize("samples", [1, 2, 4])
