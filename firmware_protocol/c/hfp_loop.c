@@ -1,8 +1,8 @@
 /*
  * The position loop: i = clip(kp e + ki sum(e) T - kd v), v the backward difference of the angle through one pole at the
  * cutoff in its exact discrete form, the sum clamped so that its share alone never passes the limit. In a cascade the
- * sum is of e - t v, with the cascade time t. Single precision,
- * but angles are compared as integers, so no resolution is lost however far the motor has turned.
+ * sum is of e - t v, with the cascade time t. Single precision, but angles are compared as integers, so no resolution is
+ * lost however far the motor has turned.
  */
 #include "hfp_private.h"
 

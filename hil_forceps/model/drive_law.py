@@ -70,16 +70,15 @@ def _commands(law: Vector, state: DriveState, references_rad: Vector, theta_enc_
 
 
 @kernel
-def integral_steps(law: Vector, references_rad: Vector, theta_enc_rad: Vector) -> Vector:
-    """Return what each sample adds to the integral where that has no limit (n) [rad s]."""
-    unlimited, added = law.copy(), np.empty(references_rad.shape[0])
+def integral_without_limit(law: Vector, references_rad: Vector, theta_enc_rad: Vector) -> Vector:
+    """Return the integral after each sample, from nought, as if it had no limit (n) [rad s]."""
+    unlimited, integral = law.copy(), np.empty(references_rad.shape[0])
     unlimited[KI] = 0.0
     state = DriveState(0.0, math.nan, 0.0, 0.0)
     for n in range(references_rad.shape[0]):
-        after = drive_sample(unlimited, state, references_rad[n], theta_enc_rad[n])
-        added[n] = after.integral_rad_s - state.integral_rad_s
-        state = after
-    return added
+        state = drive_sample(unlimited, state, references_rad[n], theta_enc_rad[n])
+        integral[n] = state.integral_rad_s
+    return integral
 
 
 def law_current(law: Vector, reference_rad: Vector, theta_enc_rad: Vector, start: DriveState) -> Vector:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.preparation.resolution import resolution_of
 from hil_forceps.diagnosis.state_space.advance import STEPS
-from hil_forceps.model.drive_law import KI, LIMIT, DriveState, integral_steps, law_current, law_vector
+from hil_forceps.model.drive_law import KI, LIMIT, DriveState, integral_without_limit, law_current, law_vector
 from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
@@ -124,7 +124,7 @@ def first_integral(law: Vector, rows: tuple[Vector, Vector, Vector], samples: in
     reference, encoder = (on_lines(values, samples) for values in rows[:2])
     shown = rows[2][1:]
     within = np.abs(shown) < UNCLIPPED_SHARE * law[LIMIT]
-    summed = np.cumsum(integral_steps(law, reference, encoder))
+    summed = integral_without_limit(law, reference, encoder)
     integral, told, forgotten = 0.0, np.empty(0, dtype=np.intp), count
     for _ in range(INTEGRAL_ROUNDS):
         command = commands_on_lines(law, rows, samples, integral)[samples - 1 :: samples][: shown.size]

@@ -126,12 +126,13 @@ def response_pass(
             break
         before_A = plant.current_A
         end_friction(d, row, x)
-        shift, there = per * (encoder_rad(p, at[THETA_M]) - encoder_rad(base, at[THETA_M])), course[row + 1]
-        shown_A = _shown(p, d, CURRENT, there, there[PREDICTED_CURRENT], there[CURRENT_BEFORE])
-        shown_A = per * (shown_A - _shown(base, d, CURRENT, there, there[PREDICTED_CURRENT], there[CURRENT_BEFORE]))
+        there = course[row + 1]
         # What the next current tells of counts moves the state before the plant goes on from it.
         if d.states > RECORDED_STATES:
-            _sample_answer(d, filtered, row, 0, shift, shown_A, x)
+            shift = per * (encoder_rad(p, at[THETA_M]) - encoder_rad(base, at[THETA_M]))
+            shown_A = _shown(p, d, CURRENT, there, there[PREDICTED_CURRENT], there[CURRENT_BEFORE])
+            shown_A -= _shown(base, d, CURRENT, there, there[PREDICTED_CURRENT], there[CURRENT_BEFORE])
+            _sample_answer(d, filtered, row, 0, shift, per * shown_A, x)
         for i in range(d.states):
             near[i] = at[i] + share * x[i]
         sure = sure_ways(d, row, filtered.variance[row], at[ELONGATION_DEVIATION])
@@ -140,7 +141,7 @@ def response_pass(
         acting = acting_on(p, d, row, near, filtered.variance[row], at[ELASTIC_SLOPE])
         for sample in range(d.samples):
             if d.states > RECORDED_STATES and sample > 0:
-                _sample_answer(d, filtered, row, sample, shift, shown_A, x)
+                _sample_answer(d, filtered, row, sample, 0.0, 0.0, x)
             at_sample = row * d.samples + sample
             commands_A[at_sample] += share * x[COMMAND_ERROR] * (1.0 if filtered.reacts[at_sample] else 0.0)
             plant = advance(p, s, d.friction_free_m[row], d.friction_free_j[row], plant, acting, commands_A, sample)
@@ -169,7 +170,7 @@ def sample_answers(
     """Carry a change of the state over a sample of the drive; many changes have a column each.
 
     `shift_rad`: the encoder shows so much more of it; `shown_A`: the next row's current sensor so much more of its
-    current.
+    current. Both are for the first sample, behind a row's measurements.
     """
     reacts = filtered.reacts[row * d.samples + sample]
     if sample == 0:
@@ -179,12 +180,10 @@ def sample_answers(
     if d.states > LAW_STATES:
         if sample == 0:
             if filtered.between.directions[row, 0, THETA_M] != 0.0:
-                left = derivative_left(d.law, d.samples - 1)
-                commanded = x[INTEGRAL_ERROR] + left * x[DERIVATIVE_ERROR]
-                if not filtered.reacts[row * d.samples + d.samples - 1]:
-                    commanded = 0.0 * commanded
-                kept = d.noise_correlation[CURRENT - 1]
-                answered(filtered.between, row, shift_rad, -commanded - shown_A - kept * x[CURRENT_NOISE], x)
+                acts = 1.0 if filtered.reacts[row * d.samples + d.samples - 1] else 0.0
+                left, kept = derivative_left(d.law, d.samples - 1), d.noise_correlation[CURRENT - 1]
+                expected_A = acts * (x[INTEGRAL_ERROR] + left * x[DERIVATIVE_ERROR]) + kept * x[CURRENT_NOISE]
+                answered(filtered.between, row, shift_rad, -expected_A - shown_A, x)
             else:
                 x[BETWEEN:] = 0.0
         if reacts:

@@ -140,18 +140,29 @@ def _command_errors(
     """Return errors of the last command by those of integral and derivative, and by its sensor's coloured noise."""
     gain, left = 1.0 + p.current_gain_relative_error, derivative_left(d.law, d.samples - 1)
     acts, noise = 1.0 if reacts else 0.0, d.noise_correlation[2] / gain
-    along = np.zeros(covariance.shape[0])
+    along, by = np.zeros(covariance.shape[0]), np.zeros(2)
     for i in range(along.size):
-        along[i] = acts * (covariance[i, INTEGRAL_ERROR] + left * covariance[i, DERIVATIVE_ERROR])
-        along[i] += noise * covariance[i, CURRENT_NOISE]
-    by = np.zeros(2)
-    by[0] = acts * (first[INTEGRAL_ERROR] + left * first[DERIVATIVE_ERROR]) + noise * first[CURRENT_NOISE]
-    by[1] = acts * (second[INTEGRAL_ERROR] + left * second[DERIVATIVE_ERROR]) + noise * second[CURRENT_NOISE]
-    whole = acts * (along[INTEGRAL_ERROR] + left * along[DERIVATIVE_ERROR]) + noise * along[CURRENT_NOISE]
+        along[i] = _in_command(acts, left, noise, covariance[i])
+    by[0], by[1] = _in_command(acts, left, noise, first), _in_command(acts, left, noise, second)
+    whole = _in_command(acts, left, noise, along)
     rest = whole - by[0] * by[0] - by[1] * by[1]
     if not rest > _REST_SHARE * whole:
         return _CommandErrors(by, 0.0, np.zeros(along.size))
     return _CommandErrors(by, rest, (along - by[0] * first - by[1] * second) / rest)
+
+
+@inlined
+def _in_command(acts: float, left: float, noise: float, x: Vector) -> float:
+    """Return what errors of the law and the sensor's noise make of the last command as it is shown."""
+    shown: float = acts * (x[INTEGRAL_ERROR] + left * x[DERIVATIVE_ERROR]) + noise * x[CURRENT_NOISE]
+    return shown
+
+
+@inlined
+def _with_command(v: Samples, found: Matrix, i: int) -> float:
+    """Return the covariance of an unknown and the last command, as far as directions and counts make that."""
+    covariance: float = v.along_A[0] * found[0, i] + v.along_A[1] * found[1, i] + found[1 + v.samples, i]
+    return covariance
 
 
 @with_work_arrays
@@ -164,7 +175,7 @@ def _with_command_errors(v: Samples, errors: _CommandErrors, mean: Vector, found
     by_current = errors.variance / v.deviation_A**2
     command = np.zeros(last)
     for i in range(last):
-        command[i] = v.along_A[0] * found[0, i] + v.along_A[1] * found[1, i] + found[1 + v.samples, i]
+        command[i] = _with_command(v, found, i)
     expected = v.along_A[0] * mean[0] + v.along_A[1] * mean[1] + mean[1 + v.samples]
     variance = v.along_A[0] * command[0] + v.along_A[1] * command[1] + command[1 + v.samples]
     mean[last] = by_current * (v.shown_A - expected)
@@ -212,8 +223,7 @@ def _note_answers(v: Samples, basis: Matrix, errors: _CommandErrors, found: Matr
     per_A = np.zeros(found.shape[0])
     if out.prior_variance[row] != NOT_CONDITIONED and not math.isnan(v.shown_A):
         for i in range(last + 1):
-            command = v.along_A[0] * found[0, i] + v.along_A[1] * found[1, i] + found[1 + v.samples, i]
-            per_A[i] = command / v.deviation_A**2
+            per_A[i] = _with_command(v, found, i) / v.deviation_A**2
         per_A[last] += errors.variance / v.deviation_A**2
     for i in range(LAW_STATES):
         out.by_current[row, i] = 0.0
