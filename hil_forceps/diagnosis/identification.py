@@ -29,7 +29,7 @@ from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_te
 from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.preparation.reference_timing import reference_timing
-from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
+from hil_forceps.diagnosis.preparation.sensor_noise import least_deviations, sensor_noise
 from hil_forceps.diagnosis.starting_parameters import starting_parameters
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.layout import Noise
@@ -50,13 +50,14 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     """
     mapper = options.mapper
     options.progress("estimating noise, commands and loads")
-    noise = sensor_noise([even.run for even in runs], rig)
+    plain = [even.run for even in runs]
+    noise = sensor_noise(plain, rig)
     start = starting_parameters(runs, rig)
     records, unseen_records = records_of(runs, held_out, rig, noise, mapper, start)
     known = known_of(rig, records)
     options.progress("fitting the known parameters")
     first = fit(records, start, known, mapper)
-    likeliest = likeliest_noise(noise, records, first, mapper)
+    likeliest = likeliest_noise(noise, least_deviations(plain), records, first, mapper)
     if likeliest is not noise:
         noise = likeliest
         options.progress("preparing the runs with the noise that is likeliest beside the parameters")

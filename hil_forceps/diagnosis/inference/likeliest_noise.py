@@ -3,7 +3,8 @@
 A loop that hunts over coarse counts moves the jaw as fast as coloured noise does, and differences over a few rows can't
 tell one from the other (`preparation.sensor_noise`). The filter knows that motion from counts and current. Noise is
 only ever lessened here: what a model doesn't explain would ask for more of it, and hide there. Of coloured noise that
-is the density at low frequencies, q/(1 − ρ)² with q the variance of what is new at each row: effects are slow.
+is the density at low frequencies, q/(1 − ρ)² with q the variance of what is new at each row: effects are slow. No
+sensor becomes better than the equations: smaller deviations are no noise (`preparation.sensor_noise.least_deviations`).
 """
 
 import math
@@ -36,11 +37,14 @@ _COLOURED_CHI2_PER_ROW = -math.log(1.0 - MIN_CORRELATION**2)
 Likelihood = Callable[[Noise], float]
 
 
-def likeliest_noise(noise: Noise, records: Sequence[Record], found: Fit, mapper: Mapper) -> Noise:
-    """Return the noise that is likeliest beside fitted parameters; that of white channels which it suits stays."""
+def likeliest_noise(noise: Noise, least: Vector, records: Sequence[Record], found: Fit, mapper: Mapper) -> Noise:
+    """Return the noise that is likeliest beside fitted parameters; that of white channels which it suits stays.
+
+    `least`: the deviations below which none falls.
+    """
     runs = [record.decided_by(passed.filtered) for record, passed in zip(records, found.passes.runs, strict=True)]
     passes = list(found.passes.runs)
-    doubted = [channel for channel in range(3) if _is_doubtful(noise, channel, passes)]
+    doubted = [channel for channel in range(3) if _is_doubtful(noise, least, channel, passes)]
     if not doubted:
         return noise
     chosen = _some(passes)
@@ -55,18 +59,18 @@ def likeliest_noise(noise: Noise, records: Sequence[Record], found: Fit, mapper:
 
     for channel in doubted:
         rows = sum(int(mask[:, channel + 1].sum()) for mask in masks)
-        white, at_white = _white(noise, channel, likelihood)
+        white, at_white = _white(noise, least, channel, likelihood)
         if noise.correlation[channel] != 0.0:
-            coloured, at_coloured = _coloured(noise, channel, likelihood)
+            coloured, at_coloured = _coloured(noise, least, channel, likelihood)
             noise = coloured if 2.0 * (at_coloured - at_white) > _COLOURED_CHI2_PER_ROW * rows else white
         else:
             noise = white
     return noise
 
 
-def _is_doubtful(noise: Noise, channel: int, passes: Sequence[Passed]) -> bool:
+def _is_doubtful(noise: Noise, least: Vector, channel: int, passes: Sequence[Passed]) -> bool:
     """Tell whether a channel's noise is said to be coloured, or its innovations are smaller than chance makes them."""
-    if noise.resolution[channel] > 0.0:
+    if noise.resolution[channel] > 0.0 or noise.deviation[channel] <= least[channel]:
         return False
     squares = np.concatenate([p.filtered.residual[p.counts[:, channel + 1], channel + 1] ** 2 for p in passes])
     return squares.size > 0 and bool(
@@ -92,19 +96,19 @@ def _changed(noise: Noise, channel: int, deviation: float, correlation: float) -
     return noise._replace(deviation=deviations, correlation=correlations)
 
 
-def _white(noise: Noise, channel: int, likelihood: Likelihood) -> tuple[Noise, float]:
+def _white(noise: Noise, least: Vector, channel: int, likelihood: Likelihood) -> tuple[Noise, float]:
     """Return the likeliest white noise that is no larger than the given one, and its log likelihood."""
     most = float(noise.deviation[channel])
 
     def loss(log_share: float) -> float:
         return -likelihood(_changed(noise, channel, most * math.exp(log_share), 0.0))
 
-    bounds = (-math.log(MAX_LESSENING), 0.0)
+    bounds = (math.log(max(1.0 / MAX_LESSENING, float(least[channel]) / most)), 0.0)
     found = optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 0.01})
     return _changed(noise, channel, most * math.exp(float(found.x)), 0.0), -float(found.fun)
 
 
-def _coloured(noise: Noise, channel: int, likelihood: Likelihood) -> tuple[Noise, float]:
+def _coloured(noise: Noise, least: Vector, channel: int, likelihood: Likelihood) -> tuple[Noise, float]:
     """Return the likeliest autoregressive noise, and its log likelihood.
 
     Searched over what is new at each row and over how much is forgotten, which the data tell independently.
@@ -117,7 +121,8 @@ def _coloured(noise: Noise, channel: int, likelihood: Likelihood) -> tuple[Noise
         deviation = math.exp(float(place[0]))
         forgotten = max(math.exp(float(place[1])), 1.0 - MAX_CORRELATION, deviation / most)
         correlation = 1.0 - min(forgotten, 1.0 - MIN_CORRELATION)
-        return _changed(noise, channel, deviation / math.sqrt(1.0 - correlation**2), correlation)
+        whole = max(deviation / math.sqrt(1.0 - correlation**2), float(least[channel]))
+        return _changed(noise, channel, whole, correlation)
 
     start = np.array([math.log(new), math.log(1.0 - before)])
     simplex = start + np.array([[0.0, 0.0], [-0.2, 0.0], [0.0, 0.7]])

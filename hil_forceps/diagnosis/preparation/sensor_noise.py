@@ -51,6 +51,7 @@ def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
         lambda run: _current_beside_law(run, rig),
     )
     deviation, correlation, resolution = np.zeros(3), np.zeros(3), np.zeros(3)
+    least = least_deviations(runs)
     for channel, (name, course) in enumerate(zip(COLUMNS, courses, strict=True)):
         told = [(run, values) for run in runs if (values := course(run)) is not None]
         deviation[channel], correlation[channel] = autoregressive_noise(told) if told else (known[channel], 0.0)
@@ -59,11 +60,17 @@ def sensor_noise(runs: Sequence[Run], rig: Rig) -> Noise:
             before = math.sqrt(max(deviation[channel] ** 2 - step**2 / 12.0, 0.0))
             deviation[channel], correlation[channel] = max(before, EDGE_SHARE * step), 0.0
             resolution[channel] = step
-        span = max((float(np.ptp(run.columns[name])) for run in runs if name in run.columns), default=0.0)
-        least = max(MIN_DEVIATION_SHARES[channel] * span, 1e-12)
-        if deviation[channel] < least and resolution[channel] == 0.0:
-            deviation[channel], correlation[channel] = least, 0.0
+        if deviation[channel] < least[channel] and resolution[channel] == 0.0:
+            deviation[channel], correlation[channel] = least[channel], 0.0
     return Noise(deviation, correlation, resolution)
+
+
+def least_deviations(runs: Sequence[Run]) -> Vector:
+    """Return the deviations (3) that no sensor of these runs is taken to be better than."""
+    spans = [
+        max((float(np.ptp(run.columns[name])) for run in runs if name in run.columns), default=0.0) for name in COLUMNS
+    ]
+    return np.maximum(np.multiply(MIN_DEVIATION_SHARES, spans), 1e-12)
 
 
 def _current_beside_law(run: Run, rig: Rig) -> Vector | None:

@@ -9,7 +9,7 @@ from hil_forceps.data.even_rows import even_rows
 from hil_forceps.diagnosis.identification import known_of, records_of
 from hil_forceps.diagnosis.inference.fit import fit
 from hil_forceps.diagnosis.inference.likeliest_noise import DENSITY_FACTOR, likeliest_noise
-from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
+from hil_forceps.diagnosis.preparation.sensor_noise import least_deviations, sensor_noise
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.model import parameters
 from tests.hidden_effects.generator import COLOURED, RIG, WHITE, NoiseKind, generate, true_rig
@@ -26,8 +26,10 @@ HUNTING = RIG.with_changes(
 )
 
 
-def both(kind: NoiseKind, effects: dict[str, dict[str, float]]) -> tuple[Noise, Noise]:
-    """Return the noise by differences, and that by likelihood."""
+def both(
+    kind: NoiseKind, effects: dict[str, dict[str, float]], least_share: float | None = None
+) -> tuple[Noise, Noise]:
+    """Return the noise by differences, and that by likelihood; no less than this share of it."""
     true = true_rig(HUNTING, effects, {})
     scenarios = [replace(SCENARIOS[name], row_s=2.0e-3) for name in ("multisine_mid", "chirp")]
     runs = [generate(true, scenario, at, kind, f"{at}") for at, scenario in enumerate(scenarios)]
@@ -36,7 +38,8 @@ def both(kind: NoiseKind, effects: dict[str, dict[str, float]]) -> tuple[Noise, 
     theta = parameters.vector(HUNTING)
     records, _ = records_of(even, [], HUNTING, by_differences, map, theta)
     found = fit(records, theta, known_of(HUNTING, records), map)
-    return by_differences, likeliest_noise(by_differences, records, found, map)
+    least = least_deviations(runs) if least_share is None else least_share * by_differences.deviation
+    return by_differences, likeliest_noise(by_differences, least, records, found, map)
 
 
 @pytest.mark.parametrize("kind", [WHITE, COLOURED], ids=["white", "coloured"])
@@ -56,3 +59,14 @@ def density(noise: Noise) -> float:
 def test_what_the_model_lacks_is_no_noise() -> None:
     before, after = both(COLOURED, {"jaw_gravity": {"cosine_N_m": 2.0e-4, "sine_N_m": 1.0e-4}})
     assert density(after) <= 1.01 * DENSITY_FACTOR * density(before)
+
+
+def test_no_sensor_becomes_better_than_the_equations_are() -> None:
+    before, after = both(WHITE, {}, 0.9)
+    assert before.deviation[0] > 1.5 * TRUE_DEVIATION[0]
+    assert 0.9 * before.deviation[0] <= after.deviation[0] < before.deviation[0]
+
+
+def test_a_deviation_that_is_as_small_as_the_equations_allow_stays() -> None:
+    before, after = both(WHITE, {}, 1.0)
+    assert after is before
