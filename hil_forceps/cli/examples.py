@@ -16,6 +16,7 @@ EXAMPLES = {
     "fmu": "hil-forceps fmu --rig configs/realistic.yaml --unit plant --fmi 2 --out out/plant.fmu",
     "init": "hil-forceps init forceps.yaml --motor maxon-ec13-305194 --drive odrive",
     "schema": "hil-forceps schema rig > rig.schema.json",
+    "configs": "hil-forceps configs --out configs",
     "docs": "hil-forceps docs rig-file",
     "open": "hil-forceps open out/diagnosis",
     "check": "hil-forceps check configs/drives/odrive.yaml",

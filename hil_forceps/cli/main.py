@@ -49,6 +49,7 @@ for _name, _path, _help in (
     ("fmu", "fmu", "Write plant or estimator as an FMU for Simulink, Dymola, OpenModelica and others."),
     ("init", "init", "Write a first rig file from motor, drive, encoder and pulleys."),
     ("schema", "schema", "Print the JSON schema of rig files or bench files, for editors."),
+    ("configs", "configs", "List the example rig files, print one, or write them to a folder."),
     ("docs", "docs", "List the pages of the documents, or print one."),
     ("open", "open_", "Open the newest report of a folder in the browser."),
     ("check", "drives.check", "Check whether the settings of a rig file are consistent; nothing is connected."),

@@ -22,7 +22,10 @@ def load_rig(path: str | PathLike[str]) -> Rig:
         with FilePath(path).open("rb") as file:
             content = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
-        raise UserError(f"{name}: can't be read: {error.strerror or error}; check the path") from None
+        remedy = "check the path"
+        if FilePath(path).parts[:1] == ("configs",):
+            remedy += ", or write the examples with `hil-forceps configs --out configs`"
+        raise UserError(f"{name}: can't be read: {error.strerror or error}; {remedy}") from None
     except ValueError as error:  # a NUL in the path
         raise UserError(f"{name!r}: can't be read: {error}; check the path") from None
     if len(content) > MAX_FILE_BYTES:

@@ -66,6 +66,7 @@ def test_wheel_holds_packages_and_data_and_nothing_else(wheel: Path) -> None:
         "firmware_protocol/golden/vectors.json",
         "firmware_protocol/py.typed",
         "hil_forceps/py.typed",
+        "hil_forceps/configs/drives/odrive.yaml",
     ):
         assert wanted in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
@@ -87,6 +88,9 @@ def test_command_works(installed: Path) -> None:
     decoded = call(command, "decode", "081#CDCC2C0000000003", folder=installed)
     assert "theta_m_rad=1.0995575" in decoded
     assert call(command, "docs", "docs/rig-file.md", folder=installed).startswith("# The rig file\n")
+    written = call(command, "configs", "--out", "configs", folder=installed).split()
+    assert "configs/realistic.yaml" in written
+    assert "sample time" in call(command, "info", "--rig", "configs/realistic.yaml", folder=installed)
 
 
 @pytest.mark.long

@@ -34,6 +34,7 @@ COMMANDS = (
     "explain",
     "init",
     "schema",
+    "configs",
     "docs",
     "open",
     "check",

@@ -9,34 +9,13 @@ from typing import NamedTuple
 import pytest
 from cyclopts import CycloptsError
 
+from hil_forceps.cli.examples import EXAMPLES
 from hil_forceps.cli.main import app
 from virtual_bus.realtime.process import _parser as drive_parser
 
 ROOT = Path(__file__).parents[3]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-COMMANDS = (
-    "bench",
-    "run",
-    "drive",
-    "fmu",
-    "conformance",
-    "decode",
-    "diagnose",
-    "import",
-    "simulate",
-    "trend",
-    "replay",
-    "recover",
-    "explain",
-    "init",
-    "schema",
-    "docs",
-    "open",
-    "check",
-    "doctor",
-    "scan",
-    "info",
-)
+COMMANDS = tuple(EXAMPLES)
 _FENCE = re.compile(r"^\s*```")
 _INLINE = re.compile(r"`([^`\n]*\bhil-forceps\b[^`\n]*)`")
 _PLACEHOLDER = re.compile(r"[\[\]…<>|]|\.\.\.|\b[A-Z]{2,}\b|\bN\b")  # a synopsis, as `--seed N`, and no line to type
