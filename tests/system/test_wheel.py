@@ -90,7 +90,7 @@ def test_command_works(installed: Path) -> None:
     assert call(command, "docs", "docs/rig-file.md", folder=installed).startswith("# The rig file\n")
     written = call(command, "configs", "--out", "configs", folder=installed).split()
     assert "configs/realistic.yaml" in written
-    assert "sample time" in call(command, "info", "--rig", "configs/realistic.yaml", folder=installed)
+    assert "poles of the plant" in call(command, "info", "--rig", "configs/realistic.yaml", folder=installed)
 
 
 @pytest.mark.long
