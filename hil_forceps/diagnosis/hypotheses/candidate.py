@@ -9,7 +9,7 @@ from hil_forceps.diagnosis.evidence import Mapper, Passes, pass_all
 from hil_forceps.diagnosis.hypotheses.places import Place
 from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Tested
 from hil_forceps.diagnosis.inference.dispersion import Weigh, scatter_between
-from hil_forceps.diagnosis.inference.fit import Fit, fit, fit_from, penalised
+from hil_forceps.diagnosis.inference.fit import Bar, Fit, chi2_above, fit, fit_from
 from hil_forceps.diagnosis.inference.parameters import Free, effect_parameters, values_of
 
 ADAPTING_ROUNDS = 3  # of a pass that decides and a fit to what it decided
@@ -88,18 +88,27 @@ def adapted_to(s: Search, model: Candidate) -> tuple[Search, Candidate]:
     return s, model._replace(fit=found)
 
 
-def fitted(s: Search, model: Candidate, start: Passes, effects: Sequence[str], *, added: int) -> Candidate:
+def fitted(
+    s: Search,
+    model: Candidate,
+    start: Passes,
+    effects: Sequence[str],
+    *,
+    added: int,
+    least_gain: float | None = None,
+) -> Candidate:
     """Return the fit of a model with `effects` from a start that holds them; its gain is that above `model`.
 
     `added`: number of entries more than in `model`. Each further parameter costs `COST_PER_COLUMN`, except the first of
-    each added entry, which the threshold accounts for.
+    each added entry, which the threshold accounts for. A fit that can't gain `least_gain` ends early.
     """
     free = list(s.known)
     for effect_id in effects:
         free += effect_parameters(effect_id, values_of(start.theta, effect_id))
-    found = fit_from(s.runs, start, free, s.mapper)
     base = model.fit
-    gain = 2.0 * (penalised(found.passes, found.free, base.passes) - penalised(base.passes, base.free, found.passes))
     cost = COST_PER_COLUMN * (len(free) - len(base.free) - added)
+    bar = None if least_gain is None else Bar(base, least_gain + cost)
+    found = fit_from(s.runs, start, free, s.mapper, bar=bar)
+    gain = chi2_above(base, found.passes, found.free)
     worth = s.weigh(gain - cost, scatter_between(base.passes, found.passes)) if s.weigh else gain - cost
     return Candidate(tuple(effects), found, gain - cost, worth)

@@ -78,18 +78,25 @@ def exchanged(
             start = start_of(place.effect_id, estimate(place, sizes.tolist()))
             theta = with_effect(theta, place.effect_id, start)
         more = len(e.joining) - len(e.leaving)
-        found = _rival(s, best, theta, effects, more)
+        drop = max(SET_DROP, s.tied_share * best.gain)
+        found = _rival(s, best, theta, effects, more, threshold * more - drop)
         every[frozenset(effects)] = found._replace(gain=best.gain + found.gain - threshold * more)
     order = ranked(list(every.values()), s.tied_share)
     kept = tuple(c for c in order if c.gain > order[0].gain - SET_DROP)
     return (best, kept) if order[0] is best else (adapted_to(s, with_runs(s, order[0]))[1], kept)
 
 
-def _rival(s: Search, best: Candidate, theta: Vector, effects: Sequence[str], added: int) -> Candidate:
-    """Return the fit of a rival from `theta` on; its gain is that above `best`, on runs that suit both."""
-    found = fitted(s, best, pass_all(s.runs, theta, s.mapper), effects, added=added)
+def _rival(
+    s: Search, best: Candidate, theta: Vector, effects: Sequence[str], added: int, least_gain: float
+) -> Candidate:
+    """Return the fit of a rival from `theta` on; its gain is that above `best`, on runs that suit both.
+
+    What can't gain `least_gain` is told with less than that. On runs that suit `best` alone nobody knows what can.
+    """
+    start = pass_all(s.runs, theta, s.mapper)
     if not _needs_its_own_runs(s, effects, best):
-        return found
+        return fitted(s, best, start, effects, added=added, least_gain=least_gain)
+    found = fitted(s, best, start, effects, added=added)
     s, found = adapted_to(s, found)
     there = best._replace(fit=fit(s.runs, best.fit.passes.theta, best.fit.free, s.mapper))
     return fitted(s, there, found.fit.passes, effects, added=added)

@@ -25,6 +25,9 @@ MAX_HALVINGS = 4
 # dry friction does.
 DIFFERENCE_SHARE = 1e-5
 MAX_STEP_RATIO = 2.0  # by which a positive parameter may change in a step
+# Of what a step is to bring, that it and all steps behind it bring at most: each leaves half of it or less, where
+# Gauss-Newton converges at all (Σ 2⁻ⁿ).
+REACH_OF_DECREMENT = 2.0
 
 
 class Fit(NamedTuple):
@@ -99,20 +102,46 @@ def penalised(passes: Passes, free: Sequence[Free], other: Passes, known: Poster
     return total - 0.5 * float(away @ precision @ away)
 
 
+def chi2_above(base: Fit, passes: Passes, free: Sequence[Free]) -> float:
+    """Return twice the log posterior of passes above that of a fit, where both have evidence."""
+    return 2.0 * (penalised(passes, free, base.passes) - penalised(base.passes, base.free, passes))
+
+
+class Bar(NamedTuple):
+    """What a fit must reach to be of use; where it can't, it ends early."""
+
+    base: Fit
+    chi2: float  # above `base`
+
+    def is_out_of_reach(self, passes: Passes, free: Sequence[Free], decrement: float) -> bool:
+        """Tell whether a fit that is to gain so much with its next step stays below."""
+        return chi2_above(self.base, passes, free) + REACH_OF_DECREMENT * decrement < self.chi2
+
+
 def fit(runs: Sequence[Evidence], theta: Vector, free: Sequence[Free], mapper: Mapper) -> Fit:
     """Return the fit from `theta` on."""
     return fit_from(runs, pass_all(runs, theta, mapper), free, mapper)
 
 
 def fit_from(
-    runs: Sequence[Evidence], passes: Passes, free: Sequence[Free], mapper: Mapper, known: Posterior | None = None
+    runs: Sequence[Evidence],
+    passes: Passes,
+    free: Sequence[Free],
+    mapper: Mapper,
+    known: Posterior | None = None,
+    bar: Bar | None = None,
 ) -> Fit:
-    """Return the fit from passes over its runs on; `known`: in place of the priors."""
+    """Return the fit from passes over its runs on; `known`: in place of the priors.
+
+    With a bar the fit ends behind its first step at the earliest: the start is where linear theory puts it.
+    """
     inverse = np.eye(len(free))
-    for _ in range(MAX_STEPS):
+    for number in range(MAX_STEPS):
         newton = _newton(passes, free, mapper, known)
         inverse = newton.inverse
         if newton.decrement < CONVERGED_CHI2:
+            break
+        if bar is not None and number > 0 and bar.is_out_of_reach(passes, free, newton.decrement):
             break
         stepped = _accepted(runs, passes, free, newton.step, mapper, known)
         if stepped is None:

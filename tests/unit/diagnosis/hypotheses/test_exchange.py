@@ -47,8 +47,10 @@ def fitting(monkeypatch: pytest.MonkeyPatch, gains: Mapping[frozenset[str], floa
     """Let a refit gain what `gains` says of its effects; return those that were asked for."""
     asked = []
 
-    def fitted(_: Search, __: Candidate, ___: Passes, effects: Sequence[str], *, added: int) -> Candidate:
-        del added
+    def fitted(
+        _: Search, __: Candidate, ___: Passes, effects: Sequence[str], *, added: int, least_gain: float | None = None
+    ) -> Candidate:
+        del added, least_gain
         asked.append(frozenset(effects))
         return candidate(effects, gains[frozenset(effects)])
 
@@ -138,8 +140,10 @@ def test_a_rival_with_more_dry_friction_is_compared_on_runs_adapted_to_it(monkey
     adapted = SEARCH._replace(runs=("adapted",), friction_decides=True)
     seen: list[tuple[object, ...]] = []
 
-    def fitted(s: Search, __: Candidate, ___: Passes, effects: Sequence[str], *, added: int) -> Candidate:
-        del added
+    def fitted(
+        s: Search, __: Candidate, ___: Passes, effects: Sequence[str], *, added: int, least_gain: float | None = None
+    ) -> Candidate:
+        del added, least_gain
         seen.append(tuple(s.runs))
         return candidate(effects, 7.0 if s.runs else -2.0)
 
