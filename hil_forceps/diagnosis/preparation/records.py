@@ -102,8 +102,8 @@ class Record:
     def with_friction_of(self, p: Physics) -> "Record":
         """Return the record for a plant whose dry friction is about that of `p`, nothing decided yet.
 
-        Where it is less than the load leaves open, it is no other than an error of the load, and rows where a mass may
-        stick are evidence as any. Models that are compared must be so by records with the same friction.
+        Where it is less than the load leaves open, it is no state, and rows where a mass may stick are evidence as any.
+        Models that are compared must be so by records with the same friction.
         """
         levels = np.empty((self.load_course_N_m.size, 2))
         resolved = (self.step_rad, self.step_rad * p.r_m / p.r_j)

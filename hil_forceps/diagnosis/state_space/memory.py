@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.kernel import inlined, subroutine
 from hil_forceps.diagnosis.state_space.layout import OMEGA_J, OMEGA_M, THETA_J, THETA_M, Series
+from hil_forceps.diagnosis.state_space.row_plant import may_hold
 from hil_forceps.model.composition import Physics, paid_m, wound_m
 from hil_forceps.model.physics import State, grips, lost_after, slid, slide
 
@@ -85,9 +86,9 @@ def sure_ways(d: Series, row: int, variance: Vector, deviation_m: float) -> Sure
     `variance`: of the filter's state there; `deviation_m`: of the wire's elongation.
     """
     motor_rad, jaw_rad = 0.0, 0.0
-    if d.friction_free_m[row] and d.friction_level_N_m[row, 0] > 0.0:
+    if may_hold(d, row, 0):
         motor_rad = SURE_DEVIATIONS * math.sqrt(max(0.0, variance[THETA_M]))
-    if d.friction_free_j[row] and d.friction_level_N_m[row, 1] > 0.0:
+    if may_hold(d, row, 1):
         jaw_rad = SURE_DEVIATIONS * math.sqrt(max(0.0, variance[THETA_J]))
     return Sure(motor_rad, jaw_rad, SURE_DEVIATIONS * deviation_m)
 

@@ -54,6 +54,7 @@ from hil_forceps.diagnosis.state_space.row_plant import (
     end_friction,
     first_plant,
     is_slack,
+    may_hold,
     noise_kept,
 )
 from hil_forceps.diagnosis.state_space.transition import elastic_share, transition
@@ -144,7 +145,7 @@ def response_pass(
                 _sample_answer(d, filtered, row, sample, 0.0, 0.0, x)
             at_sample = row * d.samples + sample
             commands_A[at_sample] += share * x[COMMAND_ERROR] * (1.0 if filtered.reacts[at_sample] else 0.0)
-            plant = advance(p, s, d.friction_free_m[row], d.friction_free_j[row], plant, acting, commands_A, sample)
+            plant = advance(p, s, may_hold(d, row, 0), may_hold(d, row, 1), plant, acting, commands_A, sample)
         before_rad = x[THETA_J]
         x[LOAD] += d.period_s * x[LOAD_SLOPE]
         for i in range(PLANT_STATES, d.states):

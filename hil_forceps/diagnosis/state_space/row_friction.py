@@ -9,6 +9,7 @@ from hil_forceps.diagnosis.state_space.covariance import disturbed, forgotten, f
 from hil_forceps.diagnosis.state_space.kernel import inlined, returning_arrays
 from hil_forceps.diagnosis.state_space.layout import CURRENT, ENCODER, FRICTION_J, FRICTION_M, OMEGA_J, OMEGA_M, Series
 from hil_forceps.diagnosis.state_space.measurement import corrected, direction, measured, white_variance
+from hil_forceps.diagnosis.state_space.row_plant import may_hold
 from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
@@ -28,7 +29,7 @@ def near_standstill(first: float, last: float, deviation: float) -> bool:
 @inlined
 def begin_friction(d: Series, row: int, was: tuple[bool, bool], x: Vector, covariance: Matrix) -> tuple[bool, bool]:
     """Begin or end the stretches where a mass may stick; return where it may, motor and jaw."""
-    free_m, free_j = d.friction_free_m[row], d.friction_free_j[row]
+    free_m, free_j = may_hold(d, row, 0), may_hold(d, row, 1)
     if not (free_m and was[0]):
         forgotten(covariance, FRICTION_M)
         x[FRICTION_M] = 0.0

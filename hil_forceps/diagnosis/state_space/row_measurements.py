@@ -40,6 +40,7 @@ from hil_forceps.diagnosis.state_space.measurement import (
     predicted,
     white_variance,
 )
+from hil_forceps.diagnosis.state_space.row_plant import may_hold
 from hil_forceps.model.composition import Physics
 
 Vector = NDArray[np.float64]
@@ -55,14 +56,12 @@ SURE_SHARE = 0.01  # of the variance of a current: what counts leave open of it 
 def sticks_at(d: Series, row: int, doubtful: bool) -> bool:
     """Tell whether dry friction may hold a mass, or did so a row before."""
     before = max(row - 1, 0)
-    return doubtful or _may_hold(d, row) or _may_hold(d, before)
+    return doubtful or _either(d, row) or _either(d, before)
 
 
 @inlined
-def _may_hold(d: Series, row: int) -> bool:
-    motor: bool = d.friction_free_m[row] and d.friction_level_N_m[row, 0] > 0.0
-    jaw: bool = d.friction_free_j[row] and d.friction_level_N_m[row, 1] > 0.0
-    return motor or jaw
+def _either(d: Series, row: int) -> bool:
+    return may_hold(d, row, 0) or may_hold(d, row, 1)
 
 
 @inlined

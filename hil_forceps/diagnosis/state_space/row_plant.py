@@ -52,6 +52,16 @@ def first_plant(d: Series) -> State:
 
 
 @inlined
+def may_hold(d: Series, row: int, mass: int) -> bool:
+    """Tell whether dry friction may hold a mass (0 motor, 1 jaw) from a row to the next, so that it is a state.
+
+    Less friction than the load leaves open is not: the plant's own step has it, with the instant at which it stops.
+    """
+    free: bool = d.friction_free_m[row] if mass == 0 else d.friction_free_j[row]
+    return free and d.friction_level_N_m[row, mass] > 0.0
+
+
+@inlined
 def _stopped(d: Series, deceleration_rad_per_s2: float) -> float:
     """Return by how much a speed is uncertain at least where friction may stop a mass within a row.
 
@@ -66,11 +76,11 @@ def _stopped(d: Series, deceleration_rad_per_s2: float) -> float:
 def friction_on(p: Physics, d: Series, row: int, x: Vector, variance: Vector) -> tuple[float, float]:
     """Return the dry friction that the plant's step is without, motor and jaw: its mean, and the filter's state."""
     motor, jaw = 0.0, 0.0
-    if d.friction_free_m[row]:
+    if may_hold(d, row, 0):
         tension = p.k * (p.r_m * x[THETA_M] - p.r_j * x[THETA_J])
         deviation = max(_stopped(d, d.friction_level_N_m[row, 0] / p.I_m), math.sqrt(variance[OMEGA_M]))
         motor = expected_friction_m_N_m(p, x[OMEGA_M], deviation, tension) + x[FRICTION_M]
-    if d.friction_free_j[row]:
+    if may_hold(d, row, 1):
         deviation = max(_stopped(d, d.friction_level_N_m[row, 1] / p.I_j), math.sqrt(variance[OMEGA_J]))
         jaw = expected_friction_j_N_m(p, x[OMEGA_J], deviation, x[THETA_J]) + x[FRICTION_J]
     return motor, jaw
@@ -99,7 +109,7 @@ def is_slack(p: Physics, x: Vector) -> bool:
 def end_friction(d: Series, row: int, x: Vector | Matrix) -> None:
     """Set a change of the friction's states to 0 where a mass slides, or has only now come to where it may stick."""
     before = max(row - 1, 0)
-    if not (d.friction_free_m[row] and (row == 0 or d.friction_free_m[before])):
+    if not (may_hold(d, row, 0) and (row == 0 or may_hold(d, before, 0))):
         x[FRICTION_M] = 0.0
-    if not (d.friction_free_j[row] and (row == 0 or d.friction_free_j[before])):
+    if not (may_hold(d, row, 1) and (row == 0 or may_hold(d, before, 1))):
         x[FRICTION_J] = 0.0

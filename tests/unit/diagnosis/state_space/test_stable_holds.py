@@ -7,7 +7,9 @@ import pytest
 
 from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.data.run import Run
-from hil_forceps.diagnosis.identification import records_of
+from hil_forceps.diagnosis.evidence import gram, pass_all
+from hil_forceps.diagnosis.identification import known_of, records_of
+from hil_forceps.diagnosis.inference.fit import directions_of
 from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.layout import JAW, LOAD_CELL, OMEGA_M, Noise
@@ -67,3 +69,28 @@ def test_columns_beside_friction_are_those_of_another_pass(samples: int, name: s
     for channel in (JAW, LOAD_CELL):
         its, there = answer[both[:, channel], channel], change[both[:, channel], channel]
         assert float(there @ its) == pytest.approx(float(its @ its), rel=0.2)
+
+
+def test_friction_that_is_no_state_is_the_plant_s_own_wherever_a_mass_may_stick() -> None:
+    """Less than the load leaves open: that rows may hold a mass changes nothing of them."""
+    record, rig = record_with(1)
+    levels = np.zeros_like(record.series.friction_level_N_m)
+    may = replace(record, series=record.series._replace(friction_level_N_m=levels))
+    never = np.zeros_like(record.series.friction_free_m)
+    slides = replace(may, series=may.series._replace(friction_free_m=never, friction_free_j=never))
+    assert record.series.friction_free_m.sum() > 200
+    plant = physics_of(parameters.vector(rig))
+    assert np.array_equal(pass_one(may, plant).filtered.course, pass_one(slides, plant).filtered.course)
+
+
+def test_little_friction_is_what_it_is_where_a_loop_hunts_in_holds() -> None:
+    """It stops the motor within a row, again and again: the mean of what may hold it would turn it round."""
+    rig = RIG.with_changes({"drive.cascade_time_s": 0.02, "encoder.counts_per_rev": 65536})
+    runs = [generate(rig, SCENARIOS["hold"], seed, WHITE, f"{seed}") for seed in range(100, 108)]
+    theta = parameters.vector(rig)
+    records, _ = records_of([EvenRun.whole(run) for run in runs], [], rig, NOISE, map, theta)
+    assert min(record.series.friction_free_m.mean() for record in records) > 0.5
+    assert all((record.series.friction_level_N_m == 0.0).all() for record in records)
+    free = [f for f in known_of(rig, records) if f.name == "forceps.motor_coulomb_N_m"]
+    found = gram(pass_all(records, theta, map), directions_of(free, theta), map)
+    assert abs(found.score[0]) < 2.0 * np.sqrt(found.information[0, 0])  # 2.2 with the mean
