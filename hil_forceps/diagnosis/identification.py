@@ -55,7 +55,7 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     start = starting_parameters(runs, rig)
     records, unseen_records = records_of(runs, held_out, rig, noise, mapper, start)
     known = known_of(rig, records)
-    options.progress("fitting the known parameters")
+    options.progress("fitting the known parameters a first time")
     first = fit(records, start, known, mapper)
     likeliest = likeliest_noise(noise, least_deviations(plain), records, first, mapper)
     if likeliest is not noise:

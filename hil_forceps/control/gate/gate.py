@@ -15,7 +15,7 @@ import math
 from typing import Final
 
 from hil_forceps.control.gate.bounds import FeedbackBounds
-from hil_forceps.control.gate.feedback import FeedbackMonitor, trip_of
+from hil_forceps.control.gate.feedback import FeedbackMonitor, Finding, trip_of
 from hil_forceps.control.gate.jerk import JerkLimiter
 from hil_forceps.control.gate.kernel import Vector
 from hil_forceps.control.gate.latch import TRANSITIONS, GateEvent, GateState
@@ -97,7 +97,7 @@ class Gate:
         if monitor is None or self.state is _CLOSED:
             return
         if monitor.see(stamp_ns, theta_m_rad, current_A, self._motion[0]):
-            self._take_finding(monitor, received_ns)
+            self._take_finding(monitor.finding, received_ns)
 
     def open(self, now_ns: int) -> None:
         """Open at the measured angle, also anew; a gate that is frozen or latched stays so."""
@@ -160,7 +160,7 @@ class Gate:
         taken, finding = passed, None
         if self._monitor is not None:
             may = self._monitor.samples_without_jump(period_ns, theta_m_rad[:passed])
-            references = [before[0], *requested_rad[: max(may - 1, 0)].tolist()]
+            references = [before[0], *requested_rad[:may].tolist()]  # of each sample, the one before it
             taken = self._monitor.follow(period_ns, theta_m_rad[:may].tolist(), current_A[:may].tolist(), references)
             finding = self._monitor.finding
         if taken == 0:
@@ -171,8 +171,8 @@ class Gate:
         self._motion, self._time_ns = motion, begin_ns + answered * period_ns
         self._stamp_ns = self._received_ns = begin_ns + taken * period_ns
         self._theta_rad, self._is_fresh = float(theta_m_rad[taken - 1]), answered < taken
-        if finding is not None and self._monitor is not None:
-            self._take_finding(self._monitor, self._received_ns)
+        if finding is not None:
+            self._take_finding(finding, self._received_ns)
         return answered
 
     def _may_hold(self, now_ns: int) -> bool:
@@ -208,8 +208,8 @@ class Gate:
         window.see(self._motion[0], now_ns)
         return verdict
 
-    def _take_finding(self, monitor: FeedbackMonitor, received_ns: int) -> None:
-        finding, was_open = monitor.finding, self.state is _OPEN
+    def _take_finding(self, finding: Finding | None, received_ns: int) -> None:
+        was_open = self.state is _OPEN
         if finding is None:
             self._turn(GateEvent.RECOVERED)
             if self.state is _OPEN:

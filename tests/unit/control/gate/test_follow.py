@@ -9,6 +9,7 @@ import pytest
 
 from hil_forceps.control.gate import Gate, GateState
 from hil_forceps.control.gate.bounds import FeedbackBounds
+from hil_forceps.control.gate.feedback import BLOCK_SAMPLES
 from hil_forceps.rig.plant import PlantParameters
 from hil_forceps.rig.sections import Limits
 
@@ -144,4 +145,27 @@ def test_neither_is_a_gate_that_does_not_stand_at_a_sample_of_its_own() -> None:
     assert late.follow(PERIOD_NS, theta, current, request) == 0
     for period_ns in (0, -1, 20_000_001):
         assert opened(limits, None).follow(period_ns, theta, current, request) == 0
-    assert opened(limits, None).follow(20_000_000, theta, current, np.zeros(len(theta))) == len(theta)
+    for period_ns in (1, 20_000_000):
+        assert opened(limits, None).follow(period_ns, theta, current, np.zeros(len(theta))) == len(theta)
+
+
+def test_a_single_sample_is_followed() -> None:
+    theta, current, request = np.array(motion(1, 0.0)[:1]).T.copy()
+    assert opened(Limits(**LIMITS), bounds()).follow(PERIOD_NS, theta, current, request) == 1
+
+
+def test_a_turn_by_as_much_as_a_motor_can_is_followed() -> None:
+    """The top speed over a period, and what the encoder is unsure of besides."""
+    feedback = bounds()
+    theta = np.array([feedback.jump_speed_rad_per_s * PERIOD_NS * 1e-9 + 0.5 * feedback.jump_slack_rad])
+    assert opened(Limits(**LIMITS), feedback).follow(PERIOD_NS, theta, np.zeros(1), np.zeros(1)) == 1
+
+
+def test_a_sample_that_ends_a_block_is_judged_by_the_reference_before_it() -> None:
+    rows = motion(1, 0.0)[:BLOCK_SAMPLES]
+    together, alone = opened(Limits(**LIMITS), bounds()), opened(Limits(**LIMITS), bounds())
+    one_by_one(together, rows[:-1], 0)
+    theta, current, request = np.array(rows[-1:]).T.copy()
+    assert together.follow(PERIOD_NS, theta, current, request) == 1
+    one_by_one(alone, rows, 0)
+    assert memory(together) == memory(alone)
