@@ -14,7 +14,7 @@
 
 enum { SAMPLE_US = 1000, UART_INTERRUPTS = 0xF, PENDSTCLR = 1 << 25 }; /* receive and transmit of UART0 and UART1 */
 
-static const hfp_loop_config LOOP = {1.0e-3F, 2.0F, 100.0F, 6.0e-3F, 150.0F, 1.0F}; /* of configs/paper.yaml */
+static const hfp_loop_config LOOP = {1.0e-3F, 2.0F, 100.0F, 6.0e-3F, 150.0F, 1.0F, 0.0F}; /* of configs/paper.yaml */
 static const uint64_t SERIAL_NUMBER = 0x00C0DE000386U;
 
 typedef struct {
