@@ -50,14 +50,14 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     """
     mapper = options.mapper
     options.progress("estimating noise, commands and loads")
-    plain = [even.run for even in runs]
-    noise = sensor_noise(plain, rig)
+    recorded = [even.run for even in runs]
+    noise = sensor_noise(recorded, rig)
     start = starting_parameters(runs, rig)
     records, unseen_records = records_of(runs, held_out, rig, noise, mapper, start)
     known = known_of(rig, records)
     options.progress("fitting the known parameters a first time")
     first = fit(records, start, known, mapper)
-    likeliest = likeliest_noise(noise, least_deviations(plain), records, first, mapper)
+    likeliest = likeliest_noise(noise, least_deviations(recorded), records, first, mapper)
     if likeliest is not noise:
         noise = likeliest
         options.progress("preparing the runs with the noise that is likeliest beside the parameters")

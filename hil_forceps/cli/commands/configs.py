@@ -7,8 +7,8 @@ from typing import Annotated, NamedTuple
 
 from cyclopts import Parameter
 
+from hil_forceps.cli.arguments.shipped import chosen
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.validation.problems import nearest
 
 PACKAGE = Path(__file__).parents[2]
 # A wheel contains the files in the package; in a checkout they are next to it.
@@ -50,13 +50,13 @@ def configs(
         Overwrite existing files.
     """
     found = examples()
-    chosen = found if name is None else [_chosen(name, found)]
+    some = found if name is None else [_chosen(name, found)]
     if out is not None:
-        _write(chosen, out, overwrite=overwrite)
+        _write(some, out, overwrite=overwrite)
     elif name is None:
         sys.stdout.write("".join(f"{each.name:<{NAME_WIDTH}}{each.title}\n" for each in found))
     else:
-        sys.stdout.write(chosen[0].path.read_text(encoding="utf-8"))
+        sys.stdout.write(some[0].path.read_text(encoding="utf-8"))
     return 0
 
 
@@ -71,17 +71,12 @@ def examples() -> list[Example]:
 
 def _chosen(wanted: str, found: list[Example]) -> Example:
     name = wanted.removeprefix("configs/").removesuffix(".yaml")
-    by_name = {each.name: each for each in found}
-    if name in by_name:
-        return by_name[name]
-    near = nearest(name, by_name)
-    remedy = f"did you mean {near}?" if near else "`hil-forceps configs` lists all examples"
-    raise UserError(f"{wanted}: no such example; {remedy}")
+    return chosen(wanted, name, {each.name: each for each in found}, "example", "configs")
 
 
-def _write(chosen: list[Example], out: Path, *, overwrite: bool) -> None:
+def _write(some: list[Example], out: Path, *, overwrite: bool) -> None:
     """Write examples to a folder; UserError, and nothing written, where a file has another content already."""
-    files = [(out / f"{each.name}.yaml", each.path.read_bytes()) for each in chosen]
+    files = [(out / f"{each.name}.yaml", each.path.read_bytes()) for each in some]
     if not overwrite:
         changed = [path for path, content in files if path.exists() and path.read_bytes() != content]
         if changed:

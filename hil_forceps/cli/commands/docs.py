@@ -4,8 +4,8 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+from hil_forceps.cli.arguments.shipped import chosen
 from hil_forceps.rig.errors import UserError
-from hil_forceps.rig.validation.problems import nearest
 
 PACKAGE = Path(__file__).parents[2]
 # A wheel contains the pages in the package; in a checkout they are next to it.
@@ -57,9 +57,4 @@ def pages() -> list[Page]:
 
 def _chosen(wanted: str, found: list[Page]) -> Page:
     name = wanted.partition("#")[0].removeprefix("docs/").removesuffix(".md")
-    by_name = {page.name: page for page in found}
-    if name in by_name:
-        return by_name[name]
-    near = nearest(name, by_name)
-    remedy = f"did you mean {near}?" if near else "`hil-forceps docs` lists all pages"
-    raise UserError(f"{wanted}: no such page; {remedy}")
+    return chosen(wanted, name, {page.name: page for page in found}, "page", "docs")

@@ -9,7 +9,7 @@ from hil_forceps.diagnosis.evidence import Mapper, Passes, pass_all
 from hil_forceps.diagnosis.hypotheses.places import Place
 from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Tested
 from hil_forceps.diagnosis.inference.dispersion import Weigh, scatter_between
-from hil_forceps.diagnosis.inference.fit import Bar, Fit, chi2_above, fit, fit_from
+from hil_forceps.diagnosis.inference.fit import Fit, RequiredGain, chi2_above, fit, fit_from
 from hil_forceps.diagnosis.inference.parameters import Free, effect_parameters, values_of
 
 ADAPTING_ROUNDS = 3  # of a pass that decides and a fit to what it decided
@@ -107,8 +107,8 @@ def fitted(
         free += effect_parameters(effect_id, values_of(start.theta, effect_id))
     base = model.fit
     cost = COST_PER_COLUMN * (len(free) - len(base.free) - added)
-    bar = None if least_gain is None else Bar(base, least_gain + cost)
-    found = fit_from(s.runs, start, free, s.mapper, bar=bar)
+    required = None if least_gain is None else RequiredGain(base, least_gain + cost)
+    found = fit_from(s.runs, start, free, s.mapper, required=required)
     gain = chi2_above(base, found.passes, found.free)
     worth = s.weigh(gain - cost, scatter_between(base.passes, found.passes)) if s.weigh else gain - cost
     return Candidate(tuple(effects), found, gain - cost, worth)

@@ -60,6 +60,7 @@ def exchanged(
 ) -> tuple[Candidate, tuple[Candidate, ...]]:
     """Return the best model and its rivals, with entries exchanged for others; `near`: what could, the best first."""
     every = {frozenset(c.effects): c for c in (*rivals, best)}
+    drop = max(SET_DROP, s.tied_share * best.gain)  # what is further behind is no rival
     left = MAX_EXCHANGES
     for e in near:
         if left == 0 or s.spent():
@@ -78,7 +79,6 @@ def exchanged(
             start = start_of(place.effect_id, estimate(place, sizes.tolist()))
             theta = with_effect(theta, place.effect_id, start)
         more = len(e.joining) - len(e.leaving)
-        drop = max(SET_DROP, s.tied_share * best.gain)
         found = _rival(s, best, theta, effects, more, threshold * more - drop)
         every[frozenset(effects)] = found._replace(gain=best.gain + found.gain - threshold * more)
     order = ranked(list(every.values()), s.tied_share)

@@ -27,7 +27,7 @@ DIFFERENCE_SHARE = 1e-5
 MAX_STEP_RATIO = 2.0  # by which a positive parameter may change in a step
 # Of what a step is to bring, that it and all steps behind it bring at most: each leaves half of it or less, where
 # Gauss-Newton converges at all (Σ 2⁻ⁿ).
-REACH_OF_DECREMENT = 2.0
+MAX_GAIN_OVER_DECREMENT = 2.0
 
 
 class Fit(NamedTuple):
@@ -107,7 +107,7 @@ def chi2_above(base: Fit, passes: Passes, free: Sequence[Free]) -> float:
     return 2.0 * (penalised(passes, free, base.passes) - penalised(base.passes, base.free, passes))
 
 
-class Bar(NamedTuple):
+class RequiredGain(NamedTuple):
     """What a fit must reach to be of use; where it can't, it ends early."""
 
     base: Fit
@@ -115,7 +115,7 @@ class Bar(NamedTuple):
 
     def is_out_of_reach(self, passes: Passes, free: Sequence[Free], decrement: float) -> bool:
         """Tell whether a fit that is to gain so much with its next step stays below."""
-        return chi2_above(self.base, passes, free) + REACH_OF_DECREMENT * decrement < self.chi2
+        return chi2_above(self.base, passes, free) + MAX_GAIN_OVER_DECREMENT * decrement < self.chi2
 
 
 def fit(runs: Sequence[Evidence], theta: Vector, free: Sequence[Free], mapper: Mapper) -> Fit:
@@ -129,11 +129,11 @@ def fit_from(
     free: Sequence[Free],
     mapper: Mapper,
     known: Posterior | None = None,
-    bar: Bar | None = None,
+    required: RequiredGain | None = None,
 ) -> Fit:
     """Return the fit from passes over its runs on; `known`: in place of the priors.
 
-    With a bar the fit ends behind its first step at the earliest: the start is where linear theory puts it.
+    A fit that can't reach `required` ends, but not before its first step: linear theory alone has put the start there.
     """
     inverse = np.eye(len(free))
     for number in range(MAX_STEPS):
@@ -141,7 +141,7 @@ def fit_from(
         inverse = newton.inverse
         if newton.decrement < CONVERGED_CHI2:
             break
-        if bar is not None and number > 0 and bar.is_out_of_reach(passes, free, newton.decrement):
+        if required is not None and number > 0 and required.is_out_of_reach(passes, free, newton.decrement):
             break
         stepped = _accepted(runs, passes, free, newton.step, mapper, known)
         if stepped is None:

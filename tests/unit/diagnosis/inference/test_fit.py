@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.evidence import Direction, Passes, pass_all
-from hil_forceps.diagnosis.inference.fit import Bar, Fit, chi2_above, fit, fit_from
+from hil_forceps.diagnosis.inference.fit import Fit, RequiredGain, chi2_above, fit, fit_from
 from hil_forceps.diagnosis.inference.parameters import Free
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.model import parameters
@@ -100,7 +100,7 @@ def test_a_fit_that_can_t_reach_the_bar_ends_early() -> None:
     unreached = chi2_above(base, free_fit.passes, FREE)
     assert unreached < -100.0
     before = len(asked_off)
-    ended = fit_from([run_off], start(run_off, 0.6), FREE, map, bar=Bar(base, 1.0))
+    ended = fit_from([run_off], start(run_off, 0.6), FREE, map, required=RequiredGain(base, 1.0))
     assert 2 <= len(asked_off) - before < before
     assert chi2_above(base, ended.passes, FREE) <= unreached + 1.0
     assert asked == []
@@ -110,5 +110,5 @@ def test_a_fit_that_can_t_reach_the_bar_ends_early() -> None:
 def test_a_fit_that_reaches_the_bar_goes_on(x: float) -> None:
     run, _ = decay(1.7)
     base = Fit(FREE, start(run, 1.7), np.eye(1))
-    found = fit_from([run], start(run, x), FREE, map, bar=Bar(base, -8.9))
+    found = fit_from([run], start(run, x), FREE, map, required=RequiredGain(base, -8.9))
     assert value(found) == pytest.approx(value(fit_from([run], start(run, x), FREE, map)), rel=1e-12)
