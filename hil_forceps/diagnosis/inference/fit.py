@@ -119,8 +119,11 @@ class RequiredGain(NamedTuple):
 
 
 def fit(runs: Sequence[Evidence], theta: Vector, free: Sequence[Free], mapper: Mapper) -> Fit:
-    """Return the fit from `theta` on."""
-    return fit_from(runs, pass_all(runs, theta, mapper), free, mapper)
+    """Return the fit from `theta` on, or from the nearest values within bounds."""
+    start = theta.copy()
+    for f in free:
+        start[f.place] = min(max(theta[f.place], f.least), f.high)
+    return fit_from(runs, pass_all(runs, start, mapper), free, mapper)
 
 
 def fit_from(
@@ -180,7 +183,7 @@ def reach_of(free: Sequence[Free], theta: Vector) -> tuple[Vector, Vector]:
     """Return how far each parameter may go down and up in a step, in units of its scale."""
     low, high = np.empty(len(free)), np.empty(len(free))
     for i, f in enumerate(free):
-        old, least, most = theta[f.place], f.low, f.high
+        old, least, most = theta[f.place], f.least, f.high
         if f.low >= 0.0 and not f.amplitude and old > 0.0:
             least = least if "coulomb" in f.name else max(least, old / MAX_STEP_RATIO)
             most = min(most, max(MAX_STEP_RATIO * old, f.scale))
@@ -233,5 +236,5 @@ def moved(theta: Vector, free: Sequence[Free], step: Vector) -> Vector:
     """Return parameters a step on, within their bounds; `step` is in units of the scales."""
     changed = theta.copy()
     for f, s in zip(free, np.clip(step, *reach_of(free, theta)), strict=True):
-        changed[f.place] = min(max(theta[f.place] + f.scale * float(s), f.low), f.high)
+        changed[f.place] = min(max(theta[f.place] + f.scale * float(s), f.least), f.high)
     return changed

@@ -16,6 +16,9 @@ Vector = NDArray[np.float64]
 
 FRICTION_PRIOR_RATIO = 3.0  # times the rig's value: data sheets are wrong by such factors
 NO_FRICTION_SHARE = 1e-4  # of the motor's torque: deviation of dry friction that the rig gives as none
+# Of the deviation: the least dry friction in a fit. A plant without any is stepped by other rules (`advance.steps_of`),
+# and what lies between the two is no response to friction: over a step of 1e-5 it looked like a thousand times as much.
+LEAST_FRICTION_SHARE = 1e-5
 MAX_RATIO = 10.0  # times what the rig says, either way
 # No channel holds a length: both radii times s and the stiffness over s² give the same data. One radius is held;
 # without the jaw's angle the other, too.
@@ -42,6 +45,11 @@ class Free(NamedTuple):
     def place(self) -> int:
         """Place in the vector of parameters."""
         return parameters.index(self.name)
+
+    @property
+    def least(self) -> float:
+        """The lowest value that is tried."""
+        return max(self.low, LEAST_FRICTION_SHARE * self.scale) if "coulomb" in self.name else self.low
 
     @property
     def unit(self) -> str:

@@ -112,3 +112,14 @@ def test_a_fit_that_reaches_the_bar_goes_on(x: float) -> None:
     base = Fit(FREE, start(run, 1.7), np.eye(1))
     found = fit_from([run], start(run, x), FREE, map, required=RequiredGain(base, -8.9))
     assert value(found) == pytest.approx(value(fit_from([run], start(run, x), FREE, map)), rel=1e-12)
+
+
+def test_dry_friction_is_never_fitted_as_none() -> None:
+    """A plant without any is stepped otherwise: a difference to it isn't the answer to friction."""
+    free = Free("forceps.motor_coulomb_N_m", 1e-6, 1e-6, 0.0, np.inf, True, False)
+    assert 0.0 < free.least < 1e-4 * free.scale
+    theta = THETA.copy()
+    theta[free.place] = 0.0
+    found = fit([Decay(np.exp(-TIMES), [])], theta, (free, *FREE), map)
+    assert found.values[0] >= free.least
+    assert FREE[0].least == FREE[0].low

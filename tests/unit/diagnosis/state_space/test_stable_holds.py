@@ -94,3 +94,15 @@ def test_little_friction_is_what_it_is_where_a_loop_hunts_in_holds() -> None:
     free = [f for f in known_of(rig, records) if f.name == "forceps.motor_coulomb_N_m"]
     found = gram(pass_all(records, theta, map), directions_of(free, theta), map)
     assert abs(found.score[0]) < 2.0 * np.sqrt(found.information[0, 0])  # 2.2 with the mean
+
+
+def test_friction_at_its_least_is_as_uncertain_as_a_little_of_it() -> None:
+    record, rig = record_with(1)
+    (free,) = (each for each in known_of(rig, (record,)) if each.name == "forceps.motor_coulomb_N_m")
+    information = []
+    for value in (free.least, 0.1 * free.scale):
+        theta = parameters.vector(rig)
+        theta[free.place] = value
+        run = pass_all([record.with_friction_of(physics_of(theta))], theta, map)
+        information.append(gram(run, directions_of([free], theta), map).information[0, 0])
+    assert 0.1 < information[0] / information[1] < 10.0
