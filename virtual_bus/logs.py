@@ -15,7 +15,7 @@ from virtual_bus.effects.composition import EffectNumbers, encoder_angle
 from virtual_bus.effects.motion import advance_with_effects, unpacked
 from virtual_bus.effects.physics import Environment, jaw_load, tension_of
 from virtual_bus.effects.start import STATE, check_step, rest_with_effects
-from virtual_bus.kernel import kernel, subroutine
+from virtual_bus.kernel import kernel, run_kernel, subroutine
 from virtual_bus.plant.load import LoadProfile, load_at, segment_of
 from virtual_bus.plant.plant import TruthParameters
 from virtual_bus.plant.position_loop import LoopParameters
@@ -57,7 +57,7 @@ def law_step(memory: NDArray[np.float64], error_rad: float, theta_enc: float, la
     return min(max(wanted, -law.current_limit_A), law.current_limit_A)
 
 
-@kernel
+@run_kernel
 def run_loop(
     state: NDArray[np.float64],
     queue: Queue,
@@ -165,8 +165,8 @@ def simulated_log(
         environment,
         law,
         quantum_rad,
-        np.zeros(samples) if encoder_error_rad is None else encoder_error_rad,
-        reference_rad,
+        np.zeros(samples) if encoder_error_rad is None else np.ascontiguousarray(encoder_error_rad),
+        np.ascontiguousarray(reference_rad),
         load.time_ns,
         load.torque_N_m,
         -first * period_ns,

@@ -9,6 +9,7 @@ from numba.core import event
 from hil_forceps.cli.terminal.notes import is_quiet
 from hil_forceps.estimation.interface import Sample
 from hil_forceps.estimation.registry import ESTIMATOR_IDS, make_estimator
+from hil_forceps.kernels.library import COMPILING
 from hil_forceps.rig import Rig
 
 MESSAGE = "Compiling numerical kernels; they are cached, so this happens once ...\n"
@@ -34,7 +35,8 @@ class _Announcer(event.Listener):
 @contextmanager
 def telling_when_compiling() -> Iterator[None]:
     """Write a message to standard error if a kernel has to be compiled within the block."""
-    with event.install_listener("numba:compile", _Announcer()):
+    announcer = _Announcer()
+    with event.install_listener("numba:compile", announcer), event.install_listener(COMPILING, announcer):
         yield
 
 

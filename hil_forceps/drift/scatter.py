@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from hil_forceps.rig.kernel import kernel_compiler
+from hil_forceps.kernels.compiler import kernel_compiler
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

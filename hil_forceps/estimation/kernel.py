@@ -1,6 +1,6 @@
 """The compiler of the estimators' kernels."""
 
-from hil_forceps.rig.kernel import inlined, kernel_compiler, returning_arrays, subroutine, with_work_arrays
+from hil_forceps.kernels.compiler import inlined, kernel_compiler, returning_arrays, subroutine, with_work_arrays
 
 __all__ = ["inlined", "kernel", "returning_arrays", "subroutine", "with_work_arrays"]
 

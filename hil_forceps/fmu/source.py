@@ -4,13 +4,12 @@ import hashlib
 from importlib import resources
 
 from hil_forceps import __version__
-from hil_forceps.fmu.translation.numbers import number
-from hil_forceps.fmu.translation.program import Translation
-from hil_forceps.fmu.translation.types import INT, Array
 from hil_forceps.fmu.unit import Unit, Variable
+from hil_forceps.kernels.translation.numbers import number
+from hil_forceps.kernels.translation.program import Translation
+from hil_forceps.kernels.translation.types import INT, Array
 
 _KERNEL_TYPES = (Array(1), Array(1), INT)
-_FILES = ("arrays.h", "instance.h")
 _OF_VERSION = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_not_offered.h")}
 
 
@@ -23,7 +22,8 @@ def sources(unit: Unit, fmi: int) -> tuple[dict[str, str], str]:
     for name in ("begin", "prepare", "advance"):
         kernels.entry(getattr(unit, name), _KERNEL_TYPES, f"hf_{name}")
     tables = _tables(unit)
-    own = {name: _own(name) for name in (*_OF_VERSION[fmi], *_FILES)}
+    own = {name: _own("hil_forceps.fmu", f"c/{name}") for name in (*_OF_VERSION[fmi], "instance.h")}
+    own["arrays.h"] = _own("hil_forceps.kernels", "arrays.h")
     text = kernels.text()
     digest = hashlib.blake2b("\0".join([unit.name, tables, text, *own.values()]).encode(), digest_size=16).hexdigest()
     token = f"{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:]}"
@@ -40,8 +40,8 @@ def sources(unit: Unit, fmi: int) -> tuple[dict[str, str], str]:
     return {**own, "unit.h": unit_h}, f"{{{token}}}"
 
 
-def _own(name: str) -> str:
-    return resources.files("hil_forceps.fmu").joinpath("c", name).read_text(encoding="utf-8")
+def _own(package: str, path: str) -> str:
+    return resources.files(package).joinpath(path).read_text(encoding="utf-8")
 
 
 def _tables(unit: Unit) -> str:

@@ -14,7 +14,7 @@ from hil_forceps.model import drive_law
 from hil_forceps.model.composition import Physics, encoder_rad, motor_viscosity_N_m_s_per_rad, wound_m
 from hil_forceps.model.current import CurrentStep, current_over, current_step
 from hil_forceps.model.drive_law import DriveState, drive_sample, law_current, law_vector, quantise
-from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.model.kernel import inlined, run_kernel
 from hil_forceps.model.linear.gains import PIECES, SHORT, SIZE, TAUT, VISCOSITY, Gains, fill_all, fill_multiples
 from hil_forceps.model.parameters import Vector
 from hil_forceps.model.physics import Kind, State, dead_zone, followed, kind_of, paid_angle, torque_constant, wire
@@ -133,15 +133,6 @@ def record(out: Vector, row: int, p: Physics, x: State, tau_w_N_m: float) -> Non
     out[7, row] = x.omega_j_rad_per_s
 
 
-@kernel
-def _edges(rows: int, edge_rows: NDArray[np.int64], edge_fractions: Vector) -> Vector:
-    """Return for each row the fraction at which the load jumps, −1 where it doesn't."""
-    edges = np.full(rows, -1.0)
-    for k in range(edge_rows.shape[0]):
-        edges[edge_rows[k]] = edge_fractions[k]
-    return edges
-
-
 @inlined
 def _behind(commands: Vector, place: int, samples: int) -> float:
     """Return the command that came `samples` samples before the one at `place` of the ring."""
@@ -240,15 +231,23 @@ def over_sample(
     return x
 
 
-@kernel
+@run_kernel
 def _rollout(
-    p: Physics, law: Vector, quantum_rad: float, row_s: float, inputs: Inputs, start: Start, substeps: int, samples: int
-) -> Vector:
+    p: Physics,
+    law: Vector,
+    quantum_rad: float,
+    row_s: float,
+    inputs: Inputs,
+    edges: Vector,
+    start: Start,
+    substeps: int,
+    samples: int,
+    out: Vector,
+) -> None:
+    """Fill `out` (channels × rows); `edges`: for each row the fraction at which the load jumps, −1 where it doesn't."""
     rows, steps, step_s = inputs.tau_w_N_m.shape[0], substeps // samples, row_s / substeps
     told = inputs.reference_rad.shape[0] // rows  # references per row
     x, drive = start
-    out = np.empty((_CHANNELS, rows))
-    edges = _edges(rows, inputs.edge_rows, inputs.edge_fractions)
     kind = kind_of(p)
     gains = np.empty((SHORT + 2, SIZE))
     fill_all(gains, p, motor_viscosity_N_m_s_per_rad(p, 0.0), step_s)
@@ -274,7 +273,6 @@ def _rollout(
             old, new = _behind(commands, place, c.whole_samples + 1), _behind(commands, place, c.whole_samples)
             load = (first, last, edges[row])
             x = over_sample(p, kind, gains, whole, keeps, c, counts, constants, x, (old, new), load, row, sample)
-    return out
 
 
 def simulate(
@@ -314,7 +312,10 @@ def simulate(
             inputs.tau_w_N_m, inputs.edge_rows, inputs.edge_fractions, -p.channel_skew_tau_w_s / row_s
         )
         inputs = inputs._replace(tau_w_N_m=tau_w, edge_rows=edge_rows, edge_fractions=fractions)
-    out = _rollout(p, law, quantum_rad, row_s, inputs, start, substeps, drive_samples_per_row)
+    edges, out = np.full(rows, -1.0), np.empty((_CHANNELS, rows))
+    edges[inputs.edge_rows] = inputs.edge_fractions
+    inputs = Inputs._make(map(np.ascontiguousarray, inputs))
+    _rollout(p, law, quantum_rad, row_s, inputs, edges, start, substeps, drive_samples_per_row, out)
     theta_m = late(out[0], p.channel_skew_theta_m_s / row_s)
     if quantum_rad > 0.0:
         theta_m = np.floor(theta_m / quantum_rad + 0.5) * quantum_rad

@@ -61,7 +61,14 @@ def paper_load(simulation: int) -> LoadProfile:
 @kernel
 def segment_of(load_time_ns: NDArray[np.int64], time_ns: int) -> int:
     """Return the number of breakpoints at or before `time_ns`: the index of the next one."""
-    return int(np.searchsorted(load_time_ns, time_ns, side="right"))
+    first, end = 0, load_time_ns.size
+    while first < end:
+        middle = (first + end) // 2
+        if load_time_ns[middle] <= time_ns:
+            first = middle + 1
+        else:
+            end = middle
+    return first
 
 
 @kernel

@@ -1,6 +1,6 @@
 """The compiler of the bench's kernels."""
 
-from hil_forceps.rig.kernel import kernel_compiler
+from hil_forceps.kernels.compiler import kernel_compiler
 
 kernel = kernel_compiler(
     (

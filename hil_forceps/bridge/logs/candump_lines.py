@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_protocol.frames import Frame
-from hil_forceps.rig.kernel import kernel_compiler, subroutine
+from hil_forceps.kernels.compiler import kernel_compiler, subroutine
 
 kernel = kernel_compiler(("hil_forceps/bridge/logs/candump_lines.py",))
 

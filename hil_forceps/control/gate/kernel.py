@@ -6,7 +6,7 @@ They find the first of many that does not simply pass (`Gate.follow`); all else 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.rig.kernel import kernel_compiler
+from hil_forceps.kernels.compiler import kernel_compiler
 
 Vector = NDArray[np.float64]
 

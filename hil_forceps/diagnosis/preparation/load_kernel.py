@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import kernel, subroutine
+from hil_forceps.diagnosis.state_space.kernel import run_kernel, subroutine
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 _SETTLING = 2  # rows before the likelihood counts: start and slope are unknown
 
@@ -28,14 +29,22 @@ class Shocks(NamedTuple):
     open_variance: Vector  # of the load as filtered
 
 
-@kernel
+class Filtering(NamedTuple):
+    """What the filter leaves for the smoother, n rows: means (2), covariances (3), and both as predicted."""
+
+    mean: Matrix
+    covariance: Matrix
+    ahead: Matrix
+    covariance_ahead: Matrix
+
+
+@run_kernel
 def load_pass(
-    load: Vector, noise: float, slope_variance: Vector, jump_variance: Vector, h: float, out: Shocks
+    load: Vector, noise: float, slope_variance: Vector, jump_variance: Vector, h: float, work: Filtering, out: Shocks
 ) -> float:
     """Fill `out`; return the log likelihood. `noise`: variance of the load cell; `h`: period of the rows in s."""
     n = load.size
-    mean, cov = np.zeros((n, 2)), np.zeros((n, 3))
-    ahead, cov_ahead = np.zeros((n, 2)), np.zeros((n, 3))
+    mean, cov, ahead, cov_ahead = work.mean, work.covariance, work.ahead, work.covariance_ahead
     x0, x1, a, b, c = load[0], 0.0, 1.0, 0.0, 1.0
     log_likelihood = 0.0
     for k in range(n):
@@ -63,14 +72,7 @@ def load_pass(
 
 
 @subroutine
-def _backward(
-    mean: NDArray[np.float64],
-    cov: NDArray[np.float64],
-    ahead: NDArray[np.float64],
-    cov_ahead: NDArray[np.float64],
-    h: float,
-    out: Shocks,
-) -> None:
+def _backward(mean: Matrix, cov: Matrix, ahead: Matrix, cov_ahead: Matrix, h: float, out: Shocks) -> None:
     """Smooth, and fill the shocks: with r = P⁻(x_s − x⁻) and N its variance, a shock is r/N and its χ² r²/N."""
     n = mean.shape[0]
     s0, s1 = mean[n - 1, 0], mean[n - 1, 1]
@@ -105,3 +107,8 @@ def _backward(
 def empty_shocks(rows: int) -> Shocks:
     """Return room for the shocks of a load."""
     return Shocks(*(np.zeros(rows) for _ in Shocks._fields))
+
+
+def empty_filtering(rows: int) -> Filtering:
+    """Return room for what the filter leaves."""
+    return Filtering(*(np.empty((rows, columns)) for columns in (2, 3, 2, 3)))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.preparation.load_kernel import Shocks, empty_shocks, load_pass
+from hil_forceps.diagnosis.preparation.load_kernel import Shocks, empty_filtering, empty_shocks, load_pass
 from hil_forceps.diagnosis.state_space.layout import Series
 
 Vector = NDArray[np.float64]
@@ -54,6 +54,7 @@ class _Fit:
         self.load, self.noise, self.period_s = load, noise, period_s
         self.breaks: list[_Break] = []
         self.shocks: Shocks = empty_shocks(load.size)
+        self._filtering = empty_filtering(load.size)
         self.log_variance = 0.0
 
     def variances(self, but: int = -1) -> tuple[Vector, Vector]:
@@ -66,7 +67,8 @@ class _Fit:
 
     def run(self, log_variance: float, but: int = -1) -> float:
         slope, jump = self.variances(but)
-        return load_pass(self.load, self.noise, slope + 10.0**log_variance, jump, self.period_s, self.shocks)
+        slope += 10.0**log_variance
+        return load_pass(self.load, self.noise, slope, jump, self.period_s, self._filtering, self.shocks)
 
     def settle(self, low: float, high: float) -> None:
         """Take the likeliest stationary variance: by decades, then by quarters of one."""
@@ -131,7 +133,8 @@ def posterior_draw(rng: np.random.Generator, d: Series, noise_variance: float) -
     load = np.concatenate(([0.0], np.cumsum(d.period_s * slope + jumps)[:-1]))
     shown = load + math.sqrt(noise_variance) * rng.standard_normal(n)
     shocks = empty_shocks(n)
-    load_pass(shown, noise_variance, d.load_slope_variance, d.load_jump_variance, d.period_s, shocks)
+    filtering = empty_filtering(n)
+    load_pass(shown, noise_variance, d.load_slope_variance, d.load_jump_variance, d.period_s, filtering, shocks)
     return np.asarray(shocks.course - load)
 
 

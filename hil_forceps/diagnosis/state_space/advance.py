@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel, returning_arrays
+from hil_forceps.diagnosis.state_space.kernel import inlined, kernel, returning_arrays, run_kernel
 from hil_forceps.model.composition import (
     Physics,
     backward_friction_N_m,
@@ -196,7 +196,7 @@ def _one(
     return refined_step(p, kind, s.gains, s.inertia, s.kept, x, d)
 
 
-@kernel
+@run_kernel
 def friction_at_rest_N_m(
     p: Physics, tension_N: Vector, theta_j_rad: Vector, resolved_rad: tuple[float, float], out: Matrix
 ) -> None:

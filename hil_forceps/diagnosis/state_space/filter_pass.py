@@ -22,7 +22,7 @@ from hil_forceps.diagnosis.state_space.drive.row import (
     nominal_row,
     note_current_slope,
 )
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel, returning_arrays, subroutine
+from hil_forceps.diagnosis.state_space.kernel import inlined, returning_arrays, run_kernel, subroutine
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     COUPLED,
@@ -59,7 +59,12 @@ from hil_forceps.diagnosis.state_space.memory import (
     no_memory,
     sure_ways,
 )
-from hil_forceps.diagnosis.state_space.row_friction import begin_friction, open_friction, sliding_deviations
+from hil_forceps.diagnosis.state_space.row_friction import (
+    begin_friction,
+    open_friction,
+    sliding_deviations,
+    usual_row_of,
+)
 from hil_forceps.diagnosis.state_space.row_measurements import sticks_at, take_measurements
 from hil_forceps.diagnosis.state_space.row_plant import acting_on, first_plant, is_slack, noise_kept
 from hil_forceps.diagnosis.state_space.transition import elastic_share, jump_covariance, stiffened, transition
@@ -144,9 +149,9 @@ def _note_state(row: int, x: Vector, covariance: Matrix, out: Filtered) -> None:
         out.course[row, i], out.variance[row, i] = x[i], covariance[i, i]
 
 
-@kernel
-def filter_pass(p: Physics, d: Series, out: Filtered) -> None:
-    """Fill `out`."""
+@run_kernel
+def filter_pass(p: Physics, d: Series, usual_row: int, out: Filtered) -> None:
+    """Fill `out`; `usual_row` as `usual_row_of` returns it."""
     s, linear = stepper(p, d.period_s, d.samples), _linear(p, d)
     x, covariance, work = d.first_state.copy(), np.diag(d.first_variance), _work(d, linear.taut)
     for mass in range(2):
@@ -157,7 +162,7 @@ def filter_pass(p: Physics, d: Series, out: Filtered) -> None:
     before_A = plant.current_A
     was = (True, True)
     considered, calm_rows = np.zeros(d.states, dtype=np.bool_), 0
-    usual = sliding_deviations(p, d, linear.taut, linear.jump, linear.kept)
+    usual = sliding_deviations(p, d, usual_row, linear.taut, linear.jump, linear.kept)
     for row in range(d.encoder_rad.size):
         _note_prediction(out.course, row, x, plant.current_A, before_A)
         sticks = sticks_at(d, row, row > 0 and out.doubtful[row - 1] > 0)
@@ -293,5 +298,5 @@ def filter_run(p: Physics, d: Series) -> Filtered:
         np.zeros(n, dtype=np.int64),
         np.zeros(n, dtype=np.bool_),
     )
-    filter_pass(p, d, out)
+    filter_pass(p, d, usual_row_of(d), out)
     return out

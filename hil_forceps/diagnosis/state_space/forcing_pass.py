@@ -4,11 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.drive.row import measured_command_gain
-from hil_forceps.diagnosis.state_space.kernel import kernel, with_work_arrays
+from hil_forceps.diagnosis.state_space.kernel import run_kernel, with_work_arrays
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     COMMAND_ERROR,
-    COUPLED,
     CURRENT,
     CURRENT_NOISE,
     ENCODER,
@@ -39,7 +38,7 @@ Matrix = NDArray[np.float64]
 COLUMNS_AT_ONCE = 32  # to spare memory
 
 
-@kernel
+@run_kernel
 def forcing_pass(
     p: Physics,
     d: Series,
@@ -108,14 +107,14 @@ def _carried(
     """Fill `after` with changes of the state a row on; `current_slope` as in `Filtered`."""
     count = motor.size
     for i in range(PLANT_STATES):
-        by_motor, by_jaw = f[i, FRICTION_M], f[i, FRICTION_J]
+        by_motor, by_jaw, by_command = f[i, FRICTION_M], f[i, FRICTION_J], f[i, COMMAND_ERROR] * current_slope
+        f_0, f_1, f_2, f_3, f_4, f_5, f_6, f_7 = f[i, 0], f[i, 1], f[i, 2], f[i, 3], f[i, 4], f[i, 5], f[i, 6], f[i, 7]
         for m in range(count):
-            # Friction brakes, and so does a load: a torque is what takes from them.
-            after[i, m] = -by_motor * motor[m] - by_jaw * jaw[m]
-        for j in range(COUPLED):
-            per = f[i, j] * (current_slope if j == COMMAND_ERROR else 1.0)
-            for m in range(count):
-                after[i, m] += per * x[j, m]
+            # Friction brakes, and so does a load: a torque is what takes from them. The coupled states one by one, for
+            # compilers that don't unroll a loop around this one.
+            total = -by_motor * motor[m] - by_jaw * jaw[m] + f_0 * x[0, m] + f_1 * x[1, m] + f_2 * x[2, m]
+            total += f_3 * x[3, m] + f_4 * x[4, m] + f_5 * x[5, m] + f_6 * x[6, m] + f_7 * x[7, m]
+            after[i, m] = total + by_command * x[COMMAND_ERROR, m]
     for i in range(PLANT_STATES, x.shape[0]):
         for m in range(count):
             after[i, m] = kept[i] * x[i, m]

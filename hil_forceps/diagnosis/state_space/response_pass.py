@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.state_space.advance import advance, stepper
 from hil_forceps.diagnosis.state_space.drive.between_rows import answered, ended
 from hil_forceps.diagnosis.state_space.drive.sample import derivative_left, sampled
-from hil_forceps.diagnosis.state_space.kernel import as_its_caller, inlined, kernel
+from hil_forceps.diagnosis.state_space.kernel import as_its_caller, inlined, run_kernel
 from hil_forceps.diagnosis.state_space.layout import (
     BETWEEN,
     CHANNELS,
@@ -94,23 +94,26 @@ def _change_shown(channel: int, x: Vector) -> float:
     return value
 
 
-@kernel
+@run_kernel
 def response_pass(
     p: Physics,
     base: Physics,
     d: Series,
     filtered: Filtered,
     per: float,
+    commands_A: Vector,
     out: Matrix,
 ) -> None:
     """Fill `out` (n × CHANNELS) with the change of the whitened innovations from `base` to `p`, times `per`.
+
+    `commands_A`: a copy of the pass's commands, to be changed.
 
     The state's change is carried as a small one, by the step of the plant: where a mass stops, it is held in both.
     """
     s, course, share = stepper(p, d.period_s, d.samples), filtered.course, 1.0 / per
     taut, slack = transition(base, d.period_s, True), transition(base, d.period_s, False)
     kept = noise_kept(d, d.samples)
-    plant, commands_A = first_plant(d), filtered.command_A.copy()
+    plant = first_plant(d)
     x, near, memory = np.zeros(d.states), np.zeros(d.states), no_memory(p, d.first_state)
     before_A = plant.current_A
     for row in range(d.encoder_rad.size):
@@ -223,5 +226,5 @@ def _answer_of_contact(f: Matrix, stiffness: float, period_s: float, before_rad:
 def response_run(p: Physics, base: Physics, d: Series, f: Filtered, per: float) -> Matrix:
     """Return the change of a run's whitened innovations (n × CHANNELS) from `base` to `p`, times `per`."""
     out = np.zeros_like(f.residual)
-    response_pass(p, base, d, f, per, out)
+    response_pass(p, base, d, f, per, f.command_A.copy(), out)
     return out

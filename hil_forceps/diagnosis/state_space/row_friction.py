@@ -76,14 +76,14 @@ def open_friction(
 
 
 @returning_arrays
-def sliding_deviations(p: Physics, d: Series, f: Matrix, jump: Matrix, kept: Vector) -> Vector:
+def sliding_deviations(p: Physics, d: Series, usual_row: int, f: Matrix, jump: Matrix, kept: Vector) -> Vector:
     """Return the deviations of both speeds that the filter settles at while both masses slide.
 
-    A count is taken as white noise of its rounding there, and the load to change as it mostly does.
+    `usual_row`: one from which the load changes as it mostly does (`usual_row_of`). A count is taken as white noise of
+    its rounding.
     """
     covariance, work = np.diag(d.first_variance), np.empty((d.states, d.states))
     along, x, settled = np.empty(d.states), np.zeros(d.states), np.zeros(2)
-    usual_row = np.argsort(d.load_slope_variance + d.load_jump_variance / d.period_s**2)[d.encoder_rad.size // 2]
     for _ in range(_SETTLING_ROWS):
         for channel in range(CURRENT):
             if math.isnan(measured(d, channel, usual_row)):
@@ -98,3 +98,9 @@ def sliding_deviations(p: Physics, d: Series, f: Matrix, jump: Matrix, kept: Vec
         moved(f, covariance, kept, 1.0, work)
         disturbed(covariance, d, usual_row, f, jump, p.K_t)
     return settled
+
+
+def usual_row_of(d: Series) -> int:
+    """Return a row from which the load changes as it mostly does: the median of its process noise."""
+    noise = d.load_slope_variance + d.load_jump_variance / d.period_s**2
+    return int(np.argsort(noise, kind="stable")[noise.size // 2])

@@ -93,7 +93,8 @@ def jump_covariance(p: Physics, period_s: float) -> Matrix:
         answer = np.zeros(STATES)
         answer[:PLANT_STATES] = f[:PLANT_STATES, LOAD]
         answer[LOAD] = 1.0
-        total += np.outer(answer, answer) / _JUMP_INSTANTS
+        for j in range(STATES):
+            total[j] += answer[j] * answer / _JUMP_INSTANTS
     return total
 
 

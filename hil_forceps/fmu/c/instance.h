@@ -9,6 +9,8 @@
 
 #include "unit.h"
 
+#define HF_ROOM_DOUBLES 16384
+
 typedef enum { HF_CREATED = 1, HF_INITIALIZING, HF_STEPPING, HF_ENDED } Phase;
 
 /* What a saved state holds. */
@@ -28,7 +30,7 @@ typedef struct Instance {
     void (*say)(const struct Instance *, const char *); /* tells an error */
     void (*logger)(void);                               /* of the environment, in its own type */
     bool logging;
-    Arena arena;
+    double room[HF_ROOM_DOUBLES]; /* for the kernels' arrays: nothing is taken from the heap */
 } Instance;
 
 static void hf_reset(Instance *it) {
@@ -74,11 +76,11 @@ static bool hf_fail(const Instance *it, const char *message) {
 }
 
 /* Run a kernel of the unit; false, and told, where it finds a problem. */
-static bool hf_kernel(Instance *it, int64_t (*kernel)(Arena *, Array1, Array1, int64_t), int64_t time_ns) {
-    Array1 values = {it->now.values, HF_VALUES}, memory = {it->now.memory, HF_MEMORY};
-    it->arena.full = false;
-    int64_t problem = kernel(&it->arena, values, memory, time_ns);
-    if (it->arena.full) {
+static bool hf_kernel(Instance *it, int64_t (*kernel)(Arena *, const Doubles1 *, const Doubles1 *, int64_t), int64_t time_ns) {
+    Doubles1 values = {it->now.values, HF_VALUES}, memory = {it->now.memory, HF_MEMORY};
+    Arena arena = {0, HF_ROOM_DOUBLES, false, it->room};
+    int64_t problem = kernel(&arena, &values, &memory, time_ns);
+    if (arena.full) {
         return hf_fail(it, "the parameters are out of all range: the plant's response can't be computed");
     }
     return problem == 0 ? true : hf_fail(it, hf_problems[problem - 1]);

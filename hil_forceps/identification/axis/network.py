@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.identification.axis.force_terms import Vector
-from hil_forceps.rig.kernel import kernel_compiler
+from hil_forceps.kernels.compiler import kernel_compiler
 
 Matrix = NDArray[np.float64]
 Places = NDArray[np.int64]

@@ -11,7 +11,7 @@ import numpy as np
 
 from hil_forceps.identification.axis.force_terms import Vector, axis_vector
 from hil_forceps.identification.axis.inverse_model import Fit
-from hil_forceps.rig.kernel import kernel_compiler
+from hil_forceps.kernels.compiler import kernel_compiler
 
 STEP_m_per_s = 5e-4  # 20 N over it and 95 kg give a time constant of 2 ms, well above the step
 SUBSTEPS = 2  # of each stretch of constant force

@@ -18,6 +18,7 @@ from hil_forceps.cli.arguments.files import make_folder
 from hil_forceps.cli.arguments.options import spoken_as_options
 from hil_forceps.cli.arguments.trajectory_file import write_trajectory
 from hil_forceps.cli.commands.measured.diagnose_batch import diagnose_batch
+from hil_forceps.cli.kernels import telling_when_compiling
 from hil_forceps.cli.memory import keep_pages
 from hil_forceps.cli.terminal.notes import note_console
 from hil_forceps.cli.terminal.progress import progress_on
@@ -112,6 +113,7 @@ def diagnose(
     with (
         draughtsman() if wishes.threads > 1 else nullcontext() as helper,
         progress_on(console) as tell,
+        telling_when_compiling(),
         spoken_as_options(_OPTIONS),
     ):
         # Computation and drawing take a second each to load; here they load in parallel.

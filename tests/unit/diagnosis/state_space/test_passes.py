@@ -1,5 +1,6 @@
 """Evidence of a pass: Huber's loss, what a pass decides and hands on, and torques that need no step of the model."""
 
+import importlib
 from typing import Any
 
 import numba.core.runtime
@@ -64,8 +65,15 @@ def test_what_does_not_count_has_no_influence(sticking: Passes) -> None:
     assert (run.influence[run.counts] > 0.0).all()
 
 
-def test_arrays_of_a_pass_are_freed_once(sticking: Passes) -> None:
-    """Most of its functions count no references to arrays: one too many is never freed, one too few is freed twice."""
+@pytest.mark.long  # numba compiles for a minute and more
+def test_numba_frees_the_arrays_of_a_pass_once(sticking: Passes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no C compiler is. Most functions of a pass count no references to arrays.
+
+    One too many is never freed, one too few is freed twice.
+    """
+    for name in ("filter_pass", "response_pass", "forcing_pass"):
+        module = importlib.import_module(f"hil_forceps.diagnosis.state_space.{name}")
+        monkeypatch.setattr(module, name, getattr(module, name).by_numba)
     run, theta = sticking.runs[0], sticking.theta
     further = theta * np.where(np.arange(theta.size) == 0, 1.0 + 1e-4, 1.0)
     RUNTIME._nrt_python.memsys_enable_stats()

@@ -4,14 +4,29 @@ import ast
 import builtins
 import inspect
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 
-from hil_forceps.fmu.translation.array_calls import ARRAY_CALLS, subscript
-from hil_forceps.fmu.translation.code import Body, Value, c_name
-from hil_forceps.fmu.translation.numbers import arithmetic, function_of_numbers, number
-from hil_forceps.fmu.translation.types import BOOL, DOUBLE, INT, Array, Struct, Type, joined, tuple_of
+from hil_forceps.kernels.translation.array_calls import ARRAY_CALLS, elementwise, sizes_of
+from hil_forceps.kernels.translation.code import Body, Value, c_name
+from hil_forceps.kernels.translation.numbers import arithmetic, function_of_numbers, number
+from hil_forceps.kernels.translation.types import (
+    BOOL,
+    DOUBLE,
+    INT,
+    NUMBERS,
+    Array,
+    Scalar,
+    Struct,
+    Type,
+    by_address,
+    joined,
+    of_dtype,
+    tuple_of,
+)
+from hil_forceps.kernels.translation.views import subscript, transposed
 
 _COMPARISONS = {ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
 
@@ -62,7 +77,8 @@ def expression(node: ast.expr, body: Body, program: Program) -> Value:
         case ast.Name(id=name):
             if name not in body.variables:
                 body.refuse(node, "is not known here")
-            return Value(c_name(name), body.variables[name])
+            read = f"(*{c_name(name)})" if name in body.by_address else c_name(name)
+            return Value(read, body.variables[name])
         case ast.Attribute(value=owner, attr=name):
             return _attribute(expression(owner, body, program), name, node, body, program)
         case ast.Subscript(value=owner, slice=index):
@@ -81,11 +97,20 @@ def expression(node: ast.expr, body: Body, program: Program) -> Value:
             return Value(f"!{condition(operand, body, program).code}", BOOL)
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             positive = expression(operand, body, program)
+            if isinstance(positive.kind, Array):
+                return elementwise(ast.Mult(), Value(number(-1.0), DOUBLE), positive, node, body)
             return Value(f"(-{positive.code})", positive.kind)
         case ast.BinOp(left=left, op=operator, right=right):
             first, second = expression(left, body, program), expression(right, body, program)
-            return arithmetic(operator, first, second, node, body)
+            return operation(operator, first, second, node, body)
     body.refuse(node, "is not translated")
+
+
+def operation(operator: ast.operator, a: Value, b: Value, node: ast.AST, body: Body) -> Value:
+    """Return an operation on numbers or arrays."""
+    if isinstance(a.kind, Array) or isinstance(b.kind, Array):
+        return elementwise(operator, a, b, node, body)
+    return arithmetic(operator, a, b, node, body)
 
 
 def constant(value: object, node: ast.AST, body: Body, program: Program) -> Value:
@@ -102,6 +127,9 @@ def constant(value: object, node: ast.AST, body: Body, program: Program) -> Valu
         case tuple() if hasattr(value, "_fields"):
             fields = [constant(each, node, body, program) for each in value]
             return pack(program.struct(type(value), [field.kind for field in fields]), fields)
+        case tuple():
+            fields = [constant(each, node, body, program) for each in value]
+            return pack(program.use(tuple_of(tuple(field.kind for field in fields))), fields)
     body.refuse(node, f"a constant of type {type(value).__name__} is not translated")
 
 
@@ -114,8 +142,13 @@ def cast(value: Value, kind: Type, node: ast.AST, body: Body) -> Value:
     """Return a value as another type; NotImplementedError where that would lose something."""
     if value.kind == kind:
         return value
-    if (value.kind, kind) == (INT, DOUBLE):
+    if value.kind in NUMBERS and kind == DOUBLE:
         return Value(f"(double){value.code}", DOUBLE)
+    if isinstance(kind, Array) and joined(kind, value.kind) == kind:
+        a = body.held(value)
+        assert isinstance(a.kind, Array)
+        steps = [a.kind.step(a.code, axis) for axis in range(kind.dims)]
+        return Value(f"({kind.c}){{{', '.join([f'{a.code}.at', *sizes_of(a), *steps])}}}", kind)
     body.refuse(node, f"{value.kind.c} where {kind.c} is expected")
 
 
@@ -123,16 +156,15 @@ def condition(node: ast.expr, body: Body, program: Program) -> Value:
     """Return a truth value."""
     match node:
         case ast.BoolOp(op=operator, values=parts):
-            sign = " && " if isinstance(operator, ast.And) else " || "
-            return Value(f"({sign.join(condition(part, body, program).code for part in parts)})", BOOL)
-        case ast.Compare(left=left, ops=[ast.In()], comparators=[ast.Set(elts=members)]):
+            return _joined_conditions(operator, parts, body, program)
+        case ast.Compare(left=left, ops=[ast.In()], comparators=[ast.Set(elts=members) | ast.Tuple(elts=members)]):
             value = expression(left, body, program)
             equal = [f"{value.code} == {expression(member, body, program).code}" for member in members]
             return Value(f"({' || '.join(equal)})", BOOL)
         case ast.Compare(left=left, ops=operators, comparators=others):
             values = [expression(each, body, program) for each in (left, *others)]
             signs = [_COMPARISONS.get(type(each)) for each in operators]
-            if None in signs or any(value.kind not in {DOUBLE, INT, BOOL} for value in values):
+            if None in signs or any(not isinstance(value.kind, Scalar) for value in values):
                 body.refuse(node, "a comparison that is not translated")
             pairs = zip(values, signs, values[1:], strict=False)
             return Value(f"({' && '.join(f'{a.code} {sign} {b.code}' for a, sign, b in pairs)})", BOOL)
@@ -144,12 +176,14 @@ def condition(node: ast.expr, body: Body, program: Program) -> Value:
 
 def _attribute(owner: Value, name: str, node: ast.AST, body: Body, program: Program) -> Value:
     if isinstance(owner.kind, Array):
-        if name == "T" and owner.kind.dims > 1:
-            return Value(f"hf_transposed({owner.code})", owner.kind)
+        held = body.held(owner)
+        if name == "T" and owner.kind.dims == 2:
+            return transposed(held, body)
+        sizes = sizes_of(held)
+        if name == "size":
+            return Value(f"({' * '.join(sizes)})", INT)
         if name == "shape":
-            sizes = ("n",) if owner.kind.dims == 1 else ("rows", "columns")
-            held = owner if owner.code.isidentifier() else body.temporary(owner)
-            shape = [Value(f"{held.code}.{size}", INT) for size in sizes]
+            shape = [Value(size, INT) for size in sizes]
             return pack(program.use(tuple_of((INT,) * owner.kind.dims)), shape)
     if isinstance(owner.kind, Struct):
         for field, kind in owner.kind.fields:
@@ -160,26 +194,48 @@ def _attribute(owner: Value, name: str, node: ast.AST, body: Body, program: Prog
 
 def _choice(test: ast.expr, yes: ast.expr, no: ast.expr, node: ast.AST, body: Body, program: Program) -> Value:
     asked = condition(test, body, program)
-    a, b = expression(yes, body, program), expression(no, body, program)
+    a, for_a = body.apart(lambda: expression(yes, body, program))
+    b, for_b = body.apart(lambda: expression(no, body, program))
     kind = joined(a.kind, b.kind)
     if kind is None:
         body.refuse(node, "two types")
-    return Value(f"({asked.code} ? {a.code} : {b.code})", kind)
+    if not for_a and not for_b:
+        return Value(f"({asked.code} ? {cast(a, kind, node, body).code} : {cast(b, kind, node, body).code})", kind)
+    chosen = body.undecided(kind)
+    for head, lines, value in ((f"if ({asked.code}) {{", for_a, a), ("} else {", for_b, b)):
+        body.put(head)
+        body.lines += [f"    {line}" for line in lines]
+        body.put(f"    {chosen.code} = {cast(value, kind, node, body).code};")
+    body.put("}")
+    return chosen
+
+
+def _joined_conditions(operator: ast.boolop, parts: list[ast.expr], body: Body, program: Program) -> Value:
+    """Return conditions of which a later one is looked at only if the ones before leave it open."""
+    sign, goes_on = (" && ", "") if isinstance(operator, ast.And) else (" || ", "!")
+    code = condition(parts[0], body, program).code
+    for part in parts[1:]:
+        value, lines = body.apart(partial(condition, part, body, program))
+        if lines:
+            so_far = body.temporary(Value(code, BOOL))
+            body.put(f"if ({goes_on}{so_far.code}) {{")
+            body.lines += [f"    {line}" for line in lines]
+            body.put(f"    {so_far.code} = {value.code};")
+            body.put("}")
+            code = so_far.code
+        else:
+            code = f"{code}{sign}{value.code}"
+    return Value(f"({code})", BOOL)
 
 
 def _call(node: ast.Call, body: Body, program: Program) -> Value:
+    called = static(node.func, body)
+    if called is Unknown and isinstance(node.func, ast.Attribute):
+        return _of_arrays(node.func.attr, expression(node.func.value, body, program), node, body, program)
+    if called in ARRAY_CALLS:
+        return _of_arrays(called, None, node, body, program)
     if node.keywords:
         body.refuse(node, "keywords are not translated")
-    if isinstance(node.func, ast.Attribute) and static(node.func, body) is Unknown:
-        owner, name = expression(node.func.value, body, program), node.func.attr
-    else:
-        owner, name = None, ""
-    called = static(node.func, body)
-    if called in ARRAY_CALLS or owner is not None:
-        given = node.args[0].elts if node.args and isinstance(node.args[0], ast.Tuple | ast.List) else node.args
-        rest = node.args[1:] if given is not node.args else []
-        values = [expression(each, body, program) for each in (*given, *rest)]
-        return ARRAY_CALLS[name if owner is not None else called](owner, values, node, body)
     arguments = _arguments(node.args, body, program)
     if isinstance(called, type) and hasattr(called, "_fields"):
         return pack(program.struct(called, [each.kind for each in arguments]), arguments)
@@ -189,6 +245,28 @@ def _call(node: ast.Call, body: Body, program: Program) -> Value:
     if not inspect.isfunction(function):
         body.refuse(node, "a call that is not translated")
     return program.call(function, arguments, body)
+
+
+def _of_arrays(called: object, owner: Value | None, node: ast.Call, body: Body, program: Program) -> Value:
+    kind = DOUBLE
+    for keyword in node.keywords:
+        if keyword.arg != "dtype":
+            body.refuse(node, "keywords but dtype are not translated")
+        kind = of_dtype(static(keyword.value, body))
+    given = node.args[0].elts if node.args and isinstance(node.args[0], ast.Tuple | ast.List) else node.args
+    rest = node.args[1:] if given is not node.args else []
+    values = [expression(each, body, program) for each in (*given, *rest)]
+    if called not in ARRAY_CALLS:
+        body.refuse(node, "a call that is not translated")
+    return ARRAY_CALLS[called](owner, values, kind, node, body)
+
+
+def passed(value: Value, node: ast.AST, body: Body) -> str:
+    """Return a value as it is handed to a function."""
+    del node
+    if not by_address(value.kind):
+        return value.code
+    return f"&{body.held(value).code}"
 
 
 def _arguments(nodes: list[ast.expr], body: Body, program: Program) -> list[Value]:
@@ -208,6 +286,6 @@ def _arguments(nodes: list[ast.expr], body: Body, program: Program) -> list[Valu
             whole = expression(each.value, body, program)
             if not isinstance(whole.kind, Struct):
                 body.refuse(each, "only a tuple can be taken apart")
-            held = whole if whole.code.isidentifier() else body.temporary(whole)
+            held = body.held(whole)
             arguments += [Value(f"{held.code}.{c_name(name)}", kind) for name, kind in whole.kind.fields]
     return arguments

@@ -9,15 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from hil_forceps.fmu.translation.code import Body, Value, c_name
-from hil_forceps.fmu.translation.expressions import cast
-from hil_forceps.fmu.translation.numbers import number
-from hil_forceps.fmu.translation.statements import statements
-from hil_forceps.fmu.translation.types import (
+from hil_forceps.kernels.translation.code import Body, Value, c_name
+from hil_forceps.kernels.translation.expressions import cast, passed
+from hil_forceps.kernels.translation.numbers import number
+from hil_forceps.kernels.translation.statements import statements
+from hil_forceps.kernels.translation.types import (
     VOID,
     Array,
+    Scalar,
     Struct,
     Type,
+    by_address,
     has_array,
     joined,
     of_annotation,
@@ -31,24 +33,38 @@ class Translation:
 
     def __init__(self) -> None:
         self._structs: dict[str, Struct] = {}
+        self._kinds: dict[Type, None] = {}  # in the order in which they were met
         self._constants: dict[bytes, tuple[str, str]] = {}  # the text of each by its bytes
         self._functions: dict[tuple[_Function, tuple[Type, ...]], tuple[str, Type, bool]] = {}
         self._texts: list[str] = []
 
     def text(self) -> str:
         """Return the C text of all that was called."""
-        structs = [_declaration(struct) for struct in self._structs.values()]
+        declared: dict[str, str] = {}
+        for kind in self._kinds:
+            _declare(kind, declared)
         constants = [text for _, text in self._constants.values()]
-        return "\n".join([*structs, *constants, "", *self._texts])
+        return "\n".join([*declared.values(), *constants, "", *self._texts])
 
     def entry(self, function: _Function, kinds: Sequence[Type], name: str) -> None:
-        """Translate a function that is called from outside, under a name of its own."""
+        """Translate a function that is called from outside, under a name of its own.
+
+        It takes an arena, and then arguments: numbers, and the addresses of all else.
+        """
+        for kind in kinds:
+            self._note(kind)
         inner, returned, uses_arena = self._translated(getattr(function, "py_func", function), tuple(kinds))
-        given = ", ".join(f"{kind.c} a{i}" for i, kind in enumerate(kinds))
-        passed = ", ".join(f"a{i}" for i in range(len(kinds)))
-        arena = "arena->used = 0; " if uses_arena else "(void)arena; "
-        call = f"{inner}({'arena, ' if uses_arena else ''}{passed})"
-        self._texts.append(f"{returned.c} {name}(Arena *arena, {given}) {{\n    {arena}\n    return {call};\n}}\n")
+        if not isinstance(returned, Scalar):
+            raise NotImplementedError(f"{inner} returns what is no number, to a caller outside")
+        given = "".join(f", {_outer(f'a{i}', kind)}" for i, kind in enumerate(kinds))
+        passed = [
+            f"*a{i}" if not isinstance(kind, Scalar) and not by_address(kind) else f"a{i}"
+            for i, kind in enumerate(kinds)
+        ]
+        arena = "arena->used = 0;" if uses_arena else "(void)arena;"
+        call = f"{inner}({', '.join([*(['arena'] if uses_arena else []), *passed])})"
+        result = f"{call};" if returned == VOID else f"return {call};"
+        self._texts.append(f"{returned.c} {name}(Arena *arena{given}) {{\n    {arena}\n    {result}\n}}\n")
 
     def call(self, function: _Function, arguments: list[Value], body: Body) -> Value:
         """Return a call of a kernel."""
@@ -62,7 +78,7 @@ class Translation:
             given.append(argument if wanted is None else cast(argument, wanted, ast.Name(name), body))
         c, returned, uses_arena = self._translated(function, tuple(each.kind for each in given))
         body.uses_arena |= uses_arena
-        codes = (["arena"] if uses_arena else []) + [each.code for each in given]
+        codes = (["arena"] if uses_arena else []) + [passed(each, ast.Name(name), body) for each in given]
         return Value(f"{c}({', '.join(codes)})", returned)
 
     def struct(self, named_tuple: type, kinds: list[Type]) -> Struct:
@@ -83,19 +99,29 @@ class Translation:
         """Return a struct, which is declared."""
         if self._structs.setdefault(struct.c, struct) != struct:
             raise NotImplementedError(f"two structs are called {struct.c}")
+        self._note(struct)
         return struct
+
+    def _note(self, kind: Type) -> None:
+        self._kinds.setdefault(kind)
+        if isinstance(kind, Struct):
+            for _, each in kind.fields:
+                self._note(each)
 
     def constant(self, array: np.ndarray[Any, np.dtype[np.float64]]) -> Value:
         """Return an array that never changes."""
-        if array.ndim != 1:
-            raise NotImplementedError("constant arrays have one dimension")
-        data = np.ascontiguousarray(array, dtype=np.float64)
+        if array.dtype != np.float64:
+            raise NotImplementedError("constant arrays hold doubles")
+        data, kind = np.ascontiguousarray(array).ravel(), Array(array.ndim)
+        self._note(kind)
         key = data.tobytes()
         if key not in self._constants:
             name = f"constant_{len(self._constants)}"
             numbers = textwrap.fill(", ".join(map(number, data.tolist())), 110)
             self._constants[key] = name, f"static double {name}[] = {{\n{textwrap.indent(numbers, '    ')}}};"
-        return Value(f"(Array1){{{self._constants[key][0]}, {data.size}}}", Array(1))
+        steps = [int(np.prod(array.shape[axis + 1 :])) for axis in range(array.ndim - 1)]
+        fields = [self._constants[key][0], *map(str, (*array.shape, *steps))]
+        return Value(f"({kind.c}){{{', '.join(fields)}}}", kind)
 
     def _translated(self, function: _Function, kinds: tuple[Type, ...]) -> tuple[str, Type, bool]:
         key = (function, kinds)
@@ -108,17 +134,26 @@ class Translation:
         assert isinstance(tree, ast.FunctionDef)
         assert isinstance(function, FunctionType)
         names = [each.arg for each in tree.args.args]
-        body = Body(f"{function.__module__}.{function.__name__}", function, dict(zip(names, kinds, strict=True)))
+        types = dict(zip(names, kinds, strict=True))
+        addressed = frozenset(name for name, kind in types.items() if by_address(kind))
+        changed = addressed & _assigned(tree)
+        where = f"{function.__module__}.{function.__name__}"
+        body = Body(where, function, dict(types), by_address=addressed - changed)
         statements(tree.body, body, self)
         returned = body.returned or VOID
+        for kind in (*body.variables.values(), returned, *body.made):
+            self._note(kind)
         name = self._name(function)
-        parameters = [f"{kind.c} {c_name(each)}" for each, kind in zip(names, kinds, strict=True)]
+        parameters = [
+            _parameter(c_name(each) + ("_given" if each in changed else ""), kind) for each, kind in types.items()
+        ]
         head = ", ".join([*(["Arena *arena"] if body.uses_arena else []), *parameters]) or "void"
         summary = (inspect.getdoc(function) or "").partition("\n")[0]
         comment = (
             f"/* {function.__module__}.{function.__qualname__} */" if not summary.isascii() else f"/* {summary} */"
         )
         lines = [comment, f"static {returned.c} {name}({head}) {{"]
+        lines += [f"    {types[each].c} {c_name(each)} = *{c_name(each)}_given;" for each in sorted(changed)]
         lines += [f"    (void){c_name(each)};" for each in names]
         lines += [_variable(each, kind) for each, kind in body.variables.items() if each not in names]
         # What a kernel made and doesn't return is given back to the arena.
@@ -142,9 +177,30 @@ class Translation:
         return name
 
 
-def _declaration(struct: Struct) -> str:
-    fields = "".join(f"    {kind.c} {c_name(name)};\n" for name, kind in struct.fields)
-    return f"typedef struct {{\n{fields}}} {struct.c};\n"
+def _declare(kind: Type, declared: dict[str, str]) -> None:
+    """Add the declaration of a type, behind those of what it is made of."""
+    if isinstance(kind, Scalar) or kind.c in declared:
+        return
+    if isinstance(kind, Array):
+        fields = f"    {kind.element.c} *at;\n    int64_t {', '.join(kind.fields)};\n"
+    else:
+        for _, each in kind.fields:
+            _declare(each, declared)
+        fields = "".join(f"    {each.c} {c_name(name)};\n" for name, each in kind.fields)
+    declared[kind.c] = f"typedef struct {{\n{fields}}} {kind.c};\n"
+
+
+def _assigned(tree: ast.FunctionDef) -> set[str]:
+    """Return the names that a function assigns to."""
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+
+
+def _outer(name: str, kind: Type) -> str:
+    return f"{kind.c} {name}" if isinstance(kind, Scalar) else f"const {kind.c} *restrict {name}"
+
+
+def _parameter(name: str, kind: Type) -> str:
+    return f"const {kind.c} *restrict {name}" if by_address(kind) else f"{kind.c} {name}"
 
 
 def _variable(name: str, kind: Type) -> str:

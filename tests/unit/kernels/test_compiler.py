@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from hil_forceps.rig.kernel import fingerprint
+from hil_forceps.kernels.cache import fingerprint
 
 CALLEE = """
-from hil_forceps.rig.kernel import kernel_compiler
+from hil_forceps.kernels.compiler import kernel_compiler
 from pathlib import Path
 kernel = kernel_compiler(("pack",), Path(__file__).parents[1])
 

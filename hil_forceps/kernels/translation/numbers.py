@@ -5,38 +5,42 @@ import math
 
 import numpy as np
 
-from hil_forceps.fmu.translation.code import Body, Value
-from hil_forceps.fmu.translation.types import BOOL, DOUBLE, INT, Array, Scalar, joined
+from hil_forceps.kernels.translation.code import Body, Value
+from hil_forceps.kernels.translation.types import BOOL, DOUBLE, FLOAT, INT, NUMBERS, Scalar, joined
 
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*"}
-_OF_MATH = ("sqrt", "exp", "expm1", "log", "sin", "cos", "copysign")
+_BITS = {ast.BitAnd: "&", ast.BitOr: "|"}
+_OF_MATH = ("sqrt", "exp", "expm1", "log", "log1p", "sin", "cos", "atan2", "tanh", "erf", "erfc", "hypot", "copysign")
 
 
 def number(value: float) -> str:
     """Return a double as C writes it, exactly."""
     if math.isinf(value):
         return "INFINITY" if value > 0.0 else "(-INFINITY)"
-    return "NAN" if math.isnan(value) else repr(value)
+    return "NAN" if math.isnan(value) else repr(float(value))
 
 
 def arithmetic(operator: ast.operator, a: Value, b: Value, node: ast.AST, body: Body) -> Value:
-    """Return an operation on numbers, or an array times a number."""
-    if isinstance(operator, ast.Mult) and isinstance(a.kind, Array) and b.kind in {DOUBLE, INT}:
-        body.uses_arena = True
-        return Value(f"hf_scaled{a.kind.dims}(arena, {a.code}, {b.code})", a.kind)
+    """Return an operation on numbers."""
     kind = joined(a.kind, b.kind)
-    if not isinstance(kind, Scalar) or kind not in {DOUBLE, INT}:
+    if not isinstance(kind, Scalar) or kind not in NUMBERS:
         body.refuse(node, f"{a.kind.c} and {b.kind.c} are not translated together")
     match operator:
         case ast.Add() | ast.Sub() | ast.Mult():
             return Value(f"({a.code} {_OPERATORS[type(operator)]} {b.code})", kind)
         case ast.Div():
+            if kind == FLOAT:
+                return Value(f"({a.code} / {b.code})", FLOAT)
             return Value(f"((double){a.code} / (double){b.code})" if kind == INT else f"({a.code} / {b.code})", DOUBLE)
         case ast.FloorDiv() if kind == INT:
             return Value(f"hf_floor_div({a.code}, {b.code})", INT)
         case ast.Mod() if kind == INT:
             return Value(f"hf_floor_mod({a.code}, {b.code})", INT)
+        case ast.BitAnd() | ast.BitOr() if kind == INT:
+            return Value(f"({a.code} {_BITS[type(operator)]} {b.code})", INT)
         case ast.Pow() if b.kind == INT and a.kind == DOUBLE:
+            if b.code == "2":
+                return Value(f"hf_square({a.code})", DOUBLE)
             return Value(f"hf_power({a.code}, {b.code})", DOUBLE)
         case ast.Pow() if kind == DOUBLE:
             return Value(f"pow({a.code}, {b.code})", DOUBLE)
@@ -59,6 +63,12 @@ def function_of_numbers(called: object, arguments: list[Value]) -> Value | None:
         return Value(f"fabs({codes})", DOUBLE)
     if called is float:
         return Value(f"(double){codes}", DOUBLE)
+    if called is round and len(arguments) == 1:
+        return Value(f"hf_integer(rint({codes}))", INT)
+    if called is int and kinds == {INT}:
+        return arguments[0]
+    if called is int:
+        return Value(f"hf_integer(trunc({codes}))", INT)
     if called in {math.floor, math.ceil}:
         return Value(f"hf_integer({'floor' if called is math.floor else 'ceil'}({codes}))", INT)
     if called is math.isnan:
@@ -66,6 +76,6 @@ def function_of_numbers(called: object, arguments: list[Value]) -> Value | None:
     if called is math.isfinite:
         return Value(f"(bool)isfinite({codes})", BOOL)
     for name in _OF_MATH:
-        if called is getattr(math, name) or called is getattr(np, name):
+        if called is getattr(math, name) or called is getattr(np, name, math):
             return Value(f"{name}({codes})", DOUBLE)
     return None

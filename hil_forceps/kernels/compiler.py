@@ -1,21 +1,19 @@
-"""The one way in which numeric functions are compiled here.
+"""The ways in which numeric functions are compiled here.
 
-numba caches compiled code by the source file of each function. But a kernel holds the code of the kernels it calls and
-the values of the constants it names, from other files too; change one of those, and the cache would go on answering
-with the old. So the cache lives in a folder named after the text of every file that can end up in a kernel.
+A `kernel` is called from Python for each sample: numba compiles it, and a call takes a quarter of a microsecond. A
+`run_kernel` is called for a whole run: the C compiler compiles it, in seconds where numba takes a minute. Both are
+called by the same text, and give the same bits.
 """
 
-import hashlib
-import os
-import stat
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, ParamSpec, Protocol, TypeVar
+from typing import Any, ParamSpec, Protocol, TypeVar, cast
 
 import numba
 from numba.extending import register_jitable
 
-from hil_forceps.rig.errors import UserError
+from hil_forceps.kernels.cache import cache_folder
+from hil_forceps.kernels.run_kernel import RunKernel
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -36,7 +34,7 @@ def kernel_compiler(sources: Sequence[str], root: Path = _ROOT) -> Compiler:
     finite travels on to the gate. Kernels release the GIL. No fast-math: the same inputs give the same bits, in a loop
     or one step at a time.
     """
-    folder = str(_cache_base(root) / f"kernels-{fingerprint(sources, root)}")
+    folder = str(cache_folder(sources, root))
 
     def compiler(function: Callable[_P, _R]) -> Callable[_P, _R]:
         # numba asks for the folder once, when it wraps the function; other users of numba keep theirs.
@@ -47,6 +45,21 @@ def kernel_compiler(sources: Sequence[str], root: Path = _ROOT) -> Compiler:
         finally:
             config.CACHE_DIR = before
         return compiled
+
+    return compiler
+
+
+def run_kernel_compiler(sources: Sequence[str], root: Path = _ROOT) -> Compiler:
+    """Return the decorator for kernels that are called for a whole run, built from `sources` as above.
+
+    They fill arrays that they are given, and return nothing or a number. Where no C compiler is, numba compiles them.
+    """
+    folder, by_numba = cache_folder(sources, root), kernel_compiler(sources, root)
+    config: Any = numba.config
+
+    def compiler(function: Callable[_P, _R]) -> Callable[_P, _R]:
+        compiled = by_numba(function)
+        return compiled if config.DISABLE_JIT else cast(Callable[_P, _R], RunKernel(function, compiled, folder))
 
     return compiler
 
@@ -98,45 +111,3 @@ def as_its_caller(function: Callable[_P, _R]) -> Callable[_P, _R]:
 def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Have every kernel that calls a function hold its code, for small pieces of an inner loop; it makes no array."""
     return _within_kernels(function, forceinline=True, _nrt=False)
-
-
-def fingerprint(sources: Sequence[str], root: Path = _ROOT) -> str:
-    """Return a short name for the text of `sources` and of this file, which says how they are compiled.
-
-    FileNotFoundError when one is not there.
-    """
-    digest = hashlib.blake2b(Path(__file__).read_bytes(), digest_size=8)
-    for source in sources:
-        path = root / source
-        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            digest.update(f"{file.relative_to(root)}\0".encode())
-            digest.update(file.read_bytes())
-    return digest.hexdigest()
-
-
-def _cache_base(root: Path) -> Path:
-    """Return NUMBA_CACHE_DIR where it is set, else beside the sources where that can be written, else the user's."""
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
-    if chosen:
-        return _private(Path(chosen))
-    beside = root / "hil_forceps" / "__pycache__"
-    if os.access(beside if beside.is_dir() else beside.parent, os.W_OK):
-        return beside
-    return _private(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hil-forceps")
-
-
-def _private(folder: Path) -> Path:
-    """Return a folder for compiled code, which is loaded and run; UserError where others may put theirs into it.
-
-    One beside the sources is as safe as these are.
-    """
-    try:
-        found = folder.stat()
-    except OSError:
-        return folder  # it will be made, for this user alone to write to
-    if found.st_mode & stat.S_IWOTH or found.st_uid not in {0, os.getuid()}:
-        raise UserError(
-            f"{folder}: compiled kernels are kept here, and other users may write to it; set NUMBA_CACHE_DIR to a "
-            "folder of your own (`chmod go-w`)"
-        )
-    return folder

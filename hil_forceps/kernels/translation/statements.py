@@ -1,11 +1,32 @@
 """Statements of kernels as C."""
 
 import ast
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-from hil_forceps.fmu.translation.code import Body, Value, c_name
-from hil_forceps.fmu.translation.expressions import Program, cast, condition, expression
-from hil_forceps.fmu.translation.numbers import arithmetic
-from hil_forceps.fmu.translation.types import DOUBLE, INT, Array, Struct, joined
+from hil_forceps.kernels.translation.array_calls import fill
+from hil_forceps.kernels.translation.code import Body, Value, c_name
+from hil_forceps.kernels.translation.expressions import (
+    Program,
+    cast,
+    condition,
+    constant,
+    expression,
+    operation,
+    static,
+)
+from hil_forceps.kernels.translation.types import (
+    BOOL,
+    DOUBLE,
+    FLOAT,
+    INT,
+    NUMBERS,
+    Array,
+    Struct,
+    Type,
+    has_array,
+    joined,
+)
 
 
 def statements(nodes: list[ast.stmt], body: Body, program: Program) -> None:
@@ -26,7 +47,11 @@ def _statement(node: ast.stmt, body: Body, program: Program) -> None:
             _assign_all(targets, given, body, program)
         case ast.AugAssign(target=target, op=operator, value=given):
             before = expression(_read(target), body, program)
-            assign(target, arithmetic(operator, before, expression(given, body, program), node, body), body, program)
+            after = operation(operator, before, expression(given, body, program), node, body)
+            if isinstance(before.kind, Array):
+                fill(before, after, node, body)
+            else:
+                assign(target, after, body, program)
         case ast.Return(value=given):
             _give_back(given, node, body, program)
         case ast.If(test=test, body=yes, orelse=no):
@@ -37,12 +62,9 @@ def _statement(node: ast.stmt, body: Body, program: Program) -> None:
                 _block(no, body, program)
             body.put("}")
         case ast.While(test=test, body=inner, orelse=[]):
-            body.put("while (true) {")
-            body.depth += 1
-            body.put(f"if (!{condition(test, body, program).code}) {{ break; }}")
-            statements(inner, body, program)
-            body.depth -= 1
-            body.put("}")
+            with _loop("while (true) {", node, body):
+                body.put(f"if (!{condition(test, body, program).code}) {{ break; }}")
+                statements(inner, body, program)
         case ast.For(orelse=[]):
             _for(node, body, program)
         case ast.Break():
@@ -65,7 +87,7 @@ def _read(target: ast.expr) -> ast.expr:
 
 
 def _annotated(node: ast.AnnAssign, value: Value, body: Body) -> Value:
-    wanted = {"float": DOUBLE, "int": INT}.get(ast.unparse(node.annotation))
+    wanted = {"float": DOUBLE, "int": INT, "bool": BOOL}.get(ast.unparse(node.annotation))
     return value if wanted is None else cast(value, wanted, node, body)
 
 
@@ -91,6 +113,7 @@ def assign(target: ast.expr, value: Value, body: Body, program: Program) -> None
             body.put(f"(void){value.code};")
         case ast.Name(id=name):
             kind = body.variables.setdefault(name, value.kind)
+            assert name not in body.by_address
             if joined(kind, value.kind) != kind:
                 body.refuse(target, f"{kind.c} becomes {value.kind.c}")
             body.put(f"{c_name(name)} = {cast(value, kind, target, body).code};")
@@ -102,12 +125,19 @@ def assign(target: ast.expr, value: Value, body: Body, program: Program) -> None
                 assign(part, Value(f"{held.code}.{c_name(name)}", kind), body, program)
         case ast.Subscript():
             place = expression(_read(target), body, program)
-            if place.kind == Array(1) and value.kind == Array(1):
-                body.put(f"hf_assign1({place.code}, {value.code});")
+            if isinstance(place.kind, Array):
+                fill(place, value, target, body)
             else:
-                body.put(f"{place.code} = {cast(value, place.kind, target, body).code};")
+                body.put(f"{place.code} = {_stored(value, place.kind, target, body)};")
         case _:
             body.refuse(target, "can't be assigned to")
+
+
+def _stored(value: Value, kind: Type, target: ast.expr, body: Body) -> str:
+    """Return a value as an element of an array, which may have fewer digits."""
+    if kind == FLOAT and value.kind in NUMBERS:
+        return f"(float){value.code}"
+    return cast(value, kind, target, body).code
 
 
 def _give_back(given: ast.expr | None, node: ast.AST, body: Body, program: Program) -> None:
@@ -131,19 +161,45 @@ def _for(node: ast.For, body: Body, program: Program) -> None:
                 assign(node.target, expression(each, body, program), body, program)
             statements(node.body, body, program)
         return
+    if isinstance(node.iter, ast.Call) and static(node.iter.func, body) is zip:
+        lists = [static(each, body) for each in node.iter.args]
+        for together in zip(*lists, strict=True):
+            assign(node.target, constant(together, node, body, program), body, program)
+            statements(node.body, body, program)
+        return
     if not (isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name) and not node.iter.keywords):
         body.refuse(node, "only a range or a tuple is gone through")
     bounds = [body.temporary(cast(expression(each, body, program), INT, node, body)) for each in node.iter.args[:2]]
     step = ast.literal_eval(node.iter.args[2]) if len(node.iter.args) > 2 else 1
     first, end = ("0", bounds[0].code) if len(bounds) == 1 else (bounds[0].code, bounds[1].code)
     if node.target.id == "_":
-        body.temporaries += 1
-        name = f"t{body.temporaries}_"
+        name = body.name()
         head = f"int64_t {name} = {first}"
     else:
         body.variables[node.target.id] = INT
         name = c_name(node.target.id)
         head = f"{name} = {first}"
-    body.put(f"for ({head}; {name} {'<' if step > 0 else '>'} {end}; {name} += {step}) {{")
-    _block(node.body, body, program)
+    with _loop(f"for ({head}; {name} {'<' if step > 0 else '>'} {end}; {name} += {step}) {{", node, body):
+        statements(node.body, body, program)
+
+
+@contextmanager
+def _loop(head: str, node: ast.For | ast.While, body: Body) -> Iterator[None]:
+    """Put a loop into a body; what is put in within is gone through again and again.
+
+    Each time the arena is as before, where no variable can hold an array that was made there.
+    """
+    before, body.lines = body.lines, []
+    body.depth += 1
+    yield
+    body.depth -= 1
+    inner, body.lines = body.lines, before
+    stored = {each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
+    makes = any("arena" in line for line in inner)
+    if makes and not any(has_array(body.variables[name]) for name in stored & set(body.variables)):
+        mark = body.name()
+        body.put(f"size_t {mark} = arena->used;")
+        inner.insert(0, "    " * (body.depth + 1) + f"arena->used = {mark};")
+    body.put(head)
+    body.lines += inner
     body.put("}")
