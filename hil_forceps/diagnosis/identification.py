@@ -10,6 +10,7 @@ unseen   = the same beside the found model in runs that it has never seen
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +33,13 @@ from hil_forceps.diagnosis.preparation.reference_timing import reference_timing
 from hil_forceps.diagnosis.preparation.sensor_noise import least_deviations, sensor_noise
 from hil_forceps.diagnosis.starting_parameters import starting_parameters
 from hil_forceps.diagnosis.state_space.advance import physics_of
-from hil_forceps.diagnosis.state_space.layout import Noise
+from hil_forceps.diagnosis.state_space.filter_pass import empty_filtered, filter_run
+from hil_forceps.diagnosis.state_space.forcing_pass import forced
+from hil_forceps.diagnosis.state_space.layout import CHANNELS, Noise, Series
 from hil_forceps.diagnosis.state_space.passes import pass_one
+from hil_forceps.diagnosis.state_space.response_pass import response_run
+from hil_forceps.diagnosis.validation.estimates import ready_estimator
+from hil_forceps.model.composition import Physics
 from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
@@ -54,6 +60,7 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     noise = sensor_noise(recorded, rig)
     start = starting_parameters(runs, rig)
     records, unseen_records = records_of(runs, held_out, rig, noise, mapper, start)
+    compile_side_by_side(records[0].series, physics_of(start), rig, mapper)
     known = known_of(rig, records)
     options.progress("fitting the known parameters a first time")
     first = fit(records, start, known, mapper)
@@ -82,6 +89,21 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     )
     found, before, after, unseen = searched(how, first.passes.theta, unseen_records, left_unseen)
     return Identified(noise, records, unseen_records, found, before, after, unseen)
+
+
+def compile_side_by_side(d: Series, plant: Physics, rig: Rig, mapper: Mapper) -> None:
+    """Call all kernels once: what the first diagnosis on a machine has to compile is compiled side by side.
+
+    What the calls return is of no interest.
+    """
+    torques, errors = np.zeros((d.encoder_rad.size, 1)), np.zeros((d.encoder_rad.size, CHANNELS, 1))
+    calls = (
+        partial(filter_run, plant, d),
+        partial(ready_estimator, rig, d.period_s),
+        partial(response_run, plant, plant, d, empty_filtered(d), 1.0),
+        partial(forced, plant, d, empty_filtered(d), torques, torques, errors),
+    )
+    list(mapper(lambda call: call(), calls))
 
 
 def is_approximate(noise: Noise, records: Sequence[Record]) -> bool:

@@ -1,8 +1,15 @@
 """The compiler of the estimators' kernels."""
 
-from hil_forceps.kernels.compiler import inlined, kernel_compiler, returning_arrays, subroutine, with_work_arrays
+from hil_forceps.kernels.compiler import (
+    inlined,
+    kernel_compiler,
+    returning_arrays,
+    run_kernel_compiler,
+    subroutine,
+    with_work_arrays,
+)
 
-__all__ = ["inlined", "kernel", "returning_arrays", "subroutine", "with_work_arrays"]
+__all__ = ["inlined", "kernel", "returning_arrays", "run_kernel", "subroutine", "with_work_arrays"]
 
 _SOURCES = (
     "hil_forceps/effects",
@@ -12,3 +19,4 @@ _SOURCES = (
 )
 
 kernel = kernel_compiler(_SOURCES)
+run_kernel = run_kernel_compiler(_SOURCES)

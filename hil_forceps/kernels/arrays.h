@@ -54,6 +54,8 @@ HF_UNUSED static int64_t hf_floor_div(int64_t a, int64_t b) {
 
 HF_UNUSED static int64_t hf_floor_mod(int64_t a, int64_t b) { return a - hf_floor_div(a, b) * b; }
 
+HF_UNUSED static double hf_sign(double a) { return a > 0.0 ? 1.0 : a < 0.0 ? -1.0 : a == 0.0 ? 0.0 : NAN; }
+
 HF_UNUSED static double hf_square(double a) { return a * a; }
 
 HF_UNUSED static double hf_power(double base, int64_t exponent) {

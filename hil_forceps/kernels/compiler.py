@@ -49,17 +49,20 @@ def kernel_compiler(sources: Sequence[str], root: Path = _ROOT) -> Compiler:
     return compiler
 
 
-def run_kernel_compiler(sources: Sequence[str], root: Path = _ROOT) -> Compiler:
+def run_kernel_compiler(sources: Sequence[str], root: Path = _ROOT, *, vectorised: bool = False) -> Compiler:
     """Return the decorator for kernels that are called for a whole run, built from `sources` as above.
 
     They fill arrays that they are given, and return nothing or a number. Where no C compiler is, numba compiles them.
+    `vectorised`: for kernels whose loops go over many columns.
     """
     folder, by_numba = cache_folder(sources, root), kernel_compiler(sources, root)
     config: Any = numba.config
 
     def compiler(function: Callable[_P, _R]) -> Callable[_P, _R]:
         compiled = by_numba(function)
-        return compiled if config.DISABLE_JIT else cast(Callable[_P, _R], RunKernel(function, compiled, folder))
+        if config.DISABLE_JIT:
+            return compiled
+        return cast(Callable[_P, _R], RunKernel(function, compiled, folder, vectorised=vectorised))
 
     return compiler
 

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import tempfile
 import warnings
+from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -18,9 +19,9 @@ COMPILING = "hil_forceps:compile"
 
 # The same bits as numba's code: no contraction of a·b + c, no other order of a sum. Neither `errno` nor the flags of
 # the floating-point unit are looked at here, and to keep them right would take time.
-_FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared", "-w")
+_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared", "-w")
 # The step of the plant is many small functions, each called from two or three places: gcc's own limits leave most of
-# them out of line, and a row takes a third longer. Without any limits compiling takes ten times as long for nothing.
+# them out of line, and a row takes twice as long. Without any limits compiling takes ten times as long for nothing.
 _INLINING = ("max-inline-insns-auto=200", "large-function-growth=1000", "inline-unit-growth=300")
 
 
@@ -31,10 +32,13 @@ def compiler() -> list[str] | None:
 
 
 @cache
-def flags() -> tuple[str, ...]:
-    """Return the compiler's options on this machine: what they are, a library's name must tell."""
+def flags(*, vectorised: bool) -> tuple[str, ...]:
+    """Return the compiler's options on this machine: what they are, a library's name must tell.
+
+    `vectorised`: for loops over many columns. Elsewhere that is no faster, and compiles for half as long again.
+    """
     wide = ("-mavx2",) if get_host_cpu_features().get("avx2") else ()
-    return (*_FLAGS, *wide)
+    return (*_FLAGS, *(("-O3",) if vectorised else ()), *wide)
 
 
 def _inlining(command: list[str]) -> list[str]:
@@ -43,7 +47,7 @@ def _inlining(command: list[str]) -> list[str]:
     return [f"--param={each}" for each in _INLINING] if "Free Software Foundation" in told.stdout else []
 
 
-def library(path: Path, text: str) -> ctypes.CDLL | None:
+def library(path: Path, text: str, options: Sequence[str]) -> ctypes.CDLL | None:
     """Compile C text to a library at `path`; None, and a warning, where the compiler can't.
 
     `COMPILING` is told to numba's listeners meanwhile.
@@ -52,7 +56,7 @@ def library(path: Path, text: str) -> ctypes.CDLL | None:
     if command is None:
         return None
     with event.trigger_event(COMPILING):
-        return _compiled(command, path, text)
+        return _compiled([*command, *options, *_inlining(command)], path, text)
 
 
 def _compiled(command: list[str], path: Path, text: str) -> ctypes.CDLL | None:
@@ -62,7 +66,7 @@ def _compiled(command: list[str], path: Path, text: str) -> ctypes.CDLL | None:
         (folder / "kernel.c").write_text(f'#include "arrays.h"\n{text}', encoding="utf-8")
         (folder / "arrays.h").write_text(resources.files(__package__).joinpath("arrays.h").read_text(encoding="utf-8"))
         ran = subprocess.run(  # noqa: S603 - the compiler, of text that is made here
-            [*command, *flags(), *_inlining(command), "kernel.c", "-o", "kernel.so", "-lm"],
+            [*command, "kernel.c", "-o", "kernel.so", "-lm"],
             cwd=folder,
             capture_output=True,
             text=True,

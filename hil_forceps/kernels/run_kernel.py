@@ -18,7 +18,6 @@ from hil_forceps.kernels.translation.program import Translation
 from hil_forceps.kernels.translation.types import VOID, Scalar, Type, of_annotation
 
 _ROOM = 1 << 16  # doubles, for arrays that a kernel makes; those as long as a run are given to it
-_lock = threading.Lock()
 _threads = threading.local()
 
 
@@ -31,11 +30,15 @@ class _Arena(ctypes.Structure):
 class RunKernel:
     """A kernel as a function; `py_func` is what it was made of, `by_numba` what is called where no C compiler is."""
 
-    def __init__(self, function: Callable[..., Any], by_numba: Callable[..., Any], folder: Path) -> None:
+    def __init__(
+        self, function: Callable[..., Any], by_numba: Callable[..., Any], folder: Path, *, vectorised: bool = False
+    ) -> None:
+        """`folder`: for libraries; `vectorised`: its loops go over many columns."""
         self.__doc__, self.__name__, self.__module__ = function.__doc__, function.__name__, function.__module__
         self.__wrapped__ = function
         self.py_func, self.by_numba = function, by_numba
-        self._folder = folder
+        self._folder, self._options = folder, flags(vectorised=vectorised)
+        self._lock = threading.Lock()
         self._entries: list[_Entry] = []
         self._is_left_to_numba = False
 
@@ -43,7 +46,7 @@ class RunKernel:
         """Call the kernel; TypeError for arguments that no kernel takes."""
         known = self._known(arguments)
         if known is None and not self._is_left_to_numba:
-            with _lock:
+            with self._lock:
                 known = self._known(arguments) or self._compiled(arguments)
         if known is None:
             return self.by_numba(*arguments)
@@ -65,14 +68,14 @@ class RunKernel:
         hints = inspect.get_annotations(self.py_func, eval_str=True)
         wanted = [of_annotation(hints[name]) for name in inspect.signature(self.py_func).parameters]
         kinds = [kind or type_of(each, program) for each, kind in zip(arguments, wanted, strict=True)]
-        machine = (sys.platform, platform.machine(), flags())
+        machine = (sys.platform, platform.machine(), self._options)
         digest = hashlib.blake2b(repr((machine, kinds)).encode(), digest_size=8).hexdigest()
         path = self._folder / f"{self.__module__}.{self.__name__}-{digest}.so"
         if path.exists():
             found: ctypes.CDLL | None = ctypes.CDLL(str(path))
         else:
             program.entry(self.py_func, kinds, "kernel")
-            found = library(path, program.text())
+            found = library(path, program.text(), self._options)
         if found is None:
             self._is_left_to_numba = True
             return None

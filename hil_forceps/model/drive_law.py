@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.model.kernel import inlined, kernel
+from hil_forceps.model.kernel import inlined, run_kernel
 from hil_forceps.rig.sections import DriveLaw
 
 Vector = NDArray[np.float64]
@@ -60,25 +60,29 @@ def drive_sample(law: Vector, state: DriveState, reference_rad: float, theta_enc
     return DriveState(integral, theta_enc_rad, velocity, current)
 
 
-@kernel
-def _commands(law: Vector, state: DriveState, references_rad: Vector, theta_enc_rad: Vector) -> Vector:
-    commands = np.empty(references_rad.shape[0])
+@run_kernel
+def _follow(
+    law: Vector, state: DriveState, references_rad: Vector, theta_enc_rad: Vector, commands_A: Vector, integral: Vector
+) -> None:
+    """Fill `commands_A` and `integral` with what the law has after each sample."""
     for n in range(references_rad.shape[0]):
         state = drive_sample(law, state, references_rad[n], theta_enc_rad[n])
-        commands[n] = state.current_A
-    return commands
+        commands_A[n], integral[n] = state.current_A, state.integral_rad_s
 
 
-@kernel
+def _followed(law: Vector, start: DriveState, references_rad: Vector, theta_enc_rad: Vector) -> tuple[Vector, Vector]:
+    """Return commands and integrals of the law for recorded angles."""
+    commands_A, integral = np.empty(references_rad.size), np.empty(references_rad.size)
+    angles = (np.ascontiguousarray(references_rad), np.ascontiguousarray(theta_enc_rad))
+    _follow(law, start, *angles, commands_A, integral)
+    return commands_A, integral
+
+
 def integral_without_limit(law: Vector, references_rad: Vector, theta_enc_rad: Vector) -> Vector:
     """Return the integral after each sample, from nought, as if it had no limit (n) [rad s]."""
-    unlimited, integral = law.copy(), np.empty(references_rad.shape[0])
+    unlimited = law.copy()
     unlimited[KI] = 0.0
-    state = DriveState(0.0, math.nan, 0.0, 0.0)
-    for n in range(references_rad.shape[0]):
-        state = drive_sample(unlimited, state, references_rad[n], theta_enc_rad[n])
-        integral[n] = state.integral_rad_s
-    return integral
+    return _followed(unlimited, DriveState(0.0, math.nan, 0.0, 0.0), references_rad, theta_enc_rad)[1]
 
 
 def law_current(law: Vector, reference_rad: Vector, theta_enc_rad: Vector, start: DriveState) -> Vector:
@@ -88,4 +92,4 @@ def law_current(law: Vector, reference_rad: Vector, theta_enc_rad: Vector, start
     """
     if reference_rad.shape != theta_enc_rad.shape or reference_rad.ndim != 1:
         raise ValueError(f"{reference_rad.shape} references for {theta_enc_rad.shape} angles")
-    return _commands(law, start, reference_rad, theta_enc_rad)
+    return _followed(law, start, reference_rad, theta_enc_rad)[0]

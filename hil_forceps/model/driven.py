@@ -19,7 +19,7 @@ from hil_forceps.model.composition import (
     motor_viscosity_N_m_s_per_rad,
     relative_torque,
 )
-from hil_forceps.model.kernel import kernel, subroutine
+from hil_forceps.model.kernel import run_kernel, subroutine
 from hil_forceps.model.parameters import Vector
 from hil_forceps.model.physics import (
     dead_zone,
@@ -84,7 +84,7 @@ class _Columns(NamedTuple):
     tau_w_N_m: Vector
 
 
-@kernel
+@subroutine
 def _slip(
     p: Physics,
     theta_p: float,
@@ -147,10 +147,9 @@ def _jaw_speed(
     return min(0.0, _slip(p, theta_p, omega_p, before, load - level, h, memory))
 
 
-@kernel
-def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: bool, start: Start) -> Vector:
+@run_kernel
+def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: bool, start: Start, out: Vector) -> None:
     rows = c.motor.angle_rad.shape[0]
-    out = np.empty((_OUTPUT_ROWS, rows))
     creep, loop, presliding, loaded, gripped, lost = start
     kept = np.exp(-row_s / p.wire_creep_time_constant_s)
     theta_j, omega_j = c.jaw.angle_rad[0], c.jaw.speed_rad_per_s[0]
@@ -201,7 +200,6 @@ def _driven(p: Physics, c: _Columns, row_s: float, still: float, known_load: boo
         out[5, n] = w.elongation_m
         if p.wire_creep_share != 0.0:
             creep = kept * creep + (1.0 - kept) * p.wire_creep_share * w.tension_N / p.k
-    return out
 
 
 def motor_angle_rad(theta: Vector, theta_enc_rad: Vector, row_s: float) -> Vector:
@@ -218,6 +216,11 @@ def motor_angle_rad(theta: Vector, theta_enc_rad: Vector, row_s: float) -> Vecto
     return angle
 
 
+def _side_by_side(motion: Smooth) -> Smooth:
+    return Smooth._make(map(np.ascontiguousarray, motion))
+
+
+@run_kernel
 def _resting_jaw(p: Physics, theta_m: float, tau_w_N_m: float) -> float:
     """Return the jaw's angle in balance with the load, without memory of the wire."""
     theta_j = paid_angle(p, p.r_m * theta_m)
@@ -271,7 +274,9 @@ def simulate(
         jaw = smooth(late(inputs.theta_j_rad, -p.channel_skew_theta_j_s / row_s), row_s, bandwidth_Hz)
     else:
         raise ValueError("neither tau_w_N_m nor theta_j_rad is there: one of them must be known")
-    out = _driven(p, _Columns(motor, jaw, load), row_s, still_rad_per_s, inputs.tau_w_N_m is not None, start)
+    seen = _Columns(_side_by_side(motor), _side_by_side(jaw), np.ascontiguousarray(load))
+    out = np.empty((_OUTPUT_ROWS, rows))
+    _driven(p, seen, row_s, still_rad_per_s, inputs.tau_w_N_m is not None, start, out)
     current = (1.0 + p.current_gain_relative_error) * late(
         out[0], p.channel_skew_current_s / row_s, linear=True
     ) + p.current_offset_offset_A

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.state_space.kernel import inlined, kernel, returning_arrays, run_kernel
+from hil_forceps.diagnosis.state_space.kernel import inlined, returning_arrays, run_kernel
 from hil_forceps.model.composition import (
     Physics,
     backward_friction_N_m,
@@ -63,7 +63,6 @@ class Acting(NamedTuple):
     friction_j_N_m: float
 
 
-@kernel
 def _kinds(p: Physics) -> tuple[Kind, Kind, bool]:
     neither = without_dry_friction(p, True, True)
     return kind_of(p), kind_of(neither), suits(p, kind_of(p), STEPS)

@@ -273,9 +273,16 @@ def _note_prediction(course: Matrix, row: int, x: Vector, current_A: float, befo
 
 def filter_run(p: Physics, d: Series) -> Filtered:
     """Return one pass over a run."""
+    out = empty_filtered(d)
+    filter_pass(p, d, usual_row_of(d), out)
+    return out
+
+
+def empty_filtered(d: Series) -> Filtered:
+    """Return room for a pass over a run."""
     n = d.encoder_rad.size
     between = n if d.states > LAW_STATES else 0
-    out = Filtered(
+    return Filtered(
         np.zeros((n, CHANNELS)),
         np.zeros((n, CHANNELS)),
         np.zeros((n, CHANNELS)),
@@ -298,5 +305,3 @@ def filter_run(p: Physics, d: Series) -> Filtered:
         np.zeros(n, dtype=np.int64),
         np.zeros(n, dtype=np.bool_),
     )
-    filter_pass(p, d, usual_row_of(d), out)
-    return out

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.state_space.drive.row import measured_command_gain
-from hil_forceps.diagnosis.state_space.kernel import run_kernel, with_work_arrays
+from hil_forceps.diagnosis.state_space.kernel import vectorised_run_kernel, with_work_arrays
 from hil_forceps.diagnosis.state_space.layout import (
     CHANNELS,
     COMMAND_ERROR,
@@ -38,7 +38,7 @@ Matrix = NDArray[np.float64]
 COLUMNS_AT_ONCE = 32  # to spare memory
 
 
-@run_kernel
+@vectorised_run_kernel
 def forcing_pass(
     p: Physics,
     d: Series,

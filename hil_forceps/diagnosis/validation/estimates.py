@@ -6,6 +6,7 @@ measured judge the estimates and nothing more.
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.estimation import batch
 from hil_forceps.estimation.registry import make_estimator
 from hil_forceps.model.sensors import late
-from hil_forceps.rig import Rig
+from hil_forceps.rig import Rig, UserError
 
 Vector = NDArray[np.float64]
 
@@ -56,6 +57,13 @@ def estimate(record: Rows, rig: Rig, algorithm: str = ALGORITHM) -> Estimates:
     now = angle + max(0.0, late_s["theta_m_rad"]) * _speed(angle, record.period_s, rig.estimators.rfob_cutoff_Hz)
     theta_j = (plant.motor_pulley_radius_m * now - elongation) / plant.jaw_pulley_radius_m
     return Estimates(_waiting(record, tau_w, late_s["tau_w_N_m"]), _waiting(record, theta_j, late_s["theta_j_rad"]))
+
+
+def ready_estimator(rig: Rig, period_s: float) -> None:
+    """Run the estimator over two rows, so that it is compiled; nothing where the rig doesn't know a value."""
+    with suppress(UserError):
+        estimator = make_estimator(ALGORITHM, rig, period_s, over_wire=False)
+        batch.run(estimator, np.array([0, round(period_s * 1e9)]), np.zeros(2), np.zeros(2))
 
 
 def _lateness(rig: Rig) -> dict[str, float]:

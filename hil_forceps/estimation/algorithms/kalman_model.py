@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.estimation.kernel import kernel, returning_arrays
+from hil_forceps.estimation.kernel import kernel, returning_arrays, run_kernel
 from hil_forceps.model.linear.two_inertia import (
     Matrix,
     continuous,
@@ -118,8 +118,8 @@ def constants(
     rates, units = balanced_rates(plant, wire_damping_N_s_per_m)
     values[_RATES:_UNITS] = rates.ravel()
     values[_UNITS:_LEAD] = units
-    values[_LEAD:_HELD] = stretch(values, max(0.0, sample_time_s - hold_time_s)).ravel()
-    values[_HELD:] = stretch(values, hold_time_s).ravel()
+    _fill_stretch(values, max(0.0, sample_time_s - hold_time_s), values[_LEAD:_HELD])
+    _fill_stretch(values, hold_time_s, values[_HELD:])
     return values
 
 
@@ -152,7 +152,7 @@ def held_stretch(c: Constants) -> Matrix:
     return c[_HELD : _HELD + _STRETCH_SIZE].reshape((5, 11))
 
 
-@kernel
+@returning_arrays
 def stretch(c: Constants, dt_s: float) -> Matrix:
     """Return the stretch of `dt_s`, exact but for the places where a step of τ_w may be.
 
@@ -185,6 +185,15 @@ def stretch(c: Constants, dt_s: float) -> Matrix:
             scale = units[i] * units[j] / (units[LOAD] * units[LOAD])
             result[i, STEP_COLUMNS + j] = 0.5 * (at_start + within[i, j]) * scale
     return result
+
+
+@run_kernel
+def _fill_stretch(c: Constants, dt_s: float, out: Constants) -> None:
+    """Fill `out` with the stretch of `dt_s`, row by row."""
+    over = stretch(c, dt_s)
+    for i in range(over.shape[0]):
+        for j in range(over.shape[1]):
+            out[i * over.shape[1] + j] = over[i, j]
 
 
 @kernel

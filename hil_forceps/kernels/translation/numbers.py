@@ -71,6 +71,8 @@ def function_of_numbers(called: object, arguments: list[Value]) -> Value | None:
         return Value(f"hf_integer(trunc({codes}))", INT)
     if called in {math.floor, math.ceil}:
         return Value(f"hf_integer({'floor' if called is math.floor else 'ceil'}({codes}))", INT)
+    if called is np.sign:
+        return Value(f"hf_sign({codes})", DOUBLE)
     if called is math.isnan:
         return Value(f"(bool)isnan({codes})", BOOL)
     if called is math.isfinite:
