@@ -45,10 +45,10 @@ def series(request: pytest.FixtureRequest) -> Series:
     name, changes, scenario, samples = request.param
     rig = RIG.with_changes({"encoder.counts_per_rev": 16384, "drive.sample_time_s": 1e-3 / samples, **changes})
     run = generate(rig, replace(SCENARIOS[scenario], row_s=1e-3), 5, COLOURED if samples > 1 else WHITE, name)
-    columns = {column: values[:ROWS].copy() for column, values in run.columns.items()}
-    columns["theta_j_rad"][700:720] = np.nan
-    even = EvenRun.whole(Run(name, columns))
-    (record,), _ = records_of([even], [], rig, NOISE, map, parameters.vector(rig))
+    columns = {column: values[:ROWS] for column, values in run.columns.items()}
+    lost = np.zeros(ROWS, dtype=np.bool_)
+    lost[700:720] = True
+    (record,), _ = records_of([EvenRun(Run(name, columns), lost)], [], rig, NOISE, map, parameters.vector(rig))
     found: Series = record.series
     return found
 
