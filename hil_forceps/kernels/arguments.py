@@ -31,6 +31,7 @@ _DTYPES = {"double": np.float64, "float": np.float32, "int64_t": np.int64, "bool
 _FORMATS = {"double": "d", "float": "f", "int64_t": "q", "bool": "?"}
 
 
+_LEAST_INT, _MOST_INT = -(2**63), 2**63 - 1
 _Flatten = Callable[[Any, list[Any]], None]
 _address = ctypes.addressof
 _char: Any = ctypes.c_char.from_buffer  # of an array's memory
@@ -77,7 +78,10 @@ class Argument:
         if isinstance(self._kind, Scalar):
             return _number(value, self._kind)
         flat = value
-        if self._flatten is not None:
+        if self._flatten is None:
+            if not _is_of(value, self._kind):
+                raise OtherTypeError
+        else:
             flat = []
             self._flatten(value, flat)
         try:
@@ -94,20 +98,21 @@ def _number(value: Any, kind: Scalar) -> Any:
     whole = isinstance(value, int | np.integer | np.bool_)
     if not whole and not (kind == DOUBLE and isinstance(value, float | np.floating)):
         raise OtherTypeError(f"{value!r} where {kind.c} is expected")
+    if kind == INT and not _LEAST_INT <= value <= _MOST_INT:
+        raise OtherTypeError(f"{value} where an integer of 64 bits is expected")
     return int(value) if kind == INT else float(value) if kind == DOUBLE else bool(value)
 
 
 def _flattener(kind: Type) -> _Flatten:
     """Return what appends the numbers that a value of this type is made of to a list."""
     if isinstance(kind, Scalar):
-        return lambda value, flat: flat.append(value)
+        return _flag if kind == BOOL else lambda value, flat: flat.append(value)
     if isinstance(kind, Array):
         return _array_flattener(np.dtype(_DTYPES[kind.element.c]), kind.dims)
     fields = [_flattener(each) for _, each in kind.fields]
-    count = len(fields)
 
     def flatten(value: Any, flat: list[Any]) -> None:
-        if not isinstance(value, tuple) or len(value) != count:
+        if not _is_of(value, kind):
             raise OtherTypeError
         for flatten_field, each in zip(fields, value, strict=True):
             flatten_field(each, flat)
@@ -115,9 +120,23 @@ def _flattener(kind: Type) -> _Flatten:
     return flatten
 
 
+def _flag(value: Any, flat: list[Any]) -> None:
+    if not isinstance(value, bool | np.bool_):
+        raise OtherTypeError
+    flat.append(value)
+
+
+def _is_of(value: Any, kind: Type) -> bool:
+    """Tell whether a value is a tuple of the kind that a struct was made of."""
+    if not isinstance(kind, Struct) or not isinstance(value, tuple) or len(value) != len(kind.fields):
+        return False
+    made_of = type(value)
+    return kind.c.startswith("Tuple_") if made_of is tuple else made_of.__name__.lstrip("_") == kind.c
+
+
 def _array_flattener(dtype: np.dtype[Any], dims: int) -> _Flatten:
     def flatten(value: Any, flat: list[Any]) -> None:
-        if not isinstance(value, np.ndarray) or value.dtype is not dtype or value.ndim != dims:
+        if not isinstance(value, np.ndarray) or value.dtype != dtype or value.ndim != dims:
             raise OtherTypeError
         if not value.flags.c_contiguous:
             raise OtherTypeError

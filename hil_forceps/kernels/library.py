@@ -19,7 +19,18 @@ COMPILING = "hil_forceps:compile"
 
 # The same bits as numba's code: no contraction of a·b + c, no other order of a sum. Neither `errno` nor the flags of
 # the floating-point unit are looked at here, and to keep them right would take time.
-_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared", "-w")
+_FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fwrapv",
+    "-DHF_OVERFLOW_TO_HEAP",
+    "-fPIC",
+    "-shared",
+    "-w",
+)
 # The step of the plant is many small functions, each called from two or three places: gcc's own limits leave most of
 # them out of line, and a row takes twice as long. Without any limits compiling takes ten times as long for nothing.
 _INLINING = ("max-inline-insns-auto=200", "large-function-growth=1000", "inline-unit-growth=300")

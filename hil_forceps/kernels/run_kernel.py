@@ -24,7 +24,13 @@ _threads = threading.local()
 class _Arena(ctypes.Structure):
     """`Arena` of arrays.h."""
 
-    _fields_ = (("used", ctypes.c_size_t), ("size", ctypes.c_size_t), ("full", ctypes.c_bool), ("at", ctypes.c_void_p))
+    _fields_ = (
+        ("used", ctypes.c_size_t),
+        ("size", ctypes.c_size_t),
+        ("full", ctypes.c_bool),
+        ("unequal", ctypes.c_bool),
+        ("at", ctypes.c_void_p),
+    )
 
 
 class RunKernel:
@@ -69,7 +75,7 @@ class RunKernel:
         wanted = [of_annotation(hints[name]) for name in inspect.signature(self.py_func).parameters]
         kinds = [kind or type_of(each, program) for each, kind in zip(arguments, wanted, strict=True)]
         machine = (sys.platform, platform.machine(), self._options)
-        digest = hashlib.blake2b(repr((machine, kinds)).encode(), digest_size=8).hexdigest()
+        digest = hashlib.blake2b(repr((machine, kinds, _identity(self.py_func))).encode(), digest_size=8).hexdigest()
         path = self._folder / f"{self.__module__}.{self.__name__}-{digest}.so"
         if path.exists():
             found: ctypes.CDLL | None = ctypes.CDLL(str(path))
@@ -86,6 +92,15 @@ class RunKernel:
             raise TypeError(f"{self.__name__} takes other numbers than these: {problem}") from problem
         self._entries.append(entry)
         return entry, packed
+
+
+def _identity(function: Callable[..., Any]) -> list[str]:
+    """Return what tells a function from others of its name: its place, and what it has from around it."""
+    told = [function.__qualname__, str(function.__code__.co_firstlineno)]
+    for cell in function.__closure__ or ():
+        held = cell.cell_contents
+        told.append(f"{held.__module__}.{held.__qualname__}" if hasattr(held, "__qualname__") else repr(held))
+    return told
 
 
 class _Entry:
@@ -109,6 +124,8 @@ class _Entry:
         returned = self._function(ctypes.addressof(arena), *packed)
         if arena.full:
             raise RuntimeError(f"a kernel makes arrays of more than {_ROOM} doubles; those are to be given to it")
+        if arena.unequal:
+            raise ValueError("a kernel was given arrays whose sizes don't go together")
         return returned
 
 
@@ -117,6 +134,6 @@ def _arena() -> _Arena:
     arena: _Arena | None = getattr(_threads, "arena", None)
     if arena is None:
         _threads.room = np.empty(_ROOM)
-        arena = _threads.arena = _Arena(0, _ROOM, False, _threads.room.ctypes.data)
-    arena.full = False
+        arena = _threads.arena = _Arena(0, _ROOM, False, False, _threads.room.ctypes.data)
+    arena.full = arena.unequal = False
     return arena

@@ -78,9 +78,9 @@ static bool hf_fail(const Instance *it, const char *message) {
 /* Run a kernel of the unit; false, and told, where it finds a problem. */
 static bool hf_kernel(Instance *it, int64_t (*kernel)(Arena *, const Doubles1 *, const Doubles1 *, int64_t), int64_t time_ns) {
     Doubles1 values = {it->now.values, HF_VALUES}, memory = {it->now.memory, HF_MEMORY};
-    Arena arena = {0, HF_ROOM_DOUBLES, false, it->room};
+    Arena arena = {0, HF_ROOM_DOUBLES, false, false, it->room};
     int64_t problem = kernel(&arena, &values, &memory, time_ns);
-    if (arena.full) {
+    if (arena.full || arena.unequal) {
         return hf_fail(it, "the parameters are out of all range: the plant's response can't be computed");
     }
     return problem == 0 ? true : hf_fail(it, hf_problems[problem - 1]);

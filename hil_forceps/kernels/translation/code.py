@@ -14,7 +14,9 @@ from hil_forceps.kernels.translation.types import Type
 _TAKEN = frozenset((
     "auto", "char", "const", "default", "do", "double", "enum", "extern", "float", "goto", "inline", "int", "long",
     "register", "restrict", "short", "signed", "sizeof", "static", "struct", "switch", "typedef", "union", "unsigned",
-    "void", "volatile", "bool", "true", "false", "arena",
+    "void", "volatile", "bool", "true", "false", "arena", "NAN", "INFINITY", "sqrt", "exp", "expm1", "log", "log1p",
+    "sin", "cos", "atan2", "tanh", "erf", "erfc", "hypot", "copysign", "pow", "fabs", "floor", "ceil", "trunc", "rint",
+    "isnan", "isfinite", "calloc", "memset",
 ))
 # fmt: on
 _PLACE = re.compile(r"(\(\*\w+\)|[A-Za-z_]\w*)(\.[A-Za-z_]\w*)*")
@@ -26,6 +28,7 @@ class Value:
 
     code: str
     kind: Type
+    is_new: bool = False  # an array that nothing else has a part of
 
     @property
     def is_place(self) -> bool:

@@ -57,6 +57,8 @@ def static(node: ast.expr, body: Body) -> object:
         if node.id in body.variables:
             return Unknown
         code, cells = body.function.__code__, body.function.__closure__ or ()
+        if node.id in code.co_varnames:
+            body.refuse(node, "is read before it is given a value")
         if node.id in code.co_freevars:
             return cells[code.co_freevars.index(node.id)].cell_contents
         return body.function.__globals__.get(node.id, getattr(builtins, node.id, Unknown))
@@ -119,7 +121,7 @@ def constant(value: object, node: ast.AST, body: Body, program: Program) -> Valu
         case bool():
             return Value("true" if value else "false", BOOL)
         case int():
-            return Value(str(value), INT)
+            return Value(f"({value})" if value < 0 else str(value), INT)
         case float():
             return Value(number(value), DOUBLE)
         case np.ndarray():
@@ -163,6 +165,7 @@ def condition(node: ast.expr, body: Body, program: Program) -> Value:
             return Value(f"({' || '.join(equal)})", BOOL)
         case ast.Compare(left=left, ops=operators, comparators=others):
             values = [expression(each, body, program) for each in (left, *others)]
+            values[1:-1] = [body.held(each) for each in values[1:-1]]  # read twice
             signs = [_COMPARISONS.get(type(each)) for each in operators]
             if None in signs or any(not isinstance(value.kind, Scalar) for value in values):
                 body.refuse(node, "a comparison that is not translated")
@@ -250,8 +253,8 @@ def _call(node: ast.Call, body: Body, program: Program) -> Value:
 def _of_arrays(called: object, owner: Value | None, node: ast.Call, body: Body, program: Program) -> Value:
     kind = DOUBLE
     for keyword in node.keywords:
-        if keyword.arg != "dtype":
-            body.refuse(node, "keywords but dtype are not translated")
+        if keyword.arg != "dtype" or called not in {np.empty, np.zeros, np.ones}:
+            body.refuse(node, "keywords but the dtype of new arrays are not translated")
         kind = of_dtype(static(keyword.value, body))
     given = node.args[0].elts if node.args and isinstance(node.args[0], ast.Tuple | ast.List) else node.args
     rest = node.args[1:] if given is not node.args else []

@@ -17,7 +17,9 @@ def number(value: float) -> str:
     """Return a double as C writes it, exactly."""
     if math.isinf(value):
         return "INFINITY" if value > 0.0 else "(-INFINITY)"
-    return "NAN" if math.isnan(value) else repr(float(value))
+    if math.isnan(value):
+        return "NAN"
+    return f"({float(value)!r})" if value < 0.0 else repr(float(value))
 
 
 def arithmetic(operator: ast.operator, a: Value, b: Value, node: ast.AST, body: Body) -> Value:
@@ -25,6 +27,10 @@ def arithmetic(operator: ast.operator, a: Value, b: Value, node: ast.AST, body: 
     kind = joined(a.kind, b.kind)
     if not isinstance(kind, Scalar) or kind not in NUMBERS:
         body.refuse(node, f"{a.kind.c} and {b.kind.c} are not translated together")
+    if kind == DOUBLE and DOUBLE not in {a.kind, b.kind}:  # float and int: C would compute in float
+        a = Value(f"(double){a.code}", DOUBLE)
+    elif kind == INT and a.code.isdigit():  # C's int is shorter
+        a = Value(f"(int64_t){a.code}", INT)
     match operator:
         case ast.Add() | ast.Sub() | ast.Mult():
             return Value(f"({a.code} {_OPERATORS[type(operator)]} {b.code})", kind)
@@ -42,7 +48,7 @@ def arithmetic(operator: ast.operator, a: Value, b: Value, node: ast.AST, body: 
             if b.code == "2":
                 return Value(f"hf_square({a.code})", DOUBLE)
             return Value(f"hf_power({a.code}, {b.code})", DOUBLE)
-        case ast.Pow() if kind == DOUBLE:
+        case ast.Pow() if kind == DOUBLE and FLOAT not in {a.kind, b.kind}:
             return Value(f"pow({a.code}, {b.code})", DOUBLE)
     body.refuse(node, "an operation that is not translated")
 

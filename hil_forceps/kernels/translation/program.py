@@ -46,16 +46,18 @@ class Translation:
         constants = [text for _, text in self._constants.values()]
         return "\n".join([*declared.values(), *constants, "", *self._texts])
 
-    def entry(self, function: _Function, kinds: Sequence[Type], name: str) -> None:
-        """Translate a function that is called from outside, under a name of its own.
+    def entry(self, function: _Function, kinds: Sequence[Type], name: str) -> Scalar:
+        """Translate a function that is called from outside, under a name of its own; return what it returns.
 
         It takes an arena, and then arguments: numbers, and the addresses of all else.
         """
         for kind in kinds:
             self._note(kind)
         inner, returned, uses_arena = self._translated(getattr(function, "py_func", function), tuple(kinds))
-        if not isinstance(returned, Scalar):
-            raise NotImplementedError(f"{inner} returns what is no number, to a caller outside")
+        told = inspect.get_annotations(getattr(function, "py_func", function), eval_str=True).get("return")
+        wanted = of_annotation(told) or VOID
+        if not isinstance(returned, Scalar) or joined(wanted, returned) != wanted:
+            raise NotImplementedError(f"{inner} returns {returned.c}, and says that it is {told}")
         given = "".join(f", {_outer(f'a{i}', kind)}" for i, kind in enumerate(kinds))
         passed = [
             f"*a{i}" if not isinstance(kind, Scalar) and not by_address(kind) else f"a{i}"
@@ -64,7 +66,8 @@ class Translation:
         arena = "arena->used = 0;" if uses_arena else "(void)arena;"
         call = f"{inner}({', '.join([*(['arena'] if uses_arena else []), *passed])})"
         result = f"{call};" if returned == VOID else f"return {call};"
-        self._texts.append(f"{returned.c} {name}(Arena *arena{given}) {{\n    {arena}\n    {result}\n}}\n")
+        self._texts.append(f"{wanted.c} {name}(Arena *arena{given}) {{\n    {arena}\n    {result}\n}}\n")
+        return wanted
 
     def call(self, function: _Function, arguments: list[Value], body: Body) -> Value:
         """Return a call of a kernel."""

@@ -13,6 +13,7 @@ from hil_forceps.kernels.translation.expressions import (
     constant,
     expression,
     operation,
+    pack,
     static,
 )
 from hil_forceps.kernels.translation.types import (
@@ -26,6 +27,7 @@ from hil_forceps.kernels.translation.types import (
     Type,
     has_array,
     joined,
+    tuple_of,
 )
 
 
@@ -153,34 +155,63 @@ def _give_back(given: ast.expr | None, node: ast.AST, body: Body, program: Progr
 
 
 def _for(node: ast.For, body: Body, program: Program) -> None:
-    if isinstance(node.iter, ast.Tuple):  # a few cases, one after another
-        for each in node.iter.elts:
-            if isinstance(each, ast.Tuple) and isinstance(node.target, ast.Tuple):
-                _assign_all([node.target], each, body, program)
-            else:
-                assign(node.target, expression(each, body, program), body, program)
-            statements(node.body, body, program)
+    if isinstance(node.iter, ast.Tuple):
+        _unrolled(node, [(each, None) for each in node.iter.elts], body, program)
         return
     if isinstance(node.iter, ast.Call) and static(node.iter.func, body) is zip:
         lists = [static(each, body) for each in node.iter.args]
-        for together in zip(*lists, strict=True):
-            assign(node.target, constant(together, node, body, program), body, program)
-            statements(node.body, body, program)
+        together = list(zip(*lists, strict=True))
+        _unrolled(node, [(None, constant(each, node, body, program)) for each in together], body, program)
         return
-    if not (isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name) and not node.iter.keywords):
+    called = static(node.iter.func, body) if isinstance(node.iter, ast.Call) else None
+    if called is not range or not isinstance(node.iter, ast.Call) or not isinstance(node.target, ast.Name):
         body.refuse(node, "only a range or a tuple is gone through")
-    bounds = [body.temporary(cast(expression(each, body, program), INT, node, body)) for each in node.iter.args[:2]]
-    step = ast.literal_eval(node.iter.args[2]) if len(node.iter.args) > 2 else 1
+    given = node.iter.args
+    if len(given) > 2 and not isinstance(_number_of(given[2]), int):
+        body.refuse(node, "the step of a range must be a number")
+    bounds = [body.temporary(cast(expression(each, body, program), INT, node, body)) for each in given[:2]]
+    step = _number_of(given[2]) if len(given) > 2 else 1
     first, end = ("0", bounds[0].code) if len(bounds) == 1 else (bounds[0].code, bounds[1].code)
-    if node.target.id == "_":
-        name = body.name()
-        head = f"int64_t {name} = {first}"
-    else:
-        body.variables[node.target.id] = INT
-        name = c_name(node.target.id)
-        head = f"{name} = {first}"
-    with _loop(f"for ({head}; {name} {'<' if step > 0 else '>'} {end}; {name} += {step}) {{", node, body):
+    counter = body.name()  # behind the loop, and where it is changed within, the variable is Python's
+    sign = "<" if step is not None and step > 0 else ">"
+    with _loop(f"for (int64_t {counter} = {first}; {counter} {sign} {end}; {counter} += {step}) {{", node, body):
+        if node.target.id != "_":
+            assign(node.target, Value(counter, INT), body, program)
         statements(node.body, body, program)
+
+
+def _number_of(node: ast.expr) -> int | None:
+    try:
+        value = ast.literal_eval(node)
+    except ValueError:
+        return None
+    return value if isinstance(value, int) else None
+
+
+def _unrolled(node: ast.For, cases: list[tuple[ast.expr | None, Value | None]], body: Body, program: Program) -> None:
+    """Put a few cases in, one after another; what they are is computed before the first."""
+    if any(isinstance(each, ast.Break | ast.Continue) for each in _own(node.body)):
+        body.refuse(node, "of a few cases none can be left out")
+    values: list[Value] = []
+    for each, known in cases:
+        if isinstance(each, ast.Tuple):
+            parts = [body.temporary(expression(part, body, program)) for part in each.elts]
+            values.append(pack(program.use(tuple_of(tuple(part.kind for part in parts))), parts))
+        elif each is not None:
+            values.append(body.temporary(expression(each, body, program)))
+        elif known is not None:
+            values.append(known)
+    for value in values:
+        assign(node.target, value, body, program)
+        statements(node.body, body, program)
+
+
+def _own(nodes: list[ast.stmt]) -> Iterator[ast.AST]:
+    """Yield statements, and those within them that are in no loop of their own."""
+    for node in nodes:
+        yield node
+        if isinstance(node, ast.If):
+            yield from _own([*node.body, *node.orelse])
 
 
 @contextmanager

@@ -23,7 +23,7 @@ def subscript(of: Value, index: ast.expr, node: ast.expr, body: Body, translate:
         if isinstance(place, ast.Slice):
             first, end = _ends(place, f"{a.code}.size{axis}", node, body, translate)
             offsets += [] if first == "0" else [_times(first, step)]
-            kept.append((axis, end if first == "0" else f"{end} - {first}"))
+            kept.append((axis, end if first == "0" else f"hf_span({first}, {end})"))
         else:
             offsets.append(_times(_place(place, a, axis, body, translate), step))
     if len(places) < kind.dims or kept:
@@ -54,13 +54,16 @@ def _view(code: str, kind: Array, offsets: list[str], kept: list[tuple[int, str]
 
 
 def _of_tuple(of: Value, kind: Struct, index: ast.expr, node: ast.expr, body: Body, translate: _Translate) -> Value:
-    if isinstance(index, ast.Constant) and isinstance(index.value, int):
+    if isinstance(index, ast.Constant) and isinstance(index.value, int) and 0 <= index.value < len(kind.fields):
         name, field = kind.fields[index.value]
         return Value(f"{of.code}.{c_name(name)}", field)
     kinds = {each for _, each in kind.fields}
     if len(kinds) != 1:
         body.refuse(node, "the place in a tuple of several types must be a number")
-    held, place = body.held(of), body.held(translate(index))
+    held, found = body.held(of), translate(index)
+    if found.kind != INT:
+        body.refuse(node, "a place must be an integer")
+    place = body.temporary(Value(_counted(index, found.code, str(len(kind.fields))), INT))
     code = f"{held.code}.{kind.fields[-1][0]}"
     for i, (name, _) in reversed(list(enumerate(kind.fields[:-1]))):
         code = f"({place.code} == {i} ? {held.code}.{name} : {code})"
@@ -72,17 +75,20 @@ def _times(place: str, step: str) -> str:
 
 
 def _place(node: ast.expr, a: Value, axis: int, body: Body, translate: _Translate) -> str:
+    """Return a place; one that may be negative is counted from the end. Variables hold places from 0 on."""
     value = translate(node)
     if value.kind != INT:
         body.refuse(node, "a place must be an integer")
-    return f"({a.code}.size{axis} - {value.code[2:-1]})" if value.code.startswith("(-") else value.code
+    return _counted(node, value.code, f"{a.code}.size{axis}")
+
+
+def _counted(node: ast.expr, code: str, size: str) -> str:
+    differs = any(isinstance(each, ast.Sub | ast.USub) for each in ast.walk(node))
+    return f"hf_place({code}, {size})" if differs or "-" in code else code
 
 
 def _ends(part: ast.Slice, size: str, node: ast.expr, body: Body, translate: _Translate) -> tuple[str, str]:
     if part.step is not None:
         body.refuse(node, "a step of a slice is not translated")
-    ends = []
-    for end, default in ((part.lower, "0"), (part.upper, size)):
-        value = default if end is None else translate(end).code
-        ends.append(f"({size} - {value[2:-1]})" if value.startswith("(-") else value)
-    return ends[0], ends[1]
+    first = "0" if part.lower is None else f"hf_end({translate(part.lower).code}, {size})"
+    return first, size if part.upper is None else f"hf_end({translate(part.upper).code}, {size})"

@@ -1,5 +1,6 @@
 """Kernels for whole runs: the C compiler's and numba's give the same bits, and what can't be is told."""
 
+import pickle
 import shutil
 import subprocess
 import sys
@@ -55,7 +56,8 @@ def again_and_again(x: Vector, out: Vector) -> None:
 
 def squander(size: int) -> None:
     work = np.empty(size)
-    work[0] = 1.0
+    for i in range(size):
+        work[i] = 1.0
 
 
 def mixed(rows: int) -> Mixed:
@@ -144,6 +146,69 @@ def test_what_a_loop_makes_each_time_takes_no_more_room(tmp_path: Path) -> None:
     out = np.zeros(10_000)
     kernel_of(again_and_again, tmp_path)(np.ones(100), out)
     assert out[-1] == 200.0 + 9999.0
+
+
+def apart(x: Vector, y: Vector, out: Vector) -> None:
+    out[:] = x - y
+
+
+def test_sizes_that_do_not_go_together_are_an_error(tmp_path: Path) -> None:
+    kernel = kernel_of(apart, tmp_path)
+    kernel(np.ones(3), np.ones(3), np.zeros(3))
+    with pytest.raises(ValueError, match="don't go together"):
+        kernel(np.ones(3), np.ones(2), np.zeros(3))
+    with pytest.raises(ValueError, match="don't go together"):
+        kernel(np.ones(3), np.ones(3), np.zeros(4))
+
+
+def counter(x: Vector) -> float:
+    found = 0
+    for i in range(x.size):
+        found += 1 if x[i] > 0.0 else 0
+    return found
+
+
+def test_what_is_returned_is_of_the_type_that_it_says(tmp_path: Path) -> None:
+    assert kernel_of(counter, tmp_path)(np.array([1.0, -1.0, 2.0, 0.5])) == 3.0
+
+
+def scaled_by(factor: float) -> Callable[[float], float]:
+    def scaled(x: float) -> float:
+        return factor * x
+
+    return scaled
+
+
+def test_functions_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    assert [kernel_of(scaled_by(factor), tmp_path)(1.5) for factor in (2.0, 3.0)] == [3.0, 4.5]
+
+
+class First(NamedTuple):
+    a: float
+    b: float
+
+
+class Second(NamedTuple):
+    b: float
+    a: float
+
+
+def first(pair: First) -> float:
+    return pair.a
+
+
+def test_another_tuple_or_array_is_another_type(tmp_path: Path) -> None:
+    kernel = kernel_of(first, tmp_path)
+    assert kernel(First(1.0, 2.0)) == 1.0
+    assert kernel(Second(1.0, 2.0)) == 2.0
+    with pytest.raises(NotImplementedError):
+        kernel(np.array([3.0, 4.0]))
+
+
+def test_arrays_of_another_process_are_taken(tmp_path: Path) -> None:
+    sent = pickle.loads(pickle.dumps(np.zeros(4)))
+    kernel_of(fill, tmp_path)(sent)
+    assert sent[3] == pytest.approx(0.3)
 
 
 def test_arrays_as_long_as_a_run_are_not_made_by_a_kernel(tmp_path: Path) -> None:

@@ -18,6 +18,9 @@ ROOT = Path(__file__).parents[3]
 WEIGHTS, OTHERS, TABLE = (0.5, -1.5, 2.0), (1.0, 2.0, 3.0), np.array([[1.0, 2.0], [3.0, 4.0]])
 
 
+LAST = -1
+
+
 class Pair(NamedTuple):
     first: float
     last: float
@@ -35,7 +38,13 @@ class Large(NamedTuple):
 class Arena(ctypes.Structure):
     """`Arena` of arrays.h."""
 
-    _fields_ = (("used", ctypes.c_size_t), ("size", ctypes.c_size_t), ("full", ctypes.c_bool), ("at", ctypes.c_void_p))
+    _fields_ = (
+        ("used", ctypes.c_size_t),
+        ("size", ctypes.c_size_t),
+        ("full", ctypes.c_bool),
+        ("unequal", ctypes.c_bool),
+        ("at", ctypes.c_void_p),
+    )
 
 
 def numbers(a: float, b: float) -> float:
@@ -131,7 +140,47 @@ def structs(a: float, b: float) -> float:
     return result
 
 
-FORMS = [numbers, loops, arrays, parts_of_arrays, elementwise, either, structs]
+def places(a: float, b: float) -> float:
+    x, w = np.array([a, b, a + b, 1.0, 2.0]), (1.0, 2.0, 4.0)
+    total = 0.0
+    for i in range(3):
+        total += x[i - 1] + 10.0 * x[-1 - i] + x[LAST + i] + w[i - 2]
+        total += 100.0 * x[i + 2 : i + 9].shape[0] + x[i - 2 : i].size + x[:-i].size + x[-i:].size
+    return total
+
+
+def overlapping(a: float, b: float) -> float:
+    x, m = np.array([a, b, 1.0, 2.0]), np.array([a, b, 3.0, 4.0]).reshape((2, 2))
+    x[1:] = x[:-1]
+    m[:] = m.T
+    m[:, :] = m[:, :1]
+    x[:] = x + x[:1]
+    spread = x.reshape((4, 1)) * x.reshape((1, 4))
+    result: float = (
+        x[3] + 10.0 * m[0, 1] + spread[1].sum() + spread[3, 2]
+    )  # numpy adds up eight and more in another order
+    return result
+
+
+def loop_variables(a: float, b: float) -> float:
+    total, i = a, 5
+    for i in range(0):  # noqa: B007
+        total += 1.0
+    total += i
+    for i in range(4):
+        total += i * b
+        i += 2  # noqa: PLW2901
+    total += i
+    for i in range(2):
+        for i in range(3):  # noqa: B007, PLW2901
+            total *= 0.5
+    for factor in (2.0, b):
+        b += factor
+        total += factor
+    return total + i + 3600 * 1000000 + 7 % 3
+
+
+FORMS = [places, overlapping, loop_variables, numbers, loops, arrays, parts_of_arrays, elementwise, either, structs]
 
 
 @pytest.mark.parametrize("function", FORMS)
@@ -145,13 +194,14 @@ def test_python_and_c_give_the_same_bits(function: Callable[[float, float], floa
     entry = ctypes.CDLL(str(tmp_path / "f.so")).entry
     entry.restype, entry.argtypes = ctypes.c_double, [ctypes.c_void_p, ctypes.c_double, ctypes.c_double]
     room = np.full(1000, np.nan)
-    arena = Arena(0, room.size, False, room.ctypes.data)
+    arena = Arena(0, room.size, False, False, room.ctypes.data)
     rng = np.random.default_rng(1)
     given: NDArray[np.float64] = np.concatenate((rng.normal(0.0, 4.0, (200, 2)), [[3.0, 1.0], [-0.0, 2.0], [5.0, 5.0]]))
     for a, b in given.tolist():
         if a != 0.0 and b != 0.0:
             assert entry(ctypes.addressof(arena), a, b) == function(a, b), (a, b)
             assert not arena.full
+            assert not arena.unequal
 
 
 def unknown(a: float) -> float:
@@ -178,7 +228,31 @@ def returns_an_array(a: float) -> NDArray[np.float64]:
     return np.array([a])
 
 
-@pytest.mark.parametrize("function", [unknown, changes_type, two_types, steps_over, returns_an_array])
+def returns_another_number(a: float) -> int:
+    return a  # type: ignore[return-value]
+
+
+def leaves_one_out(a: float) -> float:
+    total = 0.0
+    for factor in (a, 2.0):
+        if factor > 1.0:
+            break
+        total += factor
+    return total
+
+
+def reads_first(a: float) -> float:
+    total = a + ROOT  # type: ignore[operator, used-before-def]  # noqa: F823
+    ROOT = a  # noqa: F841
+    return float(total)
+
+
+REFUSED = [
+    unknown, changes_type, two_types, steps_over, returns_an_array, returns_another_number, leaves_one_out, reads_first
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("function", REFUSED)
 def test_what_it_does_not_know_is_refused_with_its_place(function: Callable[[float], float]) -> None:
     with pytest.raises(NotImplementedError, match=function.__name__):
         Translation().entry(function, (DOUBLE,), "entry")
