@@ -2,7 +2,7 @@
 
 A `kernel` is called from Python for each sample: numba compiles it, and a call takes a quarter of a microsecond. A
 `run_kernel` is called for a whole run: the C compiler compiles it, in seconds where numba takes a minute. Both are
-called by the same text, and give the same bits.
+compiled from the same text, and give the same bits.
 """
 
 from collections.abc import Callable, Sequence

@@ -21,8 +21,8 @@ _ROOM = 1 << 16  # doubles, for arrays that a kernel makes; those as long as a r
 _threads = threading.local()
 
 
-class _Arena(ctypes.Structure):
-    """`Arena` of arrays.h."""
+class Arena(ctypes.Structure):
+    """`Arena` of arrays.h: room for the arrays that a kernel makes."""
 
     _fields_ = (
         ("used", ctypes.c_size_t),
@@ -129,11 +129,11 @@ class _Entry:
         return returned
 
 
-def _arena() -> _Arena:
+def _arena() -> Arena:
     """Return this thread's arena."""
-    arena: _Arena | None = getattr(_threads, "arena", None)
+    arena: Arena | None = getattr(_threads, "arena", None)
     if arena is None:
         _threads.room = np.empty(_ROOM)
-        arena = _threads.arena = _Arena(0, _ROOM, False, False, _threads.room.ctypes.data)
+        arena = _threads.arena = Arena(0, _ROOM, False, False, _threads.room.ctypes.data)
     arena.full = arena.unequal = False
     return arena

@@ -61,7 +61,7 @@ def drive_sample(law: Vector, state: DriveState, reference_rad: float, theta_enc
 
 
 @run_kernel
-def _follow(
+def _fill_commands(
     law: Vector, state: DriveState, references_rad: Vector, theta_enc_rad: Vector, commands_A: Vector, integral: Vector
 ) -> None:
     """Fill `commands_A` and `integral` with what the law has after each sample."""
@@ -70,11 +70,13 @@ def _follow(
         commands_A[n], integral[n] = state.current_A, state.integral_rad_s
 
 
-def _followed(law: Vector, start: DriveState, references_rad: Vector, theta_enc_rad: Vector) -> tuple[Vector, Vector]:
+def _commands_and_integrals(
+    law: Vector, start: DriveState, references_rad: Vector, theta_enc_rad: Vector
+) -> tuple[Vector, Vector]:
     """Return commands and integrals of the law for recorded angles."""
     commands_A, integral = np.empty(references_rad.size), np.empty(references_rad.size)
     angles = (np.ascontiguousarray(references_rad), np.ascontiguousarray(theta_enc_rad))
-    _follow(law, start, *angles, commands_A, integral)
+    _fill_commands(law, start, *angles, commands_A, integral)
     return commands_A, integral
 
 
@@ -82,7 +84,7 @@ def integral_without_limit(law: Vector, references_rad: Vector, theta_enc_rad: V
     """Return the integral after each sample, from nought, as if it had no limit (n) [rad s]."""
     unlimited = law.copy()
     unlimited[KI] = 0.0
-    return _followed(unlimited, DriveState(0.0, math.nan, 0.0, 0.0), references_rad, theta_enc_rad)[1]
+    return _commands_and_integrals(unlimited, DriveState(0.0, math.nan, 0.0, 0.0), references_rad, theta_enc_rad)[1]
 
 
 def law_current(law: Vector, reference_rad: Vector, theta_enc_rad: Vector, start: DriveState) -> Vector:
@@ -92,4 +94,4 @@ def law_current(law: Vector, reference_rad: Vector, theta_enc_rad: Vector, start
     """
     if reference_rad.shape != theta_enc_rad.shape or reference_rad.ndim != 1:
         raise ValueError(f"{reference_rad.shape} references for {theta_enc_rad.shape} angles")
-    return _followed(law, start, reference_rad, theta_enc_rad)[0]
+    return _commands_and_integrals(law, start, reference_rad, theta_enc_rad)[0]

@@ -264,9 +264,8 @@ def _of_arrays(called: object, owner: Value | None, node: ast.Call, body: Body, 
     return ARRAY_CALLS[called](owner, values, kind, node, body)
 
 
-def passed(value: Value, node: ast.AST, body: Body) -> str:
+def passed(value: Value, body: Body) -> str:
     """Return a value as it is handed to a function."""
-    del node
     if not by_address(value.kind):
         return value.code
     return f"&{body.held(value).code}"

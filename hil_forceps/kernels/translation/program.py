@@ -46,8 +46,8 @@ class Translation:
         constants = [text for _, text in self._constants.values()]
         return "\n".join([*declared.values(), *constants, "", *self._texts])
 
-    def entry(self, function: _Function, kinds: Sequence[Type], name: str) -> Scalar:
-        """Translate a function that is called from outside, under a name of its own; return what it returns.
+    def entry(self, function: _Function, kinds: Sequence[Type], name: str) -> None:
+        """Translate a function that is called from outside, under a name of its own.
 
         It takes an arena, and then arguments: numbers, and the addresses of all else.
         """
@@ -59,15 +59,14 @@ class Translation:
         if not isinstance(returned, Scalar) or joined(wanted, returned) != wanted:
             raise NotImplementedError(f"{inner} returns {returned.c}, and says that it is {told}")
         given = "".join(f", {_outer(f'a{i}', kind)}" for i, kind in enumerate(kinds))
-        passed = [
+        handed_on = [
             f"*a{i}" if not isinstance(kind, Scalar) and not by_address(kind) else f"a{i}"
             for i, kind in enumerate(kinds)
         ]
         arena = "arena->used = 0;" if uses_arena else "(void)arena;"
-        call = f"{inner}({', '.join([*(['arena'] if uses_arena else []), *passed])})"
+        call = f"{inner}({', '.join([*(['arena'] if uses_arena else []), *handed_on])})"
         result = f"{call};" if returned == VOID else f"return {call};"
         self._texts.append(f"{wanted.c} {name}(Arena *arena{given}) {{\n    {arena}\n    {result}\n}}\n")
-        return wanted
 
     def call(self, function: _Function, arguments: list[Value], body: Body) -> Value:
         """Return a call of a kernel."""
@@ -81,7 +80,7 @@ class Translation:
             given.append(argument if wanted is None else cast(argument, wanted, ast.Name(name), body))
         c, returned, uses_arena = self._translated(function, tuple(each.kind for each in given))
         body.uses_arena |= uses_arena
-        codes = (["arena"] if uses_arena else []) + [passed(each, ast.Name(name), body) for each in given]
+        codes = (["arena"] if uses_arena else []) + [passed(each, body) for each in given]
         return Value(f"{c}({', '.join(codes)})", returned)
 
     def struct(self, named_tuple: type, kinds: list[Type]) -> Struct:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from hil_forceps.kernels.run_kernel import Arena
 from hil_forceps.kernels.translation.program import Translation
 from hil_forceps.kernels.translation.types import DOUBLE
 
@@ -33,18 +34,6 @@ class Large(NamedTuple):
     b: float
     counts: NDArray[np.int64]
     shares: NDArray[np.float32]
-
-
-class Arena(ctypes.Structure):
-    """`Arena` of arrays.h."""
-
-    _fields_ = (
-        ("used", ctypes.c_size_t),
-        ("size", ctypes.c_size_t),
-        ("full", ctypes.c_bool),
-        ("unequal", ctypes.c_bool),
-        ("at", ctypes.c_void_p),
-    )
 
 
 def numbers(a: float, b: float) -> float:
