@@ -16,7 +16,8 @@ from hil_forceps.bridge.links.adapters import Connection
 from hil_forceps.bridge.live.sink import LiveSink
 from hil_forceps.bridge.logs.bus_log import BusLog, LoggedLink, LogReport, open_bus_log
 from hil_forceps.bridge.logs.flight_recorder import Recent
-from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Telemetry
+from hil_forceps.bridge.ports import MotionWatch
+from hil_forceps.bridge.results import ServiceConfig, ServiceResult, StopReason, Telemetry
 from hil_forceps.bridge.service import Service
 from hil_forceps.bridge.teleoperation.udp_server import UdpReferences
 from hil_forceps.data.recording.format import BEGUN_KEY, FAULT_NAME
@@ -24,6 +25,7 @@ from hil_forceps.data.recording.writer import Recorder, RecordingReport, open_re
 from hil_forceps.drives.line_use import LineUse
 from hil_forceps.drives.port import DriveMachine
 from hil_forceps.drives.registry import current_limit_A
+from hil_forceps.drives.supervision.following_error import FollowingErrorWatch
 from hil_forceps.drives.supervision.runaway import RunawayWatch
 from hil_forceps.live.view import View
 from hil_forceps.rig import Rig
@@ -122,10 +124,9 @@ def run_axes(
                 recorder = open_recorder(plan.recording, about, threaded)
                 recorders.append(recorder)
                 files.callback(recorder.close, {"reason": CRASHED, "message": "another file could not be opened"})
-                limit_A = current_limit_A(plan.rig)
-                watch = None if limit_A is None else RunawayWatch(limit_A)
                 observer = None if live is None else live.axes[place]
-                axes.append(Axis(plan.drive, pipeline, plan.config, recorder, plan.name, watch, observer, outside))
+                watches = motion_watches(plan.rig)
+                axes.append(Axis(plan.drive, pipeline, plan.config, recorder, plan.name, watches, observer, outside))
             log = open_bus_log(plans[0].bus_log, clock.now_ns(), threaded, use)
             files.pop_all()
         logged = LoggedLink(link, clock, log)
@@ -162,6 +163,16 @@ def run_axes(
         SessionResult(result, report, log_report, wall_s, fault)
         for result, report, fault in zip(results, reports, faults, strict=True)
     )
+
+
+def motion_watches(rig: Rig) -> dict[StopReason, MotionWatch]:
+    """Return what watches the motion of a rig's drive, each where the rig has the limit for it."""
+    watches: dict[StopReason, MotionWatch] = {}
+    if (limit_A := current_limit_A(rig)) is not None:
+        watches[StopReason.RUNAWAY] = RunawayWatch(limit_A)
+    if (max_error_rad := rig.limits.following_error_max_rad) is not None:
+        watches[StopReason.FOLLOWING_ERROR] = FollowingErrorWatch(max_error_rad)
+    return watches
 
 
 def _live_sink(view: View, plans: Sequence[Plan]) -> LiveSink:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Final
 
 from firmware_protocol.frames import Frame
@@ -9,12 +10,11 @@ from firmware_protocol.scales import CURRENT_LSB_A
 from hil_forceps.bridge.course import Course
 from hil_forceps.bridge.fault import FaultReason, Situation, reason_of
 from hil_forceps.bridge.pipeline import Pipeline
-from hil_forceps.bridge.ports import Observer, OutsideReferences, SendResult
+from hil_forceps.bridge.ports import MotionWatch, Observer, OutsideReferences, SendResult
 from hil_forceps.bridge.results import AS_MEANT, ServiceConfig, ServiceResult, Stage, StopReason
 from hil_forceps.bridge.statistics import Histogram, HistogramSummary
 from hil_forceps.data.recording.writer import Outcome, Recorder
 from hil_forceps.drives.port import DriveMachine
-from hil_forceps.drives.supervision.runaway import RunawayWatch
 
 # Looked up once: members of an Enum cost as much as a call when asked for by their class.
 _ENDED: Final = Stage.ENDED
@@ -34,11 +34,11 @@ class Axis:
         config: ServiceConfig,
         recorder: Recorder | None = None,
         name: str = "",
-        watch: RunawayWatch | None = None,
+        watches: Mapping[StopReason, MotionWatch] = MappingProxyType({}),
         observer: Observer | None = None,
         outside: OutsideReferences | None = None,
     ) -> None:
-        """`name`: for messages, where there are several. `watch`: where the drive's current limit is known.
+        """`name`: for messages, where there are several. `watches`: end a run under torque for their reason.
 
         `observer` sees what the recorder sees. `outside`: where its references come from outside; the drive is enabled
         when there are some, and disabled when they are lost.
@@ -56,7 +56,8 @@ class Axis:
         self._stage = Stage.CONNECTING
         self._config = config
         self._recorder = recorder
-        self._watch = watch
+        self._watches = tuple(watches.items())
+        self._see = tuple(watch.see for watch in watches.values())
         self._observer = observer
         self.outside = outside
         self._setpoint_sequence = 0
@@ -84,15 +85,15 @@ class Axis:
     def receive(self, received: Sequence[tuple[int, Frame]]) -> None:
         """Take what came over the link since the tick before, each frame with its time."""
         drive, course, recorder, pipeline = self.drive, self.course, self._recorder, self.pipeline
-        watch, observer = self._watch, self._observer
+        watches, observer = self._see, self._observer
         for time_ns, frame in received:
             drive.receive(frame, time_ns)
         course.frames_received += len(received)
         for raw in drive.take_samples():
             if pipeline.feed(raw):
                 course.last_sample_ns = raw.received_ns
-                if watch is not None:
-                    watch.see(pipeline.sample.theta_m_rad, raw.current * CURRENT_LSB_A, self.reference_rad)
+                for see in watches:
+                    see(pipeline.sample.theta_m_rad, raw.current * CURRENT_LSB_A, self.reference_rad)
                 if recorder is not None:
                     recorder.sample(raw, pipeline.sample, pipeline.estimate)
                 if observer is not None:
@@ -106,9 +107,10 @@ class Axis:
     def tick(self, now_ns: int, send: Callable[[Frame], SendResult], clock_ns: Callable[[], int]) -> None:
         """Send one reference at most, and what the drive's machine has to say."""
         self.now_ns = now_ns
-        course, watch = self.course, self._watch
-        if watch is not None and watch.is_running_away and course.sends_references():
-            course.stop(StopReason.RUNAWAY, watch.words(), now_ns)
+        course = self.course
+        for reason, watch in self._watches:
+            if watch.has_tripped and course.sends_references():
+                course.stop(reason, watch.words(), now_ns)
         if self.outside is not None:
             self._look_outside(self.outside, now_ns)
         course.advance(now_ns)

@@ -58,6 +58,18 @@ class Observer(Protocol):
         """See a pair of bench values."""
 
 
+class MotionWatch(Protocol):
+    """Sees samples and references of a drive, and trips where its motion can't go on. Pure."""
+
+    has_tripped: bool  # and stays so
+
+    def see(self, theta_m_rad: float, current_A: float, reference_rad: float) -> bool:
+        """Take a sample, with the reference that the drive has; NaN before the first."""
+
+    def words(self) -> str:
+        """Return what was seen, with the remedy."""
+
+
 class OutsideReferences(Protocol):
     """References of the jaw angle from outside, for one axis. Pure."""
 

@@ -26,6 +26,7 @@ class StopReason(Enum):
     BUS_DOWN = "bus_down"
     RECORDING_FAILED = "recording_failed"
     RUNAWAY = "runaway"  # the motor went away from its reference at the current limit
+    FOLLOWING_ERROR = "following_error"  # the motor left the window around its reference
     OTHER_AXIS = "other_axis"  # another axis of the same service failed
     REFERENCE_LOST = "reference_lost"  # references from outside stayed away
     EMERGENCY_STOP = "emergency_stop"  # an operator stopped it

@@ -204,6 +204,11 @@ class Limits(Section):
     current_max_A: Annotated[Number, Quantity("A", 0.0, 200.0, open_low=True)] | None = Field(
         default=None, description="highest measured current, likewise; absent: not limited"
     )
+    following_error_max_rad: Annotated[Number, Quantity("rad", 0.0, 1600.0, open_low=True)] | None = Field(
+        default=None,
+        description="largest distance between motor angle and reference; beyond it the drive is disabled; absent: "
+        "not limited",
+    )
 
 
 class Recording(Section):

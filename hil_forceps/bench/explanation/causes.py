@@ -117,6 +117,23 @@ _BY_REASON: dict[str, tuple[Cause, ...]] = {
     "gate_latched": (
         Cause("the load or friction needs more than limits: allow", "the check above, and the load on the jaw"),
     ),
+    "following_error": (
+        Cause(
+            "a load for which the drive's position loop is too soft", "the load on the jaw, and current_A in the table"
+        ),
+        Cause(
+            "encoder and motor have opposite directions",
+            "the first motion without load: hil-forceps conformance --allow-motion",
+        ),
+        Cause("the reference is faster than the drive", "the trajectory, and the current limit of the drive"),
+    ),
+    "runaway": (
+        Cause(
+            "encoder and motor have opposite directions",
+            "the first motion without load: hil-forceps conformance --allow-motion",
+        ),
+        Cause("a load that is larger than the motor's torque", "current_A in the table, and the load on the jaw"),
+    ),
     "bus_down": (
         Cause("the adapter was unplugged, or its interface is down", "cable and `ip -details link show`"),
         Cause("the controller is bus-off after too many errors", "bit rate, termination, and other senders"),

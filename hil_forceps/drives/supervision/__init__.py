@@ -1,1 +1,1 @@
-"""What is watched while a drive runs: its direction, a runaway, and whether one drive answers or two."""
+"""What is watched while a drive runs: direction, following error, runaway, and whether one drive answers or two."""

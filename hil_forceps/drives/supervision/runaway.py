@@ -20,13 +20,13 @@ MIN_WAY_RATIO: Final = 0.98  # of the way of the sample before: a motor that is 
 
 
 class RunawayWatch:
-    """Samples in, as they come, with the reference that the drive has; stays true once it was."""
+    """Samples in, as they come, with the reference that the drive has; stays tripped once it was."""
 
     def __init__(self, current_limit_A: float) -> None:
         """ValueError for a limit that is none."""
         if not current_limit_A > 0.0:
             raise ValueError(f"a current limit of {current_limit_A} A is none")
-        self.is_running_away = False
+        self.has_tripped = False
         self.off_rad = 0.0  # when that was seen
         self._enough_A = MIN_CURRENT_LIMIT_SHARE * current_limit_A
         self._before_rad = math.nan
@@ -37,17 +37,17 @@ class RunawayWatch:
         """Take a sample; a reference that isn't finite is none yet."""
         if abs(current_A) < self._enough_A:
             self._before_rad, self._way_rad, self._count = theta_m_rad, 0.0, 0
-            return self.is_running_away
+            return self.has_tripped
         way_rad, off_rad = theta_m_rad - self._before_rad, theta_m_rad - reference_rad
         is_away = abs(current_A) >= self._enough_A and abs(off_rad) >= MIN_ERROR_RAD and way_rad * off_rad > 0.0
         if is_away and abs(way_rad) >= MIN_WAY_RATIO * abs(self._way_rad):
             self._count += 1
-            if self._count >= SAMPLES_IN_A_ROW and not self.is_running_away:
-                self.is_running_away, self.off_rad = True, off_rad
+            if self._count >= SAMPLES_IN_A_ROW and not self.has_tripped:
+                self.has_tripped, self.off_rad = True, off_rad
         else:
             self._count = 0
         self._before_rad, self._way_rad = theta_m_rad, way_rad if is_away else 0.0
-        return self.is_running_away
+        return self.has_tripped
 
     def words(self) -> str:
         """Return what was seen, with the remedy."""

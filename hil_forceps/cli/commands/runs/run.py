@@ -31,6 +31,7 @@ from hil_forceps.cli.commands.runs.run_checks import (
     check_rigs,
     checked_rate,
     motions,
+    with_following_error,
 )
 from hil_forceps.cli.commands.runs.run_outcome import line_share, tell
 from hil_forceps.cli.kernels import ready_kernels
@@ -69,6 +70,7 @@ def run(
     duration: OfControl[float | None] = None,
     bus_log: OfOutput[Literal["log", "asc", "blf"]] = "log",
     reset_fault: OfFaults[bool] = False,
+    max_following_error: OfFaults[float | None] = None,
     go_on: OfFaults[bool] = False,
     overwrite: OfOutput[bool] = False,
     references: OfOutside[str] = "",
@@ -120,6 +122,9 @@ def run(
         Format of the bus log.
     reset_fault
         Reset a fault that the drive has latched before the run.
+    max_following_error
+        End the run if the motor is further than this angle in degrees from its reference; default: the rig's
+        limits.following_error_max_rad. Use 0.5 for the first motion of a drive, without a load.
     go_on
         If an axis fails, the other axes continue; without it they are stopped.
     overwrite
@@ -141,7 +146,7 @@ def run(
         With --live: also send the data to Foxglove.
     """
     page = live_options(live=live, control=live_control, bind=live_bind, foxglove=foxglove)
-    rigs = named_rigs(rig)
+    rigs = with_following_error(named_rigs(rig), max_following_error)
     check_algorithm(algorithm)
     link = LinkSpec(interface=interface, channel=channel, serial_url=serial, options=interface_options(option))
     rate = checked_rate(rig, rigs, link, baudrate, drive)

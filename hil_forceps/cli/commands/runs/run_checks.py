@@ -40,6 +40,16 @@ def check_rigs(paths: Sequence[Path], rigs: Mapping[str, Rig]) -> None:
         _check_settings(" ".join(map(str, paths)), findings_of_several(rigs))
 
 
+def with_following_error(rigs: Mapping[str, Rig], max_deg: float | None) -> Mapping[str, Rig]:
+    """Return the rigs with this following error window, if one is given; UserError if it is no positive angle."""
+    if max_deg is None:
+        return rigs
+    if not 0.0 < max_deg <= 360.0:
+        raise UserError(f"--max-following-error {max_deg:g}: must be above 0 and at most 360 degrees")
+    changes = {"limits.following_error_max_rad": math.radians(max_deg)}
+    return {name: rig.with_changes(changes) for name, rig in rigs.items()}
+
+
 def check_duration(duration_s: float | None) -> None:
     """UserError if the duration is not a positive number."""
     if duration_s is not None and not (math.isfinite(duration_s) and duration_s > 0.0):

@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -18,10 +18,9 @@ from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.registry import current_limit_A
 from hil_forceps.drives.supervision.runaway import SAMPLES_IN_A_ROW, RunawayWatch
 from hil_forceps.rig import load_rig
+from tests.unit.drives.supervision.reversed_motors import reverse
 from virtual_bus.drive import forceps_of
-from virtual_bus.drives.registry import SIMULATED_DRIVES
 from virtual_bus.plant.load import LoadProfile, paper_load, piecewise_linear
-from virtual_bus.plant.sensors import Reading
 
 CONFIGS = Path(__file__).parents[4] / "configs"
 RIG = load_rig(CONFIGS / "drives" / "odrive.yaml")
@@ -42,7 +41,7 @@ SHAPES: dict[str, Shape] = {
 
 
 class Held(NamedTuple):
-    is_running_away: bool
+    has_tripped: bool
     largest_rad: float
 
 
@@ -59,9 +58,9 @@ def held(load: LoadProfile, seed: int, *, loops: int = 2, is_reversed: bool = Fa
         largest = max(largest, abs(theta - reference) * ANGLE_LSB_RAD)
         if k % loops == 0:
             watch.see(theta * ANGLE_LSB_RAD, current * CURRENT_LSB_A, reference * ANGLE_LSB_RAD)
-        if watch.is_running_away:
+        if watch.has_tripped:
             break
-    return Held(watch.is_running_away, largest)
+    return Held(watch.has_tripped, largest)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -73,7 +72,7 @@ def test_no_load_that_the_drive_holds_is_taken_for_a_reversed_motor(shape: str, 
         load = piecewise_linear(list(1e-3 + time * lasting_s), list(share * HOLDABLE_N_m * SHAPES[shape](time)))
         for loops in (1, 2, 4):
             seen = held(load, seed=10 * place + loops)
-            assert not seen.is_running_away, (lasting_s, loops)
+            assert not seen.has_tripped, (lasting_s, loops)
             furthest = max(furthest, seen.largest_rad)
     assert furthest > math.radians(1.0 if abs(share) > 0.2 else 0.5)  # the loads were no small ones
 
@@ -82,7 +81,7 @@ def test_no_load_that_the_drive_holds_is_taken_for_a_reversed_motor(shape: str, 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_reversed_motor_is_told(loops: int, seed: int) -> None:
     seen = held(paper_load(0), seed, loops=loops, is_reversed=True, moves=0.2)
-    assert seen.is_running_away
+    assert seen.has_tripped
     assert seen.largest_rad < math.radians(120.0)  # a sample each 2 ms at 116 rad/s, and what saturates the loop
 
 
@@ -120,42 +119,12 @@ def test_the_limit_is_the_lowest_that_the_rig_says() -> None:
     assert current_limit_A(load_rig(CONFIGS / "realistic.yaml")) == 1.0
 
 
-class Reversed:
-    """A forceps whose motor turns against its loop; `tells` is the sign of the current that its drive tells."""
-
-    def __init__(self, forceps: Any, tells: int) -> None:
-        self._forceps, self._tells = forceps, tells
-        self._theta = forceps.read(0).theta_m
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._forceps, name)
-
-    def read(self, now_ns: int) -> Reading:
-        """What a mini cheetah drive measures."""
-        reading: Reading = self._forceps.read(now_ns)
-        return reading._replace(current=self._tells * reading.current)
-
-    def sample(self, now_ns: int, until_ns: int, reference: int | None) -> tuple[int, int, int, int]:
-        followed = None if reference is None else 2 * self._theta - reference
-        self._theta, current, theta_j, tau_w = self._forceps.sample(now_ns, until_ns, followed)
-        return self._theta, self._tells * current, theta_j, tau_w
-
-
 @pytest.mark.parametrize("tells", [1, -1])
 @pytest.mark.parametrize("profile", ["odrive", "cia402", "moteus", "dynamixel", "vesc", "mit"])
 def test_a_run_with_a_reversed_motor_ends_in_one_line_with_the_drive_off(
     profile: str, tells: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    kind = SIMULATED_DRIVES[profile]
-
-    def made(*arguments: Any, **keywords: Any) -> Any:
-        drive: Any = kind(*arguments, **keywords)
-        if profile == "mit":  # which closes its loop itself
-            wanted_A, drive._wanted_A = drive._wanted_A, lambda: -wanted_A()
-        drive._forceps = Reversed(drive._forceps, tells)
-        return drive
-
-    monkeypatch.setitem(SIMULATED_DRIVES, profile, made)
+    reverse(monkeypatch, profile, tells)
     rig = CONFIGS / "drives" / f"{profile}.yaml"
     arguments = ["run", "--rig", str(rig), "--interface", "virtual_forceps", "--channel", str(tmp_path)]
     with pytest.raises(SystemExit) as ended:
