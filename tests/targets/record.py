@@ -2,8 +2,9 @@
 
 tools/targets/target_table.py reads them.
 
-A folder holds `outcome.json`, and as far as the target came `certificate.json` and `junit.xml` of the conformance suite
-and `loop.json` of simulation 2. A target is run in parts, by tests of their own; the worst part is the target's state.
+A folder holds `outcome.json`, and as far as the target came `certificate.json` and `junit.xml` of the conformance
+suite, `loop.json` of simulation 2 and `torque_free.json` with times to no torque. A target is run in parts, by tests of
+their own; the worst part is the target's state.
 HIL_FORCEPS_TARGETS_DIR is where the folders are, build/targets otherwise. HIL_FORCEPS_EXPECT_TARGETS is `all`, or names
 the targets that may not be missing here.
 """
@@ -35,6 +36,7 @@ class Part(StrEnum):
     CONFORMANCE = "conformance"
     LOOP = "loop"
     TIMEOUTS = "timeouts"
+    TORQUE_FREE = "time to no torque"
 
 
 class State(StrEnum):
@@ -49,13 +51,15 @@ class Target(NamedTuple):
     """One target, and the parts without which it has not been run."""
 
     title: str
-    parts: tuple[Part, ...] = (Part.CONFORMANCE, Part.LOOP)
+    parts: tuple[Part, ...] = (Part.CONFORMANCE, Part.LOOP, Part.TORQUE_FREE)
 
 
 TARGETS: Final = {
     "python-virtual-time": Target("Python drive, virtual time"),
-    "python-pty": Target("Python drive as a process, pseudo terminal", (Part.CONFORMANCE,)),
-    "python-udp-multicast": Target("Python drive as a process, UDP multicast, FD", (Part.CONFORMANCE,)),
+    "python-pty": Target("Python drive as a process, pseudo terminal", (Part.CONFORMANCE, Part.TORQUE_FREE)),
+    "python-udp-multicast": Target(
+        "Python drive as a process, UDP multicast, FD", (Part.CONFORMANCE, Part.TORQUE_FREE)
+    ),
     "c-process-pty": Target("C firmware as a process, pseudo terminal"),
     "c-process-udp": Target("C firmware as a process, UDP"),
     "qemu-mps2-uart": Target("C firmware on a Cortex-M4F, QEMU mps2-an386, UART"),
@@ -107,6 +111,12 @@ class TargetRecord:
         if missing:
             raise ValueError(f"a loop without {', '.join(sorted(missing))}")
         _write(self.folder / "loop.json", result)
+
+    def torque_free(self, result: Mapping[str, Any]) -> None:
+        """Keep the times to no torque."""
+        if len(result["times_ms"]) == 0:
+            raise ValueError("no times")
+        _write(self.folder / "torque_free.json", result)
 
     def finish(self, state: State, reason: str = "") -> None:
         """Say how this part went."""

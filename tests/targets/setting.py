@@ -18,6 +18,7 @@ from virtual_bus.plant.load import PAPER_TORQUE_N_M, LoadProfile, paper_load, pi
 
 FULL: Final = os.environ.get("HIL_FORCEPS_TARGETS_FULL") == "1"
 
+TORQUE_FREE_RUNS: Final = 200 if FULL else 20
 LONG: Final = frozenset() if FULL else frozenset((86,))  # a flood of 65536 frames
 
 

@@ -13,7 +13,7 @@ from tests.firmware_library import make
 from tests.targets.closed_loop import check_loop, check_same_motion, close_loop, drive_arguments
 from tests.targets.lockstep import UdpPlantLine
 from tests.targets.record import Part, recorded
-from tests.targets.suite import DRIVE_AHEAD, check, judge
+from tests.targets.suite import DRIVE_AHEAD, check, judge, measure_torque_free
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -48,6 +48,12 @@ def drive(line: str, folder: Path, *arguments: str) -> Iterator[Process]:
 def test_conformance(line: str, applicable: int, tmp_path: Path) -> None:
     with recorded(f"c-process-{line}", Part.CONFORMANCE) as record, drive(line, tmp_path) as process:
         check(judge(record, tmp_path / "out", "--serial", process.url), applicable)
+
+
+@LINES
+def test_time_to_no_torque(line: str, applicable: int, tmp_path: Path) -> None:  # noqa: ARG001 - the same lines
+    with recorded(f"c-process-{line}", Part.TORQUE_FREE) as record, drive(line, tmp_path) as process:
+        measure_torque_free(record, tmp_path / "out", "--serial", process.url)
 
 
 @LINES

@@ -16,7 +16,7 @@ from tests.targets.closed_loop import check_loop, check_same_motion, close_loop
 from tests.targets.lockstep import ANSWER_BYTES, PATIENCE_S
 from tests.targets.record import Part, TargetRecord, recorded
 from tests.targets.setting import LONG, without_long
-from tests.targets.suite import DRIVE_AHEAD, check, judge
+from tests.targets.suite import DRIVE_AHEAD, check, judge, measure_torque_free
 
 # The suite is real time; QEMU stops now and then for longer than a bus, and takes a flood byte by byte.
 pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.timeout(600)]
@@ -103,6 +103,13 @@ def test_conformance(tmp_path: Path) -> None:
         require_emulator(record)
         with emulator("mps2") as url:
             check(judge(record, tmp_path / "out", "--serial", url, *MARGINS, *without_long()), 86 - len(LONG))
+
+
+def test_time_to_no_torque(tmp_path: Path) -> None:
+    with recorded(TARGET, Part.TORQUE_FREE) as record:
+        require_emulator(record)
+        with emulator("mps2") as url:
+            measure_torque_free(record, tmp_path / "out", "--serial", url, *MARGINS[:2])
 
 
 def test_simulation_2(tmp_path: Path) -> None:

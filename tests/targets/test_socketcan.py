@@ -20,7 +20,7 @@ from tests.targets.record import ROOT, Part, TargetRecord, recorded
 from tests.targets.setting import LONG
 from tests.targets.socketcan.guest import FIRMWARE_VARIABLE
 from tests.targets.socketcan.inside import TARGETS
-from tests.targets.suite import check
+from tests.targets.suite import check, check_torque_free
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(2400)]
 
@@ -88,6 +88,17 @@ def test_conformance(guest: Guest, kind: str) -> None:
         certificate = load(ended.folder / "out" / "certificate.json")
         # In virtual time nothing is late, so nothing may be inconclusive either.
         check(certificate, APPLICABLE[kind] - len(LONG), 1.0 if "time: virtual" in ended.output else 0.7)
+
+
+@KINDS
+def test_time_to_no_torque(guest: Guest, kind: str) -> None:
+    with recorded(TARGETS[kind], Part.TORQUE_FREE) as record:
+        ended = guest("auto", INSIDE, "torque_free", kind)
+        require(ended, record)
+        assert ended.code == 0, ended.output
+        result = load(ended.folder / "out" / "torque_free.json")
+        record.torque_free(result)
+        check_torque_free(result)
 
 
 @KINDS

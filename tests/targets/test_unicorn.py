@@ -21,7 +21,9 @@ from hil_forceps.bridge.links.can_link import VirtualTimeLink
 from hil_forceps.rig import Rig, load_rig
 from tests.targets.page import column
 from tests.targets.record import ROOT, Part, latency_figures, recorded
-from tests.targets.setting import rmse_N_m, setting
+from tests.targets.setting import TORQUE_FREE_RUNS, rmse_N_m, setting
+from tests.targets.suite import check_torque_free
+from tests.targets.torque_free import measure
 from tests.targets.unicorn_bench import NODE, BenchNode, DeviceNode, needs_compiler
 from tools.targets.target_table import MARKS
 from virtual_bus.bus.node import Node
@@ -79,6 +81,19 @@ def judge(port: BxCanPort, numbers: Sequence[int]) -> tuple[Suite, list[Result]]
     results = suite.run(numbers)
     suite.close()
     return suite, results
+
+
+def test_time_to_no_torque() -> None:
+    with recorded(TARGET, Part.TORQUE_FREE) as record:
+        needs_compiler(record)
+        port = BxCanPort("unicorn torque free")
+        suite = Suite(port, NODE, VIRTUAL, allow_motion=True)
+        suite.open()
+        result = measure(suite.session, TORQUE_FREE_RUNS)
+        suite.close()
+        port.close()
+        record.torque_free(result)
+        check_torque_free(result)
 
 
 def test_the_suite_passes_on_the_object_code() -> None:

@@ -1,7 +1,7 @@
 """What runs where SocketCAN is: the whole suite, or simulation 2, against the reference firmware as a process.
 
-python -m tests.targets.socketcan.inside suite|loop classic|fd|slcan FOLDER. The suite leaves certificate.json and
-junit.xml in FOLDER, the loop loop.json.
+python -m tests.targets.socketcan.inside suite|loop|torque_free classic|fd|slcan FOLDER. The suite leaves
+certificate.json and junit.xml in FOLDER, the loop loop.json, the times to no torque torque_free.json.
 """
 
 import subprocess
@@ -14,7 +14,7 @@ from hil_forceps.bridge.links.adapters import LinkSpec, open_link
 from tests.targets.closed_loop import close_loop, drive_arguments
 from tests.targets.lockstep import UdpPlantLine
 from tests.targets.record import Part, TargetRecord
-from tests.targets.setting import without_long
+from tests.targets.setting import TORQUE_FREE_RUNS, without_long
 from tests.targets.socketcan.guest import IS_VIRTUAL, ROOT, c_drive, running, service, slcan_line
 
 TARGETS = {"classic": "socketcan-vcan-classic", "fd": "socketcan-vcan-fd", "slcan": "socketcan-slcan"}
@@ -44,6 +44,25 @@ def run_suite(kind: str, folder: Path) -> int:
         ).returncode
 
 
+def run_torque_free(kind: str, folder: Path) -> int:
+    """Measure the time to no torque; return the exit code."""
+    folder.mkdir(parents=True, exist_ok=True)
+    fd = ["--fd"] if kind == "fd" else []
+    with devices(kind) as (ours, theirs), running(c_drive(theirs, *fd)):
+        command = [
+            sys.executable,
+            "-m",
+            "tests.targets.torque_free",
+            "--interface",
+            "socketcan",
+            "--channel",
+            ours,
+            *fd,
+        ]
+        out = ["--runs", str(TORQUE_FREE_RUNS), "--out", str(folder / "torque_free.json")]
+        return subprocess.run([*command, *out], cwd=ROOT, check=False).returncode
+
+
 def run_loop(kind: str, folder: Path) -> int:
     """Close simulation 2 through the firmware, with the plant outside as its clock."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -61,4 +80,4 @@ def run_loop(kind: str, folder: Path) -> int:
 
 if __name__ == "__main__":
     what, which, where = sys.argv[1:]
-    sys.exit({"suite": run_suite, "loop": run_loop}[what](which, Path(where)))
+    sys.exit({"suite": run_suite, "loop": run_loop, "torque_free": run_torque_free}[what](which, Path(where)))

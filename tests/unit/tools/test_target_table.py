@@ -46,6 +46,8 @@ def run_all(besides: str = "") -> None:
                     record.certificate(CERTIFICATE)
                 if part is Part.LOOP:
                     record.loop(LOOP)
+                if part is Part.TORQUE_FREE:
+                    record.torque_free({"times_ms": [20.0, 20.5, 99.0], "within_ms": 25.0, "virtual": True})
 
 
 def test_all_ran(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -54,12 +56,23 @@ def test_all_ran(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 1 + len(TARGETS)
     assert lines[5].split()[:10] == ["c-process-udp", "ran", "2", "0", "1", "1", "8.00", "7.50", "60", "4901.2"]
+    assert lines[5].split()[10:12] == ["20.5", "99.0"]
     text = (tmp_path / "matrix.md").read_text()
     figures, matrix = (part.splitlines() for part in text.split("\n\n")[:2])
     assert len(figures) == 2 + sum(Part.CONFORMANCE in parts for _, parts in TARGETS.values())
     assert matrix[0].count("|") == matrix[2].count("|") == len(TARGETS) + 1
     assert matrix[2].startswith("| HFP-001 | – | –")
     assert matrix[4].startswith("| HFP-032 | ? | ?")
+
+
+def test_times_to_no_torque_are_drawn_where_there_are_any(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match="no target has times"):
+        main(["--figure", str(tmp_path / "figure.png")])
+    run_all()
+    assert main(["--figure", str(tmp_path / "figure.png")]) == 0
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(ValueError, match="no times"):
+        TargetRecord("c-process-udp", Part.TORQUE_FREE).torque_free({"times_ms": []})
 
 
 def test_a_page_keeps_what_is_around_the_marks(tmp_path: Path) -> None:
