@@ -1,9 +1,9 @@
 """Cases drawn over all that a user may have: friction, laws, drives, encoders, motions, sensors, noise.
 
-An effect's d is that in the same motions without dry friction to speak of and with a drive of 1 ms: what friction and
-drive do to the power of a diagnosis is part of what is measured.
+An effect's d is that in the case's own runs that are fitted (`own_sizes`), when it is hidden alone.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,8 @@ from hil_forceps.rig.catalogue import EFFECT_IDS
 from tests.hidden_effects.cases import drawn_effect, drawn_shifts
 from tests.hidden_effects.generator import COLOURED, RIG, WHITE, Case, generate, run_seed, true_rig
 from tests.hidden_effects.generator_scenarios import SCENARIOS
-from tests.hidden_effects.generator_sizes import size_for
+from tests.hidden_effects.generator_sizes import Effects
+from tests.hidden_effects.own_sizes import own_size, sized
 
 KINDS = ("none", "shift", "effect", "pair", "triple", "deleted")
 FRICTION = (0.0, 0.02, 0.1, 0.3)  # of the load's torque, on motor and jaw
@@ -50,7 +51,6 @@ MOTIONS = (
 )
 MOST_ROWS = 150_000
 SIZES = (8.0, 12.0, 20.0, 50.0)
-COUNTS_FOR_SIZE = 16384  # of the rig that d is measured with, where the encoder is ideal
 EFFECTS = tuple(name for name in EFFECT_IDS if name != "encoder_scale")  # a gauge: other radii give the same runs
 
 
@@ -125,13 +125,17 @@ def assumed_rig(case: Drawn) -> Rig:
 
 
 def hidden(case: Drawn) -> dict[str, dict[str, float]]:
-    """Return the effects at their size; ValueError where the catalogue's ranges don't reach it."""
-    counts = COUNTS_FOR_SIZE if case.counts is None else case.counts
-    rig = RIG.with_changes({**LAWS[case.law], "encoder.counts_per_rev": counts})
-    fitted = case.motions[: len(case.motions) - case.held_out]
+    """Return the effects, each of its size in the runs to be fitted; ValueError where no size shows as much."""
+    rig, fitted = assumed_rig(case), case.motions[: len(case.motions) - case.held_out]
+
+    def own(effects: Effects) -> float:
+        true = true_rig(rig, effects, {})
+        (effect_id,) = effects
+        return own_size(_even(_runs(case, true, fitted), rig), rig, true, effect_id)
+
     found: dict[str, dict[str, float]] = {}
     for name in case.effects:
-        found |= size_for(case.size, {name: drawn_effect(name, case.seed)}, case.seed, rig=rig, scenarios=fitted)
+        found |= sized(case.size, name, drawn_effect(name, case.seed), own)
     return found
 
 
@@ -139,20 +143,27 @@ def make(case: Drawn) -> Case:
     """Simulate the runs of a case."""
     rig = assumed_rig(case)
     true = true_rig(rig, hidden(case), drawn_shifts(case.seed) if case.kind == "shift" else {})
-    dropped = {name for name, kept in (("theta_j_rad", case.jaw), ("tau_w_N_m", case.load_cell)) if not kept}
-    runs = []
-    for place, name in enumerate(case.motions):
-        scenario = replace(SCENARIOS[name], row_s=case.row_s)
-        noise = COLOURED if case.coloured else WHITE
-        run = generate(true, scenario, run_seed(case.seed, place), noise, f"{place}_{name}")
-        runs.append(Run(run.name, {key: values for key, values in run.columns.items() if key not in dropped}))
+    runs = _runs(case, true, case.motions)
     split = len(runs) - case.held_out
     return Case(rig, true, tuple(runs[:split]), tuple(runs[split:]))
 
 
 def even_parts(case: Case) -> tuple[list[EvenRun], list[EvenRun]]:
     """Return the runs to fit and those held out with equally spaced rows."""
-    fitted, held_out = (
-        [even for run in part if (even := even_rows(run, case.assumed))] for part in (case.fit, case.held_out)
-    )
-    return fitted, held_out
+    return _even(case.fit, case.assumed), _even(case.held_out, case.assumed)
+
+
+def _runs(case: Drawn, true: Rig, motions: Sequence[str]) -> list[Run]:
+    """Return runs of a rig with the sensors and the noise of a case."""
+    dropped = {name for name, kept in (("theta_j_rad", case.jaw), ("tau_w_N_m", case.load_cell)) if not kept}
+    runs = []
+    for place, name in enumerate(motions):
+        scenario = replace(SCENARIOS[name], row_s=case.row_s)
+        noise = COLOURED if case.coloured else WHITE
+        run = generate(true, scenario, run_seed(case.seed, place), noise, f"{place}_{name}")
+        runs.append(Run(run.name, {key: values for key, values in run.columns.items() if key not in dropped}))
+    return runs
+
+
+def _even(runs: Sequence[Run], rig: Rig) -> list[EvenRun]:
+    return [even for run in runs if (even := even_rows(run, rig))]

@@ -12,16 +12,19 @@ from hil_forceps.diagnosis.preparation.command import driven, mean_reference
 from hil_forceps.diagnosis.preparation.contact import contact
 from hil_forceps.diagnosis.preparation.load_prior import LoadPrior, load_prior
 from hil_forceps.diagnosis.preparation.regimes import DWELL_ROWS, dwelling, may_stick, may_stick_by_sensor
-from hil_forceps.diagnosis.preparation.skewed_encoder import rows_later, skewed
+from hil_forceps.diagnosis.preparation.skewed_channels import moved_back, rows_late, rows_later, with_unseen_counts
 from hil_forceps.diagnosis.state_space.advance import friction_at_rest_N_m, physics_of
 from hil_forceps.diagnosis.state_space.layout import (
+    CHANNELS,
     COMMAND_ERROR,
     CURRENT_NOISE,
+    ENCODER,
     INTEGRAL_ERROR,
     JAW_NOISE,
     JAW_ZERO,
     LAW_STATES,
     LOAD,
+    LOAD_CELL,
     LOAD_NOISE,
     LOAD_SLOPE,
     OMEGA_J,
@@ -93,11 +96,13 @@ class Record:
     def passed(self, theta: Vector, plant: Physics) -> Passed:
         """Return a pass of the filter with the plant of parameters `theta`."""
         del theta
-        if plant.channel_skew_theta_m_s == 0.0:
-            return pass_one(self, plant)
-        rows = round(plant.channel_skew_theta_m_s / self.series.period_s)
-        dwelling = rows_later(self.dwelling, rows)
-        return pass_one(replace(self, series=skewed(self.series, rows), dwelling=dwelling), plant)
+        run, late = self, rows_late(plant, self.series.period_s)
+        if any(late):
+            dwelling, ringing = rows_later(self.dwelling, late[ENCODER]), rows_later(self.ringing, late[LOAD_CELL])
+            run = replace(run, series=moved_back(self.series, late), dwelling=dwelling, ringing=ringing)
+        if plant.channel_skew_theta_m_s != 0.0:
+            run = replace(run, series=with_unseen_counts(run.series))
+        return pass_one(run, plant)
 
     def with_friction_of(self, p: Physics) -> "Record":
         """Return the record for a plant whose dry friction is about that of `p`, nothing decided yet.
@@ -198,7 +203,7 @@ def record_of(even: EvenRun, rig: Rig, noise: Noise) -> Record:
         count,
         edge**2,
         np.where(lost, np.nan, encoder),
-        0.0,
+        np.zeros(CHANNELS),
         np.where(lost, np.nan, encoder),
         np.where(lost, np.nan, jaw),
         np.where(lost, np.nan, load),

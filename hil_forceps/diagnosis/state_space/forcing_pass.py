@@ -20,6 +20,8 @@ from hil_forceps.diagnosis.state_space.layout import (
     LOAD_CELL,
     LOAD_NOISE,
     LOAD_SLOPE,
+    OMEGA_J,
+    OMEGA_M,
     PLANT_STATES,
     RECORDED_STATES,
     THETA_J,
@@ -27,6 +29,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Filtered,
     Series,
 )
+from hil_forceps.diagnosis.state_space.measurement import late_s
 from hil_forceps.diagnosis.state_space.response_pass import answers_of_contact, sample_answers
 from hil_forceps.diagnosis.state_space.row_plant import end_friction, is_slack, noise_kept
 from hil_forceps.diagnosis.state_space.transition import transition
@@ -59,7 +62,7 @@ def forcing_pass(
     for row in range(d.encoder_rad.size):
         for place in range(CHANNELS):
             channel = (place + CURRENT) % CHANNELS
-            _shown(channel, measured_command_gain(p, d, row, filtered), x, change)
+            _shown(channel, measured_command_gain(p, d, row, filtered), late_s(p, d, channel), x, change)
             for m in range(count):
                 change[m] += shown[row, channel, m]
                 out[row, channel, m] = -filtered.weight[row, channel] * change[m]
@@ -80,8 +83,9 @@ def forcing_pass(
 
 
 @with_work_arrays
-def _shown(channel: int, gain: float, x: Matrix, out: Vector) -> None:
+def _shown(channel: int, gain: float, late: float, x: Matrix, out: Vector) -> None:
     """Fill `out` with what a channel shows of changes of the state."""
+    slope = OMEGA_M if channel == ENCODER else OMEGA_J if channel == JAW else LOAD_SLOPE
     for m in range(out.size):
         if channel == CURRENT:
             out[m] = gain * x[COMMAND_ERROR, m] + x[CURRENT_NOISE, m]
@@ -91,6 +95,9 @@ def _shown(channel: int, gain: float, x: Matrix, out: Vector) -> None:
             out[m] = x[LOAD, m] + x[LOAD_NOISE, m]
         else:
             out[m] = x[THETA_M, m]
+    if late != 0.0 and channel != CURRENT:
+        for m in range(out.size):
+            out[m] -= late * x[slope, m]
 
 
 @with_work_arrays

@@ -65,7 +65,7 @@ class Series(NamedTuple):
     count_rad: float  # of the encoder, 0 for an ideal one
     encoder_variance: Vector  # n [rad²]: of the edges of counts, or of an ideal encoder
     encoder_rad: Vector  # n, NaN where lost
-    shifted_s: float  # how much later than each row its encoder was recorded: some rows
+    shifted_s: Vector  # CHANNELS: how much later than each row the channel was recorded: some rows
     counted_rad: Vector  # n: what the drive counted at each row; NaN where none shows it
     jaw_rad: Vector  # n, NaN where not measured
     load_N_m: Vector  # n, NaN where not measured

@@ -36,19 +36,35 @@ WHITE_SHARE = 0.01  # of coloured noise
 
 
 @inlined
+def late_s(p: Physics, d: Series, channel: int) -> float:
+    """Return what whole rows leave of a channel's skew: how late its values are at their rows."""
+    if channel == ENCODER:
+        skew_s: float = p.channel_skew_theta_m_s
+    elif channel == JAW:
+        skew_s = p.channel_skew_theta_j_s
+    elif channel == LOAD_CELL:
+        skew_s = p.channel_skew_tau_w_s
+    else:
+        skew_s = p.channel_skew_current_s
+    left: float = skew_s - d.shifted_s[channel]
+    return left
+
+
+@inlined
 def predicted(p: Physics, d: Series, channel: int, x: Vector, current_A: float, before_A: float) -> float:
     """Return what a channel shows of state `x`; `current_A`: in the motor at the row, `before_A`: a row earlier.
 
-    A skewed channel shows what was, to first order in its skew.
+    A skewed channel shows what was, to first order in what whole rows leave of its skew.
     """
+    late = late_s(p, d, channel)
     if channel == ENCODER:
-        shown: float = encoder_rad(p, x[THETA_M]) - (p.channel_skew_theta_m_s - d.shifted_s) * x[OMEGA_M]
+        shown: float = encoder_rad(p, x[THETA_M]) - late * x[OMEGA_M]
     elif channel == JAW:
-        shown = x[THETA_J] + x[JAW_ZERO] + x[JAW_NOISE] - p.channel_skew_theta_j_s * x[OMEGA_J]
+        shown = x[THETA_J] + x[JAW_ZERO] + x[JAW_NOISE] - late * x[OMEGA_J]
     elif channel == LOAD_CELL:
-        shown = x[LOAD] + x[LOAD_NOISE] - p.channel_skew_tau_w_s * x[LOAD_SLOPE]
+        shown = x[LOAD] + x[LOAD_NOISE] - late * x[LOAD_SLOPE]
     else:
-        late = current_A - p.channel_skew_current_s / d.period_s * (current_A - before_A)
+        late = current_A - late / d.period_s * (current_A - before_A)
         shown = (1.0 + p.current_gain_relative_error) * late + p.current_offset_offset_A + x[CURRENT_NOISE]
     return shown
 
@@ -68,25 +84,32 @@ def measured(d: Series, channel: int, row: int) -> float:
 
 
 @subroutine
-def direction(channel: int, covariance: Matrix, out: Vector) -> float:
-    """Fill `out` with the covariance of the state and what a channel shows; return the variance of the latter."""
-    first, second, third = THETA_M, THETA_M, THETA_M
+def direction(channel: int, late: float, covariance: Matrix, out: Vector) -> float:
+    """Fill `out` with the covariance of the state and what a channel shows; return the variance of the latter.
+
+    `late`: as of `late_s`; the current has a function of its own.
+    """
+    first, second, third, slope = THETA_M, THETA_M, THETA_M, OMEGA_M
     if channel == JAW:
-        first, second, third = THETA_J, JAW_ZERO, JAW_NOISE
+        first, second, third, slope = THETA_J, JAW_ZERO, JAW_NOISE, OMEGA_J
     elif channel == LOAD_CELL:
-        first, second, third = LOAD, LOAD_NOISE, LOAD_NOISE
+        first, second, third, slope = LOAD, LOAD_NOISE, LOAD_NOISE, LOAD_SLOPE
     for i in range(out.size):
         value = covariance[i, first]
         if channel != ENCODER:
             value += covariance[i, second]
         if channel == JAW:
             value += covariance[i, third]
+        if late != 0.0:
+            value -= late * covariance[i, slope]
         out[i] = value
     variance: float = out[first]
     if channel != ENCODER:
         variance += out[second]
     if channel == JAW:
         variance += out[third]
+    if late != 0.0:
+        variance -= late * out[slope]
     return variance
 
 

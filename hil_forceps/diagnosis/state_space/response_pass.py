@@ -48,6 +48,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     Filtered,
     Series,
 )
+from hil_forceps.diagnosis.state_space.measurement import late_s
 from hil_forceps.diagnosis.state_space.memory import beginning, following, no_memory, sure_ways
 from hil_forceps.diagnosis.state_space.row_plant import (
     acting_on,
@@ -67,28 +68,29 @@ Matrix = NDArray[np.float64]
 @inlined
 def _shown(p: Physics, d: Series, channel: int, at: Vector, current_A: float, before_A: float) -> float:
     """Return what a channel shows of a row's prediction, without the nuisances that are alike for all parameters."""
+    late = late_s(p, d, channel)
     if channel == ENCODER:
-        late_s = p.channel_skew_theta_m_s - d.shifted_s
-        value: float = encoder_rad(p, at[PREDICTED_THETA_M]) - late_s * at[PREDICTED_OMEGA_M]
+        value: float = encoder_rad(p, at[PREDICTED_THETA_M]) - late * at[PREDICTED_OMEGA_M]
     elif channel == JAW:
-        value = -p.channel_skew_theta_j_s * at[PREDICTED_OMEGA_J]
+        value = -late * at[PREDICTED_OMEGA_J]
     elif channel == LOAD_CELL:
-        value = -p.channel_skew_tau_w_s * at[PREDICTED_LOAD_SLOPE]
+        value = -late * at[PREDICTED_LOAD_SLOPE]
     else:
-        late = current_A - p.channel_skew_current_s / d.period_s * (current_A - before_A)
+        late = current_A - late / d.period_s * (current_A - before_A)
         value = (1.0 + p.current_gain_relative_error) * late + p.current_offset_offset_A
     return value
 
 
 @inlined
-def _change_shown(channel: int, x: Vector) -> float:
+def _change_shown(p: Physics, d: Series, channel: int, x: Vector) -> float:
     """Return what a channel shows of a change of the state; the current's is in the plant already."""
+    late = late_s(p, d, channel)
     if channel == ENCODER:
-        value: float = x[THETA_M]
+        value: float = x[THETA_M] - late * x[OMEGA_M]
     elif channel == JAW:
-        value = x[THETA_J] + x[JAW_ZERO] + x[JAW_NOISE]
+        value = x[THETA_J] + x[JAW_ZERO] + x[JAW_NOISE] - late * x[OMEGA_J]
     elif channel == LOAD_CELL:
-        value = x[LOAD] + x[LOAD_NOISE]
+        value = x[LOAD] + x[LOAD_NOISE] - late * x[LOAD_SLOPE]
     else:
         value = x[CURRENT_NOISE]
     return value
@@ -122,7 +124,7 @@ def response_pass(
             channel = (place + CURRENT) % CHANNELS
             change = _shown(p, d, channel, at, plant.current_A, before_A)
             change -= _shown(base, d, channel, at, at[PREDICTED_CURRENT], at[CURRENT_BEFORE])
-            change = change * per + _change_shown(channel, x)
+            change = change * per + _change_shown(base, d, channel, x)
             out[row, channel] = -change * filtered.weight[row, channel]
             for i in range(d.states):
                 x[i] -= filtered.gain[row, channel, i] * change

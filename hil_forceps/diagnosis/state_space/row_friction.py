@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hil_forceps.diagnosis.state_space.covariance import disturbed, forgotten, freed, moved, spread
 from hil_forceps.diagnosis.state_space.kernel import inlined, returning_arrays
 from hil_forceps.diagnosis.state_space.layout import CURRENT, ENCODER, FRICTION_J, FRICTION_M, OMEGA_J, OMEGA_M, Series
-from hil_forceps.diagnosis.state_space.measurement import corrected, direction, measured, white_variance
+from hil_forceps.diagnosis.state_space.measurement import corrected, direction, late_s, measured, white_variance
 from hil_forceps.diagnosis.state_space.row_plant import may_hold
 from hil_forceps.model.composition import Physics
 
@@ -88,7 +88,7 @@ def sliding_deviations(p: Physics, d: Series, usual_row: int, f: Matrix, jump: M
         for channel in range(CURRENT):
             if math.isnan(measured(d, channel, usual_row)):
                 continue
-            variance = direction(channel, covariance, along)
+            variance = direction(channel, late_s(p, d, channel), covariance, along)
             noise = d.count_rad**2 / 12.0 + d.encoder_variance[usual_row]
             if channel != ENCODER:
                 noise = white_variance(d, channel)

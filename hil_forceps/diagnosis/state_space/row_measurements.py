@@ -35,6 +35,7 @@ from hil_forceps.diagnosis.state_space.measurement import (
     current_direction,
     direction,
     evidence,
+    late_s,
     measured,
     new_current_variance,
     predicted,
@@ -114,7 +115,7 @@ def take_measurements(
         if channel == CURRENT:
             variance = current_direction(covariance, measured_command_gain(p, d, row, out), along)
         else:
-            variance = direction(channel, covariance, along)
+            variance = direction(channel, late_s(p, d, channel), covariance, along)
         log_likelihood, score, information = evidence(d, channel, row, shown, variance)
         root = math.sqrt(information)
         # Far within a count both are next to nothing, and their quotient is noise of rounding.
