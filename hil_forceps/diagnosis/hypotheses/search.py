@@ -13,6 +13,7 @@ from hil_forceps.diagnosis.hypotheses.harmonics import telling_harmonics
 from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, Tested, score_test
 from hil_forceps.diagnosis.hypotheses.shortlist import Start, best_starts
+from hil_forceps.diagnosis.hypotheses.skew_profile import SKEW, likeliest_skew
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of, fit, inverted, moved, penalised
 from hil_forceps.diagnosis.inference.parameters import start_of, values_of, with_effect, without_effect
 
@@ -98,7 +99,7 @@ def _with_one_more(tried: tuple[Candidate, ...], new: Candidate) -> tuple[Candid
 def _scored(s: Search, model: Candidate) -> tuple[list[Place], Tested, Gram]:
     """Return all places beside a model, tested, and the Gram matrix of its free parameters and their columns."""
     passes, free = model.fit.passes, model.fit.free
-    taken = frozenset(model.effects) - {"channel_skew"}
+    taken = frozenset(model.effects) - {SKEW}
     harmonics = None
     if s.geared:
         harmonics = telling_harmonics(model.fit, s.mapper)
@@ -113,6 +114,11 @@ def _refitted(s: Search, model: Candidate, start: Start) -> Candidate:
     Where the plant is not linear that far, from nearer to the model.
     """
     base, place = model.fit, start.place
+    beside = [*(e for e in model.effects if e != place.effect_id), place.effect_id]
+    if place.effect_id == SKEW:
+        ((channel, skew_s),) = ((k, v) for k, v in estimate(place, start.sizes.tolist()).items() if v != 0.0)
+        if (passes := likeliest_skew(s, model, channel, skew_s)) is not None:
+            return fitted(s, model, passes, beside, added=1)
     starts: list[tuple[Passes, list[str]]] = []
     for share in START_SHARES:
         theta = moved(base.passes.theta, base.free, share * start.shifts)
@@ -121,7 +127,7 @@ def _refitted(s: Search, model: Candidate, start: Start) -> Candidate:
             old = values_of(theta, place.effect_id)
             new = {k: v if v != 0.0 else old[k] for k, v in new.items()}
         passes = pass_all(s.runs, with_effect(theta, place.effect_id, new), s.mapper)
-        starts.append((passes, [*(e for e in model.effects if e != place.effect_id), place.effect_id]))
+        starts.append((passes, beside))
         if penalised(passes, base.free, base.passes) > penalised(base.passes, base.free, passes):
             return fitted(s, model, *starts[-1], added=1)
     return fitted(s, model, *starts[0], added=1)

@@ -1,8 +1,10 @@
 """Channels that are recorded late or early: a series with each of them moved by whole rows, to where it was measured.
 
-What is left of a skew is half a row at most, which the filter takes in to first order.
+What is left of a skew is half a row at most, which the filter takes in to first order. A current is taken between two
+rows, so of its skew up to a row is left, and always late: the line between two currents goes no further.
 """
 
+import math
 from typing import TypeVar
 
 import numpy as np
@@ -26,12 +28,12 @@ Values = TypeVar("Values", Vector, NDArray[np.bool_])
 
 
 def rows_late(plant: Physics, period_s: float) -> tuple[int, int, int, int]:
-    """Return by how many rows each channel is late, to the nearest one (ENCODER, JAW, LOAD_CELL, CURRENT)."""
+    """Return by how many rows each channel is to be moved (ENCODER, JAW, LOAD_CELL, CURRENT)."""
     return (
         round(plant.channel_skew_theta_m_s / period_s),
         round(plant.channel_skew_theta_j_s / period_s),
         round(plant.channel_skew_tau_w_s / period_s),
-        round(plant.channel_skew_current_s / period_s),
+        math.floor(plant.channel_skew_current_s / period_s),
     )
 
 
