@@ -26,7 +26,7 @@ MAX_FACTOR = 4.0  # of the amplitudes, in one round
 
 
 def own_size(runs: Sequence[EvenRun], assumed: Rig, true: Rig, effect_id: str) -> float:
-    """Return d of an effect of the true rig in runs of it; infinite where the filter without it has no finite answer."""
+    """Return d of an effect of the true rig in runs of it; infinite where a filter without it diverges."""
     theta = parameters.vector(true)
     noise = sensor_noise([even.run for even in runs], assumed)
     records, _ = records_of(runs, (), assumed, noise, map, theta)
