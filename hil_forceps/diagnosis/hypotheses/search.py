@@ -5,21 +5,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.evidence import Gram, Passes, gram, pass_all
+from hil_forceps.diagnosis.evidence import Gram, gram, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search, Step, adapted_to, fitted, with_runs
 from hil_forceps.diagnosis.hypotheses.exchange import SET_DROP, exchanged, ranked, with_likeliest_harmonics
 from hil_forceps.diagnosis.hypotheses.exchange_test import Exchange, exchanges
 from hil_forceps.diagnosis.hypotheses.harmonics import telling_harmonics
-from hil_forceps.diagnosis.hypotheses.places import Place, estimate, places_of
+from hil_forceps.diagnosis.hypotheses.places import Place, places_of
 from hil_forceps.diagnosis.hypotheses.score_test import Prior, Tested, score_test
 from hil_forceps.diagnosis.hypotheses.shortlist import Start, best_starts
-from hil_forceps.diagnosis.hypotheses.skew_profile import SKEW, likeliest_skew
-from hil_forceps.diagnosis.inference.fit import Fit, directions_of, fit, inverted, moved, penalised
-from hil_forceps.diagnosis.inference.parameters import start_of, values_of, with_effect, without_effect
+from hil_forceps.diagnosis.hypotheses.starting_point import SKEW, starting_point
+from hil_forceps.diagnosis.inference.fit import Fit, directions_of, fit, inverted
+from hil_forceps.diagnosis.inference.parameters import without_effect
 
 Vector = NDArray[np.float64]
-
-START_SHARES = (1.0, 0.3, 0.1)  # of what the score test finds
 
 
 class Found(NamedTuple):
@@ -109,28 +107,10 @@ def _scored(s: Search, model: Candidate) -> tuple[list[Place], Tested, Gram]:
 
 
 def _refitted(s: Search, model: Candidate, start: Start) -> Candidate:
-    """Return a model with an entry added, from where the score test puts it and the parameters beside it.
-
-    Where the plant is not linear that far, from nearer to the model.
-    """
-    base, place = model.fit, start.place
-    beside = [*(e for e in model.effects if e != place.effect_id), place.effect_id]
-    if place.effect_id == SKEW:
-        ((channel, skew_s),) = ((k, v) for k, v in estimate(place, start.sizes.tolist()).items() if v != 0.0)
-        if (passes := likeliest_skew(s, model, channel, skew_s)) is not None:
-            return fitted(s, model, passes, beside, added=1)
-    starts: list[tuple[Passes, list[str]]] = []
-    for share in START_SHARES:
-        theta = moved(base.passes.theta, base.free, share * start.shifts)
-        new = start_of(place.effect_id, estimate(place, [share * float(v) for v in start.sizes]))
-        if place.effect_id in model.effects:  # another channel of a skew
-            old = values_of(theta, place.effect_id)
-            new = {k: v if v != 0.0 else old[k] for k, v in new.items()}
-        passes = pass_all(s.runs, with_effect(theta, place.effect_id, new), s.mapper)
-        starts.append((passes, beside))
-        if penalised(passes, base.free, base.passes) > penalised(base.passes, base.free, passes):
-            return fitted(s, model, *starts[-1], added=1)
-    return fitted(s, model, *starts[0], added=1)
+    """Return a model with an entry added; with another channel of a skew it has no entry more."""
+    effect_id = start.place.effect_id
+    effects = [*(e for e in model.effects if e != effect_id), effect_id]
+    return fitted(s, model, starting_point(s, model, start), effects, added=1)
 
 
 def wald(found: Fit, effect_id: str) -> float:
