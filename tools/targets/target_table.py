@@ -133,7 +133,7 @@ def draw(targets: Mapping[str, Ran], path: Path) -> None:
         panel.set_ylabel(target, rotation=0, ha="right", va="center", fontsize=8)
         panel.set_yticks([])
     title = "from the last reference until a sample without torque arrives; red: 21 ms and a sample period"
-    panels[0, 0].set_title(title, fontsize=9)
+    figure.suptitle(title, fontsize=9)
     panels[-1, 0].set_xlabel(f"ms (the last bin: {FIGURE_MS[1]:g} ms and more)")
     figure.savefig(path, dpi=150)
     plt.close(figure)
