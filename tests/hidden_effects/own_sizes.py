@@ -1,8 +1,9 @@
 """Hidden effects sized by what a case's own runs show of them.
 
-d is what the whitened innovations of the true model and of that without the effect differ by, in deviations, after the
-known parameters have been refitted linearly. Friction that holds, a coarse encoder, loads and zeros that nobody knows
-forgive what they forgive there, too: an effect of d = 20 that a hold hides is made larger until it shows as much.
+d is what the whitened innovations of the true model differ by from those of the model without the effect, in
+deviations, after the known parameters have been refitted. Friction that holds, a coarse encoder, loads and zeros that
+nobody knows forgive what they forgive there, too: an effect of d = 20 that a hold hides is made larger until it shows
+as much. The refit is no linear one: a count that is far off tells more than one that a refit comes near to.
 """
 
 import math
@@ -11,9 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from hil_forceps.data.even_rows import EvenRun
-from hil_forceps.diagnosis.evidence import gram, pass_all
+from hil_forceps.diagnosis.evidence import pass_all
 from hil_forceps.diagnosis.identification import adapting, known_of, records_of
-from hil_forceps.diagnosis.inference.fit import Fit, directions_of, inverted, prior_of
+from hil_forceps.diagnosis.inference.fit import Fit, fit_from
 from hil_forceps.diagnosis.inference.parameters import without_effect
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
 from hil_forceps.model import parameters
@@ -36,16 +37,12 @@ def own_size(runs: Sequence[EvenRun], assumed: Rig, true: Rig, effect_id: str) -
     without = pass_all(adapted, without_effect(theta, effect_id), map)
     if not all(np.isfinite(run.residual[run.counts]).all() for run in without.runs):
         return math.inf
-    apart = []
-    for one, other in zip(with_it.runs, without.runs, strict=True):
-        difference = np.where(one.counts & other.counts, other.residual - one.residual, 0.0)
-        apart.append(other._replace(filtered=other.filtered._replace(residual=difference)))
-    without = without._replace(runs=tuple(apart))
-    answers = gram(without, directions_of(known, without.theta), map)
-    precision = np.diag(prior_of(known, without.theta)[1])
-    refitted = answers.score @ inverted(answers.information + precision) @ answers.score
-    left = sum(float(np.sum((run.influence * run.residual) ** 2)) for run in apart) - float(refitted)
-    return math.sqrt(max(0.0, left))
+    refitted = fit_from(adapted, without, known, map).passes
+    apart = 0.0
+    for one, other in zip(with_it.runs, refitted.runs, strict=True):
+        apart += float(np.sum(np.where(one.counts & other.counts, other.residual - one.residual, 0.0) ** 2))
+    # As many of χ² as there are parameters: so much the refit takes of the noise.
+    return math.sqrt(max(0.0, apart - len(known)))
 
 
 def sized(
