@@ -36,7 +36,6 @@ from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.filter_pass import empty_filtered, filter_run
 from hil_forceps.diagnosis.state_space.forcing_pass import forced
 from hil_forceps.diagnosis.state_space.layout import CHANNELS, Noise, Series
-from hil_forceps.diagnosis.state_space.passes import pass_one
 from hil_forceps.diagnosis.state_space.response_pass import response_run
 from hil_forceps.diagnosis.validation.estimates import ready_estimator
 from hil_forceps.model.composition import Physics
@@ -128,7 +127,7 @@ def records_of(
     def prepared(run: EvenRun) -> Record:
         record = record_of(run, rig, noise)
         for turn in range(TIMING_ROUNDS if record.series.samples > 1 else 0):
-            record = record.with_timing(reference_timing(pass_one(record, plant), first=turn == 0))
+            record = record.with_timing(reference_timing(record.passed(theta, plant), first=turn == 0))
         return record
 
     records = tuple(mapper(prepared, (*runs, *held_out)))

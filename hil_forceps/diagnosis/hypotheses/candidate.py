@@ -80,12 +80,18 @@ def adapted_to(s: Search, model: Candidate) -> tuple[Search, Candidate]:
     found = model.fit
     for number in range(ADAPTING_ROUNDS):
         runs = s.adapt(s.runs, found, first=number == 0)
-        s = s._replace(runs=runs)
         before = found.values
-        found = fit(runs, found.passes.theta, found.free, s.mapper)
+        refitted = fit(runs, found.passes.theta, found.free, s.mapper)
+        if not _is_finite(refitted.passes):
+            break  # as it decides, the model has no finite answer: it stays as it was fitted
+        s, found = s._replace(runs=runs), refitted
         if np.all(np.abs(found.values - before) < ADAPTED_DEVIATIONS * found.deviations):
             break
     return s, model._replace(fit=found)
+
+
+def _is_finite(passes: Passes) -> bool:
+    return all(bool(np.isfinite(run.residual).all()) for run in passes.runs)
 
 
 def fitted(

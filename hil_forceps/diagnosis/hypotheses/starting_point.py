@@ -24,7 +24,7 @@ Values = Mapping[str, float]
 
 SKEW: Final = "channel_skew"
 SMALLER: Final = (1.0, 0.3, 0.1)  # shares of what the score test finds, until the likelihood rises
-MAX_DOUBLINGS: Final = 6  # of what it finds, as long as the likelihood rises
+MAX_DOUBLINGS: Final = 5  # of what it finds, as long as the likelihood rises
 # A skew that is less by the score test is no more than a row: a channel that changes from row to row shows little of
 # many rows.
 MIN_SKEW_ROWS: Final = 0.1
@@ -64,7 +64,7 @@ def _looks(s: Search, model: Candidate, start: Start) -> Iterator[_Look]:
             break
     for theta in (base.passes.theta, _as_the_rig_has_them(s, base.passes.theta)):
         likeliest = linear.gain if theta is base.passes.theta else -np.inf
-        for doublings in range(MAX_DOUBLINGS):
+        for doublings in range(MAX_DOUBLINGS + 1):
             look = at(theta, 2.0**doublings)
             yield look
             if look.gain <= likeliest:
@@ -84,7 +84,7 @@ def _look(s: Search, model: Candidate, theta: Vector, effect_id: str, values: Va
 
 
 def _likeliest_skew(s: Search, model: Candidate, channel: str, estimate_s: float) -> _Look | None:
-    """Return the likeliest of the skews of whole rows; None where the score test's is within one."""
+    """Return the likeliest of the skews of whole rows; None where the score test's is far within one."""
     base = model.fit
     period_s = base.passes.runs[0].course(base.passes.plant, before=True).period_s
     if abs(estimate_s) < MIN_SKEW_ROWS * period_s:
@@ -92,14 +92,14 @@ def _likeliest_skew(s: Search, model: Candidate, channel: str, estimate_s: float
     limits = {p.name: (p.minimum, p.maximum) for p in effect(SKEW).parameters}[channel]
 
     def at(theta: Vector, skew_s: float) -> _Look:
-        skew_s = float(np.clip(skew_s, *limits))
+        skew_s = float(np.clip(skew_s, *limits))  # a refinement may go beyond
         return _look(s, model, theta, SKEW, {channel: skew_s})._replace(skew_s=skew_s)
 
     best = _Look(-np.inf, base.passes)
     for theta in (base.passes.theta, _as_the_rig_has_them(s, base.passes.theta)):
-        for rows in SKEW_ROWS:
-            for sign in (1.0, -1.0):  # of a motion that recurs, the score test may see the nearer side
-                best = _better(best, at(theta, sign * rows * period_s))
+        reached = {float(np.clip(sign * rows * period_s, *limits)) for rows in SKEW_ROWS for sign in (1.0, -1.0)}
+        for skew_s in sorted(reached):  # both sides: of a motion that recurs, the score test may see the nearer one
+            best = _better(best, at(theta, skew_s))
     for ratio in REFINING_RATIOS:
         for factor in (ratio, 1.0 / ratio):
             best = _better(best, at(best.passes.theta, factor * best.skew_s))

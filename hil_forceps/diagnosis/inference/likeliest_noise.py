@@ -19,7 +19,7 @@ from hil_forceps.diagnosis.inference.fit import Fit
 from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.preparation.sensor_noise import MAX_CORRELATION, MIN_CORRELATION
 from hil_forceps.diagnosis.state_space.layout import Noise
-from hil_forceps.diagnosis.state_space.passes import Passed, pass_one
+from hil_forceps.diagnosis.state_space.passes import Passed
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -52,7 +52,7 @@ def likeliest_noise(noise: Noise, least: Vector, records: Sequence[Record], foun
 
     def likelihood(tried: Noise) -> float:
         def one(pair: tuple[Record, Mask]) -> float:
-            passed = pass_one(pair[0].with_noise(tried), found.passes.plant)
+            passed = pair[0].with_noise(tried).passed(found.passes.theta, found.passes.plant)
             return float(passed.log_likelihood[pair[1] & passed.counts].sum())
 
         return math.fsum(mapper(one, list(zip(runs, masks, strict=True))))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from hil_forceps.diagnosis.evidence import Mapper, Passes
 from hil_forceps.diagnosis.preparation.records import Record
-from hil_forceps.diagnosis.state_space.passes import Passed, pass_one
+from hil_forceps.diagnosis.state_space.passes import Passed
 
 VARIANCE_FACTOR = 0.5  # of a step
 MAX_STEPS = 6  # down to 1/64 of the variance that the load cell alone tells
@@ -27,7 +27,7 @@ def _with_likeliest(record: Record, passed: Passed, passes: Passes) -> Record:
         tried = record.with_less_load_noise(VARIANCE_FACTOR)
         if float(tried.series.load_slope_variance.min()) >= float(record.series.load_slope_variance.min()):
             break
-        other = pass_one(tried, passes.plant)
+        other = tried.passed(passes.theta, passes.plant)
         both = passed.counts & other.counts
         gain = 2.0 * float((other.log_likelihood - passed.log_likelihood)[both].sum())
         if not gain > LEAST_GAIN_CHI2:

@@ -21,6 +21,7 @@ from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.advance import STEPS
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
+    ENCODER,
     INTEGRAL_ERROR,
     JAW_ZERO,
     LOAD,
@@ -141,11 +142,11 @@ def _simulator(
     counted = on_lines(angle, samples)
     if d.count_rad > 0.0:
         counted = np.array([quantise(at, d.count_rad) for at in counted])
-    counted[::samples] = m.run.columns["theta_m_rad"]
+    counted[::samples] = _counted_rad(m, d, counted[::samples])
     rounding = counted - on_lines(angle, samples)
     start = _start(rig, m, passed, m.driven_rad[: first * samples], counted[: first * samples])
     load = load_N_m[first:]
-    edges = jumps(d, load, first)
+    edges = jumps(m.record.series, load, first)
     law = law_vector(rig.require_drive())
     driven = m.driven_rad[first * samples :]
     inputs = Inputs(m.rows.time_s[first:], driven, load, edges, np.empty(0), rounding[first * samples :])
@@ -155,6 +156,13 @@ def _simulator(
         return closed_loop.simulate(theta, law, 0.0, given, start, STEPS, samples)
 
     return simulate, edges
+
+
+def _counted_rad(m: Measured, d: Series, predicted_rad: Vector) -> Vector:
+    """Return what the encoder said at each row; where it is recorded late, `predicted_rad` at the end of the run."""
+    if d.shifted_s[ENCODER] == 0.0:
+        return m.run.columns["theta_m_rad"]
+    return np.where(np.isfinite(d.encoder_rad), d.encoder_rad, predicted_rad)
 
 
 def jumps(d: Series, load_N_m: Vector, first: int) -> NDArray[np.int64]:

@@ -31,7 +31,7 @@ class FollowingErrorWatch:
         """Return what was seen, with the remedy."""
         return (
             f"following error of {math.degrees(self.error_rad):+.2f} deg at {self.current_A:.3g} A, the limit is "
-            f"{math.degrees(self.max_error_rad):.4g} deg: the load is too large for this limit, or encoder and motor "
-            "have opposite directions; without a load set the direction of the encoder in the drive and calibrate "
-            "again, with one raise limits.following_error_max_rad"
+            f"{math.degrees(self.max_error_rad):.4g} deg: the load or the speed is too large for this limit "
+            "(--max-following-error in degrees, limits.following_error_max_rad), or encoder and motor have opposite "
+            "directions; without a load set the direction of the encoder in the drive, and calibrate again"
         )

@@ -123,7 +123,7 @@ def run(
     reset_fault
         Reset a fault that the drive has latched before the run.
     max_following_error
-        End the run if the motor is further than this angle in degrees from its reference; default: the rig's
+        End the run if the motor is further than this angle in degrees from its reference, or further than the rig's
         limits.following_error_max_rad. Use 0.5 for the first motion of a drive, without a load.
     go_on
         If an axis fails, the other axes continue; without it they are stopped.
@@ -146,12 +146,13 @@ def run(
         With --live: also send the data to Foxglove.
     """
     page = live_options(live=live, control=live_control, bind=live_bind, foxglove=foxglove)
-    rigs = with_following_error(named_rigs(rig), max_following_error)
+    rigs = named_rigs(rig)
     check_algorithm(algorithm)
     link = LinkSpec(interface=interface, channel=channel, serial_url=serial, options=interface_options(option))
     rate = checked_rate(rig, rigs, link, baudrate, drive)
     machines = machines_for(list(rigs.values()))
     check_rigs(rig, rigs)
+    rigs = with_following_error(rigs, max_following_error)
     check_duration(duration)
     check_outside(references, references_token, references_timeout, trajectory)
     points, duration_s = motions(trajectory, rig, rigs, duration) if not references else ([None] * len(rigs), duration)

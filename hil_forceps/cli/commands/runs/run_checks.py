@@ -40,14 +40,20 @@ def check_rigs(paths: Sequence[Path], rigs: Mapping[str, Rig]) -> None:
         _check_settings(" ".join(map(str, paths)), findings_of_several(rigs))
 
 
-def with_following_error(rigs: Mapping[str, Rig], max_deg: float | None) -> Mapping[str, Rig]:
-    """Return the rigs with this following error window, if one is given; UserError if it is no positive angle."""
+def with_following_error(rigs: Mapping[str, Rig], max_deg: float | None) -> dict[str, Rig]:
+    """Return the rigs with this following error window, unless theirs is narrower; UserError for no such angle."""
     if max_deg is None:
-        return rigs
+        return dict(rigs)
     if not 0.0 < max_deg <= 360.0:
         raise UserError(f"--max-following-error {max_deg:g}: must be above 0 and at most 360 degrees")
-    changes = {"limits.following_error_max_rad": math.radians(max_deg)}
-    return {name: rig.with_changes(changes) for name, rig in rigs.items()}
+    return {name: _narrowed(rig, math.radians(max_deg)) for name, rig in rigs.items()}
+
+
+def _narrowed(rig: Rig, max_rad: float) -> Rig:
+    own_rad = rig.limits.following_error_max_rad
+    if own_rad is not None and own_rad <= max_rad:
+        return rig
+    return rig.with_changes({"limits.following_error_max_rad": max_rad})
 
 
 def check_duration(duration_s: float | None) -> None:

@@ -10,6 +10,7 @@ import pytest
 from hil_forceps.bench.session import motion_watches
 from hil_forceps.bridge.results import StopReason
 from hil_forceps.cli import main as cli
+from hil_forceps.cli.commands.runs.run_checks import with_following_error
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.supervision.following_error import FollowingErrorWatch
 from hil_forceps.rig import load_rig
@@ -74,6 +75,23 @@ def test_a_load_that_moves_the_motor_further_ends_the_run_by_the_rigs_own_limit(
     with pytest.raises(SystemExit):
         cli.main(["explain", str(tmp_path / "out")])
     assert "position loop is too soft" in capsys.readouterr().out
+
+
+def test_the_option_is_no_way_around_missing_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig = tmp_path / "rig.yaml"
+    text = (CONFIGS / "realistic.yaml").read_text()
+    begin = text.index("\nlimits:")
+    end = text.index("\n\n", begin)
+    rig.write_text(text[:begin] + text[end:])
+    assert run(rig, tmp_path, "--max-following-error", "0.5", "--duration", "0.5") == 2
+    assert "limits: is missing" in capsys.readouterr().err
+
+
+def test_the_option_never_widens_the_limit_of_a_rig() -> None:
+    rigs = {"a": load_rig(CONFIGS / "realistic.yaml").with_changes({"limits.following_error_max_rad": 0.02})}
+    assert with_following_error(rigs, 5.0)["a"].limits.following_error_max_rad == 0.02
+    assert with_following_error(rigs, 1.0)["a"].limits.following_error_max_rad == pytest.approx(math.radians(1.0))
+    assert with_following_error(rigs, None) == rigs
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "361"])
