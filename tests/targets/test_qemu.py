@@ -109,7 +109,7 @@ def test_time_to_no_torque(tmp_path: Path) -> None:
     with recorded(TARGET, Part.TORQUE_FREE) as record:
         require_emulator(record)
         with emulator("mps2") as url:
-            measure_torque_free(record, tmp_path / "out", "--serial", url, "--line-ms", "10")
+            measure_torque_free(record, tmp_path / "out", "--serial", url, *MARGINS[:2])
 
 
 def test_simulation_2(tmp_path: Path) -> None:
