@@ -165,7 +165,8 @@ class Course:
             if line.denied_in_a_row:
                 why = (
                     f"the gate denies the measured angle: {VERDICT_NAMES[line.verdict]}; check whether it is within "
-                    "`limits:`"
+                    f"`limits:`: the motor is at {line.sample.theta_m_rad:.4g} rad by the rig (encoder_zero_rev, and "
+                    "size and sign of encoder_rev_per_pulley_rev)"
                 )
             elif self._host.drive_state is DriveState.OPERATIONAL:
                 why = "it is operational, but for another program; end that program first"
