@@ -3,6 +3,7 @@
 An effect's d is that in the case's own runs that are fitted (`own_sizes`), when it is hidden alone.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -131,10 +132,8 @@ def hidden(case: Drawn) -> dict[str, dict[str, float]]:
     def own(effects: Effects) -> float:
         true = true_rig(rig, effects, {})
         ((effect_id, values),) = effects.items()
-        if abs(values.get("current_s", 0.0)) // case.sample_time_s == 0 and effect_id == "channel_skew":
-            values = {name: value for name, value in values.items() if name != "current_s"}
-            if not any(values.values()):
-                return 0.0  # between samples of the drive its current is constant
+        if abs(values.get("current_s", math.inf)) < case.sample_time_s:
+            return 0.0  # of a current that is constant between the drive's samples, no skew within one shows
         return own_size(_even(_runs(case, true, fitted), rig), rig, true, effect_id)
 
     found: dict[str, dict[str, float]] = {}

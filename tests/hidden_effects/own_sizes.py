@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.diagnosis.evidence import pass_all
+from hil_forceps.diagnosis.hypotheses.candidate import is_finite
 from hil_forceps.diagnosis.identification import adapting, known_of, records_of
 from hil_forceps.diagnosis.inference.fit import Fit, fit_from
 from hil_forceps.diagnosis.inference.parameters import without_effect
@@ -37,14 +38,14 @@ def own_size(runs: Sequence[EvenRun], assumed: Rig, true: Rig, effect_id: str) -
     adapted = adapting(map)(records, Fit((), pass_all(records, theta, map), np.eye(0)), first=True)
     with_it = pass_all(adapted, theta, map)
     without = pass_all(adapted, without_effect(theta, effect_id), map)
-    if not all(np.isfinite(run.residual[run.counts]).all() for run in without.runs):
+    if not is_finite(without):
         return math.inf
     refitted = fit_from(adapted, without, known, map).passes
     apart = 0.0
     for one, other in zip(with_it.runs, refitted.runs, strict=True):
         mine, its = as_recorded(one), as_recorded(other)
         apart += float(np.sum(np.where(np.isfinite(mine) & np.isfinite(its), its - mine, 0.0) ** 2))
-    # As many of χ² as there are parameters: so much the refit takes of the noise.
+    # The refit follows the noise, too: of χ² that is the number of parameters on the mean.
     return math.sqrt(max(0.0, apart - len(known)))
 
 

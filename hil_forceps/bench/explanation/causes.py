@@ -74,6 +74,10 @@ _BY_WORDS: tuple[tuple[str, Cause], ...] = (
     ),
     ("BUS_OFF", Cause("the bus controller of the drive is bus-off", "bit rate, termination and cable of the bus")),
 )
+_REVERSED = Cause(
+    "encoder and motor have opposite directions",
+    "the first motion without load: hil-forceps conformance --allow-motion",
+)
 _BY_REASON: dict[str, tuple[Cause, ...]] = {
     "no_drive": (
         Cause(
@@ -121,17 +125,11 @@ _BY_REASON: dict[str, tuple[Cause, ...]] = {
         Cause(
             "a load for which the drive's position loop is too soft", "the load on the jaw, and current_A in the table"
         ),
-        Cause(
-            "encoder and motor have opposite directions",
-            "the first motion without load: hil-forceps conformance --allow-motion",
-        ),
+        _REVERSED,
         Cause("the reference is faster than the drive", "the trajectory, and the current limit of the drive"),
     ),
     "runaway": (
-        Cause(
-            "encoder and motor have opposite directions",
-            "the first motion without load: hil-forceps conformance --allow-motion",
-        ),
+        _REVERSED,
         Cause("a load that is larger than the motor's torque", "current_A in the table, and the load on the jaw"),
     ),
     "bus_down": (

@@ -82,7 +82,7 @@ def adapted_to(s: Search, model: Candidate) -> tuple[Search, Candidate]:
         runs = s.adapt(s.runs, found, first=number == 0)
         before = found.values
         refitted = fit(runs, found.passes.theta, found.free, s.mapper)
-        if not _is_finite(refitted.passes):
+        if not is_finite(refitted.passes):
             break  # as it decides, the model has no finite answer: it stays as it was fitted
         s, found = s._replace(runs=runs), refitted
         if np.all(np.abs(found.values - before) < ADAPTED_DEVIATIONS * found.deviations):
@@ -90,7 +90,8 @@ def adapted_to(s: Search, model: Candidate) -> tuple[Search, Candidate]:
     return s, model._replace(fit=found)
 
 
-def _is_finite(passes: Passes) -> bool:
+def is_finite(passes: Passes) -> bool:
+    """Tell whether a model has an answer to its runs: a filter that diverges has none."""
     return all(bool(np.isfinite(run.residual).all()) for run in passes.runs)
 
 

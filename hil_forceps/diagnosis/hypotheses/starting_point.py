@@ -15,7 +15,7 @@ from hil_forceps.diagnosis.evidence import Passes, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Candidate, Search
 from hil_forceps.diagnosis.hypotheses.places import estimate
 from hil_forceps.diagnosis.hypotheses.shortlist import Start
-from hil_forceps.diagnosis.inference.fit import moved, penalised
+from hil_forceps.diagnosis.inference.fit import chi2_above, moved
 from hil_forceps.diagnosis.inference.parameters import start_of, values_of, with_effect
 from hil_forceps.rig.catalogue import effect
 
@@ -23,24 +23,24 @@ Vector = NDArray[np.float64]
 Values = Mapping[str, float]
 
 SKEW: Final = "channel_skew"
-SMALLER: Final = (1.0, 0.3, 0.1)  # shares of what the score test finds, until the likelihood rises
+REDUCED_SHARES: Final = (1.0, 0.3, 0.1)  # shares of what the score test finds, until the likelihood rises
 MAX_DOUBLINGS: Final = 5  # of what it finds, as long as the likelihood rises
-# A skew that is less by the score test is no more than a row: a channel that changes from row to row shows little of
-# many rows.
+# Where the score test finds less, the skew is within a row. It finds little of a skew of many rows, too, where a
+# channel changes from row to row.
 MIN_SKEW_ROWS: Final = 0.1
 SKEW_ROWS: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 REFINING_RATIOS: Final = (1.4, 1.2, 1.1, 1.05, 1.025)  # each about the root of the one before, from 2 on
 
 
-class _Look(NamedTuple):
-    gain: float  # of the log posterior
+class _Trial(NamedTuple):
+    gain: float  # χ² above the model without the entry; −∞ where the filter diverges
     passes: Passes
     skew_s: float = 0.0
 
 
 def starting_point(s: Search, model: Candidate, start: Start) -> Passes:
     """Return passes at the likeliest point that a refit may begin at."""
-    best = max(_looks(s, model, start), key=lambda look: look.gain)
+    best = max(_sizes_tried(s, model, start), key=lambda trial: trial.gain)
     if start.place.effect_id == SKEW:
         ((channel, skew_s),) = ((k, v) for k, v in estimate(start.place, start.sizes.tolist()).items() if v != 0.0)
         skewed = _likeliest_skew(s, model, channel, skew_s)
@@ -49,15 +49,16 @@ def starting_point(s: Search, model: Candidate, start: Start) -> Passes:
     return best.passes
 
 
-def _looks(s: Search, model: Candidate, start: Start) -> Iterator[_Look]:
+def _sizes_tried(s: Search, model: Candidate, start: Start) -> Iterator[_Trial]:
+    """Yield the entry as the score test has it, smaller until that is likelier than none, and larger."""
     base, place = model.fit, start.place
 
-    def at(theta: Vector, share: float) -> _Look:
+    def at(theta: Vector, share: float) -> _Trial:
         values = estimate(place, [share * float(v) for v in start.sizes])
-        return _look(s, model, theta, place.effect_id, values)
+        return _tried(s, model, theta, place.effect_id, values)
 
-    linear = _Look(-np.inf, base.passes)
-    for share in SMALLER:
+    linear = _Trial(-np.inf, base.passes)
+    for share in REDUCED_SHARES:
         linear = at(moved(base.passes.theta, base.free, share * start.shifts), share)
         yield linear
         if linear.gain > 0.0:
@@ -65,25 +66,25 @@ def _looks(s: Search, model: Candidate, start: Start) -> Iterator[_Look]:
     for theta in (base.passes.theta, _as_the_rig_has_them(s, base.passes.theta)):
         likeliest = linear.gain if theta is base.passes.theta else -np.inf
         for doublings in range(MAX_DOUBLINGS + 1):
-            look = at(theta, 2.0**doublings)
-            yield look
-            if look.gain <= likeliest:
+            trial = at(theta, 2.0**doublings)
+            yield trial
+            if trial.gain <= likeliest:
                 break
-            likeliest = look.gain
+            likeliest = trial.gain
 
 
-def _look(s: Search, model: Candidate, theta: Vector, effect_id: str, values: Values) -> _Look:
-    """Return a model with an entry of these values beside the parameters `theta`, and what it gains."""
+def _tried(s: Search, model: Candidate, theta: Vector, effect_id: str, values: Values) -> _Trial:
+    """Return passes with an entry of these values beside the parameters `theta`, and what it gains."""
     base, new = model.fit, start_of(effect_id, values)
     if effect_id in model.effects:  # another channel of a skew
         old = values_of(theta, effect_id)
         new = {k: v if v != 0.0 else old[k] for k, v in new.items()}
     passes = pass_all(s.runs, with_effect(theta, effect_id, new), s.mapper)
-    gain = penalised(passes, base.free, base.passes) - penalised(base.passes, base.free, passes)
-    return _Look(gain if np.isfinite(gain) else -np.inf, passes)
+    gain = chi2_above(base, passes, base.free)
+    return _Trial(gain if np.isfinite(gain) else -np.inf, passes)
 
 
-def _likeliest_skew(s: Search, model: Candidate, channel: str, estimate_s: float) -> _Look | None:
+def _likeliest_skew(s: Search, model: Candidate, channel: str, estimate_s: float) -> _Trial | None:
     """Return the likeliest of the skews of whole rows; None where the score test's is far within one."""
     base = model.fit
     period_s = base.passes.runs[0].course(base.passes.plant, before=True).period_s
@@ -91,11 +92,11 @@ def _likeliest_skew(s: Search, model: Candidate, channel: str, estimate_s: float
         return None
     limits = {p.name: (p.minimum, p.maximum) for p in effect(SKEW).parameters}[channel]
 
-    def at(theta: Vector, skew_s: float) -> _Look:
+    def at(theta: Vector, skew_s: float) -> _Trial:
         skew_s = float(np.clip(skew_s, *limits))  # a refinement may go beyond
-        return _look(s, model, theta, SKEW, {channel: skew_s})._replace(skew_s=skew_s)
+        return _tried(s, model, theta, SKEW, {channel: skew_s})._replace(skew_s=skew_s)
 
-    best = _Look(-np.inf, base.passes)
+    best = _Trial(-np.inf, base.passes)
     for theta in (base.passes.theta, _as_the_rig_has_them(s, base.passes.theta)):
         reached = {float(np.clip(sign * rows * period_s, *limits)) for rows in SKEW_ROWS for sign in (1.0, -1.0)}
         for skew_s in sorted(reached):  # both sides: of a motion that recurs, the score test may see the nearer one
@@ -106,7 +107,7 @@ def _likeliest_skew(s: Search, model: Candidate, channel: str, estimate_s: float
     return best
 
 
-def _better(one: _Look, other: _Look) -> _Look:
+def _better(one: _Trial, other: _Trial) -> _Trial:
     return other if other.gain > one.gain else one
 
 

@@ -64,8 +64,8 @@ def predicted(p: Physics, d: Series, channel: int, x: Vector, current_A: float, 
     elif channel == LOAD_CELL:
         shown = x[LOAD] + x[LOAD_NOISE] - late * x[LOAD_SLOPE]
     else:
-        late = current_A - late / d.period_s * (current_A - before_A)
-        shown = (1.0 + p.current_gain_relative_error) * late + p.current_offset_offset_A + x[CURRENT_NOISE]
+        recorded_A = current_A - late / d.period_s * (current_A - before_A)
+        shown = (1.0 + p.current_gain_relative_error) * recorded_A + p.current_offset_offset_A + x[CURRENT_NOISE]
     return shown
 
 

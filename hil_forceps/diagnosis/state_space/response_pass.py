@@ -76,8 +76,8 @@ def _shown(p: Physics, d: Series, channel: int, at: Vector, current_A: float, be
     elif channel == LOAD_CELL:
         value = -late * at[PREDICTED_LOAD_SLOPE]
     else:
-        late = current_A - late / d.period_s * (current_A - before_A)
-        value = (1.0 + p.current_gain_relative_error) * late + p.current_offset_offset_A
+        recorded_A = current_A - late / d.period_s * (current_A - before_A)
+        value = (1.0 + p.current_gain_relative_error) * recorded_A + p.current_offset_offset_A
     return value
 
 

@@ -49,18 +49,10 @@ def run_torque_free(kind: str, folder: Path) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     fd = ["--fd"] if kind == "fd" else []
     with devices(kind) as (ours, theirs), running(c_drive(theirs, *fd)):
-        command = [
-            sys.executable,
-            "-m",
-            "tests.targets.torque_free",
-            "--interface",
-            "socketcan",
-            "--channel",
-            ours,
-            *fd,
-        ]
+        line = ["--interface", "socketcan", "--channel", ours, *fd]
         out = ["--runs", str(TORQUE_FREE_RUNS), "--out", str(folder / "torque_free.json")]
-        return subprocess.run([*command, *out], cwd=ROOT, check=False).returncode
+        command = [sys.executable, "-m", "tests.targets.torque_free", *line, *out]
+        return subprocess.run(command, cwd=ROOT, check=False).returncode
 
 
 def run_loop(kind: str, folder: Path) -> int:
