@@ -1,7 +1,7 @@
 """Evidence of parameters: runs that a model is held to, reduced to what inference needs, a Gram matrix and scores."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Columns = NDArray[np.float32]
 Answer = TypeVar("Answer")
+Values = TypeVar("Values", Matrix, Mask)
 
 # Deviations: 1 in 370 by chance. A load that bends within a row or a mass that stops for one are not in the model; what
 # is seldom and large is to say little (Huber, Robust Statistics, 1981).
@@ -92,6 +93,9 @@ class Passed(Protocol):
     def log_likelihood(self) -> Matrix:
         """Log likelihood (n × m), by the loss that `influence` is of."""
 
+    def as_recorded(self, values: Values) -> Values:
+        """Return values (n × m) at the rows at which their measurements were recorded; 0 where there is none."""
+
     def answers(self, base: Physics, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
         """Return how the residuals answer to directions and behind them to waves (n·m × columns), by influence."""
 
@@ -115,6 +119,9 @@ class Evidence(Protocol):
 
     def passed(self, theta: Vector, plant: Physics) -> Passed:
         """Return it beside a model."""
+
+    def with_rows_of(self, plant: Physics) -> Self:
+        """Return it with channels that are late moved by whole rows as suits a model, and held there for all others."""
 
 
 class Passes(NamedTuple):

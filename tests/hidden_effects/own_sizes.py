@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.diagnosis.evidence import pass_all
@@ -19,7 +18,6 @@ from hil_forceps.diagnosis.identification import adapting, known_of, records_of
 from hil_forceps.diagnosis.inference.fit import Fit, fit_from
 from hil_forceps.diagnosis.inference.parameters import without_effect
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
-from hil_forceps.diagnosis.state_space.passes import Passed
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from tests.hidden_effects.generator_sizes import Effects, scaled
@@ -43,21 +41,10 @@ def own_size(runs: Sequence[EvenRun], assumed: Rig, true: Rig, effect_id: str) -
     refitted = fit_from(adapted, without, known, map).passes
     apart = 0.0
     for one, other in zip(with_it.runs, refitted.runs, strict=True):
-        mine, its = as_recorded(one), as_recorded(other)
-        apart += float(np.sum(np.where(np.isfinite(mine) & np.isfinite(its), its - mine, 0.0) ** 2))
+        both = one.as_recorded(one.counts) & other.as_recorded(other.counts)
+        apart += float(np.sum((other.as_recorded(other.residual) - one.as_recorded(one.residual))[both] ** 2))
     # The refit follows the noise, too: of χ² that is the number of parameters on the mean.
     return math.sqrt(max(0.0, apart - len(known)))
-
-
-def as_recorded(passed: Passed) -> NDArray[np.float64]:
-    """Return innovations (n × CHANNELS) at the rows at which they were recorded; NaN where they don't count."""
-    values, n = np.where(passed.counts, passed.residual, np.nan), passed.residual.shape[0]
-    recorded = np.full_like(values, np.nan)
-    for channel, shifted_s in enumerate(passed.series.shifted_s):
-        at = np.arange(n) + round(shifted_s / passed.series.period_s)
-        inside = (at >= 0) & (at < n)
-        recorded[at[inside], channel] = values[inside, channel]
-    return recorded
 
 
 def sized(

@@ -10,7 +10,7 @@ from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.driven.rows import DrivenRows
 from hil_forceps.diagnosis.driven.simulation import DrivenModel, driven_models
 from hil_forceps.diagnosis.driven.whitening import Whitening, white
-from hil_forceps.diagnosis.evidence import WILD, Columns, Direction, Mapper, Wave, answers_of, pass_all
+from hil_forceps.diagnosis.evidence import WILD, Columns, Direction, Mapper, Values, Wave, answers_of, pass_all
 from hil_forceps.diagnosis.validation.heldout import DIVERGED_SPANS, Played
 from hil_forceps.diagnosis.validation.rows import Rows
 from hil_forceps.model.composition import Physics
@@ -68,6 +68,11 @@ class DrivenRun:
         raw = {name: values - said[name] - self.offset[name] for name, values in rows.channels.items()}
         return _passed(self, shown, raw)
 
+    def with_rows_of(self, plant: Physics) -> "DrivenRun":
+        """Return the run: none of its channels is moved."""
+        del plant
+        return self
+
     def adapted(self, theta: Vector, white: dict[str, Whitening]) -> "DrivenRun":
         """Return the run with other filters, and with what the noise of what drives does beside a model."""
         noisy, plain = (self.model.channels(self.model.simulated(theta, smoothed=how)) for how in (False, True))
@@ -114,6 +119,10 @@ class DrivenPassed:
             row = int(np.argmax(self.counts[:, place]))
             found[row, place] -= 0.5 * (self.zeros[name] / self.run.zero_sd[name]) ** 2
         return np.asarray(found)
+
+    def as_recorded(self, values: Values) -> Values:
+        """Return values as they are: no channel is moved."""
+        return values
 
     def course(self, base: Physics, *, before: bool) -> Course:
         """Return what happened in the run; nothing of it hangs on what is compared."""

@@ -81,8 +81,8 @@ def scatter_between(one: Passes, other: Passes) -> Scatter:
     """Return how scores scatter of the change from a model to another that extends it."""
     parts = []
     for before, after in zip(one.runs, other.runs, strict=True):
-        both = before.counts & after.counts
-        residual = np.where(both, after.influence * after.residual, 0.0)
-        change = np.where(both, before.influence * before.residual, 0.0) - residual
+        both = before.as_recorded(before.counts) & after.as_recorded(after.counts)
+        residual = np.where(both, after.as_recorded(after.influence * after.residual), 0.0)
+        change = np.where(both, before.as_recorded(before.influence * before.residual), 0.0) - residual
         parts.append(scatter(change, residual, after.block_rows))
     return total_scatter(parts)

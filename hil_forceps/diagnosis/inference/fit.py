@@ -21,6 +21,7 @@ MAX_STEPS = 8
 CONVERGED_CHI2 = 0.02  # that a step is to gain: no parameter is further than 0.14 deviations from its best
 STATIONARY_CHI2 = 1.0  # that a step did gain: rows that come and go as evidence move χ² by as much
 MAX_HALVINGS = 4
+MAX_ROW_CHOICES = 3  # a first fit leaves the rest of a skew to first order, a second one is next to exact
 # Of a parameter's scale, for finite differences. Over ten times as much, a radius changes torques by as much as small
 # dry friction does.
 DIFFERENCE_SHARE = 1e-5
@@ -96,8 +97,8 @@ def penalised(passes: Passes, free: Sequence[Free], other: Passes, known: Poster
     """Return the log posterior of `passes` where both passes have evidence; `known`: in place of the priors."""
     total = 0.0
     for mine, its in zip(passes.runs, other.runs, strict=True):
-        both = mine.counts & its.counts
-        total += float(mine.log_likelihood[both].sum())
+        both = mine.as_recorded(mine.counts) & its.as_recorded(its.counts)
+        total += float(mine.as_recorded(mine.log_likelihood)[both].sum())
     away, precision = _away(free, passes.theta, known)
     return total - 0.5 * float(away @ precision @ away)
 
@@ -137,7 +138,26 @@ def fit_from(
     """Return the fit from passes over its runs on; `known`: in place of the priors.
 
     A fit that can't reach `required` ends, but not before its first step: linear theory alone has put the start there.
+    Channels that are late are held at the rows where the start has them: where the end has them elsewhere, by another
+    fit. With each step's own rows, two steps would compare rows that hold other measurements.
     """
+    for _ in range(MAX_ROW_CHOICES):
+        held = [run.with_rows_of(passes.plant) for run in runs]
+        found = _fit_held(held, passes, free, mapper, known, required)
+        if all(run.with_rows_of(found.passes.plant) is run for run in held):
+            break
+        passes = pass_all(runs, found.passes.theta, mapper)
+    return found
+
+
+def _fit_held(
+    runs: Sequence[Evidence],
+    passes: Passes,
+    free: Sequence[Free],
+    mapper: Mapper,
+    known: Posterior | None,
+    required: RequiredGain | None,
+) -> Fit:
     inverse = np.eye(len(free))
     for number in range(MAX_STEPS):
         newton = _newton(passes, free, mapper, known)

@@ -82,6 +82,7 @@ class Record:
     least_slope_variance: float  # [(N m/s)²]: what the equations leave open, as a wandering load
     settling_rows: int
     command_span_A: float
+    rows_late: tuple[int, int, int, int] | None = None  # by how many rows channels are moved; None: as suits the model
 
     @property
     def load_measured(self) -> bool:
@@ -96,13 +97,23 @@ class Record:
     def passed(self, theta: Vector, plant: Physics) -> Passed:
         """Return a pass of the filter with the plant of parameters `theta`."""
         del theta
-        run, late = self, rows_late(plant, self.series.period_s)
+        run, late = self, self.rows_late or rows_late(plant, self.series.period_s)
         if any(late):
             dwelling, ringing = rows_later(self.dwelling, late[ENCODER]), rows_later(self.ringing, late[LOAD_CELL])
-            run = replace(run, series=moved_back(self.series, late), dwelling=dwelling, ringing=ringing)
+            run = replace(
+                run,
+                series=moved_back(self.series, late, plant.channel_skew_tau_w_s),
+                dwelling=dwelling,
+                ringing=ringing,
+            )
         if plant.channel_skew_theta_m_s != 0.0:
             run = replace(run, series=with_unseen_counts(run.series))
         return pass_one(run, plant)
+
+    def with_rows_of(self, plant: Physics) -> "Record":
+        """Return the record with late channels moved by whole rows as suits a model, and held there for all others."""
+        late = rows_late(plant, self.series.period_s)
+        return self if self.rows_late == late else replace(self, rows_late=late)
 
     def with_friction_of(self, p: Physics) -> "Record":
         """Return the record for a plant whose dry friction is about that of `p`, nothing decided yet.

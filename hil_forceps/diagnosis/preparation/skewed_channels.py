@@ -37,18 +37,20 @@ def rows_late(plant: Physics, period_s: float) -> tuple[int, int, int, int]:
     )
 
 
-def moved_back(series: Series, late: tuple[int, int, int, int]) -> Series:
+def moved_back(series: Series, late: tuple[int, int, int, int], load_cell_skew_s: float) -> Series:
     """Return the series with each channel at the rows at which it was measured.
 
-    A load cell takes the load's breaks with it: they were found in what it showed.
+    A load cell takes the load's breaks with it: they were found in what it showed. Those go by its whole skew: a break
+    that comes between two rows is one in each of them.
     """
+    cell_rows = load_cell_skew_s / series.period_s
     series = series._replace(
         shifted_s=np.array(late, dtype=np.float64) * series.period_s,
         jaw_rad=_measured_later(series.jaw_rad, late[JAW]),
         load_N_m=_measured_later(series.load_N_m, late[LOAD_CELL]),
         current_A=_measured_later(series.current_A, late[CURRENT]),
-        load_slope_variance=rows_later(series.load_slope_variance, late[LOAD_CELL]),
-        load_jump_variance=rows_later(series.load_jump_variance, late[LOAD_CELL]),
+        load_slope_variance=_between_rows(series.load_slope_variance, cell_rows),
+        load_jump_variance=_between_rows(series.load_jump_variance, cell_rows),
     )
     if late[ENCODER] == 0:
         return series
@@ -78,6 +80,13 @@ def with_unseen_counts(series: Series) -> Series:
 def rows_later(values: Values, rows: int) -> Values:
     """Return values so many rows later; at the ends, the first and the last there is."""
     return values[np.clip(np.arange(values.size) + rows, 0, values.size - 1)] if rows else values
+
+
+def _between_rows(values: Vector, rows: float) -> Vector:
+    """Return values so many rows later, each shared between the two rows next to it."""
+    whole = math.floor(rows)
+    share = rows - whole
+    return (1.0 - share) * rows_later(values, whole) + share * rows_later(values, whole + 1)
 
 
 def _measured_later(values: Vector, rows: int) -> Vector:

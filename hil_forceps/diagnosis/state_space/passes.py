@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.evidence import HUBER, WILD, Columns, Direction, Wave, answers_of, huber_weight
+from hil_forceps.diagnosis.evidence import HUBER, WILD, Columns, Direction, Values, Wave, answers_of, huber_weight
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.filter_pass import filter_run
 from hil_forceps.diagnosis.state_space.forcing_pass import COLUMNS_AT_ONCE, forced
@@ -106,6 +106,17 @@ class Passed(NamedTuple):
         beyond = np.clip(away - HUBER, 0.0, MAX_SQUARED_DEVIATIONS)
         line = -HUBER * np.minimum(away, WILD)
         return np.asarray(np.where(away < MAX_SQUARED_DEVIATIONS, self.filtered.log_likelihood + 0.5 * beyond**2, line))
+
+    def as_recorded(self, values: Values) -> Values:
+        """Return values (n × CHANNELS) at the rows at which they were recorded; 0 where none was measured."""
+        if not self.series.shifted_s.any():
+            return values
+        recorded, n = np.zeros_like(values), values.shape[0]
+        for channel, shifted_s in enumerate(self.series.shifted_s):
+            at = np.arange(n) + round(shifted_s / self.series.period_s)
+            inside = (at >= 0) & (at < n)
+            recorded[at[inside], channel] = values[inside, channel]
+        return recorded
 
     def answers(self, base: Physics, directions: Sequence[Direction], waves: Sequence[Wave] = ()) -> Columns:
         """Return how the innovations answer to directions and behind them to waves (n·CHANNELS × columns)."""

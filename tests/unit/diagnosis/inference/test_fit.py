@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hil_forceps.diagnosis.course import Course
-from hil_forceps.diagnosis.evidence import Direction, Passes, pass_all
+from hil_forceps.diagnosis.evidence import Direction, Passes, Values, pass_all
 from hil_forceps.diagnosis.inference.fit import Fit, RequiredGain, chi2_above, fit, fit_from
 from hil_forceps.diagnosis.inference.parameters import Free
 from hil_forceps.diagnosis.state_space.advance import physics_of
@@ -45,6 +45,15 @@ class Decay:
         """Return it beside a model."""
         del plant
         return Decay(self.y, self.asked, theta)
+
+    def with_rows_of(self, plant: Physics) -> "Decay":
+        """Return it: no channel of it is moved."""
+        del plant
+        return self
+
+    def as_recorded(self, values: Values) -> Values:
+        """Return values as they are."""
+        return values
 
     def answers(self, base: Physics, directions: Sequence[Direction], waves: Sequence[Any] = ()) -> NDArray[np.float32]:
         """Return how residuals answer."""

@@ -5,9 +5,11 @@ import pytest
 
 from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.diagnosis.evidence import pass_all
-from hil_forceps.diagnosis.identification import identify
+from hil_forceps.diagnosis.identification import identify, known_of
+from hil_forceps.diagnosis.inference.fit import fit_from
+from hil_forceps.diagnosis.inference.parameters import effect_parameters, start_of
 from hil_forceps.diagnosis.options import Options
-from hil_forceps.diagnosis.preparation.skewed_channels import rows_late, rows_later
+from hil_forceps.diagnosis.preparation.skewed_channels import moved_back, rows_late, rows_later
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.layout import CURRENT, ENCODER, JAW, LOAD_CELL
 from hil_forceps.diagnosis.validation.verdict import judge
@@ -63,6 +65,40 @@ def test_a_channel_is_moved_to_the_nearest_row(skew_s: float, rows: int) -> None
 @pytest.mark.parametrize(("skew_s", "rows"), [(0.0004, 0), (0.0006, 0), (-0.0006, -1), (0.0016, 1)])
 def test_of_a_current_a_part_of_a_row_is_left_that_is_late(skew_s: float, rows: int) -> None:
     assert rows_late(physics_of(parameters.vector(skewed("current_s", skew_s))), 1e-3)[CURRENT] == rows
+
+
+def test_a_fit_holds_the_rows_where_it_begins_until_its_end_suits_others() -> None:
+    """Steps with their own rows compared rows that held other measurements: skews near half a row were drawn there."""
+    skew_s = 0.0026
+    true = skewed("theta_j_s", skew_s)
+    records = records_of(runs_of(true, ("multisine_mid", "multisine"), 15100), true)
+    known = known_of(BASE, records)
+    start = pass_all(records, parameters.vector(skewed("theta_j_s", 0.0024)), POOL.map)
+    assert all(run.series.shifted_s[JAW] == pytest.approx(0.002) for run in start.runs)
+    free = (*known, *effect_parameters("channel_skew", start_of("channel_skew", {"theta_j_s": 0.0024})))
+    found = fit_from(records, start, free, POOL.map)
+    assert all(run.series.shifted_s[JAW] == pytest.approx(0.003) for run in found.passes.runs)
+    assert found.values[-1] == pytest.approx(skew_s, abs=4.0 * found.deviations[-1])
+    assert found.deviations[-1] < 2e-5
+
+
+def test_models_with_other_rows_are_compared_by_measurement() -> None:
+    true = skewed("theta_j_s", 0.02)
+    (record,) = records_of(runs_of(true, ("multisine_mid",), 15100), true)
+    passed = record.passed(parameters.vector(true), physics_of(parameters.vector(true)))
+    shown = passed.as_recorded(passed.series.jaw_rad[:, np.newaxis] * np.ones(4))[:, JAW]
+    measured = np.isfinite(passed.series.jaw_rad)
+    assert np.array_equal(shown[20:], record.series.jaw_rad[20:])
+    assert measured.sum() == record.series.jaw_rad.size - 20
+    assert not shown[:20].any()
+
+
+def test_breaks_of_a_late_load_are_shared_between_rows() -> None:
+    (record,) = records_of(runs_of(BASE, ("grasp",), 15100), BASE)
+    before = record.series.load_slope_variance
+    row = int(np.argmax(before))
+    moved = moved_back(record.series, (0, 0, 3, 0), 0.0026).load_slope_variance
+    assert moved[row - 3] == pytest.approx(0.4 * before[row - 1] + 0.6 * before[row], rel=1e-9)
 
 
 def test_rows_later_repeats_the_ends() -> None:
