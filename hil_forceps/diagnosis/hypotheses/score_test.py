@@ -117,8 +117,10 @@ def _threshold(s: Matrix, places: Sequence[Place], good: NDArray[np.bool_], seed
     size = np.sqrt(np.diag(s)[kept])
     normed = s[np.ix_(kept, kept)] / np.outer(size, size)
     values, vectors = np.linalg.eigh(normed)
+    values = np.maximum(values, 0.0)
+    normed = (vectors * values) @ vectors.T  # what is drawn and what weighs it are of one matrix, without rounding
     rng = np.random.default_rng(seed)
-    scores = (vectors * np.sqrt(np.maximum(values, 0.0))) @ rng.standard_normal((kept.size, DRAWS))
+    scores = (vectors * np.sqrt(values)) @ rng.standard_normal((kept.size, DRAWS))
     largest = np.zeros(DRAWS)
     for place in places:
         chosen = at[place.first : place.stop]
