@@ -11,6 +11,7 @@ import numpy as np
 
 from hil_forceps.data.even_rows import EvenRun, even_rows
 from hil_forceps.data.run import Run
+from hil_forceps.diagnosis.identified import LIKE_A_LOAD
 from hil_forceps.rig import Rig
 from hil_forceps.rig.catalogue import EFFECT_IDS
 from tests.hidden_effects.cases import drawn_effect, drawn_shifts
@@ -92,7 +93,8 @@ def draw(kind: str, seed: int, *, usual: bool = False) -> Drawn:
     while len(motions) > 1 and sum(SCENARIOS[name].duration_s for name in motions) / row_s > MOST_ROWS:
         motions.pop()
     many = {"effect": 1, "pair": 2, "triple": 3, "deleted": 1}.get(kind, 0)
-    effects = tuple(str(name) for name in rng.choice(EFFECTS, many, replace=False))
+    told = [name for name in EFFECTS if load_cell or name not in LIKE_A_LOAD]
+    effects = tuple(str(name) for name in rng.choice(told, many, replace=False))
     size = float(rng.choice(SIZES if kind == "effect" else SIZES[2:])) if many else 0.0
     held_out = len(motions) // 3 if len(motions) > 2 else 0
     return Drawn(

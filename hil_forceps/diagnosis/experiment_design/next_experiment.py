@@ -25,7 +25,7 @@ from hil_forceps.diagnosis.inference.fit import Fit, Posterior, directions_of, f
 from hil_forceps.diagnosis.inference.parameters import start_of, with_effect
 from hil_forceps.diagnosis.preparation.records import Record, record_of
 from hil_forceps.diagnosis.result import Detectable, NextExperiment
-from hil_forceps.diagnosis.state_space.advance import STEPS
+from hil_forceps.diagnosis.state_space.advance import steps_in_row
 from hil_forceps.model import closed_loop, parameters
 from hil_forceps.model.closed_loop import Inputs
 from hil_forceps.model.drive_law import law_vector
@@ -190,7 +190,8 @@ def foretold(experiment: Experiment, rig: Rig, theta: Vector, like: Record) -> R
     load = np.interp(time_s, experiment.time_s, experiment.load_N_m)
     inputs = Inputs(time_s, reference, load, np.empty(0, dtype=np.int64), np.empty(0))
     start = closed_loop.rest(theta, float(reference[0]))
-    shown = closed_loop.simulate(theta, law, series.count_rad, inputs, start, STEPS * samples, samples)
+    steps = steps_in_row(series.period_s) * samples
+    shown = closed_loop.simulate(theta, law, series.count_rad, inputs, start, steps, samples)
     columns = {
         "time_s": time_s,
         "theta_m_ref_rad": reference[::samples],

@@ -17,6 +17,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     CURRENT,
     ENCODER,
     JAW,
+    LAW_STATES,
     LOAD,
     LOAD_CELL,
     OMEGA_J,
@@ -210,6 +211,8 @@ def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
     left_out = _and_rows_behind(held, max(d.fading_rows, load_memory_rows(d)))
     left_out |= _and_rows_behind(run.dwelling, d.fading_rows)
     counts[:, :CURRENT] &= ~left_out[:, np.newaxis]
+    if d.states > LAW_STATES:  # what the drive counted between rows is told by the motion
+        counts[left_out, CURRENT] = False
     counts[run.ringing, :CURRENT] = False
     counts[: run.settling_rows] = False
     return np.asarray(counts)

@@ -18,7 +18,7 @@ from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.preparation.command import on_lines
 from hil_forceps.diagnosis.preparation.load_prior import posterior_draw
 from hil_forceps.diagnosis.preparation.records import Record
-from hil_forceps.diagnosis.state_space.advance import STEPS
+from hil_forceps.diagnosis.state_space.advance import steps_in_row
 from hil_forceps.diagnosis.state_space.layout import (
     COMMAND_ERROR,
     ENCODER,
@@ -153,7 +153,7 @@ def _simulator(
 
     def simulate(fractions: Vector) -> Channels:
         given = inputs._replace(edge_fractions=fractions)
-        return closed_loop.simulate(theta, law, 0.0, given, start, STEPS, samples)
+        return closed_loop.simulate(theta, law, 0.0, given, start, steps_in_row(d.period_s), samples)
 
     return simulate, edges
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,8 +25,9 @@ def records_of(runs: Sequence[Run], rig: Rig) -> list[Record]:
     return [record_of(EvenRun.whole(run), rig, noise) for run in runs]
 
 
-def runs_of(rig: Rig, kinds: Sequence[str], seed: int) -> list[Run]:
-    return [generate(rig, SCENARIOS[kind], seed + i, name=f"{i}_{kind}") for i, kind in enumerate(kinds)]
+def runs_of(rig: Rig, kinds: Sequence[str], seed: int, row_s: float = 1e-3) -> list[Run]:
+    scenarios = [replace(SCENARIOS[kind], row_s=row_s) for kind in kinds]
+    return [generate(rig, scenarios[i], seed + i, name=f"{i}_{kind}") for i, kind in enumerate(kinds)]
 
 
 def known_of(rig: Rig) -> tuple[Free, ...]:

@@ -22,7 +22,7 @@ def test_the_threshold_of_one_column_is_that_of_chi2() -> None:
 
 
 def test_columns_that_depend_on_each_other_but_for_rounding_raise_no_threshold() -> None:
-    """Harmonics over a short motion do. A threshold of 7 000 came of it, and no lack of fit was significant any more."""
+    """Harmonics over a short motion do: a threshold of 7 000 came of it, and no lack of fit was significant."""
     angle = 0.3 * np.sin(np.linspace(0.0, 20.0, 3000))
     waves = [wave(k * angle) for k in range(4, 13) for wave in (np.sin, np.cos)]
     columns = np.column_stack([*waves, *(np.sign(np.cos(np.linspace(0.0, 20.0, 3000))) * w for w in waves)])
