@@ -47,7 +47,7 @@ class Suite:
         session = self.session
         session.connect()
         if session.refusal:
-            self.lost_drive = "the drive was refused"
+            self.lost_drive = f"the drive was refused: {session.refusal}"
         else:
             session.require_judgeable(self.allow_motion)
 

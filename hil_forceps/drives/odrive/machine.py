@@ -1,9 +1,10 @@
 """An ODrive over CANSimple, firmware 0.5 or 0.6, as the host sees it.
 
     DISCONNECTED -> IDENTIFYING  heartbeat, encoder estimates and Iq are waited for; nothing is sent
-    IDENTIFYING  -> READY        all three came, heartbeats at the pace of heartbeats
+    IDENTIFYING  -> READY        all three came, heartbeats as far apart as heartbeats, estimates as of one drive
     IDENTIFYING  -> REFUSED      one of them does not come: ODrive sends Iq only where it is told to; or what has the
-                                 heartbeat's id comes so fast that something else speaks here; or the axis calibrates
+                                 heartbeat's id comes so fast that something else speaks here; or estimates come as
+                                 often as of two drives with one id; or the axis calibrates
     READY        -> ENABLING     where the axis isn't idle, idle is asked for; with each of the first references go mode
                                  and limits; then closed loop is asked for. An ODrive that enters it goes to the last
                                  input it was given, however old that is: so that is the measured angle, and it stays
@@ -33,6 +34,7 @@ from hil_forceps.drives import sample_queue
 from hil_forceps.drives.odrive import messages as wire
 from hil_forceps.drives.odrive.messages import AxisState, Command, Firmware
 from hil_forceps.drives.port import NO_TORQUE, SEQUENCE_MASK
+from hil_forceps.drives.supervision.message_rate import MessageRate
 from hil_forceps.drives.transitions import COMMON, P
 
 HEARTBEAT_TIMEOUT_NS: Final = 350_000_000  # three of its heartbeats and a half, which come every 100 ms
@@ -71,7 +73,8 @@ class ODriveConfig(NamedTuple):
     zero_rev: float  # what the ODrive calls the angle 0 of the motor pulley
     velocity_limit_rad_per_s: float  # of the motor pulley
     current_limit_A: float
-    iq_period_ns: int  # as it is set in the drive
+    feedback_period_ns: int  # of encoder estimates, as it is set in the drive
+    iq_period_ns: int  # likewise
 
 
 class ODrive:
@@ -93,6 +96,7 @@ class ODrive:
         self._hasty = 0  # intervals in a row that are too short for heartbeats
         self._current: wire.Iq | None = None
         self._current_ns = 0
+        self._estimates_rate = MessageRate(config.feedback_period_ns)
         self._position_rev: float | None = None
         self._pending: tuple[float, int] | None = None  # a position with its arrival, that waits for its current
         self._stamp_ns = -1
@@ -115,6 +119,7 @@ class ODrive:
         self._since_ns = now_ns
         self.refusal = ""
         self._heartbeat, self._has_pace, self._hasty = None, False, 0
+        self._estimates_rate = MessageRate(self.config.feedback_period_ns)
         self._fire("connect")
 
     def enable(self) -> None:
@@ -246,8 +251,17 @@ class ODrive:
         ]
         is_busy = self.drive_state is DriveState.ARMED  # calibrates, looks for an index, homes
         is_over = now_ns - self._since_ns > IDENTIFY_NS
-        if not missing and not is_busy:
+        if not missing and not is_busy and self._estimates_rate.is_one_drive:
             self._fire("complete")
+        elif not missing and is_over and self._estimates_rate.is_one_drive is False:
+            interval_ms = (self._estimates_rate.interval_ns or 0.0) / 1e6
+            self.refusal = (
+                f"encoder estimates of node {self.config.node} come every {interval_ms:.2g} ms, and "
+                f"motor_driver.feedback_period_s is {self.config.feedback_period_ns / 1e6:g} ms: another drive has the "
+                "same node id, or the rig another period than the drive; give each drive an id of its own, or correct "
+                "the rig"
+            )
+            self._fire("refuse")
         elif not missing and is_over and self._heartbeat is not None:
             state = self._heartbeat.axis_state
             self.refusal = (
@@ -321,6 +335,7 @@ class ODrive:
         if estimates is None:
             self.counters["bad_length"] += 1
             return
+        self._estimates_rate.receive(now_ns)
         if estimates == (0.0, 0.0) and self._position_rev not in (None, 0.0):
             self.counters["no_estimate"] += 1
             return

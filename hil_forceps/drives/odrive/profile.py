@@ -40,6 +40,7 @@ def _machine(rig: Rig, settings: MotorDriver) -> DriveMachine:
             zero_rev=settings.encoder_zero_rev,
             velocity_limit_rad_per_s=rig.limits.speed_max_rad_per_s,
             current_limit_A=settings.current_limit_A,
+            feedback_period_ns=round(settings.feedback_period_s * 1e9),
             iq_period_ns=round(settings.current_period_s * 1e9),
         )
     )

@@ -69,11 +69,18 @@ def test_without_motion_and_only(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_what_fails_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The rig says 2 ms, the drive sends each 1 ms."""
-    rig = changed(tmp_path, ("feedback_period_s: 1.0e-3", "feedback_period_s: 2.0e-3"))
-    assert run(*over_bus(rig, world=ODRIVE), "--only", "DRV-020", "--out", str(tmp_path)) == 1
+    """The rig says 1 ms, the drive sends each 2 ms."""
+    drive = changed(tmp_path, ("feedback_period_s: 1.0e-3", "feedback_period_s: 2.0e-3"))
+    assert run(*over_bus(ODRIVE, world=drive), "--only", "DRV-020", "--out", str(tmp_path)) == 1
     assert "mean period" in capsys.readouterr().out
     assert ET.parse(tmp_path / "junit.xml").getroot().get("failures") == "1"
+
+
+def test_why_a_drive_was_refused_is_told_with_each_promise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The rig says 2 ms, the drive sends each 1 ms, as two drives with one id would."""
+    rig = changed(tmp_path, ("feedback_period_s: 1.0e-3", "feedback_period_s: 2.0e-3"))
+    assert run(*over_bus(rig, world=ODRIVE), "--only", "DRV-020", "--out", str(tmp_path)) == 1
+    assert "come every 1 ms, and motor_driver.feedback_period_s is 2 ms" in (tmp_path / "certificate.json").read_text()
 
 
 def test_list_needs_no_drive(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,7 @@ from firmware_protocol.states import HostPhase
 from hil_forceps.drives.odrive.machine import FIRST_REFERENCES, ODrive, ODriveConfig
 
 NODE, MS = 5, 1_000_000
-CONFIG = ODriveConfig(NODE, "0.6", 1.0, 0.0, 100.0, 1.0, MS)
+CONFIG = ODriveConfig(NODE, "0.6", 1.0, 0.0, 100.0, 1.0, MS, MS)
 IDLE, CLOSED_LOOP = 1, 8
 
 
@@ -26,10 +26,12 @@ def iq(measured_A: float) -> Frame:
 
 def ready(config: ODriveConfig = CONFIG) -> ODrive:
     drive = ODrive(config)
-    drive.connect(0)
+    drive.connect(-100 * MS)
     drive.receive(heartbeat(IDLE), -99 * MS)
-    for frame in (heartbeat(IDLE), estimates(0.1), iq(0.0)):
-        drive.receive(frame, MS)
+    for n in range(-99, 2):
+        drive.receive(estimates(0.1), n * MS)
+        drive.receive(iq(0.0), n * MS)
+    drive.receive(heartbeat(IDLE), MS)
     drive.poll(2 * MS)
     assert drive.phase is HostPhase.READY
     drive.take_samples()

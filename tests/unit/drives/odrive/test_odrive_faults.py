@@ -195,3 +195,42 @@ def test_frames_with_29_bits_are_somebody_elses() -> None:
     assert drive.phase is HostPhase.RUNNING
     assert drive.take_samples() == []
     assert drive.counters == {**before, "not_for_us": before["not_for_us"] + 3}
+
+
+def heard(drive: ODrive, interval_ms: float, duration_ms: int = 1200) -> ODrive:
+    """Listen to a drive whose estimates come with an interval."""
+    drive.connect(0)
+    due_ms = 0.0
+    for n in range(duration_ms):
+        while due_ms <= n:
+            drive.receive(estimates(0.1), round(due_ms * MS))
+            due_ms += interval_ms
+        drive.receive(iq(0.0), n * MS + 1)
+        if n % 100 == 0:
+            drive.receive(heartbeat(IDLE), n * MS + 2)
+        drive.poll(n * MS + 3)
+    return drive
+
+
+@pytest.mark.parametrize(("interval_ms", "phase"), [(0.5, HostPhase.REFUSED), (0.95, HostPhase.READY)])
+def test_estimates_as_often_as_of_two_drives_are_refused_before_torque(interval_ms: float, phase: HostPhase) -> None:
+    drive = heard(ODrive(CONFIG), interval_ms)
+    assert drive.phase is phase
+    if phase is HostPhase.REFUSED:
+        assert "come every 0.5 ms, and motor_driver.feedback_period_s is 1 ms" in drive.refusal
+        assert "another drive has the same node id" in drive.refusal
+
+
+def test_frames_that_a_host_read_late_make_no_second_drive() -> None:
+    """Two hundred that waited in the queue are read at once; then they come as they should."""
+    drive = ODrive(CONFIG)
+    drive.connect(0)
+    for n in range(200):
+        drive.receive(estimates(0.1), n)
+    for n in range(1, 150):
+        drive.receive(estimates(0.1), n * MS)
+        drive.receive(iq(0.0), n * MS + 1)
+        if n % 100 == 1:
+            drive.receive(heartbeat(IDLE), n * MS + 2)
+        drive.poll(n * MS + 3)
+    assert drive.phase is HostPhase.READY
