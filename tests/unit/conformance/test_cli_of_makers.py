@@ -76,7 +76,7 @@ def test_what_fails_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert ET.parse(tmp_path / "junit.xml").getroot().get("failures") == "1"
 
 
-def test_why_a_drive_was_refused_is_told_with_each_promise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_why_a_drive_was_refused_is_told_with_each_promise(tmp_path: Path) -> None:
     """The rig says 2 ms, the drive sends each 1 ms, as two drives with one id would."""
     rig = changed(tmp_path, ("feedback_period_s: 1.0e-3", "feedback_period_s: 2.0e-3"))
     assert run(*over_bus(rig, world=ODRIVE), "--only", "DRV-020", "--out", str(tmp_path)) == 1
