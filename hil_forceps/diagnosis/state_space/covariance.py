@@ -17,6 +17,7 @@ from hil_forceps.diagnosis.state_space.layout import (
     OMEGA_M,
     PLANT_STATES,
     RECORDED_STATES,
+    STATES,
     Series,
 )
 
@@ -32,6 +33,8 @@ def moved(f: Matrix, covariance: Matrix, kept: Vector, current_slope: float, wor
     """
     if covariance.shape[0] == RECORDED_STATES:  # of a size that the compiler knows, in half the time
         _moved(f, covariance, kept, current_slope, work, RECORDED_STATES)
+    elif covariance.shape[0] == STATES:
+        _moved(f, covariance, kept, current_slope, work, STATES)
     else:
         _moved(f, covariance, kept, current_slope, work, covariance.shape[0])
 

@@ -111,10 +111,12 @@ def sampled_covariance(
     by_count = law_errors(law, 0.0, 0.0, 0.0, -1.0, 1.0)
     by_reference = law_errors(law, 0.0, 0.0, 0.0, 1.0, 0.0)
     new, block = np.empty((4, covariance.shape[0])), np.empty((4, 4))
-    for i in range(4):
-        new[i] = slope * by_count[i] * covariance[THETA_M] + by_integral[i] * covariance[INTEGRAL_ERROR]
-        new[i] += by_derivative[i] * covariance[DERIVATIVE_ERROR] + by_before[i] * covariance[COUNT_ERROR]
-        new[i] *= acts[i]
+    for j in range(covariance.shape[0]):
+        angle, integral = slope * covariance[THETA_M, j], covariance[INTEGRAL_ERROR, j]
+        derivative, before = covariance[DERIVATIVE_ERROR, j], covariance[COUNT_ERROR, j]
+        for i in range(4):
+            own = by_count[i] * angle + by_integral[i] * integral
+            new[i, j] = acts[i] * (own + by_derivative[i] * derivative + by_before[i] * before)
     for i in range(4):
         for m in range(4):
             by_chance = (

@@ -36,6 +36,7 @@ VISIBLE_COUNT_DEVIATIONS = (
 SAME_REFERENCE_DEVIATIONS = 0.05  # of the current's deviation: references that differ by less are one
 UNKNOWNS = 2 + MADE_BETWEEN  # both directions, and what is made of them
 MEAN_REFERENCE = -1
+_MOMENTS = 6  # of points: their weight, means of two deviations, mean squares
 _LEAST_VARIANCE = 1e-30  # [A²]: 0 says that nothing was open
 
 
@@ -137,21 +138,35 @@ def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
 
 
 @inlined
-def _made(v: Samples, kind: int, first: float, second: float, out: Vector) -> None:
-    """Fill `out` with what a point of the distribution makes beyond the nominal course; `kind` −1: mean references."""
+def _made(v: Samples, kind: int, first: float, second: float, away_rad: Vector, made: Vector) -> None:
+    """Fill in what the counts of a point make beyond the nominal course; `kind` −1: mean references.
+
+    `away_rad`: by how much the angles of the distribution's mean are beyond these counts.
+    """
     after = (0.0, 0.0, 0.0, 0.0)
-    out[0], out[1] = first, second
     for sample in range(v.first, v.samples):
-        angle = v.angles_rad[sample] + v.spread_rad[sample, 0] * first + v.spread_rad[sample, 1] * second
+        mean_rad = v.angles_rad[sample]
         for earlier in range(v.first, sample):
-            angle += v.answers_rad[sample - earlier - 1] * out[2 + earlier]
+            mean_rad += v.answers_rad[sample - earlier - 1] * made[earlier]
+        angle = mean_rad + v.spread_rad[sample, 0] * first + v.spread_rad[sample, 1] * second
         if v.quantum_rad > 0.0:
             angle = math.floor(angle / v.quantum_rad + 0.5) * v.quantum_rad
         count = angle - v.counts_rad[sample]
         error = (0.0 if kind == MEAN_REFERENCE else v.references_rad[sample, kind]) - count
         after = law_errors(v.law, after[0], after[1], after[2], error, count)
-        out[2 + sample] = after[3]
-    _at_end(after, out)
+        away_rad[sample], made[sample] = mean_rad - angle, after[3]
+    for i in range(3):
+        made[COMMANDS_BETWEEN + i] = after[i]
+
+
+@inlined
+def _counts_alike(v: Samples, first: float, second: float, away_rad: Vector) -> bool:
+    """Tell whether a point has the counts that `away_rad` is of."""
+    alike = True
+    for sample in range(v.first, v.samples):
+        away = away_rad[sample] + v.spread_rad[sample, 0] * first + v.spread_rad[sample, 1] * second
+        alike = alike and abs(away) < 0.5 * v.quantum_rad
+    return alike
 
 
 @inlined
@@ -180,7 +195,8 @@ def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) 
     `timing` (3) is filled with how likely each reference was, given it too. Returned is the variance [A²] of the last
     command before the current is looked at.
     """
-    one, shares, same = np.zeros(UNKNOWNS), np.zeros(3), _same_references(v)
+    away_rad, made, alike = np.zeros(COMMANDS_BETWEEN), np.zeros(MADE_BETWEEN), np.zeros(_MOMENTS)
+    shares, same = np.zeros(3), _same_references(v)
     points = LINE if v.spread_rad[v.samples - 1, 1] == 0.0 else GRID
     command, square = 0.0, 0.0
     for kind in range(1 if same else 3):
@@ -188,14 +204,17 @@ def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) 
         if share < MIN_TIMING_SHARE:
             continue
         for at in range(points.shape[0]):
-            _made(v, MEAN_REFERENCE if same else kind, points[at, 0], points[at, 1], one)
-            weight = points[at, 2] * share
-            last_A = one[1 + v.samples] + v.along_A[0] * one[0] + v.along_A[1] * one[1]
-            command += weight * one[1 + v.samples]
-            square += weight * one[1 + v.samples] ** 2
-            weight *= _fits(v, last_A)
+            first, second = points[at, 0], points[at, 1]
+            if at == 0 or not _counts_alike(v, first, second, away_rad):
+                _add(alike, made, mean, covariance)
+                _made(v, MEAN_REFERENCE if same else kind, first, second, away_rad, made)
+            weight, last_A = points[at, 2] * share, made[v.samples - 1]
+            command += weight * last_A
+            square += weight * last_A * last_A
+            weight *= _fits(v, last_A + v.along_A[0] * first + v.along_A[1] * second)
             shares[kind] += weight
-            _add(weight, one, mean, covariance)
+            _note_moments(weight, first, second, alike)
+        _add(alike, made, mean, covariance)
     total = shares.sum()
     mean /= total
     for i in range(UNKNOWNS):
@@ -208,10 +227,32 @@ def unseen_counts(v: Samples, mean: Vector, covariance: Matrix, timing: Vector) 
 
 
 @inlined
-def _add(weight: float, one: Vector, mean: Vector, square: Matrix) -> None:
-    """Add a point to sums of the values and of their products, of which the upper half is filled."""
-    for i in range(UNKNOWNS):
-        weighed = weight * one[i]
-        mean[i] += weighed
-        for j in range(i, UNKNOWNS):
-            square[i, j] += weighed * one[j]
+def _note_moments(weight: float, first: float, second: float, out: Vector) -> None:
+    """Add a point to the moments of points that count alike."""
+    out[0] += weight
+    out[1] += weight * first
+    out[2] += weight * second
+    out[3] += weight * first * first
+    out[4] += weight * first * second
+    out[5] += weight * second * second
+
+
+@inlined
+def _add(alike: Vector, made: Vector, mean: Vector, square: Matrix) -> None:
+    """Add points that count alike to sums of the unknowns and of their products, whose upper half is filled.
+
+    Their moments, `alike`, are 0 then.
+    """
+    mean[0] += alike[1]
+    mean[1] += alike[2]
+    square[0, 0] += alike[3]
+    square[0, 1] += alike[4]
+    square[1, 1] += alike[5]
+    for i in range(MADE_BETWEEN):
+        weighed = alike[0] * made[i]
+        mean[2 + i] += weighed
+        square[0, 2 + i] += alike[1] * made[i]
+        square[1, 2 + i] += alike[2] * made[i]
+        for j in range(i, MADE_BETWEEN):
+            square[2 + i, 2 + j] += weighed * made[j]
+    alike[:] = 0.0
