@@ -7,6 +7,7 @@ from typing import Final
 
 from firmware_protocol.frames import Frame
 from firmware_protocol.scales import CURRENT_LSB_A
+from firmware_protocol.states import HostPhase
 from hil_forceps.bridge.course import Course
 from hil_forceps.bridge.fault import FaultReason, Situation, reason_of
 from hil_forceps.bridge.pipeline import Pipeline
@@ -17,6 +18,7 @@ from hil_forceps.data.recording.writer import Outcome, Recorder
 from hil_forceps.drives.port import DriveMachine
 
 # Looked up once: members of an Enum cost as much as a call when asked for by their class.
+_READY: Final = frozenset({HostPhase.READY, HostPhase.ENABLING, HostPhase.RUNNING})
 _ENDED: Final = Stage.ENDED
 _STOPPED: Final = Stage.STOPPED
 _SENT: Final = SendResult.SENT
@@ -63,14 +65,24 @@ class Axis:
         self._setpoint_sequence = 0
         self.course = Course(drive, pipeline, config, recorder, lambda: False)
 
-    def begin(self, now_ns: int, stop_requested: Callable[[], bool]) -> None:
-        """Start to ask for the drive."""
+    def begin(self, now_ns: int, stop_requested: Callable[[], bool], others_ready: Callable[[], bool]) -> None:
+        """Start to ask for the drive; it gets no torque before `others_ready`."""
         self.course = Course(
-            self.drive, self.pipeline, self._config, self._recorder, stop_requested, self._has_references
+            self.drive,
+            self.pipeline,
+            self._config,
+            self._recorder,
+            stop_requested,
+            lambda: others_ready() and self._has_references(),
         )
         self.course.begin(now_ns)
         self._stage, self.now_ns = self.course.stage, now_ns
         self.stages = [(now_ns, self._stage.value)]
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether its drive is known and without fault."""
+        return self.drive.phase in _READY
 
     @property
     def has_ended(self) -> bool:

@@ -88,6 +88,8 @@ class Pipeline:
         if not max_sample_age_s > 0.0 or not approach.speed_rad_per_s > 0.0:
             raise ValueError("the greatest sample age and the approach speed must be positive")
         self.zero_ns: int | None = None
+        self.is_waiting = False  # for other axes: an operational drive holds the angle at which it became so
+        self._waits_at_rad: float | None = None
         self.gate = gate
         self._see, self._pass = gate.see, gate.step
         self.gate_trip: GateTrip | None = None  # what closed or latched the gate
@@ -134,7 +136,7 @@ class Pipeline:
         self.estimate = self._estimate(state)
         self._see(stamp_ns, raw.received_ns, sample.theta_m_rad, raw.current * CURRENT_LSB_A)
         self._stamps.see(stamp_ns, raw.received_ns)
-        if self.zero_ns is None and raw.state == _OPERATIONAL:
+        if self.zero_ns is None and raw.state == _OPERATIONAL and not self.is_waiting:
             self.zero_ns = stamp_ns
         self.newest = raw
         self._is_new = True
@@ -163,8 +165,10 @@ class Pipeline:
             nan = math.nan
             return Reference(now_ns, newest.stamp_ns, t_ns, None, nan, nan, nan, nan, verdict, newest.sequence)
         self._is_new = False
-        if newest.state != _OPERATIONAL or self.zero_ns is None:
+        if newest.state != _OPERATIONAL:
             return self._hold(newest, now_ns)
+        if self.zero_ns is None:
+            return self._wait(newest, now_ns)
         return self._follow(newest, newest.stamp_ns - self.zero_ns, now_ns)
 
     def _hold(self, newest: RawSample, now_ns: int) -> Reference:
@@ -173,13 +177,20 @@ class Pipeline:
         self._open(now_ns)
         return self._through_gate(newest, NOWHERE_NS, now_ns, math.nan, 0.0, theta_m_rad)
 
+    def _wait(self, newest: RawSample, now_ns: int) -> Reference:
+        """Ask for the angle at which the drive became operational, whatever the load does meanwhile."""
+        if self._waits_at_rad is None:
+            self._waits_at_rad = self.sample.theta_m_rad
+        return self._through_gate(newest, NOWHERE_NS, now_ns, math.nan, 0.0, self._waits_at_rad)
+
     def _follow(self, newest: RawSample, t_ns: int, now_ns: int) -> Reference:
         theta_j_rad = self._trajectory(t_ns * 1e-9)
         elongation_m = self.estimate.elongation_m if self._compensate else 0.0
         requested_rad = motor_reference_rad(theta_j_rad, elongation_m, self._plant)
         fade = self._fade
         if fade is None and math.isfinite(requested_rad):
-            offset_rad = self.sample.theta_m_rad - requested_rad
+            begin_rad = self.sample.theta_m_rad if self._waits_at_rad is None else self._waits_at_rad
+            offset_rad = begin_rad - requested_rad
             if abs(offset_rad) > self.gate.range_rad:
                 return self._deny(newest, t_ns, now_ns, theta_j_rad, elongation_m, requested_rad)
             fade = self._fade = _fade(offset_rad, t_ns, self._approach)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_protocol.host.machine import RawSample
-from hil_forceps.bridge.pipeline import Pipeline
+from hil_forceps.bridge.pipeline import NOWHERE_NS, Pipeline
 from hil_forceps.data.recording.format import REFERENCE, SAMPLE
 from hil_forceps.data.recording.reader import Recording, Table
 
@@ -73,11 +73,14 @@ def replay(recording: Recording, pipeline: Pipeline, outside: RecordedReference 
     samples, references = recording.samples.copy(), recording.references.copy()
     raws = [RawSample(*row) for row in recording.samples[list(_raw_columns())].tolist()]
     tick_times = recording.references["tick_ns"].tolist()
+    begin_ns = _begin_ns(recording.references)
     estimates: list[tuple[float, float]] = []
     rows: list[tuple[float, ...]] = []
     for channel in recording.order.tolist():
         if channel == SAMPLE.channel:
-            is_taken = pipeline.feed(raws[len(estimates)])
+            raw_sample = raws[len(estimates)]
+            pipeline.is_waiting = begin_ns is None or raw_sample.stamp_ns < begin_ns
+            is_taken = pipeline.feed(raw_sample)
             estimates.append(pipeline.estimate if is_taken else (np.nan, np.nan))
         elif channel == REFERENCE.channel:
             if outside is not None:
@@ -95,6 +98,12 @@ def replay(recording: Recording, pipeline: Pipeline, outside: RecordedReference 
     ]
     differences = [difference for difference in found if difference is not None]
     return Replay(samples, references, min(differences, key=lambda each: each.time_ns, default=None))
+
+
+def _begin_ns(references: Table) -> int | None:
+    """Return the stamp at which the trajectory began; None where it never did: other axes were waited for."""
+    followed = references[references["trajectory_ns"] != NOWHERE_NS]
+    return int(followed["stamp_ns"][0] - followed["trajectory_ns"][0]) if followed.size else None
 
 
 def _raw_columns() -> tuple[str, ...]:

@@ -9,7 +9,8 @@ never kept for later. Nothing here logs or waits, and garbage collection rests w
 cycles). Ticks are due at whole periods plus the phase on the host's clock; a tick that ends after the next was due is
 an overrun, and the periods it ran over are skipped.
 
-Where one axis fails, the others are stopped as well, unless they are to go on.
+Of several axes none gets torque before all drives are ready, and none moves before all are operational. Where one
+fails, the others are stopped as well. Axes that are to go on without the others don't wait for them either.
 """
 
 import gc
@@ -23,7 +24,7 @@ from firmware_protocol.frames import Frame
 from hil_forceps.bridge.axis import Axis
 from hil_forceps.bridge.live.sink import LiveSink
 from hil_forceps.bridge.ports import Clock, Link, SendResult
-from hil_forceps.bridge.results import ServiceConfig, ServiceResult, StopReason, Telemetry
+from hil_forceps.bridge.results import ServiceConfig, ServiceResult, Stage, StopReason, Telemetry
 from hil_forceps.bridge.statistics import LoopStatistics, make_loop_statistics
 from hil_forceps.bridge.teleoperation.udp_server import UdpReferences
 from hil_forceps.data.recording.writer import RECENT_NS
@@ -74,6 +75,8 @@ class Service:
         self._remote = remote
         self._is_steered = live is not None or remote is not None
         self._stops_all = len(self._axes) > 1 and not go_on
+        for axis in self._axes:
+            axis.pipeline.is_waiting = self._stops_all
         self.counters = dict.fromkeys(("ticks", "overruns", "skipped_periods", "frames_sent", "queue_full"), 0)
         self._has_run = False
         self._bus_down = False
@@ -92,7 +95,7 @@ class Service:
             axis.pipeline.warm_up()
         now_ns = self._clock.now_ns()
         for axis in self._axes:
-            axis.begin(now_ns, self._stop_requested)
+            axis.begin(now_ns, self._stop_requested, self._may_enable)
         try:
             with _no_collection():
                 self._loop(now_ns)
@@ -150,6 +153,7 @@ class Service:
                     axis.course.bus_is_down()
         if self._stops_all:
             self._stop_others(now_ns)
+            self._begin_together()
         if self._remote is not None:
             self._remote.reply(self._axes)
         if now_ns >= self._next_telemetry_ns:
@@ -169,6 +173,16 @@ class Service:
             if axis.course.reason is None:
                 words = f"stopped, because axis {failed.name} ended: {failed.course.message}"
                 axis.course.stop(StopReason.OTHER_AXIS, words, now_ns)
+
+    def _may_enable(self) -> bool:
+        """Tell whether drives may get torque: without `go_on`, once all are ready."""
+        return not self._stops_all or all(axis.is_ready for axis in self._axes)
+
+    def _begin_together(self) -> None:
+        """Let the axes follow their trajectories, once all are operational."""
+        if self._axes[0].pipeline.is_waiting and all(axis.course.stage is Stage.RUNNING for axis in self._axes):
+            for axis in self._axes:
+                axis.pipeline.is_waiting = False
 
     def _listen(self, now_ns: int) -> None:
         """Take references from outside, and do what an operator at the page asks for."""

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from firmware_protocol.messages import DriveState
+from hil_forceps.bridge.pipeline import NOWHERE_NS
 from hil_forceps.cli import main as cli
 from hil_forceps.data.recording.reader import read_recording
 from hil_forceps.drives.promises import Promises, damage
@@ -232,3 +234,44 @@ def test_every_profile_says_which_ids_it_uses() -> None:
     for profile in PROFILES.values():
         if profile.link == "can":
             assert profile.ids.__module__ == profile.machine.__module__, profile.name
+
+
+def states_of(folder: Path, name: str) -> list[int]:
+    return sorted(set(read_recording(folder / "out" / name / "run.mcap").samples["state"].tolist()))
+
+
+def test_no_axis_gets_torque_while_another_drive_is_missing(tmp_path: Path) -> None:
+    """It once moved for as long as the other was searched for."""
+    left, right = rigs_in(tmp_path)
+    deaf = tmp_path / "deaf.yaml"
+    deaf.write_text(right.read_text().replace("node_id: 6", "node_id: 9"), encoding="utf-8")
+    named = ("--rig", str(left), "--rig", str(deaf), "--interface", "virtual_forceps", "--channel", str(tmp_path))
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["run", *named, "--option", f"rig={left},{right}", "--duration", "3", "--out", str(tmp_path / "out")])
+    assert ended.value.code == 2
+    assert told(tmp_path, "deaf")["reason"] == "no_drive"
+    first = told(tmp_path, "left")
+    assert (first["reason"], first["drive_disabled"]) == ("other_axis", True)
+    assert states_of(tmp_path, "left") == [DriveState.DISABLED]
+    assert len(read_recording(tmp_path / "out" / "left" / "run.mcap").references) == 0
+
+
+def test_no_axis_moves_while_another_is_enabled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The right drive goes on saying that it is idle; the left one holds the angle at which it became operational."""
+    request = SimulatedODrive._request
+
+    def stays_idle(self: SimulatedODrive, state: int) -> None:
+        if self._settings.node_id != 6:
+            request(self, state)
+
+    monkeypatch.setattr(SimulatedODrive, "_request", stays_idle)
+    assert run(tmp_path, *rigs_in(tmp_path)) == 2
+    left, right = told(tmp_path, "left"), told(tmp_path, "right")
+    assert (left["reason"], right["reason"]) == ("other_axis", "enable_failed")
+    references = read_recording(tmp_path / "out" / "left" / "run.mcap").references
+    assert (references["trajectory_ns"] == NOWHERE_NS).all()
+    held = references[references["requested_rad"] == references["requested_rad"][-1]]
+    assert len(held) > 500
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["replay", str(tmp_path / "out" / "left")])
+    assert not ended.value.code
