@@ -98,7 +98,7 @@ class Record:
         """Return a pass of the filter with the plant of parameters `theta`."""
         del theta
         run, late = self, self.rows_late or rows_late(plant, self.series.period_s)
-        if any(late):
+        if any(late) or plant.channel_skew_tau_w_s != 0.0:
             dwelling, ringing = rows_later(self.dwelling, late[ENCODER]), rows_later(self.ringing, late[LOAD_CELL])
             run = replace(
                 run,

@@ -198,9 +198,9 @@ class Passed(NamedTuple):
 def counting(run: Filterable, d: Series, f: Filtered) -> Mask:
     """Return what of a pass is evidence of the parameters (n × CHANNELS).
 
-    The current is, everywhere. The other channels are not while the start is forgotten, where dry friction may hold a
-    mass or did so a moment ago, where the encoder dwells, behind a jump of the load at an unknown instant, and where
-    the jaw touches something of unknown stiffness.
+    The current is, everywhere, but for one behind counts that no row shows. It and the other channels are not while the
+    start is forgotten, where dry friction may hold a mass or did so a moment ago, where the encoder dwells, behind a
+    jump of the load at an unknown instant, and where the jaw touches something of unknown stiffness.
     """
     counts = f.log_likelihood != 0.0
     held = f.doubtful > 0
