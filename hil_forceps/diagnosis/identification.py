@@ -125,7 +125,7 @@ def records_of(
     plant = physics_of(theta)
 
     def prepared(run: EvenRun) -> Record:
-        record = record_of(run, rig, noise)
+        record = record_of(run, rig, noise).with_friction_of(plant)
         for turn in range(TIMING_ROUNDS if record.series.samples > 1 else 0):
             record = record.with_timing(reference_timing(record.passed(theta, plant), first=turn == 0))
         return record

@@ -18,6 +18,7 @@ from hil_forceps.diagnosis.identification import adapting, known_of, records_of
 from hil_forceps.diagnosis.inference.fit import Fit, fit_from
 from hil_forceps.diagnosis.inference.parameters import without_effect
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
+from hil_forceps.diagnosis.starting_parameters import with_friction_in_the_load
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from tests.hidden_effects.generator_sizes import Effects, scaled
@@ -29,7 +30,7 @@ MAX_FACTOR = 4.0  # of the amplitudes, in one round
 
 def own_size(runs: Sequence[EvenRun], assumed: Rig, true: Rig, effect_id: str) -> float:
     """Return d of an effect of the true rig in runs of it; infinite where a filter without it diverges."""
-    theta = parameters.vector(true)
+    theta = with_friction_in_the_load(parameters.vector(true), runs)
     noise = sensor_noise([even.run for even in runs], assumed)
     records, _ = records_of(runs, (), assumed, noise, map, theta)
     known = known_of(assumed, records)

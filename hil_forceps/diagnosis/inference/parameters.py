@@ -25,7 +25,8 @@ MAX_RATIO = 10.0  # times what the rig says, either way
 GAUGE = ("forceps.motor_pulley_radius_m",)
 GAUGE_WITHOUT_JAW = ("forceps.jaw_pulley_radius_m",)
 # Nor does any channel hold a torque where no load and no torque was measured: all of them times s give the same data.
-GAUGE_WITHOUT_TORQUE = ("motor.torque_constant_N_m_per_A",)
+# And nothing tells dry friction of the jaw from a load.
+GAUGE_WITHOUT_TORQUE = ("motor.torque_constant_N_m_per_A", "forceps.jaw_coulomb_N_m")
 UNITS = ("N_m_s_per_rad", "N_m_per_A", "N_per_m", "kg_m2", "N_m", "m")  # the first that a key ends in is its own
 HELD = frozenset({"channel_skew"})  # of these only what is on is fitted
 
