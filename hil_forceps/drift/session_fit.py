@@ -21,6 +21,7 @@ from hil_forceps.diagnosis.evidence import pass_all
 from hil_forceps.diagnosis.identification import known_of, records_of
 from hil_forceps.diagnosis.inference.fit import Fit, fit, fit_from
 from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
+from hil_forceps.diagnosis.inference.parameters import known, unit_of
 from hil_forceps.diagnosis.preparation.excerpts import excerpts
 from hil_forceps.diagnosis.preparation.sensor_noise import sensor_noise
 from hil_forceps.diagnosis.starting_parameters import starting_parameters
@@ -28,6 +29,7 @@ from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.validation.conclusion import even_runs
 from hil_forceps.diagnosis.validation.rows import require_rows
 from hil_forceps.drift.likelihood import Measured, by_likelihood
+from hil_forceps.model.parameters import PLANT_NAMES
 from hil_forceps.rig import Rig
 from hil_forceps.rig.errors import UserError
 
@@ -67,23 +69,23 @@ def fit_session(runs: Sequence[Run], rig: Rig) -> SessionFit:
     if even is None:
         driven, used = fit_driven(runs, rig)
         notes = (*notes, WITHOUT_LAW)
-        return SessionFit(_without_loads(by_likelihood(driven), runs), rows, used, "driven", notes)
+        return SessionFit(_without_loads(by_likelihood(driven), runs, rig), rows, used, "driven", notes)
     for each in even:
         require_rows(each.name, int(np.count_nonzero(~each.lost)))
     even, left_out = excerpts(even)
     notes = (*notes, *(finding.text for finding in left_out))
     used = sum(int(np.count_nonzero(~each.lost)) for each in even)
-    return SessionFit(_without_loads(by_likelihood(fit_even(even, rig)), runs), rows, used, "filter", notes)
+    return SessionFit(_without_loads(by_likelihood(fit_even(even, rig)), runs, rig), rows, used, "filter", notes)
 
 
-def _without_loads(parameters: Sequence[Measured], runs: Sequence[Run]) -> tuple[Measured, ...]:
+def _without_loads(measured: Sequence[Measured], runs: Sequence[Run], rig: Rig) -> tuple[Measured, ...]:
     """Return parameters without what nothing tells from a load where no run has a load cell."""
     if any("tau_w_N_m" in run.columns for run in runs):
-        return tuple(parameters)
-    return tuple(
-        p._replace(value=np.nan, sd=np.nan, reason=WITHOUT_LOAD_CELL) if p.name == JAW_FRICTION else p
-        for p in parameters
-    )
+        return tuple(measured)
+    assumed = known(rig, JAW_FRICTION).value or 0.0
+    untold = Measured(JAW_FRICTION, unit_of(JAW_FRICTION), assumed, np.nan, np.nan, WITHOUT_LOAD_CELL)
+    others = (p for p in measured if p.name != JAW_FRICTION)
+    return tuple(sorted((*others, untold), key=lambda p: PLANT_NAMES.index(p.name)))
 
 
 def fit_even(even: Sequence[EvenRun], rig: Rig) -> Fit:

@@ -1,5 +1,7 @@
 """Without a load cell, what acts on the jaw is a load, as any: nothing at the jaw is named, and no curve acts there."""
 
+import math
+
 import pytest
 
 from hil_forceps.data.even_rows import EvenRun
@@ -9,6 +11,7 @@ from hil_forceps.diagnosis.lack_of_fit.omnibus_test import curves_for
 from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.starting_parameters import starting_parameters
 from hil_forceps.diagnosis.validation.verdict import judge
+from hil_forceps.drift.session_fit import WITHOUT_LOAD_CELL, fit_session
 from hil_forceps.model import parameters
 from hil_forceps.rig.catalogue import effect
 from tests.hidden_effects.generator import RIG
@@ -64,3 +67,12 @@ def test_beside_a_load_cell_it_is_the_rigs() -> None:
     place = parameters.index("forceps.jaw_coulomb_N_m")
     assert starting_parameters([EvenRun.whole(run)], STICKING)[place] == parameters.vector(STICKING)[place] > 0.0
     assert starting_parameters([without_cell(run)], STICKING)[place] == 0.0
+
+
+def test_a_session_of_a_trend_says_why_it_does_not_measure_it() -> None:
+    measured = fit_session(
+        [without_cell(run).run for run in runs_of(STICKING, ("multisine",), 7600)], STICKING
+    ).parameters
+    (untold,) = (p for p in measured if p.name == "forceps.jaw_coulomb_N_m")
+    assert untold.reason == WITHOUT_LOAD_CELL
+    assert math.isnan(untold.value)
