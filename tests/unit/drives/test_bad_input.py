@@ -103,7 +103,7 @@ TABLE = (
     Row("odrive", "node id", NOBODY, host=OTHER_NODE),
     Row("odrive", "firmware", "", host=(("firmware: 0.6", "firmware: 0.5"),)),  # the same frames but for error bits
     Row("odrive", "one id", "another drive has the same node id", twice=True),
-    Row("odrive", "one id, frames destroyed", "the drive has a latched fault", drives=2),
+    Row("odrive", "one id", "the drive has a latched fault", drives=2),
     Row("odrive", "silence", LOST, running=mute, is_confirmed=False),
     Row(
         "odrive",
