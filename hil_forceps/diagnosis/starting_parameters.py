@@ -33,8 +33,13 @@ _BY_JAW = ("forceps.jaw_pulley_radius_m", "forceps.wire_stiffness_N_per_m")  # i
 
 
 def starting_parameters(runs: Sequence[EvenRun], rig: Rig) -> Vector:
+    """Return the parameters that the first fit begins with."""
+    return with_friction_in_the_load(_as_slow_motion_tells(runs, rig), runs)
+
+
+def _as_slow_motion_tells(runs: Sequence[EvenRun], rig: Rig) -> Vector:
     """Return the rig's parameters; those that slow motion tells by a fit to it, if the drive samples between rows."""
-    theta = with_friction_in_the_load(parameters.vector(rig), runs)
+    theta = parameters.vector(rig)
     if all(samples_in_a_row(even.run, rig) <= 1 for even in runs):
         return theta
     try:
@@ -46,7 +51,7 @@ def starting_parameters(runs: Sequence[EvenRun], rig: Rig) -> Vector:
     for free, value in zip(found.free, found.values, strict=True):
         if free.name in shown:
             theta[free.place] = value
-    return with_friction_in_the_load(theta, runs)
+    return theta
 
 
 def with_friction_in_the_load(theta: Vector, runs: Sequence[EvenRun]) -> Vector:

@@ -1,7 +1,7 @@
 """An ODrive over CANSimple, firmware 0.5 or 0.6, as the host sees it.
 
     DISCONNECTED -> IDENTIFYING  heartbeat, encoder estimates and Iq are waited for; nothing is sent
-    IDENTIFYING  -> READY        all three came, heartbeats as far apart as heartbeats, estimates as of one drive
+    IDENTIFYING  -> READY        all three came, heartbeats and estimates no more often than one drive sends them
     IDENTIFYING  -> REFUSED      one of them does not come: ODrive sends Iq only where it is told to; or what has the
                                  heartbeat's id comes so fast that something else speaks here; or estimates come as
                                  often as of two drives with one id; or the axis calibrates
@@ -262,7 +262,7 @@ class ODrive:
                 "the rig"
             )
             self._fire("refuse")
-        elif not missing and is_over and self._heartbeat is not None:
+        elif is_busy and not missing and is_over and self._heartbeat is not None:
             state = self._heartbeat.axis_state
             self.refusal = (
                 f"node {self.config.node} is calibrating or homing (axis state {state}); wait until it is idle"

@@ -2,8 +2,8 @@
 
 from typing import Final
 
-WINDOW_NS: Final = 50_000_000  # over which messages are counted, at least: longer than a host holds frames up
-MIN_INTERVALS: Final = 4  # likewise: two drives make twice as many
+WINDOW_NS: Final = 50_000_000  # over which messages are counted, at least: a host that is late delays them by less
+MIN_INTERVALS: Final = 4  # of one drive in a window, at least: two drives make twice as many
 MAX_RATE_RATIO: Final = 1.5  # of what one drive sends: half way to two drives
 
 
@@ -12,7 +12,7 @@ class MessageRate:
 
     def __init__(self, period_ns: int) -> None:
         """`period_ns`: with which one drive sends them."""
-        self.period_ns = period_ns
+        self._period_ns = period_ns
         self._window_ns = max(WINDOW_NS, MIN_INTERVALS * period_ns)
         self._begin_ns: int | None = None
         self._count = 0
@@ -32,4 +32,4 @@ class MessageRate:
     @property
     def is_one_drive(self) -> bool | None:
         """Whether no more came than one drive sends; None before anything is known."""
-        return None if self.interval_ns is None else self.interval_ns * MAX_RATE_RATIO > self.period_ns
+        return None if self.interval_ns is None else self.interval_ns * MAX_RATE_RATIO > self._period_ns

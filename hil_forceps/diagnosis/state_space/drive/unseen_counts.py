@@ -124,7 +124,7 @@ def expected_counts(v: Samples, mean: Vector, covariance: Matrix) -> None:
             one = 1.0 if other == sample else 0.0
             after = law_errors(v.law, after[0], after[1], after[2], -one, one)
             made[sample, 2 + other] = after[3]
-        _at_end(after, made[sample])
+        _at_end(after, made[sample, 2:])
         mean[:UNKNOWNS] += (count.mean_rad - v.counts_rad[sample]) * made[sample]
         for i in range(2, UNKNOWNS):
             for a in range(2):
@@ -155,8 +155,7 @@ def _made(v: Samples, kind: int, first: float, second: float, away_rad: Vector, 
         error = (0.0 if kind == MEAN_REFERENCE else v.references_rad[sample, kind]) - count
         after = law_errors(v.law, after[0], after[1], after[2], error, count)
         away_rad[sample], made[sample] = mean_rad - angle, after[3]
-    for i in range(3):
-        made[COMMANDS_BETWEEN + i] = after[i]
+    _at_end(after, made)
 
 
 @inlined
@@ -173,7 +172,7 @@ def _counts_alike(v: Samples, first: float, second: float, away_rad: Vector) -> 
 def _at_end(after: tuple[float, float, float, float], out: Vector) -> None:
     """Fill in integral, derivative and count behind the last sample."""
     for i in range(3):
-        out[2 + COMMANDS_BETWEEN + i] = after[i]
+        out[COMMANDS_BETWEEN + i] = after[i]
 
 
 @inlined

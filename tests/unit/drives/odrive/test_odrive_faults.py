@@ -221,6 +221,21 @@ def test_estimates_as_often_as_of_two_drives_are_refused_before_torque(interval_
         assert "another drive has the same node id" in drive.refusal
 
 
+def test_estimates_that_begin_late_are_waited_for() -> None:
+    """Once the time to identify was over, an idle axis whose rate was not known yet was said to calibrate."""
+    drive = ODrive(CONFIG)
+    drive.connect(0)
+    for n in range(1100):
+        if n % 100 == 0:
+            drive.receive(heartbeat(IDLE), n * MS)
+        if n >= 980:
+            drive.receive(estimates(0.1), n * MS)
+            drive.receive(iq(0.0), n * MS + 1)
+        drive.poll(n * MS + 2)
+        assert drive.phase is not HostPhase.REFUSED
+    assert drive.phase is HostPhase.READY
+
+
 def test_frames_that_a_host_read_late_make_no_second_drive() -> None:
     """Two hundred that waited in the queue are read at once; then they come as they should."""
     drive = ODrive(CONFIG)
