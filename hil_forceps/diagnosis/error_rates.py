@@ -2,8 +2,6 @@
 
 FALSE_ALARMS = 0.005  # share of data sets without any effect in which the whole catalogue together names one
 DETECTION_POWER = 0.8  # share of data sets in which an effect of the least detectable size is found
-# Times what chance leaves in curves: less is no misfit.
-LEFT_OVER_CHANCE = 2.0  # tuned: sets without effect, fine encoders and fast drives
 STEP_ACCURACY = 1e-3  # relative error of an effect's amplitude by the simulation's steps
 # Share of the explained χ² that such an error can make: a gain below it names no effect and refutes none.
 STEP_ERROR_SHARE = STEP_ACCURACY**2

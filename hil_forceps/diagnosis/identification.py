@@ -7,15 +7,18 @@ baseline = known parameters by prediction errors of an extended Kalman filter   
 found    = entries of the catalogue that join by score test and refit           hypotheses/
 left     = curves without physics in them, through the same filter              lack_of_fit/
 unseen   = the same beside the found model in runs that it has never seen
+made     = fit and tests once more in runs that the model makes itself          bootstrap
 """
 
 from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.data.even_rows import EvenRun
+from hil_forceps.diagnosis.bootstrap import Bootstrap, estimates, without_bias
 from hil_forceps.diagnosis.error_rates import STEP_ERROR_SHARE
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Adapt, Search
@@ -53,6 +56,46 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
 
     Effects that the rig holds are taken as they stand: they are neither fitted nor named.
     """
+    how, noise, unseen_records, theta = prepared(runs, held_out, rig, options)
+    found, before, after = searched(how, theta)
+    best, mapper, weigh = found.best.fit, how.mapper, weigh_of(noise, how.runs)
+
+    def records_again(again: Sequence[EvenRun]) -> Sequence[Record]:
+        return records_of(again, (), rig, noise, mapper, best.passes.theta)[0]
+
+    made = Bootstrap(rig, noise, records_again, how)
+    shifts: list[Vector] = []
+    left: list[LackOfFit] = []
+    approximate = is_approximate(noise, how.runs)
+    if (approximate or after.significant) and not options.spent():
+        options.progress("fitting runs that the model itself makes")
+        for again in made.sets(best, runs, how.runs):
+            beside = made.beside(best, again)
+            shifts += [made.shift(beside)] if approximate else []
+            left += [omnibus_test(beside, mapper, options.seed, weigh)] if after.significant else []
+    after = after.beyond(left) if left else after
+    unbiased = without_bias(best, shifts) if shifts else best
+    unseen = left_unseen(unbiased, unseen_records, mapper, options.seed, weigh) if held_out else None
+    if unseen is not None and unseen.significant and not after.significant and not options.spent():
+        options.progress("testing the lack of fit in held-out runs that the model itself makes")
+        sets = zip(estimates(best, shifts), made.sets(best, held_out, unseen_records), strict=True)
+        unseen = unseen.beyond([left_unseen(one, again, mapper, options.seed, weigh) for one, again in sets])
+    found = found._replace(best=found.best._replace(fit=unbiased))
+    found = found if found.best.effects else found._replace(baseline=unbiased)
+    return Identified(noise, tuple(how.runs), unseen_records, found, before, after, unseen)
+
+
+class Prepared(NamedTuple):
+    """Runs ready for a search."""
+
+    how: Search
+    noise: Noise
+    held_out: tuple[Record, ...]
+    theta: Vector  # parameters of a first fit
+
+
+def prepared(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, options: Options) -> Prepared:
+    """Return runs as records, with the noise that is likeliest beside a first fit of the known parameters."""
     mapper = options.mapper
     options.progress("estimating noise, commands and loads")
     recorded = [even.run for even in runs]
@@ -84,10 +127,14 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
         geared=False,
         friction_decides=True,
         most_effects=MOST_EFFECTS,
-        weigh=by_student_t if is_approximate(noise, records) else over_dispersion,
+        weigh=weigh_of(noise, records),
     )
-    found, before, after, unseen = searched(how, first.passes.theta, unseen_records, left_unseen)
-    return Identified(noise, records, unseen_records, found, before, after, unseen)
+    return Prepared(how, noise, unseen_records, first.passes.theta)
+
+
+def weigh_of(noise: Noise, records: Sequence[Record]) -> Weigh:
+    """Return what a gain is worth in these runs beside how its scores scatter."""
+    return by_student_t if is_approximate(noise, records) else over_dispersion
 
 
 def compile_side_by_side(d: Series, plant: Physics, rig: Rig, mapper: Mapper) -> None:

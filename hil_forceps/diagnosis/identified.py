@@ -1,12 +1,10 @@
 """What a search says of a rig: from runs of a drive whose law is known, and from runs driven by their motion."""
 
-from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_forceps.diagnosis.evidence import Evidence
 from hil_forceps.diagnosis.hypotheses.candidate import Search
 from hil_forceps.diagnosis.hypotheses.search import Found, search
 from hil_forceps.diagnosis.lack_of_fit.omnibus_test import LackOfFit, omnibus_test
@@ -41,17 +39,10 @@ class Identified(NamedTuple):
     unseen: LackOfFit | None  # beside it in the runs held out; None without any
 
 
-def searched(
-    how: Search, theta: Vector, held_out: Sequence[Evidence], unseen: Callable[..., LackOfFit]
-) -> tuple[Found, LackOfFit, LackOfFit, LackOfFit | None]:
-    """Return what a search finds, what the known parameters and the best model leave, and the latter in runs held out.
-
-    `theta`: the parameters from which the first fit begins. `unseen`: of fit, runs, mapper, seed and weights of gains,
-    what the fit leaves in runs that it has never seen.
-    """
+def searched(how: Search, theta: Vector) -> tuple[Found, LackOfFit, LackOfFit]:
+    """Return what a search finds from `theta` on, and what the known parameters and the best model leave."""
     found = search(how, theta)
-    best, given = found.best.fit, (how.mapper, how.seed, how.weigh)
     how.progress("testing the lack of fit")
-    after = omnibus_test(best, *given)
-    before = omnibus_test(found.baseline, *given) if found.best.effects else after
-    return found, before, after, unseen(best, held_out, *given) if held_out else None
+    after = omnibus_test(found.best.fit, how.mapper, how.seed, how.weigh)
+    before = omnibus_test(found.baseline, how.mapper, how.seed, how.weigh) if found.best.effects else after
+    return found, before, after

@@ -82,7 +82,8 @@ def prepared(runs: Sequence[Run], held_out: Sequence[Run], rig: Rig, options: Op
 def identify_driven(runs: Sequence[Run], held_out: Sequence[Run], rig: Rig, options: Options) -> DrivenIdentified:
     """Return what runs say of a rig; UserError where a run can't serve, or nothing bounds an unknown parameter."""
     how, rig, unused, notes = prepared(runs, held_out, rig, options)
-    found, before, after, unseen = searched(how, parameters.vector(rig), unused, left_unseen)
+    found, before, after = searched(how, parameters.vector(rig))
+    unseen = left_unseen(found.best.fit, unused, how.mapper, how.seed, how.weigh) if unused else None
     runs_of_best = tuple(passed.run for passed in found.best.fit.passes.runs)
     nothing = Noise(np.zeros(3), np.zeros(3), np.zeros(3))  # of the filter's sensors: there is no filter
     whole = Identified(nothing, runs_of_best, tuple(unused), found, before, after, unseen)

@@ -5,11 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from hil_forceps.diagnosis.course import Course
 from hil_forceps.diagnosis.evidence import Columns, Direction, Gram, Mapper, Passed, gram_of, product, total
 from hil_forceps.diagnosis.hypotheses.places import Place
-from hil_forceps.diagnosis.hypotheses.score_test import Prior, Tested, score_test
+from hil_forceps.diagnosis.hypotheses.score_test import COST_PER_COLUMN, Prior, Tested, score_test
 from hil_forceps.diagnosis.inference.dispersion import Scatter, Weigh, scatter, total_scatter
 from hil_forceps.diagnosis.inference.fit import Fit, directions_of
 from hil_forceps.diagnosis.lack_of_fit.curves import Curve, Scale, all_curves, scale_of
@@ -20,17 +21,58 @@ Vector = NDArray[np.float64]
 SENSORS = frozenset({"theta_m_rad", "theta_j_rad", "current_A"})
 
 
+class Family(NamedTuple):
+    """A family of curves, as tested."""
+
+    place: str
+    variable: str
+    gain: float  # fall of χ² beyond the cost of its curves, weighed where asked
+    curves: int  # that the fitted parameters don't do as well
+
+    @property
+    def cost(self) -> float:
+        """What chance gains with more than one curve, and is not in the gain."""
+        return COST_PER_COLUMN * max(0, self.curves - 1)
+
+    def beyond(self, others: Sequence["Family"]) -> "Family":
+        """Return it with the gain that is as unlikely where nothing is left as this one beside what others gain.
+
+        Others of the same model gain χ² with as many degrees of freedom as there are curves, and with a noncentrality
+        that is what the method makes by itself.
+        """
+        found, made = self.gain + self.cost, float(np.mean([other.gain + other.cost for other in others]))
+        by_chance = float(stats.ncx2.sf(found, self.curves, made - self.curves)) if made > self.curves > 0 else 0.0
+        if by_chance == 0.0:  # nothing is made, or nothing that comes near it
+            return self
+        return self._replace(gain=float(stats.chi2.isf(by_chance, self.curves)) - self.cost)
+
+
 class LackOfFit(NamedTuple):
     """What the curves found."""
 
-    gain: float  # of the best family: fall of χ² beyond the cost of its curves, weighed where asked
     threshold: float
-    families: tuple[tuple[str, str, float], ...]  # place, variable, gain; the best first
+    families: tuple[Family, ...]  # the best first
+
+    @property
+    def gain(self) -> float:
+        """Gain of the best family."""
+        return self.families[0].gain
 
     @property
     def significant(self) -> bool:
         """Whether more is left than chance leaves."""
         return self.gain > self.threshold
+
+    def beyond(self, others: Sequence["LackOfFit"]) -> "LackOfFit":
+        """Return it beside what the same test finds in others, family by family."""
+        made = [{(f.place, f.variable): f for f in other.families} for other in others]
+        left = [f.beyond([own[f.place, f.variable] for own in made]) for f in self.families]
+        return self._replace(families=in_order(left))
+
+
+def in_order(families: Sequence[Family]) -> tuple[Family, ...]:
+    """Return families, the best first."""
+    return tuple(sorted(families, key=lambda family: -family.gain))
 
 
 def omnibus_test(found: Fit, mapper: Mapper, seed: int, weigh: Weigh | None, prior: Prior | None = None) -> LackOfFit:
@@ -48,9 +90,13 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, weigh: Weigh | None, pri
     summed = total(list(mapper(tests.gram, every)))
     tested = score_test(summed, prior or Prior.of(found.free, found.passes.theta), places, seed)
     gains = tested.gains if weigh is None else _weighed(tested, places, tests, every, weigh, mapper)
-    order = np.argsort(-gains)
-    families = tuple((tests.curves[i].place, tests.curves[i].variable, float(gains[i])) for i in order)
-    return LackOfFit(float(gains[order[0]]), tested.threshold, families)
+    good = np.diag(tested.information) > 0.0
+    counts = [int(np.count_nonzero(good[place.first : place.stop])) for place in places]
+    families = [
+        Family(curve.place, curve.variable, gain, count)
+        for curve, gain, count in zip(tests.curves, gains.tolist(), counts, strict=True)
+    ]
+    return LackOfFit(tested.threshold, in_order(families))
 
 
 class _Tests(NamedTuple):

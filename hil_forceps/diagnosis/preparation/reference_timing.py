@@ -7,6 +7,7 @@ reference already, still that of the row before, or one in between.
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
+from scipy.signal import savgol_filter
 
 from hil_forceps.diagnosis.state_space.passes import Passed
 
@@ -33,6 +34,8 @@ def reference_timing(passed: Passed, *, first: bool) -> Matrix:
         log_likelihood = window * around(np.log(np.maximum(share, 1e-12) / before))
         share = np.exp(log_likelihood - log_likelihood.max(axis=1, keepdims=True))
     else:
-        share = around(share)
+        # While a clock that is off moves a reference past a sample of the drive, shares follow a parabola in a window.
+        odd = min(2 * (window // 2) + 1, 2 * ((share.shape[0] - 1) // 2) + 1)
+        share = savgol_filter(share, odd, 2, axis=0)
     share = np.maximum(share / share.sum(axis=1, keepdims=True), MIN_WEIGHT)
     return np.asarray(share / share.sum(axis=1, keepdims=True))

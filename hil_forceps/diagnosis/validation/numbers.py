@@ -45,8 +45,8 @@ def balances(before: LackOfFit, after: LackOfFit) -> tuple[Balance, ...]:
     """Return how badly each balance fails: the best curve at each place, over what chance allows; 1 is that."""
     found = []
     for place, (location, channel) in _PLACES.items():
-        first = [gain for p, _, gain in before.families if p == place]
-        second = [gain for p, _, gain in after.families if p == place]
+        first = [family.gain for family in before.families if family.place == place]
+        second = [family.gain for family in after.families if family.place == place]
         if first:
             found.append(
                 Balance(
@@ -61,13 +61,18 @@ def balances(before: LackOfFit, after: LackOfFit) -> tuple[Balance, ...]:
 
 def trends(channels: Sequence[str], before: LackOfFit, after: LackOfFit) -> tuple[Trend, ...]:
     """Return over what the residual varies, before and after: each family's gain over what chance allows."""
-    later = {(place, variable): gain for place, variable, gain in after.families}
+    later = {(family.place, family.variable): family.gain for family in after.families}
     return tuple(
-        Trend(place, variable, gain / before.threshold, later.get((place, variable), 0.0) / after.threshold)
-        for place, variable, gain in before.families[: 2 * len(channels) + 4]
+        Trend(
+            family.place,
+            family.variable,
+            family.gain / before.threshold,
+            later.get((family.place, family.variable), 0.0) / after.threshold,
+        )
+        for family in before.families[: 2 * len(channels) + 4]
     )
 
 
 def varies_over(left: LackOfFit) -> tuple[str, ...]:
     """Return the variables over which what is left varies most, with their places."""
-    return tuple(dict.fromkeys(f"{p}: {v}" for p, v, gain in left.families[:4] if gain > left.threshold))
+    return tuple(dict.fromkeys(f"{f.place}: {f.variable}" for f in left.families[:4] if f.gain > left.threshold))

@@ -6,7 +6,7 @@ smoothed, or the filter's where there is none.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -79,7 +79,7 @@ def play(runs: Sequence[Measured], rig: Rig, theta: Vector, mapper: Mapper) -> P
     """Simulate runs with a vector of parameters."""
     passes = pass_all([m.record for m in runs], theta, mapper)
     pairs = list(zip(runs, passes.runs, strict=True))
-    channels = list(mapper(lambda pair: simulated(pair[0], pair[1], rig, theta, _load_of(*pair)), pairs))
+    channels = list(mapper(lambda pair: simulated(pair[0], pair[1], rig, theta, load_of(*pair)), pairs))
     return Played(channels, [run.course(passes.plant, before=False) for run in passes.runs])
 
 
@@ -94,7 +94,7 @@ def unknown_load_rms(runs: Sequence[Measured], rig: Rig, theta: Vector, noise: N
         if m.rows.tau_w_N_m is None:
             continue
         error = posterior_draw(np.random.default_rng([seed, place]), m.record.series, float(noise.deviation[1]) ** 2)
-        load = _load_of(m, passed)
+        load = load_of(m, passed)
         one, other = (simulated(m, passed, rig, theta, tried) for tried in (load, load + error))
         for name in one:
             off = float(m.rows.weights @ (one[name] - other[name]) ** 2)
@@ -103,27 +103,28 @@ def unknown_load_rms(runs: Sequence[Measured], rig: Rig, theta: Vector, noise: N
     return {name: math.sqrt(total / count) for name, total in squares.items()}
 
 
-def _load_of(m: Measured, passed: Passed) -> Vector:
+def load_of(m: Measured, passed: Passed) -> Vector:
+    """Return the load that a run is simulated with (n)."""
     return passed.filtered.course[:, LOAD] if m.rows.tau_w_N_m is None else m.rows.tau_w_N_m
 
 
 def simulated(m: Measured, passed: Passed, rig: Rig, theta: Vector, load_N_m: Vector) -> dict[str, Vector]:
     """Return the channels of a run as simulated; before the rows that count as measured."""
-    simulate, edges = _simulator(m, passed, rig, theta, load_N_m)
-    fractions = np.full(edges.size, 0.5)
-    shown = simulate(fractions)
+    simulation = simulation_of(m, passed, rig, theta, load_N_m)
+    edges, fractions = simulation.inputs.edge_rows, simulation.inputs.edge_fractions
+    shown = simulation.channels()
     if edges.size and "theta_m_rad" in m.rows.channels:
         # Where in its row a load jumps isn't recorded: what follows tells it, jump by jump.
-        slope = 4.0 * (simulate(fractions + 0.25).theta_m_rad - shown.theta_m_rad)
+        slope = 4.0 * (simulation.with_jumps_at(fractions + 0.25).channels().theta_m_rad - shown.theta_m_rad)
         misfit = m.rows.channels["theta_m_rad"][m.record.settling_rows :] - shown.theta_m_rad
         for place, row in enumerate(edges):
             behind = slice(row + 1, row + 1 + EDGE_ROWS)
             power = float(slope[behind] @ slope[behind])
             moved = float(slope[behind] @ misfit[behind]) / power if power > 0.0 else 0.0
             fractions[place] = min(max(0.5 + moved, 0.0), 1.0) if math.isfinite(moved) else 0.5
-        shown = simulate(fractions)
+        shown = simulation.with_jumps_at(fractions).channels()
     found = {}
-    first, zero = m.record.settling_rows, float(passed.filtered.course[-1, JAW_ZERO])
+    first, zero = m.record.settling_rows, jaw_zero_rad(passed)
     for name, values in m.rows.channels.items():
         course = values.copy()
         course[first:] = getattr(shown, name) + (zero if name == "theta_j_rad" else 0.0)
@@ -132,10 +133,34 @@ def simulated(m: Measured, passed: Passed, rig: Rig, theta: Vector, load_N_m: Ve
     return found
 
 
-def _simulator(
-    m: Measured, passed: Passed, rig: Rig, theta: Vector, load_N_m: Vector
-) -> tuple[Callable[[Vector], Channels], NDArray[np.int64]]:
-    """Return what simulates the rows that count, given where in their rows the load jumps; and these rows."""
+def jaw_zero_rad(passed: Passed) -> float:
+    """Return the zero of the jaw's sensor in a run."""
+    return float(passed.filtered.course[-1, JAW_ZERO])
+
+
+class Simulation(NamedTuple):
+    """What a run is simulated with, from the row on at which the filter has forgotten its start."""
+
+    theta: Vector
+    law: Vector
+    inputs: Inputs
+    start: Start
+    substeps: int  # of a row
+    samples: int  # of the drive in a row
+
+    def with_jumps_at(self, fractions: Vector) -> "Simulation":
+        """Return it with the load's jumps at these fractions of their rows."""
+        return self._replace(inputs=self.inputs._replace(edge_fractions=fractions))
+
+    def channels(self, count_rad: float = 0.0) -> Channels:
+        """Return what its sensors show; `count_rad`: of the encoder, beside what the inputs say of its rounding."""
+        return closed_loop.simulate(
+            self.theta, self.law, count_rad, self.inputs, self.start, self.substeps, self.samples
+        )
+
+
+def simulation_of(m: Measured, passed: Passed, rig: Rig, theta: Vector, load_N_m: Vector) -> Simulation:
+    """Return what simulates the rows of a run that count, with the encoder's rounding as it was there."""
     p, d, course = Physics(*theta.tolist()), passed.series, passed.filtered.course
     first, samples = m.record.settling_rows, d.samples
     angle = np.array([encoder_rad(p, at) for at in course[:, THETA_M]])
@@ -147,15 +172,10 @@ def _simulator(
     start = _start(rig, m, passed, m.driven_rad[: first * samples], counted[: first * samples])
     load = load_N_m[first:]
     edges = jumps(m.record.series, load, first)
-    law = law_vector(rig.require_drive())
     driven = m.driven_rad[first * samples :]
-    inputs = Inputs(m.rows.time_s[first:], driven, load, edges, np.empty(0), rounding[first * samples :])
-
-    def simulate(fractions: Vector) -> Channels:
-        given = inputs._replace(edge_fractions=fractions)
-        return closed_loop.simulate(theta, law, 0.0, given, start, steps_in_row(d.period_s), samples)
-
-    return simulate, edges
+    middle = np.full(edges.size, 0.5)
+    inputs = Inputs(m.rows.time_s[first:], driven, load, edges, middle, rounding[first * samples :])
+    return Simulation(theta, law_vector(rig.require_drive()), inputs, start, steps_in_row(d.period_s), samples)
 
 
 def _counted_rad(m: Measured, d: Series, predicted_rad: Vector) -> Vector:

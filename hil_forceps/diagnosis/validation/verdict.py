@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, LEFT_OVER_CHANCE, STEP_ACCURACY, STEP_ERROR_SHARE
+from hil_forceps.diagnosis.error_rates import FALSE_ALARMS, STEP_ACCURACY, STEP_ERROR_SHARE
 from hil_forceps.diagnosis.identified import Identified
 from hil_forceps.diagnosis.inference.fit import Fit, inverted
 from hil_forceps.diagnosis.inference.parameters import Free, known
@@ -39,10 +39,9 @@ def judge(found: Identified, rig: Rig, room: tuple[float, float] = (STEP_ERROR_S
     shifts = parameter_shifts(best.fit, rig)
     sets = tuple(model.effects for model in found.found.rivals if model.effects)
     if (left := unexplained(found, room)) is not None:
-        place, variable, _ = left.families[0]
-        said = (
-            f"No entry of the catalogue explains the data. The lack of fit is at {place}, and varies over {variable}."
-        )
+        worst = left.families[0]
+        said = "No entry of the catalogue explains the data. "
+        said += f"The lack of fit is at {worst.place}, and varies over {worst.variable}."
         where = "" if left is found.after else " in the runs held out"
         nearest = " + ".join(best.effects)
         nearby = (f"the best of the catalogue, {nearest}, leaves a significant lack of fit{where}",) if nearest else ()
@@ -60,7 +59,7 @@ def judge(found: Identified, rig: Rig, room: tuple[float, float] = (STEP_ERROR_S
         reasons = (*((tied,) if len(sets) > 1 else ()), *cut_short)
         reasons = (*reasons, *_implausible(named))
         over: tuple[str, ...] = ()
-        if found.after.gain > LEFT_OVER_CHANCE * found.after.threshold:
+        if found.after.significant:
             share = found.after.gain / (found.after.gain + found.found.explained)
             reasons += (f"the named entries leave a lack of fit: {share:.1g} of the misfit that they explain",)
             over = varies_over(found.after)
@@ -80,7 +79,7 @@ def unexplained(found: Identified, room: tuple[float, float]) -> LackOfFit | Non
     not exact.
     """
     for left, share in zip((found.after, found.unseen), room, strict=True):
-        if left is None or left.gain < LEFT_OVER_CHANCE * left.threshold:
+        if left is None or not left.significant:
             continue
         if left.gain > share * found.found.explained:
             return left
