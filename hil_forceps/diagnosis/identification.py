@@ -66,12 +66,12 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     made = Bootstrap(rig, noise, records_again, how)
     shifts: list[Vector] = []
     left: list[LackOfFit] = []
-    approximate = is_approximate(noise, how.runs)
-    if (approximate or after.significant) and not options.spent():
+    biased = is_approximate(noise, how.runs) and made.is_stationary(best)
+    if (biased or after.significant) and not options.spent():
         options.progress("fitting runs that the model itself makes")
         for again in made.sets(best, runs, how.runs):
             beside = made.beside(best, again)
-            shifts += [made.shift(beside)] if approximate else []
+            shifts += [made.shift(beside)] if biased else []
             left += [omnibus_test(beside, mapper, options.seed, weigh)] if after.significant else []
     after = after.beyond(left) if left else after
     unbiased = without_bias(best, shifts) if shifts else best

@@ -76,6 +76,8 @@ def test_a_fit_finds_the_parameters_of_runs_that_were_made_with_others() -> None
     at = next(i for i, free in enumerate(FREE) if free.name == "motor.torque_constant_N_m_per_A")
     deviation = float(np.sqrt(found.covariance[at, at]))
     other = shifted(found, 20.0 * deviation * np.eye(len(FREE))[at])
+    assert made.is_stationary(found)
+    assert not made.is_stationary(made.beside(other, records))
     shifts = [made.shift(made.beside(found, again)) for again in made.sets(other, evens, records)]
     assert len(shifts) == SETS
     assert np.mean([shift[at] for shift in shifts]) == pytest.approx(20.0 * deviation, rel=0.2)
