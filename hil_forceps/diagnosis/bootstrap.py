@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.diagnosis.evidence import Passes, gram, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Search
-from hil_forceps.diagnosis.inference.fit import STATIONARY_CHI2, Fit, directions_of, inverted, moved, prior_of
+from hil_forceps.diagnosis.inference.fit import Fit, directions_of, inverted, moved, prior_of
 from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.layout import Noise
@@ -57,18 +57,12 @@ class Bootstrap(NamedTuple):
         adapted = self.how.adapt(runs, model._replace(passes=pass_all(runs, theta, mapper)), first=True)
         return model._replace(passes=pass_all(adapted, theta, mapper))
 
-    def shift(self, beside: Fit, *, prior: bool = False) -> Vector:
-        """Return where runs move the parameters, in units of their scales; `prior`: what is known before does, too."""
+    def shift(self, beside: Fit) -> Vector:
+        """Return where other runs move the parameters, in units of their scales; the prior is no part of it."""
         free, passes = beside.free, beside.passes
         found = gram(passes, directions_of(free, passes.theta), self.how.mapper)
-        away, precision = prior_of(free, passes.theta)
-        score = found.score + precision * away if prior else found.score
-        return np.asarray(-inverted(found.information + np.diag(precision)) @ score)
-
-    def is_stationary(self, model: Fit) -> bool:
-        """Tell whether the score of a fit is next to zero: one that found no better step has ended elsewhere."""
-        left = self.shift(model, prior=True)
-        return float(left @ inverted(model.covariance) @ left) < STATIONARY_CHI2
+        _, precision = prior_of(free, passes.theta)
+        return np.asarray(-inverted(found.information + np.diag(precision)) @ found.score)
 
 
 def without_bias(model: Fit, shifts: Sequence[Vector]) -> Fit:

@@ -25,7 +25,7 @@ from hil_forceps.diagnosis.hypotheses.candidate import Adapt, Search
 from hil_forceps.diagnosis.hypotheses.score_test import Prior
 from hil_forceps.diagnosis.identified import GAUGED, GAUGES, LIKE_A_LOAD, Identified, searched
 from hil_forceps.diagnosis.inference.dispersion import Weigh, by_student_t, over_dispersion
-from hil_forceps.diagnosis.inference.fit import Fit, Posterior, fit, fit_from
+from hil_forceps.diagnosis.inference.fit import Fit, Posterior, fit, fit_from, is_stationary
 from hil_forceps.diagnosis.inference.likeliest_noise import likeliest_noise
 from hil_forceps.diagnosis.inference.load_noise import with_likeliest_load_noises
 from hil_forceps.diagnosis.inference.parameters import Free, known_parameters
@@ -66,7 +66,7 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     made = Bootstrap(rig, noise, records_again, how)
     shifts: list[Vector] = []
     left: list[LackOfFit] = []
-    biased = is_approximate(noise, how.runs) and made.is_stationary(best)
+    biased = is_approximate(noise, how.runs) and is_stationary(best, mapper)
     if (biased or after.significant) and not options.spent():
         options.progress("fitting runs that the model itself makes")
         for again in made.sets(best, runs, how.runs):

@@ -175,6 +175,11 @@ def _fit_held(
     return Fit(tuple(free), passes, inverse)
 
 
+def is_stationary(found: Fit, mapper: Mapper) -> bool:
+    """Tell whether a fit has ended where its score is next to zero, or at bounds; else no step was likelier."""
+    return _newton(found.passes, found.free, mapper, None).decrement < STATIONARY_CHI2
+
+
 class _Newton(NamedTuple):
     inverse: Matrix  # of the posterior's curvature
     step: Vector  # in units of the scales

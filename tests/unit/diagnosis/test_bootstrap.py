@@ -8,7 +8,7 @@ from hil_forceps.diagnosis import identification
 from hil_forceps.diagnosis.bootstrap import SETS, Bootstrap, estimates, shifted, without_bias
 from hil_forceps.diagnosis.evidence import Passes
 from hil_forceps.diagnosis.identification import identify, is_approximate
-from hil_forceps.diagnosis.inference.fit import Fit, fit
+from hil_forceps.diagnosis.inference.fit import Fit, fit, is_stationary
 from hil_forceps.diagnosis.options import Options
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.layout import Noise
@@ -76,8 +76,8 @@ def test_a_fit_finds_the_parameters_of_runs_that_were_made_with_others() -> None
     at = next(i for i, free in enumerate(FREE) if free.name == "motor.torque_constant_N_m_per_A")
     deviation = float(np.sqrt(found.covariance[at, at]))
     other = shifted(found, 20.0 * deviation * np.eye(len(FREE))[at])
-    assert made.is_stationary(found)
-    assert not made.is_stationary(made.beside(other, records))
+    assert is_stationary(found, POOL.map)
+    assert not is_stationary(made.beside(other, records), POOL.map)
     shifts = [made.shift(made.beside(found, again)) for again in made.sets(other, evens, records)]
     assert len(shifts) == SETS
     assert np.mean([shift[at] for shift in shifts]) == pytest.approx(20.0 * deviation, rel=0.2)
