@@ -7,7 +7,7 @@ baseline = known parameters by prediction errors of an extended Kalman filter   
 found    = entries of the catalogue that join by score test and refit           hypotheses/
 left     = curves without physics in them, through the same filter              lack_of_fit/
 unseen   = the same beside the found model in runs that it has never seen
-made     = fit and tests once more in runs that the model makes itself          bootstrap
+again    = fit and tests of runs simulated with the found model                 bootstrap
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_forceps.data.even_rows import EvenRun
-from hil_forceps.diagnosis.bootstrap import Bootstrap, estimates, without_bias
+from hil_forceps.diagnosis.bootstrap import Bootstrap, bias_corrected, corrected_replicates
 from hil_forceps.diagnosis.error_rates import STEP_ERROR_SHARE
 from hil_forceps.diagnosis.evidence import Mapper, pass_all
 from hil_forceps.diagnosis.hypotheses.candidate import Adapt, Search
@@ -58,30 +58,33 @@ def identify(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
     """
     how, noise, unseen_records, theta = prepared(runs, held_out, rig, options)
     found, before, after = searched(how, theta)
-    best, mapper, weigh = found.best.fit, how.mapper, weigh_of(noise, how.runs)
+    best, mapper = found.best.fit, how.mapper
 
     def records_again(again: Sequence[EvenRun]) -> Sequence[Record]:
         return records_of(again, (), rig, noise, mapper, best.passes.theta)[0]
 
-    made = Bootstrap(rig, noise, records_again, how)
+    bootstrap = Bootstrap(rig, noise, records_again, how)
     shifts: list[Vector] = []
     left: list[LackOfFit] = []
-    biased = is_approximate(noise, how.runs) and is_stationary(best, mapper)
-    if (biased or after.significant) and not options.spent():
-        options.progress("fitting runs that the model itself makes")
-        for again in made.sets(best, runs, how.runs):
-            beside = made.beside(best, again)
-            shifts += [made.shift(beside)] if biased else []
-            left += [omnibus_test(beside, mapper, options.seed, weigh)] if after.significant else []
-    after = after.beyond(left) if left else after
-    unbiased = without_bias(best, shifts) if shifts else best
-    unseen = left_unseen(unbiased, unseen_records, mapper, options.seed, weigh) if held_out else None
+    corrects = is_approximate(noise, how.runs) and is_stationary(best, mapper)
+    if (corrects or after.significant) and not options.spent():
+        options.progress("fitting and testing runs simulated with the model")
+        for again in bootstrap.replicates(best, runs, how.runs):
+            beside = bootstrap.beside(best, again)
+            if corrects:
+                shifts.append(bootstrap.shift(beside))
+            if after.significant:
+                left.append(omnibus_test(beside, mapper, how.seed, how.weigh))
+    after = after.calibrated(left) if left else after
+    corrected = bias_corrected(best, shifts) if shifts else best
+    unseen = left_unseen(corrected, unseen_records, mapper, how.seed, how.weigh) if held_out else None
     if unseen is not None and unseen.significant and not after.significant and not options.spent():
-        options.progress("testing the lack of fit in held-out runs that the model itself makes")
-        sets = zip(estimates(best, shifts), made.sets(best, held_out, unseen_records), strict=True)
-        unseen = unseen.beyond([left_unseen(one, again, mapper, options.seed, weigh) for one, again in sets])
-    found = found._replace(best=found.best._replace(fit=unbiased))
-    found = found if found.best.effects else found._replace(baseline=unbiased)
+        options.progress("testing held-out runs simulated with the model")
+        replicates = bootstrap.replicates(best, held_out, unseen_records)
+        pairs = zip(corrected_replicates(best, shifts), replicates, strict=True)
+        unseen = unseen.calibrated([left_unseen(one, again, mapper, how.seed, how.weigh) for one, again in pairs])
+    found = found._replace(best=found.best._replace(fit=corrected))
+    found = found if found.best.effects else found._replace(baseline=corrected)
     return Identified(noise, tuple(how.runs), unseen_records, found, before, after, unseen)
 
 
@@ -127,14 +130,9 @@ def prepared(runs: Sequence[EvenRun], held_out: Sequence[EvenRun], rig: Rig, opt
         geared=False,
         friction_decides=True,
         most_effects=MOST_EFFECTS,
-        weigh=weigh_of(noise, records),
+        weigh=by_student_t if is_approximate(noise, records) else over_dispersion,
     )
     return Prepared(how, noise, unseen_records, first.passes.theta)
-
-
-def weigh_of(noise: Noise, records: Sequence[Record]) -> Weigh:
-    """Return what a gain is worth in these runs beside how its scores scatter."""
-    return by_student_t if is_approximate(noise, records) else over_dispersion
 
 
 def compile_side_by_side(d: Series, plant: Physics, rig: Rig, mapper: Mapper) -> None:
@@ -208,7 +206,7 @@ def known_of(rig: Rig, records: Sequence[Record]) -> tuple[Free, ...]:
     return known_parameters(rig, torque_N_m, jaw_measured=jaw_measured, torque_measured=load_measured(records))
 
 
-def left_unseen(fitted: Fit, held_out: Sequence[Record], mapper: Mapper, seed: int, weigh: Weigh) -> LackOfFit:
+def left_unseen(fitted: Fit, held_out: Sequence[Record], mapper: Mapper, seed: int, weigh: Weigh | None) -> LackOfFit:
     """Return what a fit leaves in runs that it has never seen; its parameters are known as the fitted runs tell."""
     plant = fitted.passes.plant
     runs = [run.with_friction_of(plant) for run in held_out]

@@ -176,7 +176,7 @@ def _fit_held(
 
 
 def is_stationary(found: Fit, mapper: Mapper) -> bool:
-    """Tell whether a fit has ended where its score is next to zero, or at bounds; else no step was likelier."""
+    """Tell whether a fit ended at a zero of its score, or at bounds, and not because no step was likelier."""
     return _newton(found.passes, found.free, mapper, None).decrement < STATIONARY_CHI2
 
 

@@ -34,17 +34,16 @@ class Family(NamedTuple):
         """What chance gains with more than one curve, and is not in the gain."""
         return COST_PER_COLUMN * max(0, self.curves - 1)
 
-    def beyond(self, others: Sequence["Family"]) -> "Family":
-        """Return it with the gain that is as unlikely where nothing is left as this one beside what others gain.
+    def calibrated(self, replicates: Sequence["Family"]) -> "Family":
+        """Return it with the gain that is as unlikely under a central χ² as this one is among replicates.
 
-        Others of the same model gain χ² with as many degrees of freedom as there are curves, and with a noncentrality
-        that is what the method makes by itself.
+        Their gains are taken for a noncentral χ² with a degree of freedom for each curve; the mean tells noncentrality.
         """
-        found, made = self.gain + self.cost, float(np.mean([other.gain + other.cost for other in others]))
-        by_chance = float(stats.ncx2.sf(found, self.curves, made - self.curves)) if made > self.curves > 0 else 0.0
-        if by_chance == 0.0:  # nothing is made, or nothing that comes near it
+        chi2, mean = self.gain + self.cost, float(np.mean([each.gain + each.cost for each in replicates]))
+        p_value = float(stats.ncx2.sf(chi2, self.curves, mean - self.curves)) if mean > self.curves > 0 else 0.0
+        if p_value == 0.0:  # replicates gain no more than chance does, or next to nothing beside this
             return self
-        return self._replace(gain=float(stats.chi2.isf(by_chance, self.curves)) - self.cost)
+        return self._replace(gain=float(stats.chi2.isf(p_value, self.curves)) - self.cost)
 
 
 class LackOfFit(NamedTuple):
@@ -63,14 +62,14 @@ class LackOfFit(NamedTuple):
         """Whether more is left than chance leaves."""
         return self.gain > self.threshold
 
-    def beyond(self, others: Sequence["LackOfFit"]) -> "LackOfFit":
-        """Return it beside what the same test finds in others, family by family."""
-        made = [{(f.place, f.variable): f for f in other.families} for other in others]
-        left = [f.beyond([own[f.place, f.variable] for own in made]) for f in self.families]
-        return self._replace(families=in_order(left))
+    def calibrated(self, replicates: Sequence["LackOfFit"]) -> "LackOfFit":
+        """Return it calibrated by the same test of replicates, family by family."""
+        simulated = [{(f.place, f.variable): f for f in each.families} for each in replicates]
+        families = [f.calibrated([each[f.place, f.variable] for each in simulated]) for f in self.families]
+        return self._replace(families=_in_order(families))
 
 
-def in_order(families: Sequence[Family]) -> tuple[Family, ...]:
+def _in_order(families: Sequence[Family]) -> tuple[Family, ...]:
     """Return families, the best first."""
     return tuple(sorted(families, key=lambda family: -family.gain))
 
@@ -96,7 +95,7 @@ def omnibus_test(found: Fit, mapper: Mapper, seed: int, weigh: Weigh | None, pri
         Family(curve.place, curve.variable, gain, count)
         for curve, gain, count in zip(tests.curves, gains.tolist(), counts, strict=True)
     ]
-    return LackOfFit(tested.threshold, in_order(families))
+    return LackOfFit(tested.threshold, _in_order(families))
 
 
 class _Tests(NamedTuple):

@@ -1,7 +1,7 @@
 """What a model says of runs: simulated in closed loop beside the measurements, and what extending it gains there.
 
 simulation   a run simulated with given parameters from the filter's start, under the load as measured
-remade       runs that a fitted model makes itself, with fresh noise
+replicate    a run simulated with a fitted model, with fresh noise
 conclusion   from runs to the whole result
 verdict      the verdict, its words, named effects and shifts with their intervals
 numbers      what the data would show, how balances fail, over what residuals vary

@@ -111,7 +111,7 @@ def load_of(m: Measured, passed: Passed) -> Vector:
 def simulated(m: Measured, passed: Passed, rig: Rig, theta: Vector, load_N_m: Vector) -> dict[str, Vector]:
     """Return the channels of a run as simulated; before the rows that count as measured."""
     simulation = simulation_of(m, passed, rig, theta, load_N_m)
-    edges, fractions = simulation.inputs.edge_rows, simulation.inputs.edge_fractions
+    edges, fractions = simulation.inputs.edge_rows, simulation.inputs.edge_fractions.copy()
     shown = simulation.channels()
     if edges.size and "theta_m_rad" in m.rows.channels:
         # Where in its row a load jumps isn't recorded: what follows tells it, jump by jump.

@@ -1,11 +1,11 @@
-"""A model beside runs that it made itself: its bias goes, and what its tests find there is no lack of fit."""
+"""Replicates tell the bias of a fit, and what its tests find where nothing is left."""
 
 import numpy as np
 import pytest
 
 from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.diagnosis import identification
-from hil_forceps.diagnosis.bootstrap import SETS, Bootstrap, estimates, shifted, without_bias
+from hil_forceps.diagnosis.bootstrap import REPLICATES, Bootstrap, bias_corrected, corrected_replicates, shifted
 from hil_forceps.diagnosis.evidence import Passes
 from hil_forceps.diagnosis.identification import identify, is_approximate
 from hil_forceps.diagnosis.inference.fit import Fit, fit, is_stationary
@@ -36,7 +36,7 @@ def test_a_bias_goes_and_what_chance_adds_to_it_widens_the_intervals() -> None:
     rng = np.random.default_rng(1)
     fitted = model()
     bias = 3.0 * np.sqrt(np.diag(fitted.covariance)) * rng.choice((-1.0, 1.0), len(FREE))
-    without = without_bias(fitted, [bias, bias, bias])
+    without = bias_corrected(fitted, [bias, bias, bias])
     np.testing.assert_allclose(scaled(without), scaled(fitted) - bias, rtol=1e-9)
     np.testing.assert_allclose(without.covariance, 4.0 / 3.0 * fitted.covariance)
 
@@ -44,17 +44,17 @@ def test_a_bias_goes_and_what_chance_adds_to_it_widens_the_intervals() -> None:
 def test_shifts_that_scatter_more_than_the_fit_says_are_what_it_knows() -> None:
     rng = np.random.default_rng(2)
     fitted = model()
-    shifts = list(5.0 * rng.multivariate_normal(np.zeros(len(FREE)), fitted.covariance, SETS))
-    ratio = without_bias(fitted, shifts).covariance[0, 0] / fitted.covariance[0, 0]
+    shifts = list(5.0 * rng.multivariate_normal(np.zeros(len(FREE)), fitted.covariance, REPLICATES))
+    ratio = bias_corrected(fitted, shifts).covariance[0, 0] / fitted.covariance[0, 0]
     assert 0.4 * 25.0 * 4.0 / 3.0 < ratio < 2.0 * 25.0 * 4.0 / 3.0
 
 
 def test_an_estimate_without_bias_is_off_by_what_its_own_runs_are_from_their_mean() -> None:
     fitted = model()
     shifts = [np.full(len(FREE), size) for size in (1e-3, 2e-3, 3e-3)]
-    offs = [scaled(one) - scaled(fitted) for one in estimates(fitted, shifts)]
+    offs = [scaled(one) - scaled(fitted) for one in corrected_replicates(fitted, shifts)]
     np.testing.assert_allclose([off[0] for off in offs], [-1e-3, 0.0, 1e-3], atol=1e-9)
-    assert [one is fitted for one in estimates(fitted, [])] == [True] * SETS
+    assert [one is fitted for one in corrected_replicates(fitted, [])] == [True] * REPLICATES
 
 
 def test_parameters_stay_within_their_bounds() -> None:
@@ -78,8 +78,8 @@ def test_a_fit_finds_the_parameters_of_runs_that_were_made_with_others() -> None
     other = shifted(found, 20.0 * deviation * np.eye(len(FREE))[at])
     assert is_stationary(found, POOL.map)
     assert not is_stationary(made.beside(other, records), POOL.map)
-    shifts = [made.shift(made.beside(found, again)) for again in made.sets(other, evens, records)]
-    assert len(shifts) == SETS
+    shifts = [made.shift(made.beside(found, again)) for again in made.replicates(other, evens, records)]
+    assert len(shifts) == REPLICATES
     assert np.mean([shift[at] for shift in shifts]) == pytest.approx(20.0 * deviation, rel=0.2)
 
 
@@ -91,12 +91,12 @@ def test_what_the_filter_makes_of_fine_counts_is_no_lack_of_fit(seed: int) -> No
     fitted, held_out = even_parts(made)
     said: list[str] = []
     found = identify(fitted, held_out, made.assumed, Options(mapper=POOL.map, progress=said.append))
-    assert any("the model itself makes" in each for each in said)
+    assert any("simulated with the model" in each for each in said)
     assert judge(found, made.assumed).verdict == "consistent"
 
 
 @pytest.mark.long
-def test_estimates_of_a_drive_that_the_filter_only_nearly_has_are_without_bias() -> None:
+def test_estimates_of_a_drive_that_the_filter_only_nearly_has_are_bias_corrected() -> None:
     """No jaw sensor, a cascade at 4 kHz, friction of a third of the load: the stiffness was 3.3 deviations off."""
     case = make(draw("none", 31007))
     fitted, _ = even_parts(case)

@@ -44,31 +44,31 @@ def left(*gains: float) -> LackOfFit:
     return LackOfFit(16.0, tuple(sorted(families, key=lambda family: -family.gain)))
 
 
-def test_what_a_model_leaves_in_its_own_runs_is_no_lack_of_fit() -> None:
+def test_what_replicates_leave_is_no_lack_of_fit() -> None:
     found = left(60.0, 30.0)
-    beside = found.beyond([left(55.0, -3.0), left(48.0, -1.0), left(62.0, -2.0)])
-    assert beside.gain == pytest.approx(30.0)  # of the second, of which its own runs show nothing
+    beside = found.calibrated([left(55.0, -3.0), left(48.0, -1.0), left(62.0, -2.0)])
+    assert beside.gain == pytest.approx(30.0)  # of the second, of which replicates show nothing
     assert beside.families[0].variable == "variable 1"
     assert beside.families[1].gain < 4.0
 
 
 @pytest.mark.parametrize("noncentrality", [10.0, 50.0])
-def test_a_gain_is_as_unlikely_beside_them_as_by_chance_alone(noncentrality: float) -> None:
-    """Of sets in which the method makes as much by itself as many are beyond a threshold as chance alone has there."""
+def test_false_alarms_of_a_biased_test_are_as_seldom_as_without_bias(noncentrality: float) -> None:
+    """Where a test is biased, calibrated gains exceed a threshold about as often as unbiased ones."""
     rng = np.random.default_rng(0)
     cost, many = Family("", "", 0.0, 4).cost, 2000
     central = rng.chisquare(4, many) - cost
     threshold = float(np.quantile(central, 0.95))
     made = rng.noncentral_chisquare(4, noncentrality, (many, 4)) - cost
     beyond = [
-        Family("", "", row[0], 4).beyond([Family("", "", g, 4) for g in row[1:]]).gain > threshold for row in made
+        Family("", "", row[0], 4).calibrated([Family("", "", g, 4) for g in row[1:]]).gain > threshold for row in made
     ]
-    assert np.mean([row[0] > threshold for row in made]) > 0.6  # without the runs that are made
+    assert np.mean([row[0] > threshold for row in made]) > 0.6  # not calibrated
     assert np.mean(beyond) < 0.1  # 0.05, and a third more variance by the mean of three
 
 
 def test_a_family_that_says_nothing_stays_as_it_is() -> None:
     nothing = Family("wire", "turn", 0.0, 0)
-    assert nothing.beyond([nothing, nothing]) == nothing
+    assert nothing.calibrated([nothing, nothing]) == nothing
     huge = Family("wire", "turn", 1e6, 4)
-    assert huge.beyond([Family("wire", "turn", 50.0, 4)]) == huge
+    assert huge.calibrated([Family("wire", "turn", 50.0, 4)]) == huge

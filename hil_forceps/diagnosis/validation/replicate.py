@@ -1,4 +1,4 @@
-"""Runs that a fitted model makes itself: the same references and loads, and fresh noise of all sensors."""
+"""Replicates of runs, simulated with a fitted model: the same references and loads, fresh noise of all sensors."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 from hil_forceps.data.even_rows import EvenRun
 from hil_forceps.data.run import Run
 from hil_forceps.diagnosis.preparation.records import Record
-from hil_forceps.diagnosis.state_space.layout import Noise
+from hil_forceps.diagnosis.state_space.layout import CURRENT, JAW, LOAD_CELL, Noise
 from hil_forceps.diagnosis.state_space.passes import Passed
 from hil_forceps.diagnosis.validation.simulation import Measured, jaw_zero_rad, load_of, measured, simulation_of
 from hil_forceps.model.closed_loop import Channels
@@ -15,15 +15,16 @@ from hil_forceps.rig import Rig
 
 Vector = NDArray[np.float64]
 
-CONTACT_ROUNDS = 3  # what the jaw touches is softer than the wire: each round leaves less than half of the error
+CONTACT_ROUNDS = 3  # of a fixed point, which converges if what the jaw touches is softer than the wire
 
 
-def remade(
+def replicate(
     even: EvenRun, record: Record, passed: Passed, rig: Rig, theta: Vector, noise: Noise, rng: np.random.Generator
 ) -> EvenRun:
-    """Return a run as a model makes it, from the row on at which the filter has forgotten its start.
+    """Return a run as simulated with a model, from the row on at which the filter has forgotten its start.
 
-    `passed`: the measured run beside the model. The drive counts by itself, so the run goes its own way within a count.
+    `passed`: the measured run, filtered with the model. The simulated drive has its own counts of the encoder, so the
+    motion is another one within a count.
     """
     m = measured(even, record)
     first, columns = record.settling_rows, even.run.columns
@@ -32,11 +33,11 @@ def remade(
         "time_s": columns["time_s"][first:] - columns["time_s"][first],
         "theta_m_ref_rad": columns["theta_m_ref_rad"][first:],
         "theta_m_rad": shown.theta_m_rad,
-        "current_A": _sensed(shown.current_A, noise, 2, rng),
+        "current_A": _sensed(shown.current_A, noise, CURRENT, rng),
     }
-    for place, name, zero in ((0, "theta_j_rad", jaw_zero_rad(passed)), (1, "tau_w_N_m", 0.0)):
+    for channel, name, zero in ((JAW, "theta_j_rad", jaw_zero_rad(passed)), (LOAD_CELL, "tau_w_N_m", 0.0)):
         if name in columns:
-            told[name] = _sensed(getattr(shown, name) + zero, noise, place, rng)
+            told[name] = _sensed(getattr(shown, name) + zero, noise, channel, rng)
     begin_s = even.begin_s + first * record.series.period_s
     return EvenRun(Run(even.name, told), even.lost[first:], begin_s, even.of)
 
@@ -57,17 +58,17 @@ def _channels(m: Measured, passed: Passed, rig: Rig, theta: Vector, rng: np.rand
 
 
 def _followed_rad(record: Record, passed: Passed, rng: np.random.Generator) -> Vector:
-    """Return what the drive follows at each of its samples, drawn as the currents of the run tell it."""
+    """Return a reference for each sample of the drive, drawn by how likely the run's currents make each."""
     likely = passed.filtered.between.timing.cumsum(axis=1)
     chosen = np.sum(rng.random((likely.shape[0], 1)) * likely[:, -1:] > likely[:, :-1], axis=1)
     references = record.series.references_rad
     return np.asarray(references[np.arange(references.shape[0]), np.repeat(chosen, record.series.samples)])
 
 
-def _sensed(values: Vector, noise: Noise, place: int, rng: np.random.Generator) -> Vector:
-    """Return what a sensor shows of values (n): jaw, load cell or current by its place in `noise`."""
-    white, kept = rng.standard_normal(values.size), float(noise.correlation[place])
+def _sensed(values: Vector, noise: Noise, channel: int, rng: np.random.Generator) -> Vector:
+    """Return what the sensor of a channel shows of values (n): with its noise, and in its steps."""
+    white, kept = rng.standard_normal(values.size), float(noise.correlation[channel - 1])
     white[1:] *= np.sqrt(1.0 - kept * kept)
-    shown = values + float(noise.deviation[place]) * lfilter([1.0], [1.0, -kept], white)
-    step = float(noise.resolution[place])
+    shown = values + float(noise.deviation[channel - 1]) * lfilter([1.0], [1.0, -kept], white)
+    step = float(noise.resolution[channel - 1])
     return np.asarray(np.rint(shown / step) * step if step > 0.0 else shown)

@@ -1,4 +1,4 @@
-"""Runs that a model makes itself are like the measured ones, but for what chance does."""
+"""A replicate is like the measured run, but for counts and noise."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from hil_forceps.diagnosis.preparation.records import Record
 from hil_forceps.diagnosis.state_space.advance import physics_of
 from hil_forceps.diagnosis.state_space.layout import Noise
 from hil_forceps.diagnosis.state_space.passes import Passed
-from hil_forceps.diagnosis.validation.remade import remade
+from hil_forceps.diagnosis.validation.replicate import replicate
 from hil_forceps.model import parameters
 from hil_forceps.rig import Rig
 from tests.hidden_effects.generator import COLOURED, RIG, generate
@@ -27,7 +27,7 @@ def beside(even: EvenRun, rig: Rig) -> tuple[Record, Passed]:
 
 def made(even: EvenRun, rig: Rig, noise: Noise = NOISE, seed: int = 0) -> tuple[EvenRun, int]:
     record, passed = beside(even, rig)
-    again = remade(even, record, passed, rig, parameters.vector(rig), noise, np.random.default_rng(seed))
+    again = replicate(even, record, passed, rig, parameters.vector(rig), noise, np.random.default_rng(seed))
     return again, record.settling_rows
 
 
@@ -73,7 +73,7 @@ def test_lost_rows_stay_lost() -> None:
     lost[1000:1003] = True
     record, passed = beside(EvenRun.whole(run), RIG)
     even = EvenRun(run, lost, 2.0, "whole")
-    again = remade(even, record, passed, RIG, parameters.vector(RIG), NOISE, np.random.default_rng(0))
+    again = replicate(even, record, passed, RIG, parameters.vector(RIG), NOISE, np.random.default_rng(0))
     assert np.flatnonzero(again.lost).tolist() == [row - record.settling_rows for row in (1000, 1001, 1002)]
     assert again.of == "whole"
     assert again.begin_s == pytest.approx(2.0 + record.settling_rows * 1e-3)
